@@ -1,7 +1,7 @@
-"""From the wire to a session file.
+"""Records, reads and simulates measurements: from the wire to a session file.
 
-What is public here is loaded when it is first asked for: a terminal that is to show its first
-screen within a second reads no session file before.
+Public names are loaded at their first use, so that the terminal shows its first screen within a
+second.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Sessions from plain arrays: other people's data, simulations, tests."""
+"""Makes sessions from plain arrays: other people's data, simulations, tests."""
 
 from __future__ import annotations
 
@@ -27,24 +27,25 @@ def session_from_arrays(
     vehicle: Vehicle | str | None = None,
     bump_s: float = float("nan"),
 ) -> Session:
-    """Make a session of data that are in memory.
+    """Make a session from arrays in memory.
 
     Parameters
     ----------
     runs : iterable of (mass_state, excitation, {channel: (t_s, values)})
         `mass_state` is "baseline" or "added", `excitation` a value of `Excitation`.  Times in s,
         increasing, (n,); values SI, (n,), NaN where a sample is missing.  A record may begin at
-        rest before the bump (then the noise is measured there) or in the free decay.
+        rest before the bump (then the noise is measured during that rest) or in the free decay.
     channels : iterable of Channel, optional
-        What the names in `runs` are; the seven accelerations of the paper if absent, named as the
-        degrees of freedom: z_s theta phi z_uA z_uB z_uC z_uD.
+        Description of the channels named in `runs`.  Default: the seven accelerations of the paper,
+        named as the degrees of freedom: z_s theta phi z_uA z_uB z_uC z_uD.
     delta_mass : (7, 7) or (7,) array_like, sequence of weights, or AddedMass, optional
-        What the vehicle carries in the state "added": a mass matrix about the baseline CG, its
-        diagonal, or weights at places.
+        Mass that the state "added" adds: a mass matrix about the baseline CG, its diagonal, or
+        weights with their positions.
     vehicle : Vehicle or str, optional
-        What is known of it beforehand, or just its name.
+        The vehicle as far as it is known beforehand, or only its name.
     bump_s : float
-        Duration of the bump, s, if it is known; else the misfit decides where the decay starts.
+        Duration of the bump, s, if it is known; else the start of the decay is found from the
+        misfit.
 
     Returns
     -------
@@ -54,7 +55,7 @@ def session_from_arrays(
     Raises
     ------
     InputError
-        Naming the run and the channel, if anything does not fit.
+        If the data are inconsistent; names the run and the channel.
     """
     described = tuple(paper_channels() if channels is None else channels)
     known = {channel.name: channel for channel in described}
@@ -103,7 +104,7 @@ def session_from_arrays(
 def _groups(
     where: str, records: Mapping[str, tuple[ArrayLike, ArrayLike]], known: Mapping[str, Channel]
 ) -> tuple[SampleGroup, ...]:
-    """Gather the channels that share their times."""
+    """Group the channels that share their times."""
     clocks: list[tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]] = []
     for name, (times, samples) in records.items():
         if name not in known:

@@ -1,7 +1,7 @@
-"""Every kind of bump in one table: which wheels it lifts, and how a person makes it.
+"""Defines every kind of bump in one table: which wheels it lifts, and how a person makes it.
 
-Bench, simulated car, verdict and identification take the kinds from here: a further one is a
-member of `daq.runs.Excitation` and a row of `BUMPS`.
+Bench, simulated car, verdict and identification read this table.  A new kind needs only a member of
+`daq.runs.Excitation` and a row of `BUMPS`.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ _ALL, _FRONT, _REAR, _LEFT = (
 
 @dataclass(frozen=True, slots=True)
 class BumpKind:
-    """One kind of bump; `{mm}` in an instruction stands for its height."""
+    """One kind of bump; `{mm}` in an instruction is replaced by its height."""
 
     wheels: Wheels
     """Wheels that board or block lifts."""
     roll_over: str
     """The operator's instruction where the car rolls over boards."""
     drop: str
-    """The same where its wheels drop off blocks."""
+    """The operator's instruction where its wheels drop off blocks."""
     push: str
-    """The same where its body is pushed down by hand."""
+    """The operator's instruction where its body is pushed down by hand."""
     hand: tuple[int, int] | None
-    """Where hands push: forward (1, 0, -1) and to the left (1, 0, -1) of the body's middle; None if
-    a push cannot make this bump."""
+    """Position of the hands: forward (1, 0, -1) and to the left (1, 0, -1) of the body's middle;
+    None if a push cannot make this bump."""
 
     @property
     def shares(self) -> tuple[float, float, float, float]:
@@ -95,7 +95,7 @@ BUMPS: Mapping[Excitation, BumpKind] = MappingProxyType(
 
 @cache
 def mirror_images(wheels: Wheels) -> frozenset[Wheels]:
-    """Return the wheels themselves, and those on the other side, axle or both."""
+    """Return the given wheels, and their mirror images on the other side, axle or both."""
     places = {(corner.front, corner.side): corner for corner in Corner}
     return frozenset(
         Wheels(places[corner.front is not other_axle, corner.side * side] for corner in wheels)
@@ -106,10 +106,10 @@ def mirror_images(wheels: Wheels) -> frozenset[Wheels]:
 
 @cache
 def kinds_of(wheels: Wheels, planned: tuple[Excitation, ...]) -> tuple[Excitation, ...]:
-    """Return the kinds of bump that a campaign takes struck wheels for; none for odd wheels.
+    """Return the kinds of bump as which a campaign accepts the struck wheels; may be empty.
 
-    Either side, axle or diagonal will do, because the identification finds which it was: a mirror
-    image counts as the same kind, unless the campaign plans it as a kind of its own.
+    Either side, axle or diagonal is accepted, because the identification finds which one was
+    struck: a mirror image counts as the same kind, unless the campaign plans it as a separate kind.
 
     `wheels`: the wheels that were struck.  `planned`: the kinds of the campaign.
     """

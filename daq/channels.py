@@ -1,4 +1,4 @@
-"""A channel: which physical quantity a signal is, and how it is mounted."""
+"""Defines a channel: which physical quantity a signal is, and how its sensor is mounted."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Quantity(StrEnum):
     BODY_DISPLACEMENT = "body_displacement"
     HUB_DISPLACEMENT = "hub_displacement"
     UNUSED = "unused"
-    """Recorded, and not used by the identification (a yaw rate, a longitudinal acceleration)."""
+    """Recorded but not used by the identification (a yaw rate, a longitudinal acceleration)."""
 
 
 SI_UNITS = {
@@ -50,7 +50,7 @@ TIME_DERIVATIVE = {
     Quantity.BODY_DISPLACEMENT: 0,
     Quantity.HUB_DISPLACEMENT: 0,
 }
-"""Order of the time derivative of a displacement that each quantity is."""
+"""Order of each quantity as a time derivative of a displacement."""
 
 ON_BODY = frozenset({Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT})
 AT_CORNER = frozenset(
@@ -66,15 +66,16 @@ class Channel:
     """
 
     name: str
-    """Unique in a session."""
+    """Name, unique in a session."""
     quantity: Quantity
     """The measured quantity."""
     unit: str = ""
     """SI unit of the stored value; empty: that of the quantity."""
     signal: str = ""
-    """`Message.signal` in the DBC, or the column of a file; empty for data that were in none."""
+    """`Message.signal` in the DBC, or the column of a file; empty for data that come from
+    neither."""
     corner: Corner | None = None
-    """For quantities at a wheel; made with a text, it is that of the text: ``"FL"``."""
+    """Corner, for quantities at a wheel; may be given as text: ``"FL"``."""
     x_m: float = 0.0
     """Mounting position on the body, forward from the middle of the front axle (`daq.vehicle`)."""
     y_m: float = 0.0
@@ -82,27 +83,28 @@ class Channel:
     position_sigma_m: float = 0.0
     """Standard uncertainty of x_m and y_m; 0 means exact."""
     at_cg: bool = False
-    """The position is exactly the CG, wherever that is; x_m and y_m do not count."""
+    """True if the position is exactly the CG, wherever that is; x_m and y_m are then ignored."""
     sign: float = 1.0
-    """Polarity, +1 or -1."""
+    """Polarity of the sensor, +1 or -1."""
     gain: float = 1.0
-    """Scale correction."""
+    """Scale factor that corrects the sensor."""
     tare: float = 0.0
-    """Zero."""
+    """Reading to be subtracted, in the unit of the channel."""
     motion_ratio: float = 1.0
-    """Travel of the sensor over that of the wheel, for a suspension travel."""
+    """Ratio of the sensor's travel to the wheel's travel, for a suspension travel."""
     motion_ratio_sigma: float = 0.0
     """Standard uncertainty of the motion ratio; 0 means exact."""
     delay_s: float = 0.0
-    """Known lateness of the sensor (data sheet)."""
+    """Known delay of the sensor, s (data sheet)."""
     delay_sigma_s: float = 0.0
-    """Standard uncertainty of the lateness."""
+    """Standard uncertainty of the delay, s."""
     low_pass_hz: float = 0.0
-    """Cut-off (-3 dB) of the sensor's own Butterworth low-pass (data sheet); 0 means none."""
+    """Cut-off frequency (-3 dB) of the sensor's Butterworth low-pass (data sheet), Hz; 0 means
+    none."""
     low_pass_order: int = 2
     """Order of that low-pass."""
     signal_unit: str = ""
-    """Unit of the signal where the DBC states none or a wrong one; empty: as in the DBC."""
+    """Unit of the signal if the DBC states none or a wrong one; empty: as in the DBC."""
     serial_number: str = ""
     """Serial number of the sensor."""
     calibrated: str = ""
@@ -129,7 +131,7 @@ class Channel:
 
     @property
     def scale(self) -> float:
-        """Factor from the SI value of the signal to that of the channel, polarity apart."""
+        """Factor from the SI value of the signal to that of the channel, without the polarity."""
         return self.gain / self.motion_ratio
 
 

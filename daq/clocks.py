@@ -10,6 +10,6 @@ class Now:
     """The host's two clocks, read together."""
 
     wall_ns: int
-    """UTC, ns since 1970; somebody may set it at any moment."""
+    """UTC, ns since 1970; this clock may be set at any moment."""
     monotonic_s: float
-    """Seconds since an arbitrary moment; waiting and silence are measured by it."""
+    """Monotonic time, s, from an arbitrary origin; waiting and silence are measured with it."""

@@ -1,4 +1,4 @@
-"""Errors of the acquisition side; see `dbc.errors` for their form."""
+"""Defines the errors of the acquisition; see `dbc.errors` for their form."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["BumpbenchError", "BusError", "FolderLockedError", "InputError", "pri
 
 
 class BusError(BumpbenchError, OSError):
-    """A CAN bus that cannot be opened or has gone."""
+    """A CAN bus that cannot be opened or was lost."""
 
 
 class FolderLockedError(BumpbenchError):

@@ -1,4 +1,4 @@
-"""Atomic writes: a file is complete or as it was before, also after a kill or a power cut."""
+"""Writes files atomically: after a kill or a power cut a file is either complete or unchanged."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pathlib import Path
 def write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Replace a file by one that holds `data`.
 
-    The data are on the disk before the name changes, and the name is when this returns.  A part
-    that a killed process has left is overwritten by the next write.  Who may read the file before
-    may read it afterwards, and no one else.
+    The data are on the disk before the file is renamed, and the name is on the disk when this
+    returns.  A partial file of a killed process is overwritten by the next write.  The access
+    rights of the file do not change.
 
-    Raises OSError if that failed; the file is as it was then.
+    Raises OSError if the write failed; the file is then unchanged.
     """
     with rewritten(path) as part:
         part.write_bytes(data)
@@ -29,7 +29,7 @@ def write_text(path: Path, text: str) -> None:
 
 @contextmanager
 def rewritten(path: Path) -> Iterator[Path]:
-    """Move a new file to its place when the body of the `with` has written it; as `write_bytes`.
+    """Move a new file into place when the body of the `with` has written it; as `write_bytes`.
 
     Yields the path to write to, in the same folder.
     """
@@ -42,8 +42,8 @@ def rewritten(path: Path) -> Iterator[Path]:
 def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     """Move new files to their targets when the body of the `with` has written all of them.
 
-    Yields the paths to write to: in the folder of each target, with the ending that its writer goes
-    by.  Raises OSError if a file cannot be synced or moved.
+    Yields the paths to write to: in the folder of each target, with the same ending, because some
+    writers choose the format by it.  Raises OSError if a file cannot be synced or moved.
     """
     parts = [path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}") for path in targets]
     with _moved(parts, targets):
@@ -51,10 +51,10 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
 
 
 def sync_data(fd: int) -> None:
-    """Return when what was written to an open file is on the disk; its times may follow later.
+    """Return when the data written to an open file are on the disk; its times may follow later.
 
     macOS has no fdatasync, and its fsync leaves the data in the drive's own memory: F_FULLFSYNC
-    (fcntl(2) of macOS) does not.  A drive that does not know it is synced as elsewhere.
+    (fcntl(2) of macOS) does not.  A drive without F_FULLFSYNC is synced as on other systems.
     """
     with suppress(ModuleNotFoundError):  # Windows has no fcntl
         import fcntl
@@ -74,7 +74,7 @@ def sync_file(path: Path) -> None:
 
 def sync_folder(folder: Path) -> None:
     """Return when the names in a folder are on the disk."""
-    if os.name == "posix":  # elsewhere a folder cannot be opened
+    if os.name == "posix":  # other systems cannot open a folder
         _sync(folder, os.O_RDONLY)
 
 
@@ -85,7 +85,7 @@ def _moved(parts: Sequence[Path], targets: Sequence[Path]) -> Iterator[None]:
         for part in parts:
             _sync(part, os.O_RDWR)
         for part, target in zip(parts, targets, strict=True):
-            with suppress(OSError):  # of a new file, as the umask says
+            with suppress(OSError):  # a new file: as the umask sets
                 part.chmod(stat.S_IMODE(target.stat().st_mode))
             part.replace(target)
         for folder in {target.parent for target in targets}:

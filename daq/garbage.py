@@ -1,6 +1,6 @@
-"""Keeps what is loaded out of the search for garbage.
+"""Excludes all loaded objects from garbage collection.
 
-A search of all goes through every object that is loaded, some 200,000, for a tenth of a second.
+A full collection visits every loaded object, about 200,000, and takes a tenth of a second.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def loaded_is_kept() -> Iterator[None]:
-    """Search only what is made within a `with` for garbage; not to be nested."""
+    """Collect only objects that are made within the `with`; must not be nested."""
     gc.freeze()
     try:
         yield

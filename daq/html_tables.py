@@ -1,4 +1,4 @@
-"""Tables and lines of HTML for notebooks; every foreign text is escaped."""
+"""Makes tables and lines of HTML for notebooks; every foreign text is escaped."""
 
 from __future__ import annotations
 

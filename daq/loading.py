@@ -1,4 +1,4 @@
-"""Effect of added weights on a car, in closed form: for a person who is about to bolt them on.
+"""Computes the effect of added weights on a car in closed form, for a person who will bolt them on.
 
 Positions are those of `daq.vehicle`: from the middle of the front axle, x forward, y left.
 """
@@ -25,28 +25,28 @@ Weight = BodyWeight | HubWeight
 
 @dataclass(frozen=True, slots=True)
 class Loading:
-    """The difference that added weights make."""
+    """The effect of added weights."""
 
     body_kg: float
-    """Mass on the body."""
+    """Mass on the body, kg."""
     hub_kg: float
-    """Mass on the hubs."""
+    """Mass on the hubs, kg."""
     x_shift_m: float
-    """Shift of the CG of the sprung mass, forward."""
+    """Shift of the CG of the sprung mass, forward, m."""
     y_shift_m: float
-    """Shift of the CG of the sprung mass, to the left."""
+    """Shift of the CG of the sprung mass, to the left, m."""
     I_xx: float
     """Added roll inertia about the CG without the weights, kg m2."""
     I_yy: float
     """Added pitch inertia about the CG without the weights, kg m2."""
     front_kg: float
-    """Added load of the front axle, as the scales show it."""
+    """Added load of the front axle, as scales show it, kg."""
     rear_kg: float
-    """Added load of the rear axle."""
+    """Added load of the rear axle, as scales show it, kg."""
 
 
 def loading(weights: Sequence[Weight], car: VehicleParameters) -> Loading:
-    """Return what weights change on a car (docs/method.md, "Added mass")."""
+    """Return the effect of weights on a car (docs/method.md, "Added mass")."""
     body = [w for w in weights if isinstance(w, BodyWeight)]
     hubs = [w for w in weights if isinstance(w, HubWeight)]
     body_kg = sum(w.mass_kg for w in body)
@@ -64,7 +64,7 @@ def loading(weights: Sequence[Weight], car: VehicleParameters) -> Loading:
 
 
 def axle_loads(body: Sequence[BodyWeight], wheelbase_m: float) -> tuple[float, float]:
-    """Return what weights on the body add to the load of the front and the rear axle, kg."""
+    """Return the load that weights on the body add to the front and the rear axle, kg."""
     rear_kg = sum(w.mass_kg * -w.x_m / wheelbase_m for w in body)
     return sum(w.mass_kg for w in body) - rear_kg, rear_kg
 
@@ -75,12 +75,12 @@ def sag_stiffness(
     before_m: Mapping[Corner, float],
     after_m: Mapping[Corner, float],
 ) -> tuple[float | None, float | None]:
-    """Return the stiffness of one front and one rear spring from how far the body sank, N/m.
+    """Return the stiffness of one front and one rear spring, N/m, from the sinking of the body.
 
     Weights on hubs do not load the springs of the suspension.
 
     `before_m` and `after_m`: suspension travel at rest, positive in compression, without and with
-    the weights.  None where a corner has no travel, or did not sink under a load.
+    the weights.  None for an axle if a corner has no travel, or did not sink under a load.
     """
     body = [w for w in weights if isinstance(w, BodyWeight)]
     found: list[float | None] = []
@@ -96,10 +96,10 @@ def sag_stiffness(
 
 
 def expected_car(vehicle: Vehicle) -> VehicleParameters:
-    """Return a car like this one: the paper's, scaled to the weighed and measured facts.
+    """Return a typical car: that of the paper, scaled to the weighed and measured facts.
 
-    Masses, springs and dampers go with the total mass, so that the frequencies are those of a
-    usual car; inertias go with the square of the lengths as well.
+    Masses, springs and dampers are proportional to the total mass, so that the frequencies are
+    those of a usual car; inertias are also proportional to the square of the lengths.
     """
     known = {fact.quantity: fact.value for fact in vehicle.facts}
     usual = FORD_GRANADA
@@ -120,7 +120,7 @@ def expected_car(vehicle: Vehicle) -> VehicleParameters:
     if given:
         a, b, t_f, t_r = given.a, given.b, given.t_f, given.t_r
     wide, deep = (t_f + t_r) / (usual.t_f + usual.t_r), (a * b) / (usual.a * usual.b)
-    # The axles carry the springs: each in proportion to the load that the usual one carries.
+    # The springs of an axle are scaled by the axle's load relative to that of the usual car.
     front = size * (b / (a + b)) / (usual.b / (usual.a + usual.b))
     rear = size * (a / (a + b)) / (usual.a / (usual.a + usual.b))
     return replace(

@@ -20,14 +20,14 @@ _KINDS = {
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
-# Between the two looks at the file another one may take its place; Windows has none of these.
+# Another file may take its place between the check and the opening; not on Windows.
 _FLAGS = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 
 def open_regular(path: Path, advice: str) -> int:
     """Return a descriptor of a regular file, for reading.
 
-    Raises InputError, with `advice`, if it is anything else or cannot be opened.
+    Raises InputError, with `advice`, if it is not a regular file or cannot be opened.
     """
     try:
         _check(path, path.lstat(), advice)
@@ -43,7 +43,7 @@ def open_regular(path: Path, advice: str) -> int:
 
 
 def is_regular(path: Path) -> bool:
-    """Return whether a path names a regular file, and no symbolic link to one."""
+    """Return whether a path names a regular file, and not a symbolic link to one."""
     try:
         return stat.S_ISREG(path.lstat().st_mode)
     except OSError:

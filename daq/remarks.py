@@ -1,4 +1,4 @@
-"""Reads what persons wrote on a session from its provenance: notes and overridden warnings."""
+"""Reads the remarks of persons on a session from its provenance: notes and overridden warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The nouns of a run: sample groups, losses, events, the run."""
+"""Defines a run and its parts: sample groups, losses, events."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ADDED = "added"
 
 
 class Excitation(StrEnum):
-    """How the vehicle is bumped."""
+    """The kind of bump."""
 
     BOUNCE = "bounce"
     PITCH = "pitch"
@@ -27,7 +27,7 @@ class Excitation(StrEnum):
 
     @property
     def words(self) -> str:
-        """The kind as it stands in a sentence: `rear pitch`."""
+        """The kind as words in a sentence: `rear pitch`."""
         return self.replace("_", " ")
 
 
@@ -69,29 +69,29 @@ class SampleGroup:
         object.__setattr__(self, "values", MappingProxyType(frozen))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Be made anew from its fields: the view of `values` cannot be pickled or copied."""
+        """Rebuild it from its fields, because the view of `values` cannot be pickled or copied."""
         parts = {f.name: getattr(self, f.name) for f in fields(self)}
         return SampleGroup, tuple({**parts, "values": dict(self.values)}.values())
 
 
 @dataclass(frozen=True, slots=True)
 class Losses:
-    """Frames that were lost or unusable, counted at every hop from the wire to the run."""
+    """Numbers of frames that were lost or unusable, at every hop from the wire to the run."""
 
     bus_dropped: int = 0
-    """Lost before we could read them, as counted by the interface."""
+    """Frames lost before they could be read, as counted by the interface."""
     bus_garbled: int = 0
-    """Read from the interface and not a frame."""
+    """Pieces read from the interface that are not frames."""
     queue_dropped: int = 0
-    """Lost between the reader and the writer because the queue was full."""
+    """Frames lost between the reader and the writer because the queue was full."""
     counter_gaps: int = 0
-    """Frames missing by the sensors' rolling counters."""
+    """Frames that are missing according to the sensors' rolling counters."""
     crc_bad: int = 0
-    """Checksum in the payload does not fit; stored raw, not decoded."""
+    """Frames whose checksum does not match; stored raw, not decoded."""
     wrong_length: int = 0
-    """Another length than in the DBC; stored raw, not decoded."""
+    """Frames with another length than in the DBC; stored raw, not decoded."""
     unknown_id: int = 0
-    """Identifier is not in the DBC; stored raw, not decoded."""
+    """Frames whose identifier is not in the DBC; stored raw, not decoded."""
     error_frames: int = 0
     """Error frames of the bus; stored raw."""
     remote_frames: int = 0
@@ -99,7 +99,7 @@ class Losses:
 
     @property
     def measured(self) -> int:
-        """Frames of this bench that did not become samples (foreign ids do not count)."""
+        """Number of frames that did not become samples, without those of foreign identifiers."""
         return (
             self.bus_dropped
             + self.bus_garbled
@@ -133,7 +133,7 @@ class RunOutline:
     samples: Mapping[str, int]
     """Number of samples in each group."""
     length_s: float
-    """Time of the last sample, s."""
+    """Time of the last sample since t0, s."""
     frames: int
     """Number of raw frames."""
     losses: Losses
@@ -147,13 +147,13 @@ class Run:
     mass_state: str
     """Name of the mass state."""
     excitation: Excitation
-    """How the vehicle was bumped."""
+    """Kind of bump."""
     repeat: int
-    """Counts from 1 within mass state and excitation."""
+    """Number of the repeat, from 1 within mass state and excitation."""
     t0_ns: int
     """Bus time of `time_s` = 0, ns since 1970 UTC."""
     bump_s: float
-    """Duration of the bump as the campaign states it, s; NaN if it is not known."""
+    """Duration of the bump as stated in the campaign, s; NaN if it is not known."""
     groups: tuple[SampleGroup, ...]
     """The measured samples."""
     status: RunStatus
@@ -165,7 +165,7 @@ class Run:
     events: tuple[Event, ...]
     """Events during the run."""
     frames: FrameBatch
-    """The raw frames; empty for data that never were on a bus."""
+    """The raw frames; empty for data that did not come from a bus."""
 
     @property
     def label(self) -> str:

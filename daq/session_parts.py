@@ -1,4 +1,4 @@
-"""Part of a session: the channels of some sensors, the frames of some buses."""
+"""Selects a part of a session: the channels of some sensors, the frames of some buses."""
 
 from __future__ import annotations
 

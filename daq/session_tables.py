@@ -1,4 +1,4 @@
-"""A session as pandas and xarray have it."""
+"""Converts a session to pandas and xarray."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The noun of a bench session: everything that the identification is given."""
+"""Defines a bench session: the complete input of the identification."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A bench session: everything that the identification is given."""
+    """A bench session: the complete input of the identification."""
 
     vehicle: Vehicle
     """The vehicle as far as it is known beforehand."""
     channels: tuple[Channel, ...]
-    """Every channel of the runs."""
+    """All channels of the runs."""
     mass_states: tuple[MassState, ...]
-    """Loading of the vehicle."""
+    """States of loading of the vehicle."""
     runs: tuple[Run, ...]
-    """In order of recording."""
+    """The runs, in order of recording."""
     provenance: Mapping[str, str]
-    """Where it comes from: uuid, created, software, dbc (text), bench_toml (text), hashes."""
+    """Origin of the data: uuid, created, software, dbc (text), bench_toml (text), hashes."""
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """Return the HTML that a notebook shows."""
         return _html(self)
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -41,9 +41,9 @@ class Session:
         Returns
         -------
         pandas.DataFrame
-            Columns `run`, `group`, `status` (categories), `time_s`, `t_ns`, `quality`, then one a
-            channel, SI; NaN in the rows of groups that do not have it.  Units are in
-            ``attrs["units"]``.
+            Columns `run`, `group`, `status` (categories), `time_s`, `t_ns`, `quality`, then one
+            column for each channel, SI; NaN in the rows of groups without that channel.  Units are
+            in ``attrs["units"]``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Names of signals: ``Message.signal``, with the sensor's name and a dot before it on some benches.
+"""Splits names of signals: ``Message.signal``, on some benches ``sensor.Message.signal``.
 
 A bench that is a list of sensors names a signal ``sensor.Message.signal`` and a message
 ``sensor.Message``; names of sensors and signals hold no dot.
@@ -18,10 +18,10 @@ def signal_of(signal: str) -> str:
 
 
 def sensor_of(message: str) -> str:
-    """Return the name of the sensor that sends a message; empty where benches name none."""
+    """Return the name of the sensor that sends a message; empty on a bench with one DBC."""
     return message.rpartition(".")[0]
 
 
 def sensor_of_signal(signal: str) -> str:
-    """Return the name of the sensor that sends a signal; empty where benches name none."""
+    """Return the name of the sensor that sends a signal; empty on a bench with one DBC."""
     return sensor_of(message_of(signal))

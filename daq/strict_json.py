@@ -1,4 +1,4 @@
-"""Numbers that JSON does not know, as null: readers of other languages refuse NaN."""
+"""Replaces numbers that JSON lacks by null, because readers in other languages refuse NaN."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from math import isfinite
 
 
 def strict(value: object) -> object:
-    """Return a document in which every number that is not finite is None.
+    """Return a copy of a document in which every number that is not finite is None.
 
     `value`: a document of mappings, lists, tuples, texts and numbers.
     """

@@ -1,13 +1,13 @@
-"""The vehicle as data: axes, degrees of freedom, parameters, added mass.
+"""Defines the vehicle as data: axes, degrees of freedom, parameters, added mass.
 
 Axes are those of ISO 8855: x forward, y left, z up; positive pitch is nose down, positive roll
-lifts the left side.  The seven degrees of freedom stand in the order `DOF` everywhere.  A point of
+lifts the left side.  The seven degrees of freedom are in the order `DOF` everywhere.  A point of
 the body at (x, y) from the centre of gravity (CG) of the sprung mass moves vertically by
 ``z_s - x theta + y phi``.
 
-Where a person measures, the CG is not known.  Positions of sensors and weights are therefore given
-from the **middle of the front axle**: x forward (so most positions are negative), y left.  The CG
-of the unloaded sprung mass lies at x = -a.
+The position of the CG is not known when a person measures.  Positions of sensors and weights are
+therefore given from the **middle of the front axle**: x forward (so most positions are negative), y
+left.  The CG of the unloaded sprung mass lies at x = -a.
 
 This file holds data only; matrices are assembled in `identify.model.matrices`, forces in `daq.sim`.
 """
@@ -53,7 +53,7 @@ class Corner(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class VehicleGeometry:
-    """Where the CG and the wheels are."""
+    """Positions of the CG and the wheels."""
 
     a: float
     """Distance from the CG of the sprung mass to the front axle, m."""
@@ -134,19 +134,19 @@ FORD_GRANADA = VehicleParameters(
 
 @dataclass(frozen=True, slots=True)
 class BodyWeight:
-    """A weight fixed to the body, small enough to count as a point."""
+    """A weight fixed to the body, treated as a point mass."""
 
     mass_kg: float
     x_m: float
-    """Position forward from the middle of the front axle."""
+    """Position forward from the middle of the front axle, m."""
     y_m: float
-    """Position to the left of the middle of the front axle."""
+    """Position to the left of the middle of the front axle, m."""
     height_m: float = 0.0
-    """Height above the CG of the sprung mass; it adds m h^2 to both inertias."""
+    """Height h above the CG of the sprung mass, m; it adds m h^2 to both inertias."""
     sigma_kg: float = 0.0
-    """Standard uncertainty of the mass."""
+    """Standard uncertainty of the mass, kg."""
     position_sigma_m: float = 0.0
-    """Standard uncertainty of its place, forward and to the left alike."""
+    """Standard uncertainty of its position, the same forward and to the left, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,10 +164,10 @@ def _no_matrix() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class AddedMass:
-    """Mass that a mass state adds to the vehicle; the baseline has none."""
+    """Mass that a mass state adds to the vehicle; the baseline adds none."""
 
     weights: tuple[BodyWeight | HubWeight, ...] = ()
-    """Known weights at known places."""
+    """Known weights at known positions."""
     matrix: NDArray[np.float64] = field(default_factory=_no_matrix)
     """A mass matrix given directly, about the baseline CG, in the order `DOF`, shape (7, 7)."""
 
@@ -190,15 +190,15 @@ class Structure:
     """Which parameters the model of the vehicle has beyond the 15."""
 
     symmetric: bool = True
-    """Left and right corner of an axle are alike; else every corner has a wheel, a spring, a tyre
-    and a damper of its own (23 parameters instead of 15)."""
+    """True if the left and right corner of an axle are equal; else every corner has its own wheel,
+    spring, tyre and damper (23 parameters instead of 15)."""
     anti_roll_bars: bool = False
-    """A bar on each axle: a force on either corner proportional to the difference of their
-    suspension travels, N/m."""
+    """True for a bar on each axle: a force on either corner proportional to the difference of their
+    suspension travels; its stiffness is in N/m."""
     tyre_damping: bool = False
-    """A damper beside each tyre's spring."""
+    """True for a damper parallel to each tyre's spring."""
     cg_offset: bool = False
-    """The CG may lie to the left or right of the middle of the car."""
+    """True if the CG may lie to the left or right of the middle of the car."""
 
 
 _CORNER_KINDS = ("m_u", "k_s", "k_t", "c_s")
@@ -240,7 +240,7 @@ def parameter_unit(name: str) -> str:
 
 
 class FactQuantity(StrEnum):
-    """Quantities known from scales and a tape measure, of the vehicle without added mass.
+    """Quantities of the vehicle without added mass, known from scales and a tape measure.
 
     A load is what the scales under the wheels show, kg; a track is the full width between the
     middles of the tyres, m.
@@ -260,7 +260,7 @@ class FactQuantity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """Something known of the vehicle with an uncertainty: a datum like any sample."""
+    """A known quantity of the vehicle with its uncertainty: a measured value like any sample."""
 
     quantity: str
     """A `FactQuantity`, or the name of a parameter of the model (a spring that was measured)."""
@@ -290,7 +290,8 @@ ELEMENTS = (
     "corners_left_right",
     "bump_stops",
 )
-"""Elements that the data choose for a car that is not linear; each can be forced or forbidden."""
+"""Elements that are chosen by the data for a car that is not linear; each can be forced or
+forbidden."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,9 +299,9 @@ class Vehicle:
     """The vehicle under test, as far as it is known beforehand."""
 
     name: str
-    """For people."""
+    """Name, for people."""
     geometry: VehicleGeometry | None = None
-    """The four lengths if they are measured; None leaves them to be identified."""
+    """The four lengths if they are measured; None: they are identified."""
     structure: Structure = Structure()
     """Which parameters its model has."""
     facts: tuple[Fact, ...] = ()

@@ -1,7 +1,7 @@
 """CAN frames and their meaning: DBC databases, decoding, encoding, units.
 
-What is public here is loaded when it is first asked for: who only wants an error or a finding needs
-neither the grammar of databases nor NumPy.
+Public names are loaded at their first use: code that needs only an error or a finding loads neither
+the grammar of databases nor NumPy.
 """
 
 from typing import TYPE_CHECKING

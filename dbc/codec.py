@@ -22,7 +22,7 @@ class Codec:
     """The messages of one or several databases, ready to decode and encode."""
 
     messages: tuple[MessageLayout, ...]
-    """Names, and (can_id, is_extended) on each bus, must be unique."""
+    """The messages; their names, and the pair (can_id, is_extended) on each bus, must be unique."""
     left_out: tuple[Finding, ...] = ()
     """Messages and signals of the database that cannot be used, and why."""
     notes: tuple[Finding, ...] = ()
@@ -61,7 +61,8 @@ class Codec:
     def by_parameter_group(self) -> Codec:
         """Return the codec that matches all messages of 29 bits by their parameter group (J1939).
 
-        Those of a database that says so (`VFrameFormat` is ``J1939PG``) are matched so anyway.
+        Messages that the database marks as J1939 (`VFrameFormat` is ``J1939PG``) are matched so in
+        any case.
         """
         messages = tuple(replace(m, is_j1939=m.is_extended) for m in self.messages)
         return replace(self, messages=messages)
@@ -80,8 +81,8 @@ class Codec:
             Samples by `Message.signal`, in the DBC's own units, of the messages that occur in the
             block.  Samples of one signal keep the order of arrival.  Error and remote frames and
             unknown identifiers are counted and not decoded.  A frame that is shorter than its
-            message gives NaN (`Quality.MISSING`) for the signals that it does not hold; in a
-            longer one the excess is ignored; both are counted as of wrong length.
+            message gives NaN (`Quality.MISSING`) for the signals that it does not hold; the excess
+            bytes of a longer frame are ignored; both are counted as frames of wrong length.
         """
         index, error_frames, remote_frames = self._identifiers.classify(batch)
         count = np.bincount(index, minlength=len(self.messages) + 2)
@@ -114,17 +115,17 @@ class Codec:
             Values in the DBC's own units, rounded here to the nearest raw value.  Signals that
             are not given have all bits 0.
         counter_start : int
-            Counter of the first frame; later ones count on and wrap.
+            Counter of the first frame; it grows by one with each later frame, and wraps.
 
         Returns
         -------
         (n, 8) or (n, 64) uint8
-            Payloads padded with zeros, counter and checksum filled in.
+            Payloads padded with zeros, with counter and checksum filled in.
 
         Raises
         ------
         KeyError
-            If there is no such message or signal.
+            If the DBC has no message or signal of that name.
         ValueError
             If a value does not fit in its bits (a saturating sensor must saturate before), if
             columns differ in length, or if the counter or the checksum is given.

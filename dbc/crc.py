@@ -65,14 +65,14 @@ CRC_RULES: Mapping[str, Checksum] = MappingProxyType(
         "sum8": sum8,
     }
 )
-"""Rules by name: SAE J1850 and what is made of its polynomial (start 0; no final XOR), the 0x2F
-polynomial of AUTOSAR, the CRC of SMBus, and the two plain sums."""
+"""Rules by name: SAE J1850 and its variants (start 0; no final XOR), the 0x2F polynomial of
+AUTOSAR, the CRC of SMBus, and the two plain sums."""
 
 
 def covered(payload: NDArray[np.uint8], byte: int, length: int) -> NDArray[np.uint8]:
     """Return the bytes that a checksum in `byte` covers.
 
-    A checksum at the head of a message of `length` bytes covers all that follow it, any other
-    those before it.
+    A checksum in the first byte of a message of `length` bytes covers all bytes after it; in any
+    other byte it covers the bytes before it.
     """
     return payload[:, 1:length] if byte == 0 else payload[:, :byte]

@@ -1,8 +1,9 @@
-"""DBC files: reading them, and leaving out or refusing what cannot be decoded rightly.
+"""Reads DBC files; leaves out or refuses what cannot be decoded correctly.
 
-The DBC is read here and not by cantools, which gives up a whole file for one line that it does not
-understand, whose work grows with the numbers in the text and not with its length, and whose import
-alone takes as long as a hostile file may.  It is the judge of this reader in the tests.
+The DBC is not read by cantools for three reasons: cantools rejects a whole file because of one line
+that it does not understand, its work grows with the numbers in the text and not with the length of
+the text, and its import alone takes as long as a hostile file may take.  In the tests, cantools is
+the reference for this reader.
 """
 
 from __future__ import annotations
@@ -39,13 +40,13 @@ def shipped_dbc() -> str:
 
 
 def read_dbc(path: str | Path) -> str:
-    """Read a DBC file, as UTF-8 or, where it is not that, as Windows-1252.
+    """Read a DBC file as UTF-8 or, if it is not valid UTF-8, as Windows-1252.
 
     Parameters
     ----------
     path : str or Path
         A regular file of at most 5 MB.  ``car.kcd#Powertrain`` is one bus of a KCD or ARXML: the
-        text without the others.
+        text without the other buses.
 
     Returns
     -------
@@ -80,7 +81,7 @@ def read_dbc(path: str | Path) -> str:
 
 
 def split_by_bus(text: str, name: str) -> dict[str, str]:
-    """Return the text of each bus that a KCD or ARXML describes, by its name; of others nothing.
+    """Return the text of each bus that a KCD or ARXML describes, by name; empty for other formats.
 
     `text` and `name`: as in `parse_codec`.
     """
@@ -99,7 +100,7 @@ def load_codec(path: str | Path) -> Codec:
     Returns
     -------
     Codec
-        Its messages, ready to decode; those that cannot be used in `left_out`.
+        Its messages, ready to decode; `left_out` lists those that cannot be used.
 
     Raises
     ------
@@ -112,17 +113,18 @@ def load_codec(path: str | Path) -> Codec:
 def parse_codec(text: str, name: str) -> Codec:
     """Compile the text of a CAN database.
 
-    A signal or message that cannot be decoded rightly is left out, and said so in
-    `Codec.left_out`; the others are loaded.  Messages of one name are loaded under names of
-    their own (`dbc.reader.lint.with_own_names`).  Overlapping signals are legal (sensors document
-    them): each is read from its own bits, and `Codec.notes` says so.
+    A signal or message that cannot be decoded correctly is left out and listed in `Codec.left_out`;
+    the others are loaded.  Messages that share a name are loaded under different names
+    (`dbc.reader.lint.with_own_names`).  Overlapping signals are legal (sensors document them): each
+    is read from its own bits, and `Codec.notes` lists them.
 
     Parameters
     ----------
     text : str
-        The DBC; or KCD, SYM or ARXML, by what it begins with, else by the suffix of its name.
+        DBC, KCD, SYM or ARXML; the format is recognised by the first characters, else by the suffix
+        of `name`.
     name : str
-        Where it came from, for error messages.
+        Source of the text, for error messages.
 
     Returns
     -------
@@ -132,7 +134,7 @@ def parse_codec(text: str, name: str) -> Codec:
     Raises
     ------
     InputError
-        If it is no CAN database, or ends within a definition, or none of its messages can be
+        If it is not a CAN database, or ends within a definition, or none of its messages can be
         used; with `name:line`.
     """
     if len(text) > MAX_BYTES:
@@ -198,9 +200,10 @@ def _compile(document: Document, source: Source) -> Codec:
 
 
 def _strays(document: Document) -> dict[int, tuple[int, str]]:
-    """Find messages that lack a signal of which the DBC says that it is a float or multiplexed.
+    """Find messages without a signal that the DBC elsewhere declares as float or multiplexed.
 
-    Another signal may be meant.  (A value table of no signal is common, and does no such harm.)
+    The DBC may mean another signal of that message.  (A value table of a missing signal is common
+    and harmless.)
     """
     held = {
         whole(block.head["id"]): {s.body["name"] for s in block.signals if s.body}
@@ -223,7 +226,7 @@ def _place(source: Source, block: Block, message: str, signal: str | None) -> tu
 
 
 def _refusal(source: Source, findings: list[Finding]) -> InputError:
-    """Return the error for a file of which nothing is left."""
+    """Return the error for a file that has no usable message."""
     if not findings:
         return InputError(source.name, "the DBC has no messages", PICK_DBC)
     first = findings[0]

@@ -1,4 +1,4 @@
-"""Frames of one message to samples: scaling, multiplexing, short frames, checksum, range."""
+"""Converts frames of one message to samples: scaling, multiplexing, length, checksum, range."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from .samples import Quality, Samples
 
 @dataclass(frozen=True, slots=True)
 class MessageReader:
-    """A message with its signals' readers."""
+    """A message with the readers of its signals."""
 
     layout: MessageLayout
     """The message."""
     width: int
     """Width of the payloads it reads, 8 or 64 bytes."""
     readers: tuple[FieldReader, ...]
-    """In order of `layout.signals`."""
+    """Readers, in the order of `layout.signals`."""
     ranges: tuple[tuple[float, float] | None, ...]
-    """Lowest and highest valid value of each signal, where its bits can express others."""
+    """Lowest and highest valid value of each signal whose bits can express values outside that
+    range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +36,9 @@ class MessageFrames:
     t_ns: NDArray[np.int64]
     """Time stamps, shape (n,)."""
     payload: NDArray[np.uint8]
-    """As wide as the message's reader."""
+    """Payloads, of the width of the message's reader."""
     length: NDArray[np.uint8]
-    """Bytes that were received, shape (n,)."""
+    """Number of bytes received, shape (n,)."""
 
     def select(self, rows: NDArray[np.intp]) -> MessageFrames:
         """Return some of the frames."""
@@ -54,15 +55,15 @@ def compile_message(layout: MessageLayout) -> MessageReader:
 def decode_message(reader: MessageReader, frames: MessageFrames) -> tuple[dict[str, Samples], int]:
     """Decode all signals of frames that carry the same message.
 
-    Returns samples by `Message.signal`, a multiplexed signal only where its selector names it; and
-    the number of frames whose checksum does not fit.
+    Returns samples by `Message.signal` (a multiplexed signal only in frames whose selector names
+    it) and the number of frames whose checksum does not match.
     """
     layout = reader.layout
     bad = _crc_misfit(layout, frames)
     quality = bad.view(np.uint8) * np.uint8(Quality.CRC_BAD)
     shortest = int(frames.length.min())
     selected = _selected_rows(reader, frames)
-    t_ns = read_only(frames.t_ns)  # one for all signals: what depends on it alone is done once
+    t_ns = read_only(frames.t_ns)  # one array: what depends on it alone is computed once
     samples = {}
     for field, valid in zip(reader.readers, reader.ranges, strict=True):
         signal = field.layout
@@ -82,8 +83,8 @@ def decode_message(reader: MessageReader, frames: MessageFrames) -> tuple[dict[s
         if shortest <= signal.last_byte:
             cut = part.length <= signal.last_byte
             value[cut] = np.nan
-            said = Quality.OUT_OF_RANGE | Quality.SENTINEL  # by bits that were not there
-            marks = _mark(marks & ~(cut * np.uint8(said)), cut, Quality.MISSING)
+            false = Quality.OUT_OF_RANGE | Quality.SENTINEL  # from bits that were not received
+            marks = _mark(marks & ~(cut * np.uint8(false)), cut, Quality.MISSING)
         name = f"{layout.name}.{signal.name}"
         own_ns = t_ns if rows is None else read_only(part.t_ns)
         samples[name] = Samples(name, own_ns, read_only(value), read_only(marks))
@@ -95,7 +96,7 @@ def _mark(quality: NDArray[np.uint8], where: NDArray[np.bool_], bit: Quality) ->
 
 
 def _crc_misfit(layout: MessageLayout, frames: MessageFrames) -> NDArray[np.bool_]:
-    """Return a mask of the frames whose checksum is there and does not fit."""
+    """Return a mask of the frames that hold a checksum that does not match."""
     if layout.crc is None:
         return np.zeros(len(frames.t_ns), np.bool_)
     byte = layout.signal(layout.crc).first_byte

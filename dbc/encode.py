@@ -1,4 +1,4 @@
-"""Values of a message's signals to payloads, for the simulated sensors."""
+"""Converts values of a message's signals to payloads, for the simulated sensors."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _raw(
 def _present(
     layout: MessageLayout, signal: SignalLayout, raw: Mapping[str, NDArray[np.uint64]], n: int
 ) -> NDArray[np.bool_]:
-    """Return a mask of the frames whose selector, and its selector, name this signal."""
+    """Return a mask of the frames whose selectors, at every level, name this signal."""
     present = np.ones(n, np.bool_)
     while signal.selector is not None:
         if signal.selector not in raw:
@@ -77,7 +77,7 @@ def _present(
 
 
 def _insert(payload: NDArray[np.uint8], signal: SignalLayout, bits: NDArray[np.uint64]) -> None:
-    """Put bits into the payload, byte by byte; bits that are there already stay."""
+    """Put bits into the payload, byte by byte; bits that are already set stay set."""
     for byte in range(signal.first_byte, signal.last_byte + 1):
         steps = signal.last_byte - byte if signal.is_big_endian else byte - signal.first_byte
         down = 8 * steps - signal.low_bit

@@ -1,7 +1,7 @@
 """The root of every error that Bumpbench raises on purpose.
 
 An error is one line for a person: which file, what is wrong, what to do.  Foreign text (file
-content, signal names) is made printable here, once, so that no control character reaches a
+content, signal names) is made printable in this module, so that no control character reaches a
 terminal.
 """
 
@@ -20,7 +20,7 @@ class BumpbenchError(Exception):
     Parameters
     ----------
     where : str
-        File, `FILE:LINE`, bus or option that the error is about.
+        Subject of the error: file, `FILE:LINE`, bus or option.
     what : str
         What is wrong, with the numbers.
     advice : str
@@ -34,7 +34,7 @@ class BumpbenchError(Exception):
         super().__init__(f"{self.where}: {self.what} ({self.advice})")
 
     def __reduce__(self) -> tuple[type[BumpbenchError], tuple[str, str, str]]:
-        """Cross from a worker process to its parent with all three parts."""
+        """Pickle all three parts, so that an error can pass from a worker process to its parent."""
         return type(self), (self.where, self.what, self.advice)
 
 

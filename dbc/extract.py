@@ -1,4 +1,4 @@
-"""Payload bytes to numbers: the bits of one signal, over all frames of a block at once.
+"""Converts payload bytes to numbers: the bits of one signal, over all frames of a block at once.
 
 A `FieldReader` is compiled once for each signal.  Fields that are whole bytes (most sensors) are
 read through a typed view of the payload, in one pass; others by shifting a 64-bit window; only a
@@ -16,22 +16,23 @@ from numpy.typing import NDArray
 from .layout import SignalLayout
 
 _EXACT = 1 << 53
-"""Whole numbers up to here are exact in float64."""
+"""Largest whole number up to which all whole numbers are exact in float64."""
 
 
 @dataclass(frozen=True, slots=True)
 class FieldReader:
-    """How to read one signal from payloads of a fixed width."""
+    """Reads one signal from payloads of a fixed width."""
 
     layout: SignalLayout
     """The signal."""
     view: np.dtype[np.generic]
-    """The type to read, with its byte order: the field itself, or a window of 8 bytes around it."""
+    """Type to read, with its byte order: that of the field itself, or of a window of 8 bytes around
+    it."""
     byte: int
-    """Where to read it in the payload."""
+    """Position of that type in the payload, bytes."""
     shift: int | None
-    """Lowest bit of the field in the window; None if `view` is the field itself.  Negative if the
-    field goes on in the byte after the window."""
+    """Lowest bit of the field in the window; None if `view` is the field itself; negative if the
+    field continues in the byte after the window."""
     arithmetic: np.dtype[np.generic]
     """Type in which raw * factor (+ offset) is exact or rounds as Python's numbers do."""
 
@@ -62,9 +63,10 @@ class FieldReader:
         return bits >> down
 
     def scale(self, raw: NDArray[Any]) -> NDArray[np.float64]:
-        """Return raw * factor + offset, rounded as exact arithmetic of Python's numbers is.
+        """Return raw * factor + offset, rounded as Python's number arithmetic rounds.
 
-        `raw`, (n,) array: from `raw`.  Returns (n,) float64: a new array, in the unit of the DBC.
+        `raw`, (n,) array: result of `raw()`.  Returns (n,) float64: a new array, in the unit of the
+        DBC.
         """
         layout = self.layout
         factor, offset = layout.factor, layout.offset
@@ -104,7 +106,7 @@ def compile_reader(layout: SignalLayout, width: int) -> FieldReader:
 def _join(
     window: NDArray[np.uint64], beyond: NDArray[np.uint64], layout: SignalLayout
 ) -> NDArray[np.uint64]:
-    """Put together a field of nine bytes; bits above the field are left for the caller's shift."""
+    """Join a field of nine bytes; the caller's shift removes the bits above the field."""
     low, high = np.uint64(layout.low_bit), np.uint64(8 - layout.low_bit)
     if layout.is_big_endian:
         return window << high | beyond >> low
@@ -112,7 +114,7 @@ def _join(
 
 
 def _arithmetic(layout: SignalLayout) -> np.dtype[np.generic]:
-    """Return the cheapest type that gives what Python's int and float arithmetic gives."""
+    """Return the cheapest type with the same results as Python's int and float arithmetic."""
     factor, offset = layout.factor, layout.offset
     if layout.is_float or not isinstance(factor, int) or (factor == 1 and offset == 0):
         return np.dtype(np.float64)

@@ -1,4 +1,4 @@
-"""The noun for whatever was judged: of a database, a bench, a run, a session or a result."""
+"""Defines the finding: one judgement on a database, a bench, a run, a session or a result."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from .errors import printable
 
 
 class Severity(IntEnum):
-    """How bad a finding is, the worse the higher."""
+    """Severity of a finding; a higher value is worse."""
 
     NOTE = 0
-    """A limit that holds, or something that should merely be known."""
+    """For information only; also a limit that holds."""
     WARNING = 1
-    """For a person to judge."""
+    """A person has to judge it."""
     ERROR = 2
     """The subject must not be used as it is."""
 
@@ -25,29 +25,31 @@ class Finding:
     """One thing that was judged, with the figure, its limit and what to do."""
 
     code: str
-    """The judged property: a word or two with underscores (`overload`, `chi2`, `left_out`)."""
+    """Name of the judged property: a word or two with underscores (`overload`, `chi2`,
+    `left_out`)."""
     severity: Severity
-    """How bad it is."""
+    """Severity of the finding."""
     text: str
     """The finding in plain words with the numbers."""
     subject: str = ""
-    """The channel, message, bus or run that it is about; may be empty."""
+    """Channel, message, bus or run that the finding is about; may be empty."""
     advice: str = ""
-    """Advice on what to do; empty where nothing need be done."""
+    """Advice on what to do; empty if there is nothing to do."""
     value: float = 0.0
     """The measured value, in `unit`."""
     limit: float = 0.0
-    """Its limit, in `unit`; both are 0 where the finding rests on no single figure."""
+    """Limit of the value, in `unit`; `value` and `limit` are both 0 if the finding does not rest on
+    a single figure."""
     unit: str = ""
-    """SI; empty for a ratio or a count."""
+    """SI unit; empty for a ratio or a count."""
     where: str = ""
-    """The place in a file, as `FILE:LINE` or a path within it; may be empty."""
+    """Place in a file, as `FILE:LINE` or a path within the file; may be empty."""
     figures: Mapping[str, float] = field(default_factory=dict, hash=False)
-    """Other quantities measured on its subject, by name, SI."""
+    """Other quantities measured on the subject, by name, SI."""
 
     @property
     def passed(self) -> bool:
-        """True if it is no error."""
+        """True if the finding is not an error."""
         return self.severity is not Severity.ERROR
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""CAN frames as a struct of arrays: the only form frames have inside the program."""
+"""Defines CAN frames as a struct of arrays, the only form of frames inside the program."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class FrameFlag(IntFlag):
     BITRATE_SWITCH = 16
     ERROR_STATE = 32
     TRANSMITTED = 64
-    """Sent by this host: an echo.  Such frames are measurements like any other."""
+    """Sent by this host: an echo.  Echo frames are measurements like any other frame."""
 
 
 _T = TypeVar("_T", bound=np.generic)
@@ -35,9 +35,11 @@ def read_only(values: NDArray[_T]) -> NDArray[_T]:
 
 
 FD_LENGTHS = read_only(np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], np.uint8))
-"""Payload bytes of each data length code, 0 to 15 (ISO 11898-1); a classic frame has 8 at most."""
+"""Number of payload bytes of each data length code, 0 to 15 (ISO 11898-1); a classic frame has at
+most 8."""
 LENGTH_ALLOWED = np.zeros((2, 256), bool)
-"""True where a payload may have that many bytes: row 0 for classic frames, row 1 for FD frames."""
+"""True where the column number is a valid payload length, bytes: row 0 for classic frames, row 1
+for FD frames."""
 LENGTH_ALLOWED[0, :9] = LENGTH_ALLOWED[1, FD_LENGTHS] = True
 
 

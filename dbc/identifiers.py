@@ -19,34 +19,35 @@ _BUSES = 256
 _PRIORITY_AND_SOURCE = ~np.uint64(0x1C0000FF)
 _DESTINATION = ~np.uint64(0xFF00)
 _BROADCAST = 240
-"""PDU format from which on a parameter group has no destination (SAE J1939-21)."""
+"""Lowest PDU format whose parameter groups have no destination (SAE J1939-21)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Identifiers:
     """Positions of messages by identifier.
 
-    Row 0 holds the messages of any bus; each bus that has messages of its own has a row with both.
+    Row 0 holds the messages that are valid on any bus.  Each bus with messages valid on that bus
+    only has a row that holds both kinds.
     """
 
     row: NDArray[np.uint32]
     """Row of each bus, shape (256,)."""
     standard: NDArray[np.uint16]
-    """Position by row and identifier of 11 bits, one row after the other."""
+    """Position of the message for each identifier of 11 bits; the rows follow each other."""
     extended: NDArray[np.uint64]
-    """Row and identifier of 29 bits, sorted."""
+    """Keys made of row and identifier of 29 bits, sorted."""
     extended_index: NDArray[np.uint16]
-    """Positions that belong to them."""
+    """Positions of the messages with these keys."""
     groups: NDArray[np.uint64]
-    """Row and parameter group of J1939 messages as `parameter_groups` has it, sorted."""
+    """Keys made of row and parameter group of J1939 messages (`parameter_groups`), sorted."""
     groups_index: NDArray[np.uint16]
-    """Positions that belong to them."""
+    """Positions of the messages with these keys."""
     unknown: int
-    """Position of a frame that no message has: the number of messages."""
+    """Position for a frame that belongs to no message: the number of messages."""
 
     @classmethod
     def of(cls, messages: Sequence[MessageLayout]) -> Self:
-        """Return the table of these messages; one of a bus goes before one of any bus."""
+        """Return the table of these messages; a message of one bus precedes one of any bus."""
         buses = sorted({m.bus for m in messages if m.bus is not None})
         row = np.zeros(_BUSES, np.uint32)
         row[buses] = np.arange(1, len(buses) + 1)
@@ -64,14 +65,15 @@ class Identifiers:
                     groups[int(key)].append(i)
             else:
                 standard[list(rows), m.can_id] = i
-        # Several messages of one group stand for several sources: only their identifiers differ.
+        # Several messages of one group belong to several sources: only their identifiers differ.
         single = {key: own[0] for key, own in groups.items() if len(own) == 1}
         return cls(row, standard.ravel(), *_sorted(extended), *_sorted(single), unknown)
 
     def classify(self, batch: FrameBatch) -> tuple[NDArray[np.uint16], int, int]:
-        """Return the position of each frame's message; then unknown ones, then no data at all.
+        """Return the positions of the frames' messages, and the numbers of error and remote frames.
 
-        Also returns the numbers of error frames and of remote frames, which carry no data.
+        The position is `unknown` for unknown identifiers and `unknown` + 1 for error and remote
+        frames, which have no data.
         """
         unknown = np.uint16(self.unknown)
         row = self.row.take(batch.bus) if len(self.standard) > _STANDARD_IDS else None
@@ -110,6 +112,6 @@ def parameter_groups(identifiers: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def _sorted(table: Mapping[int, int]) -> tuple[NDArray[np.uint64], NDArray[np.uint16]]:
-    """Return keys in order, and their values."""
+    """Return the keys in order, and their values."""
     keys = sorted(table)
     return np.array(keys, np.uint64), np.array([table[key] for key in keys], np.uint16)

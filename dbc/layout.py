@@ -1,4 +1,4 @@
-"""Messages and signals as a DBC describes them, as plain data."""
+"""Defines messages and signals, as a DBC describes them, as plain data."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ class CounterRule:
     signal: str
     """Name of the signal in its message."""
     modulus: int
-    """The counter runs from 0 to modulus - 1 and starts again."""
+    """Number of values: the counter runs from 0 to modulus - 1 and starts again."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignalLayout:
-    """Where a signal lies in the payload and what its bits mean."""
+    """Position of a signal in the payload, and the meaning of its bits."""
 
     name: str
     unit: str
-    """As in the DBC; the unit may be empty."""
+    """Unit as in the DBC; may be empty."""
     start: int
     """Start bit as in the DBC: the lowest bit of an Intel signal, the highest of a Motorola one,
     counted as 8 * byte + bit."""
     length: int
-    """Bits, 1..64."""
+    """Number of bits, 1..64."""
     is_big_endian: bool
-    """Motorola byte order."""
+    """True for Motorola byte order."""
     is_signed: bool
-    """Two's complement."""
+    """True for two's complement."""
     is_float: bool
-    """IEEE 754 of 16, 32 or 64 bits."""
+    """True for an IEEE 754 number of 16, 32 or 64 bits."""
     factor: int | float
     offset: int | float
     """value = raw * factor + offset.  Whole numbers stay `int`, because arithmetic with them is
@@ -44,9 +44,9 @@ class SignalLayout:
     selector: str | None
     """Name of the multiplexer signal that decides whether this signal is in a frame."""
     selected_by: tuple[tuple[int, int], ...]
-    """Inclusive ranges of the selector's raw value for which it is."""
+    """Inclusive ranges of the selector's raw value for which the signal is in the frame."""
     sentinels: tuple[int, ...]
-    """Raw values that are no measurement, see `dbc.reader.sentinels`."""
+    """Raw values that are not measurements, see `dbc.reader.sentinels`."""
 
     @property
     def is_multiplexed(self) -> bool:
@@ -60,7 +60,7 @@ class SignalLayout:
 
     @property
     def first_bit(self) -> int:
-        """The bit, counted as the bytes are sent, at which the signal begins."""
+        """The first bit of the signal, counted in the order in which the bits are sent."""
         if self.is_big_endian:
             return 8 * (self.start // 8) + 7 - self.start % 8
         return self.start
@@ -100,29 +100,32 @@ class MessageLayout:
     """One message of a DBC."""
 
     name: str
-    """Unique in the codec; with its sensor's name before a dot where a bench has several."""
+    """Name, unique in the codec; on a bench with a list of sensors it begins with the sensor's name
+    and a dot."""
     can_id: int
-    """11 or 29 bits, without flag bits."""
+    """Identifier of 11 or 29 bits, without flag bits."""
     is_extended: bool
     """True if `can_id` has 29 bits.  The pair decides; equal numbers may be different messages."""
     length: int
-    """Payload bytes, 0..64."""
+    """Number of payload bytes, 0..64."""
     cycle_s: float | None
     """Time between two frames, s; None where the DBC states none."""
     signals: tuple[SignalLayout, ...]
-    """In order of the DBC's bits."""
+    """Signals, in the order of their bits in the DBC."""
     counter: CounterRule | None
     """The signal that the DBC marks as rolling counter."""
     crc: str | None
     """The signal that holds the checksum of one byte (`dbc.crc.covered`)."""
     senders: tuple[str, ...]
-    """Nodes that send it."""
+    """Nodes that send the message."""
     crc_rule: str = "crc8_j1850"
-    """How the checksum is computed, a name in `dbc.crc.CRC_RULES`."""
+    """Rule by which the checksum is computed, a name in `dbc.crc.CRC_RULES`."""
     bus: int | None = None
-    """The only bus on which frames with this identifier are this message; None: any bus."""
+    """Number of the only bus on which frames with this identifier are this message; None: any
+    bus."""
     is_j1939: bool = False
-    """True if its parameter group (PGN) decides, whatever priority and source a frame has."""
+    """True if frames are matched by their parameter group (PGN), whatever their priority and
+    source."""
 
     def signal(self, name: str) -> SignalLayout:
         """Return the signal called `name`.

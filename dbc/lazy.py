@@ -1,6 +1,7 @@
-"""Public names of a package that are loaded when they are first asked for.
+"""Loads the public names of a package at their first use.
 
-A package states them as imports for type checkers, each in the form ``from .file import X as X``::
+A package states these names as imports for type checkers, each in the form ``from .file import X as
+X``::
 
     if TYPE_CHECKING:
         from .config import Bench as Bench

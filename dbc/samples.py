@@ -1,4 +1,4 @@
-"""Decoded samples: the values of signals at the time stamps of their frames."""
+"""Defines decoded samples: the values of signals at the time stamps of their frames."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 
 
 class Quality(IntFlag):
-    """Faults of a sample; 0 is a good one.  Stored in session files."""
+    """Faults of a sample, as bits; 0 is a good sample.  Stored in session files."""
 
     COUNTER_GAP = 1
     """At least one frame of this message is missing before this one."""
     CRC_BAD = 2
-    """The checksum in the payload does not fit: the value must not be used."""
+    """The checksum in the payload does not match: the value must not be used."""
     SENTINEL = 4
     """The raw value is a named code ("not available"), not a measurement."""
     OUT_OF_RANGE = 8
-    """Outside the range that the DBC states."""
+    """The value is outside the range that the DBC states."""
     INTERPOLATED = 16
-    """Not measured here but computed from neighbours."""
+    """The value is not measured but computed from its neighbours."""
     MISSING = 32
-    """The frame is too short to hold the signal, or its selector says another one is there."""
+    """The frame is too short to hold the signal, or its selector names another signal."""
 
 
 UNUSABLE = Quality.CRC_BAD | Quality.SENTINEL | Quality.MISSING
@@ -47,7 +47,7 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class DecodeCounts:
-    """How many frames of a batch could not be decoded, by reason."""
+    """Numbers of frames of a batch that could not be decoded, by reason."""
 
     unknown_id: int
     wrong_length: int
@@ -58,7 +58,7 @@ class DecodeCounts:
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """All that a batch of frames says."""
+    """The result of decoding a batch of frames."""
 
     samples: Mapping[str, Samples]
     """Signals of the messages that occur in the batch.  Signals of one (not multiplexed) message

@@ -1,4 +1,4 @@
-"""Unit strings of DBC files to SI: a closed table, because a guessed unit is a wrong result."""
+"""Converts unit strings of DBC files to SI, by a closed table: a guessed unit is a wrong result."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ G_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class SiUnit:
-    """How a unit becomes SI: si = factor * value + offset."""
+    """Conversion of a unit to SI: si = factor * value + offset."""
 
     factor: float
     offset: float
@@ -67,7 +67,7 @@ _TABLE: dict[str, tuple[float, float, str]] = {
     "degC": (1.0, 273.15, "K"),
 }
 
-# What editors write for one and the same thing.
+# Different characters that editors write for the same sign.
 _SPELLINGS = (
     (" ", ""),
     ("\u00b2", "2"),  # superscript two
@@ -159,7 +159,7 @@ _WORDS = {
     "None": "",
     "n/a": "",
 }
-"""Other ways in which public databases write these units."""
+"""Other spellings of these units in public databases."""
 
 
 def to_si(unit: str) -> SiUnit:
@@ -192,7 +192,7 @@ def to_si(unit: str) -> SiUnit:
 
 
 def _remedy(unit: str) -> str:
-    """Undo the reading of UTF-8 bytes as Windows-1252, which puts a stray letter before a sign."""
+    """Undo the reading of UTF-8 bytes as Windows-1252, which adds a wrong letter before a sign."""
     try:
         return unit.encode("cp1252").decode("utf-8")
     except UnicodeError:

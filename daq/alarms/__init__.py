@@ -1,9 +1,9 @@
-"""Alarms: what is wrong with buses, sensors and the recorder, found by a pure fold."""
+"""Finds what is wrong with buses, sensors and the recorder, by a pure fold over recorder cycles."""
 
 from .debounce import ALARM, ALARM_END
 from .host import with_not_recording
 from .texts import EXPLAINED, GRAVITY, Explanation
-from .watch import CLOCK_STEP, AlarmState, Turn, acknowledged, reconfigured, watch
+from .watch import CLOCK_STEP, AlarmState, Cycle, acknowledged, reconfigured, watch
 
 __all__ = [
     "ALARM",
@@ -12,8 +12,8 @@ __all__ = [
     "EXPLAINED",
     "GRAVITY",
     "AlarmState",
+    "Cycle",
     "Explanation",
-    "Turn",
     "acknowledged",
     "reconfigured",
     "watch",

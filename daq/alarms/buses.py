@@ -1,4 +1,4 @@
-"""The state of each bus: connection, traffic, load, and the errors of its controller."""
+"""Watches the state of each bus: connection, traffic, load, and the errors of its controller."""
 
 from __future__ import annotations
 
@@ -18,28 +18,29 @@ from ..control.messages import BusState, BusStatus
 from .inputs import WINDOW_S, Count, Key, fault
 
 _CALM_S = 2.0
-"""Time without an error, s, after which a controller that receives is taken for error-active again:
+"""Time without an error, s, after which a controller that receives counts as error-active again:
 many drivers do not report the change."""
 _FULL_LOAD = 0.95
-"""Load of a bus from which on it counts as full: the frames of lowest priority wait for ever."""
+"""Load from which a bus counts as full: its frames of lowest priority are never sent."""
 Traffic = tuple[float, int, int, float, int]
-"""Monotonic time of a turn, good frames, error frames and bits in it, its latest time stamp."""
+"""Monotonic time of a cycle; its good frames, error frames and bits; its latest time stamp."""
 
 
 @dataclass(frozen=True, slots=True)
 class BusWatch:
-    """One bus so far."""
+    """History of one bus."""
 
     name: str
     """Name of the link; the watch starts again when another link takes its place."""
     connected_s: float
-    """Monotonic time since which it is connected."""
+    """Monotonic time since which it is connected, s."""
     heard_s: float
     """Monotonic time of the last frame of any kind; at least `connected_s`."""
     good_s: float
     """Monotonic time of the last good frame; at least `connected_s`."""
     frame_s: float | None = None
-    """Monotonic time of the last good frame, also of one before the bus went; None before it."""
+    """Monotonic time of the last good frame, also before the bus was lost; None before the
+    first."""
     error_s: float = float("-inf")
     """Monotonic time of the last error frame; minus infinity before the first."""
     frames: int = 0
@@ -47,9 +48,9 @@ class BusWatch:
     error_frames: int = 0
     """Error frames since the start."""
     recent: tuple[Traffic, ...] = ()
-    """Turns of the last second, and the one before."""
+    """Cycles of the last second, and the cycle before them."""
     last_ns: int = 0
-    """Latest time stamp."""
+    """Latest time stamp, ns."""
     controller: ControllerState | None = None
     """State that the controller reported last; None if it reported none."""
     tx_errors: int | None = None
@@ -59,17 +60,17 @@ class BusWatch:
     error_text: str = ""
     """The last error frame, in words."""
     losses: SourceLosses = field(default_factory=SourceLosses)
-    """Losses that the source had counted at the last turn."""
+    """Losses that the source had counted in the last cycle."""
 
 
 def advance_buses(
     watches: Sequence[BusWatch], links: Sequence[LinkFacts], batch: FrameBatch, now_s: float
 ) -> tuple[tuple[BusWatch, ...], dict[Key, Count]]:
-    """Take in a block.
+    """Process a block.
 
-    `watches`: as returned before; empty at first.  `links`: the buses, in the order of their
-    numbers. `now_s`: monotonic time, s.  Returns the watch of each bus, and what happened in this
-    turn.
+    `watches`: result of the last call; empty at first.  `links`: the buses, in the order of their
+    numbers.  `now_s`: monotonic time, s.  Returns the watch of each bus, and the counts of this
+    cycle.
     """
     counts: dict[Key, Count] = {}
     bits = wire_bits(batch)
@@ -128,9 +129,9 @@ def _advance(
             counts[code, name] = Count(number, detail)
     last_ns = int(t_ns[-1]) if n else watch.last_ns
     connected_s = watch.connected_s if link.connected else now_s
-    earlier = [turn for turn in watch.recent if turn[0] <= now_s - WINDOW_S][-1:]
-    within = [turn for turn in watch.recent if turn[0] > now_s - WINDOW_S]
-    if n and not watch.last_ns:  # before its first frame a bus has no stamp to count from
+    earlier = [cycle for cycle in watch.recent if cycle[0] <= now_s - WINDOW_S][-1:]
+    within = [cycle for cycle in watch.recent if cycle[0] > now_s - WINDOW_S]
+    if n and not watch.last_ns:  # a bus has no time stamp before its first frame
         earlier, within = ([(*t[:4], int(t_ns[0])) for t in ts] for ts in (earlier, within))
     bits_sent = float(bits.sum()) - float(bits[error_rows].sum())
     advanced = replace(
@@ -147,7 +148,7 @@ def _advance(
         error_text=error_text or watch.error_text,
         losses=link.losses,
     )
-    if not link.connected:  # a controller that comes back has a new state
+    if not link.connected:  # a controller that was opened again has a new state
         return replace(advanced, controller=None, tx_errors=None, rx_errors=None)
     return _controller(advanced, tally, error_rows, n, now_s)
 
@@ -176,16 +177,16 @@ def _controller(
 
 
 def bus_status(watch: BusWatch, link: LinkFacts, silent_s: float, now_s: float) -> BusStatus:
-    """Return how a bus is doing."""
+    """Return the status of a bus."""
     first, last = watch.recent[0], watch.recent[-1]
-    # A replay that runs faster than time fills no bus: it took the time that its stamps say.
+    # A replay faster than real time does not load a bus: its time stamps give the time it took.
     stamped_s = (last[4] - first[4]) * 1e-9 if first[4] else 0.0
     span_s = max(now_s - first[0], stamped_s, WINDOW_S / 10)
     return BusStatus(
         name=link.name,
         state=_state(watch, link, silent_s, now_s),
-        load=sum(turn[3] for turn in watch.recent[1:]) / span_s / link.bitrate,
-        frames_per_s=sum(turn[1] for turn in watch.recent[1:]) / span_s,
+        load=sum(cycle[3] for cycle in watch.recent[1:]) / span_s / link.bitrate,
+        frames_per_s=sum(cycle[1] for cycle in watch.recent[1:]) / span_s,
         frames=watch.frames,
         error_frames=watch.error_frames,
         reopened=link.reopened,
@@ -209,7 +210,7 @@ def _state(watch: BusWatch, link: LinkFacts, silent_s: float, now_s: float) -> B
 def bus_symptoms(
     watch: BusWatch, link: LinkFacts, status: BusStatus, silent_s: float, now_s: float
 ) -> list[Finding]:
-    """Return the faulty states of a bus; faults that are counted come by the window."""
+    """Return the faulty states of a bus; counted faults are reported by `Window`."""
     name = link.name
     if status.state is BusState.DISCONNECTED:
         if not link.error and now_s - link.heartbeat_s < silent_s:
@@ -222,7 +223,7 @@ def bus_symptoms(
         advice = f"`sudo ip link set {name.split()[-1]} up` brings it up again"
         found.append(fault("interface_down", name, "the interface is down", advice=advice))
     elif status.state is BusState.SILENT:
-        errors = sum(turn[2] for turn in watch.recent)
+        errors = sum(cycle[2] for cycle in watch.recent)
         waited = f"{now_s - watch.good_s:.1f} s"
         if errors:
             text = f"{errors} error frames in the last second and no good frame for {waited}"

@@ -1,6 +1,6 @@
-"""From alarms to their causes: what follows from another alarm is not shown beside it.
+"""Reduces alarms to their causes: an alarm that follows from another one is not shown.
 
-The journal holds every alarm by itself; a person reads one line for one cause.
+The journal holds every alarm; a person reads one line for each cause.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from datetime import UTC, datetime
 from ..control.messages import Alarm
 
 DEAD_BUS = ("disconnected", "bus_off", "interface_down", "bus_silent", "check_bitrate")
-"""Alarms of a bus from which no good frame comes."""
+"""Codes of alarms on a bus that delivers no good frame."""
 _FOLLOWS_DEAD_BUS = ("error_frames", "error_passive", "garbled", "bus_full", "time_back")
 _LOSS = ("queue_dropped", "overrun", "bus_full")
-"""Alarms of frames that did not arrive for a reason that is known."""
+"""Codes of alarms on frames that did not arrive for a known reason."""
 _OF_MESSAGE = ("stale", "counter_gap", "crc_bad", "wrong_length")
 _OF_CHANNEL = ("stuck", "saturated", "no_value", "not_a_number", "out_of_range")
 _FOLLOWS_DISK = ("not_recording", "queue_dropped", "queue_high", "journal_warning", "disk_low")
 _SHOWN = 4
-"""Names that are listed in the text of an alarm; more are counted."""
+"""Number of names that are listed in the text of an alarm; further names are only counted."""
 _FAULTS = {
     "stale": "{} silent",
     "counter_gap": "frames of {} are missing by their counters",
@@ -29,27 +29,27 @@ _FAULTS = {
     "stuck": "{} frozen",
     "saturated": "{} at the end of their range",
     "no_value": "{} without a value",
-    "not_a_number": "{} with values that are no number",
+    "not_a_number": "{} with values that are not numbers",
     "out_of_range": "{} out of range",
 }
 _ADVICE = {
-    "stale": "check plug and power of these sensors, and what they share",
+    "stale": "check plug and power of these sensors, and the cables that they share",
     "counter_gap": "check the load of the bus, wiring and power of these sensors",
     "crc_bad": "check wiring and power of these sensors, and crc_rule in bench.toml",
 }
-"""Advice on several messages, where that on one speaks of one sensor."""
+"""Advice for an alarm on several messages, where the advice for one message is about one sensor."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """The bus and sensor of each message, as far as frames have shown them."""
+    """The bus and sensor of each message, as far as they are known from frames."""
 
     messages: Mapping[str, str]
-    """Bus of each message that came, by its name."""
+    """Bus of each message that was received, by name of the message."""
     channels: Mapping[str, str]
-    """Message of each channel, by its name."""
+    """Message of each channel, by name of the channel."""
     silent_ns: Mapping[str, int]
-    """Wall clock of the last good frame of each bus that is quiet now, ns since 1970."""
+    """Wall-clock time of the last good frame of each bus that is quiet now, ns since 1970."""
 
     def bus_of(self, subject: str) -> str:
         """Return the bus of a message or of a channel; empty if it is not known."""
@@ -63,7 +63,7 @@ class Wiring:
 def causes(alarms: Sequence[Alarm], wiring: Wiring) -> tuple[Alarm, ...]:
     """Return one alarm for each cause, the worst first.
 
-    `alarms`: in order of gravity.
+    `alarms`: in order of severity.
     """
     alarms = _with_silent_buses(alarms, wiring)
     roots = _with_dead_buses([a for a in alarms if not _follows(a, alarms, wiring)], wiring)
@@ -74,14 +74,14 @@ def causes(alarms: Sequence[Alarm], wiring: Wiring) -> tuple[Alarm, ...]:
 
 
 def dead_bus(shown: Iterable[Alarm], wiring: Wiring) -> Alarm | None:
-    """Return the alarm of a bus that has carried channels of the bench and is dead now."""
+    """Return the alarm on a bus that carried channels of the bench and is dead now."""
     carrying = {wiring.bus_of(channel) for channel in wiring.channels}
     quiet = carrying.intersection(wiring.silent_ns)
     return next((a for a in shown if a.code in DEAD_BUS and a.subject in quiet), None)
 
 
 def _with_silent_buses(alarms: Sequence[Alarm], wiring: Wiring) -> list[Alarm]:
-    """Return the alarms; where all messages of a quiet bus are silent, the bus is."""
+    """Return the alarms; one alarm replaces those of a quiet bus whose messages are all silent."""
     silent = {alarm.subject for alarm in alarms if alarm.code == "stale"}
     dead = {alarm.subject for alarm in alarms if alarm.code in DEAD_BUS}
     buses = [
@@ -103,7 +103,7 @@ def _follows(alarm: Alarm, alarms: Sequence[Alarm], wiring: Wiring) -> bool:
         return True
     if alarm.code == "time_back" and "clock_step" in codes:
         return True
-    if alarm.code == "journal_warning" and "disk_low" in codes:  # no room can be made either
+    if alarm.code == "journal_warning" and "disk_low" in codes:  # no file to delete
         return True
     bus = alarm.subject if alarm.code in _FOLLOWS_DEAD_BUS else ""
     if alarm.code in (*_OF_MESSAGE, *_OF_CHANNEL):
@@ -116,7 +116,7 @@ def _follows(alarm: Alarm, alarms: Sequence[Alarm], wiring: Wiring) -> bool:
 
 
 def _with_dead_buses(alarms: Sequence[Alarm], wiring: Wiring) -> list[Alarm]:
-    """Return the alarms; one of a dead bus says what is silent with it, and since when."""
+    """Return the alarms; that on a dead bus also states which messages are silent since when."""
     done = []
     for alarm in alarms:
         names = wiring.on(alarm.subject)
@@ -135,7 +135,7 @@ def _with_dead_buses(alarms: Sequence[Alarm], wiring: Wiring) -> list[Alarm]:
 
 
 def _shared(alarm: Alarm, wiring: Wiring) -> str:
-    """Return what alarms of one code have in common if they have one cause."""
+    """Return the bus or sensor that alarms of one code share if they have one cause."""
     if alarm.code in _OF_MESSAGE:
         return wiring.bus_of(alarm.subject)
     if alarm.code in _OF_CHANNEL:
@@ -144,7 +144,7 @@ def _shared(alarm: Alarm, wiring: Wiring) -> str:
 
 
 def _together(shared: str, alarms: Sequence[Alarm], wiring: Wiring) -> Alarm:
-    """Return one alarm in place of several with one cause."""
+    """Return one alarm that replaces several with one cause."""
     first = alarms[0]
     if len(alarms) == 1:
         return first

@@ -1,8 +1,8 @@
-"""From symptoms, which come and go, to alarms that do not flap, and their events.
+"""Debounces symptoms to alarms, and makes the events of these alarms.
 
-An alarm ends when its symptom has been away for `HOLD_S`.  One that comes back again and again is
+An alarm ends when its symptom has been absent for `HOLD_S`.  An alarm that returns repeatedly is
 shown each time, but written to the journal only every `REPORT_AGAIN_S`: a loose contact must not
-fill it.
+fill the journal.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .texts import GRAVITY
 ALARM, ALARM_END = "alarm", "alarm_end"
 """Codes of the events; the text is "CODE SUBJECT: TEXT"."""
 HOLD_S = 1.5
-"""Time without its symptom after which an alarm ends, s."""
+"""Time without the symptom after which an alarm ends, s."""
 REPORT_AGAIN_S = 15.0
 """Least time between two entries of the same alarm in the journal, s."""
 _MOST_ALARMS = 256
@@ -36,34 +36,33 @@ class _Entry:
     alarm: Alarm
     """The alarm as shown."""
     seen_s: float
-    """Monotonic time at which its symptom was last present."""
+    """Monotonic time at which its symptom was last present, s."""
     reported_s: float | None
-    """Monotonic time at which its begin was last written to the journal; None if never."""
+    """Monotonic time at which its beginning was last written to the journal, s; None if never."""
     is_on: bool
     """True while the alarm lasts."""
     is_reported: bool
-    """True if the journal holds its begin and not yet its end."""
+    """True if the journal holds its beginning and not yet its end."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ledger:
-    """The alarms that last, and those that ended not long ago."""
+    """The current alarms, and those that ended recently."""
 
     entries: Mapping[Key, _Entry] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """The alarms that last, in order of gravity."""
+        """The current alarms, in order of severity."""
         lasting = (entry.alarm for entry in self.entries.values() if entry.is_on)
         return tuple(sorted(lasting, key=lambda a: (GRAVITY[a.code], a.subject)))
 
     def advanced(
         self, symptoms: Sequence[Finding], numbers: Numbers, now: Now, t_ns: int
     ) -> tuple[Ledger, tuple[Event, ...]]:
-        """Take in the symptoms of a turn.
+        """Return the ledger after the symptoms of a cycle, and the events.
 
-        Of the symptoms of one code and subject the first counts.  `t_ns`: time stamp for the
-        events.
+        Only the first symptom of a code and subject counts.  `t_ns`: time stamp of the events.
         """
         entries, events = dict(self.entries), []
         present: dict[Key, Finding] = {}

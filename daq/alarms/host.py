@@ -1,4 +1,4 @@
-"""The recorder itself: queue, disk, clock, and the parts that look at the frames."""
+"""Watches the recorder itself: queue, disk, clock, and the consumers of the frames."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..journal.disk_space import Room, low_text
 from .inputs import Count, Key, fault
 
 CLOCK_STEP_S = 0.05
-"""Largest drift of the wall clock against the monotonic one, s, that is not taken for a step."""
+"""Largest difference between wall clock and monotonic clock, s, that is not taken as a step."""
 _QUEUE_HIGH = 0.5
 _SAYS_SO = ("not_recording", "journal_failed")
-"""Alarms of which one is enough: a disk that refuses is the cause of what is not recorded."""
+"""Codes of alarms that already state the cause when frames are not recorded."""
 _NOT_RECORDING_S = 0.9
-"""Time for which frames arrive and none is stored that is an alarm, s: with the tenth of a second
-between two turns of a daemon's main thread it is raised within one second."""
+"""Time, s, after which frames that arrive and are not stored raise an alarm.  A daemon's main
+thread has a cycle of a tenth of a second, so the alarm comes within one second."""
 
 
 def host_symptoms(
@@ -29,7 +29,7 @@ def host_symptoms(
     failed: Mapping[str, str],
     storage: StorageStatus,
 ) -> list[Finding]:
-    """Return the faults of the recorder itself."""
+    """Return the symptoms of the recorder itself."""
     found = _not_recording(storage)
     if disk.failed:
         held = f"; {disk.held_frames} frames are held in memory" if disk.held_frames else ""
@@ -45,10 +45,9 @@ def host_symptoms(
 
 
 def with_not_recording(status: Status, storage: StorageStatus, wall_ns: int) -> Status:
-    """Return a status with the alarm that the recorder's writer cannot raise, as it hangs itself.
+    """Return a status with the alarm that a hanging writer of the recorder cannot raise itself.
 
-    `status`: the last one that it has published.  Returns the same object if there is no alarm to
-    add.
+    `status`: the last published one.  Returns the same object if there is no alarm to add.
     """
     found = _not_recording(storage)
     if not found or any(alarm.code in _SAYS_SO for alarm in status.alarms):
@@ -66,5 +65,5 @@ def _not_recording(storage: StorageStatus) -> list[Finding]:
 
 
 def dropped_since(before: int, after: int) -> dict[Key, Count]:
-    """Return the frames that the queue had to leave out in this turn."""
+    """Return the number of frames that the queue dropped in this cycle."""
     return {("queue_dropped", ""): Count(after - before)} if after > before else {}

@@ -1,4 +1,4 @@
-"""The state of each message: arrival, length, checksum; and frames that no DBC describes."""
+"""Watches each message: arrival, length, checksum; and frames that no DBC describes."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ from .inputs import Count, Key, fault
 
 STALE_PERIODS = 5.0
 _LEAST_TIMEOUT_S = 0.5
-"""Least timeout of a message, s: turns are 0.1 or 0.3 s apart, so a shorter silence may be no more
-than a late block."""
+"""Least timeout of a message, s: cycles are 0.1 or 0.3 s apart, so a shorter silence may only be a
+late block."""
 _UNKNOWN_PERIOD_S = 2.0
 _LEARN_FRAMES, _LEARN_S = 20, 2.0
 _REGULAR_PERIODS, _REGULAR_S = 3.0, 0.45
-"""Mean periods and time, s, without a message after which it is taken as irregular.  Nothing
-shorter than the time between two turns is seen: 0.3 s, and more on a busy machine."""
+"""Number of mean periods, and time, s, without a message after which it is taken as irregular.
+Silence shorter than the time between two cycles cannot be seen: 0.3 s, and more on a busy
+machine."""
 _FORGET_S = 60.0
 """Silence, s, after which a message that no channel needs counts as ended, not failed."""
 _SHOWN_IDS = 6
 _KNOWN_IDS = 256
-"""Largest number of unknown identifiers that are counted one by one."""
+"""Largest number of unknown identifiers that are counted separately."""
 _RECENT_S = 2.0
 _STRANGERS_ONLY_S = 0.8
 _EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40
@@ -38,27 +39,27 @@ _EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40
 
 @dataclass(frozen=True, slots=True)
 class MessageWatch:
-    """One message of the DBC so far."""
+    """History of one message of the DBC."""
 
     seen_s: float
-    """Monotonic time of the turn that brought the last frame."""
+    """Monotonic time of the cycle with the last frame, s."""
     period_s: float | None
-    """Period stated in the DBC, or learned; None for a message without a regular period."""
+    """Period stated in the DBC, or learned, s; None for a message without a regular period."""
     learn_s: float
-    """Monotonic time since which the period is being learned."""
+    """Monotonic time since which the period is being learned, s."""
     learn_frames: int
     """Frames since `learn_s`."""
     buses: Mapping[int, float]
-    """Monotonic time at which it was last seen, by the number of the bus."""
+    """Monotonic time at which it was last received, s, by number of the bus."""
 
     @property
     def home(self) -> int:
-        """Number of the bus that it came from last."""
+        """Number of the bus from which it came last."""
         return max(self.buses, key=lambda bus: self.buses[bus])
 
     @property
     def timeout_s(self) -> float | None:
-        """Longest silence that is no fault; None without a period."""
+        """Longest silence that is not a fault, s; None without a period."""
         if self.period_s is None:
             return None
         return max(STALE_PERIODS * self.period_s, _LEAST_TIMEOUT_S)
@@ -66,7 +67,7 @@ class MessageWatch:
 
 @dataclass(frozen=True, slots=True)
 class Stranger:
-    """An identifier that is not in the DBC: frames so far, in the last turn, and its last turn."""
+    """An identifier that is not in the DBC: frames in all and in the last cycle; its last cycle."""
 
     frames: int
     rate_hz: float
@@ -75,20 +76,20 @@ class Stranger:
 
 @dataclass(frozen=True, slots=True)
 class MessagesWatch:
-    """All traffic by identifier so far; the default is the state before any."""
+    """History of all traffic by identifier; the default is the initial state."""
 
     began_s: float | None = None
-    """Monotonic time of the first turn that brought frames."""
+    """Monotonic time of the first cycle with frames, s."""
     turn_s: float = 0.0
-    """Monotonic time of the last turn."""
+    """Monotonic time of the last cycle, s."""
     known: Mapping[str, MessageWatch] = field(default_factory=lambda: MappingProxyType({}))
-    """Messages of the DBC that came."""
+    """Messages of the DBC that were received."""
     strangers: Mapping[tuple[int, int, bool], Stranger] = field(
         default_factory=lambda: MappingProxyType({})
     )
     """Identifiers that are not in the DBC, by bus, identifier and width."""
     missing: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
-    """Frames missing by the counter, at the last turn."""
+    """Frames missing according to the counter, as of the last cycle."""
 
 
 def advance_messages(
@@ -99,7 +100,7 @@ def advance_messages(
     health: HealthState,
     now_s: float,
 ) -> tuple[MessagesWatch, dict[Key, Count]]:
-    """Take in a block; return the state after it and what happened in it."""
+    """Process a block; return the state after it and the counts of this cycle."""
     counts: dict[Key, Count] = {}
     known, strangers = dict(watch.known), dict(watch.strangers)
     turn_s = max(now_s - watch.turn_s, 1e-3) if watch.turn_s else 1.0
@@ -146,7 +147,7 @@ def advance_messages(
 
 
 def _distinct(batch: FrameBatch) -> list[tuple[int, int, bool, int, int]]:
-    """Return bus, identifier, width, length and number of the different data frames."""
+    """Return bus, identifier, width, length and number of each kind of data frame."""
     special = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
     key = batch.can_id.astype(np.int64)
     key |= batch.bus.astype(np.int64) << _BUS_SHIFT
@@ -208,9 +209,9 @@ def message_symptoms(
 ) -> list[Finding]:
     """Return the faulty states of the traffic.
 
-    `expected`: messages that carry channels of the bench.  `names`: of the buses.  `well`: whether
-    each bus is connected and speaks: on others every message is silent.  `now_s`: monotonic time,
-    s.
+    `expected`: messages that carry channels of the bench.  `names`: names of the buses.  `well`:
+    True for each bus that is connected and delivers frames; on other buses every message is silent.
+    `now_s`: monotonic time, s.
     """
     recent = {
         key: each for key, each in watch.strangers.items() if now_s - each.seen_s <= _RECENT_S
@@ -229,7 +230,7 @@ def message_symptoms(
         for name in expected:
             cycle_s = codec.message(name).cycle_s or _UNKNOWN_PERIOD_S / STALE_PERIODS
             if name not in watch.known and waited_s > max(STALE_PERIODS * cycle_s, 1.0):
-                text = f"no frame since the recorder listens ({waited_s:.0f} s)"
+                text = f"no frame since the recorder started to listen ({waited_s:.0f} s)"
                 found.append(fault("stale", name, text))
     return found
 
@@ -247,7 +248,7 @@ def _known_symptoms(
     is_well = each.home < len(well) and well[each.home]
     ended = away_s > _FORGET_S and not is_expected
     if timeout_s is not None and away_s > timeout_s and is_well and not ended:
-        assert each.period_s is not None  # as it has a timeout
+        assert each.period_s is not None  # ensured by its timeout
         text = f"no frame for {away_s:.1f} s; one is due every {1e3 * each.period_s:.3g} ms"
         found.append(fault("stale", name, text))
     on = [bus for bus, seen_s in each.buses.items() if now_s - seen_s <= _RECENT_S]
@@ -286,7 +287,7 @@ def _id_text(key: tuple[int, int, bool]) -> str:
 
 
 def alive(watch: MessagesWatch, expected: Sequence[str], now_s: float) -> int:
-    """Return how many of the expected messages come."""
+    """Return the number of expected messages that are received."""
     return sum(
         name in watch.known
         and now_s - watch.known[name].seen_s <= (watch.known[name].timeout_s or _UNKNOWN_PERIOD_S)

@@ -1,4 +1,4 @@
-"""The state of each channel: no number, out of range, at the end of its range, or frozen."""
+"""Watches each channel: not a number, out of range, at the end of its range, or frozen."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from ..samples.mapping import MappedChannel
 from .inputs import Count, Key, fault
 
 _STUCK_S = 0.8
-"""Time without any change, s, after which a sensor of fine resolution counts as frozen."""
+"""Time without any change, s, after which a channel of fine resolution counts as frozen."""
 _STUCK_MOVING_TURNS = 3
 _MOVING_STEPS = 20.0
-"""Motion within one turn, in steps of the channel judged, from which on another channel moves."""
+"""Change of another channel within one cycle, in steps of the judged channel, that counts as
+motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,43 +29,43 @@ class Limits:
     """The range and resolution of a channel."""
 
     low: float
-    """Least value, in the signal's unit."""
+    """Lowest value, in the signal's unit."""
     high: float
-    """Largest value, in the signal's unit."""
+    """Highest value, in the signal's unit."""
     step: float
     """Smallest change, in the channel's unit."""
     is_fine: bool
-    """True if noise must show in the channel (`daq.samples.converter.is_fine`)."""
+    """True if the channel must show noise (`daq.samples.converter.is_fine`)."""
     range_text: str
-    """The range in words."""
+    """The range as text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """The run of equal samples that a channel is in."""
+    """The current run of equal samples of a channel."""
 
     value: float
     """The signal's value."""
     since_ns: int
-    """Time stamp of the run's first sample."""
+    """Time stamp of the run's first sample, ns."""
     samples: int
-    """How many."""
+    """Number of samples in the run."""
     until_ns: int
-    """Time stamp of its last."""
+    """Time stamp of the run's last sample, ns."""
     moving: int
-    """Turns within the run in which others moved."""
+    """Number of cycles within the run in which other channels moved."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignalsWatch:
-    """All channels so far; the default is the state before any."""
+    """History of all channels; the default is the initial state."""
 
     mapped: Sequence[MappedChannel] = ()
     """The channels for which `limits` were made."""
     limits: Mapping[str, Limits] = field(default_factory=lambda: MappingProxyType({}))
     """Limits of the channels that are used, by name."""
     standing: Mapping[str, Standing] = field(default_factory=lambda: MappingProxyType({}))
-    """Runs of equal samples of the channels that came, by name."""
+    """Runs of equal samples of the channels that were received, by name."""
     overloaded: tuple[str, ...] = ()
     """Channels that were saturated since the last acknowledgement."""
 
@@ -72,8 +73,8 @@ class SignalsWatch:
 def limits_of(mapped: MappedChannel) -> Limits:
     """Return the range and resolution of a channel.
 
-    The end of its range is where its bits end, or where the DBC's range ends if that is narrower:
-    a sensor of 16 bits that measures to 4 g stops there.
+    The range is that of its bits, or that of the DBC if it is narrower: a 16-bit sensor that
+    measures up to 4 g stops there.
     """
     signal = mapped.signal
     low, high = signal.span
@@ -90,7 +91,7 @@ def limits_of(mapped: MappedChannel) -> Limits:
 def advance_signals(
     watch: SignalsWatch, mapped: Sequence[MappedChannel], decoded: Decoded | None
 ) -> tuple[SignalsWatch, dict[Key, Count]]:
-    """Take in a block; return the state after it and what happened in it."""
+    """Process a block; return the state after it and the counts of this cycle."""
     used = [m for m in mapped if m.channel.quantity is not Quantity.UNUSED]
     limits = (
         watch.limits
@@ -113,7 +114,7 @@ def advance_signals(
                 standing.pop(name, None)
                 continue
         limit = limits[name]
-        # Zero is where many an unsigned signal rests.
+        # Many unsigned signals are zero at rest.
         if (low <= limit.low and low != 0) or (high >= limit.high and high != 0):
             value = samples.value
             at_end = np.count_nonzero(((value <= limit.low) | (value >= limit.high)) & (value != 0))
@@ -140,7 +141,7 @@ def advance_signals(
 def _sift(
     name: str, samples: Samples, limit: Limits, counts: dict[Key, Count]
 ) -> tuple[Samples, float, float]:
-    """Count what is wrong with samples, and return those that are numbers and can be used."""
+    """Count faulty samples, and return the usable ones."""
     quality, value = samples.quality, samples.value
     usable = (quality & np.uint8(UNUSABLE)) == 0
     finite = np.isfinite(value)
@@ -171,7 +172,7 @@ def _stand(
 
 
 def signal_symptoms(watch: SignalsWatch) -> list[Finding]:
-    """Return which channels are frozen."""
+    """Return the symptoms of frozen channels."""
     found = []
     for name, each in watch.standing.items():
         still_s = (each.until_ns - each.since_ns) * 1e-9

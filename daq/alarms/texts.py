@@ -1,6 +1,6 @@
-"""The alarms of a recorder: what each means and what to do, in order of gravity.
+"""Defines the texts of all alarms: what each means and what to do, in order of severity.
 
-One table for the terminal, the command line and the manual.
+The terminal, the command line and the manual use this table.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ class Explanation:
     """The meaning of an alarm, in words."""
 
     title: str
-    """A few words."""
+    """Title of a few words."""
     meaning: str
-    """The recorder's observation, in a sentence."""
+    """What the recorder observed, in one sentence."""
     advice: str
-    """The remedy; a symptom may bring a more exact one of its own."""
+    """What to do; a symptom may have a more specific advice."""
 
 
 EXPLAINED = MappingProxyType(
@@ -36,19 +36,18 @@ EXPLAINED = MappingProxyType(
         ),
         "disconnected": Explanation(
             "bus disconnected",
-            "The adapter or the interface has gone; it is opened again and again until it is back",
+            "The adapter or the interface is gone; the recorder tries to open it until it is back",
             "check plug and power of the adapter",
         ),
         "bus_off": Explanation(
             "bus-off",
-            "The CAN controller has left the bus after too many errors of its own sending",
+            "The CAN controller has left the bus after too many transmit errors",
             "check termination, wiring and bit rate; `ip link set can0 type can restart-ms 100` "
-            "lets the controller come back by itself",
+            "lets the controller return by itself",
         ),
         "interface_down": Explanation(
             "interface down",
-            "Somebody, or a driver, took the network interface down; frames come again once it is "
-            "up",
+            "A person or a driver took the network interface down; frames come again once it is up",
             "`sudo ip link set can0 up` brings it up again",
         ),
         "queue_dropped": Explanation(
@@ -58,7 +57,7 @@ EXPLAINED = MappingProxyType(
         ),
         "overrun": Explanation(
             "frames lost in the adapter",
-            "The interface says that it lost frames before they could be read",
+            "The interface reports that it lost frames before they could be read",
             "free the processor of other work; lower the load of the bus",
         ),
         "bus_silent": Explanation(
@@ -68,8 +67,7 @@ EXPLAINED = MappingProxyType(
         ),
         "check_bitrate": Explanation(
             "error frames only",
-            "Error frames come, and not one good frame: so does a wrong bit rate, or a bus that is "
-            "not terminated",
+            "Only error frames come, as with a wrong bit rate or a bus without termination",
             "check the bit rate first, then termination (60 ohm between the wires)",
         ),
         "bus_full": Explanation(
@@ -79,64 +77,64 @@ EXPLAINED = MappingProxyType(
         ),
         "none_of_dbc": Explanation(
             "nothing of the DBC",
-            "Frames come, but none is of a message of the DBC",
-            "the DBC is not the one of this bus, or the buses are swapped",
+            "Frames come, but none belongs to a message of the DBC",
+            "use the DBC of this bus; check whether the buses are swapped",
         ),
         "consumer_failed": Explanation(
             "a part of the recorder failed",
-            "Frames are recorded, but something that looks at them was switched off after errors",
+            "Frames are recorded, but a part that evaluates them was switched off after errors",
             "restart the recorder after the run, and report it",
         ),
         "journal_warning": Explanation(
             "trouble with the journal's files",
-            "A write failed and went into a new file, a file was taken away, or no old recording "
-            "may be deleted to make room",
-            "look at the disk and at who else writes there; recording goes on",
+            "A write failed and was repeated in a new file, a file was removed, or no old recording"
+            " may be deleted to make room",
+            "check the disk and which other programs write there; recording continues",
         ),
         "disk_low": Explanation(
             "disk nearly full",
-            "The room on the disk goes to the end; recording stops before the reserve is touched",
+            "The disk is almost full; recording stops before the reserve is used",
             "delete or move old recordings",
         ),
         "stale": Explanation(
             "sensor silent",
-            "A message no longer comes, or never came, while the bus is alive",
+            "A message no longer comes, or never came, although the bus works",
             "check plug and power of this sensor",
         ),
         "error_passive": Explanation(
             "error-passive",
-            "The CAN controller has counted more than 127 errors; bus-off comes next",
+            "The CAN controller has counted more than 127 errors; the next state is bus-off",
             "check termination, wiring and bit rate",
         ),
         "wrong_length": Explanation(
             "wrong length",
-            "Frames are shorter or longer than the DBC says; what is not there is not decoded",
+            "Frames are shorter or longer than the DBC says; missing bytes are not decoded",
             "correct the sensor's settings, or the length in the DBC",
         ),
         "crc_bad": Explanation(
             "bad checksum",
-            "The checksum in the payload does not fit; these samples are not used",
+            "The checksum in the payload does not match; these samples are not used",
             "check wiring and power of the sensor, and crc_rule in bench.toml",
         ),
         "counter_gap": Explanation(
             "frames missing",
-            "The message's counter jumps: frames were sent and never came",
+            "The message's counter jumps: frames were sent but did not arrive",
             "check the load of the bus, wiring and power of the sensor",
         ),
         "stuck": Explanation(
             "sensor stuck",
-            "The raw value does not change by one bit although it must",
-            "the sensor is frozen: take its power away and give it back",
+            "The raw value does not change by a single bit, although it should",
+            "the sensor is frozen: switch its power off and on again",
         ),
         "saturated": Explanation(
             "sensor overloaded",
             "The value touches the end of the sensor's range: the true peak is not known",
-            "bump less hard, or take a sensor of a larger range",
+            "bump less hard, or use a sensor with a larger range",
         ),
         "no_value": Explanation(
             "sensor has no value",
-            "The sensor itself says that it has no value",
-            "see the sensor's manual: it starts up, or has found a fault",
+            "The sensor itself reports that it has no value",
+            "see the sensor's manual: it is starting up, or has found a fault",
         ),
         "not_a_number": Explanation(
             "not a number",
@@ -145,17 +143,17 @@ EXPLAINED = MappingProxyType(
         ),
         "out_of_range": Explanation(
             "out of range",
-            "Values lie outside the range that the DBC states",
+            "Values are outside the range that the DBC states",
             "check the sensor, or range and factor in the DBC",
         ),
         "mixed_id": Explanation(
             "identifier mixed up",
-            "One identifier comes from two buses, or with the other number of bits than in the DBC",
-            "give each sensor its own identifier; set 11 or 29 bits alike in sensor and DBC",
+            "One identifier comes from two buses, or not with the 11 or 29 bits of the DBC",
+            "give each sensor its own identifier; set the same 11 or 29 bits in sensor and DBC",
         ),
         "garbled": Explanation(
             "garbage received",
-            "Pieces of input were no frame",
+            "Pieces of the input were not frames",
             "check the adapter's cable, its baud rate and its firmware",
         ),
         "error_frames": Explanation(
@@ -165,31 +163,31 @@ EXPLAINED = MappingProxyType(
         ),
         "queue_high": Explanation(
             "writer behind",
-            "The queue between readers and writer fills up; nothing is lost yet",
+            "The queue between readers and writer is filling; nothing is lost yet",
             "free the processor and the disk of other work",
         ),
         "time_back": Explanation(
             "time stamps go back",
-            "Frames carry time stamps earlier than those before them",
-            "check the adapter's driver; is the host's clock being set?",
+            "Frames have earlier time stamps than the frames before them",
+            "check the adapter's driver, and whether the host's clock is being set",
         ),
         "restamped": Explanation(
             "stamped on arrival",
-            "The time stamps of the interface cannot be true; frames carry the host's time instead",
-            "update the adapter's driver; times are as exact as the host is quick",
+            "The time stamps of the interface cannot be true; frames get the host's time instead",
+            "update the adapter's driver; until then, times are only as exact as the host is fast",
         ),
         "clock_step": Explanation(
             "clock set",
             "The host's clock was set; the recorder's waiting times do not depend on it",
-            "let the clock be synchronised before measuring",
+            "wait until the clock is synchronised before measuring",
         ),
         "unknown_id": Explanation(
             "unknown identifiers",
-            "Frames come whose identifier is not in the DBC; they are recorded and not decoded",
+            "Frames have an identifier that is not in the DBC; they are recorded but not decoded",
             "nothing, if these devices are known",
         ),
     }
 )
-"""Every code of `Alarm.code`; the worst first."""
+"""Texts for every code of `Alarm.code`, the worst first."""
 
 GRAVITY = MappingProxyType({code: place for place, code in enumerate(EXPLAINED)})

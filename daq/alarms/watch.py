@@ -1,4 +1,4 @@
-"""The watch: a pure fold over the turns of a recorder, ten a second."""
+"""Watches the recording: a pure fold over the cycles of a recorder, ten per second."""
 
 from __future__ import annotations
 
@@ -36,48 +36,49 @@ CLOCK_STEP = "clock_step"
 """Code of the event that marks a step of the host's clock; its value is the step, s."""
 _CLOCK_SHOWN_S = 3.0
 QUIET_S = 0.4
-"""Time without a good frame, s, from which on a bus is quiet: the alarm on its messages comes after
-half a second, and that on a bus which has come back lasts for longer."""
+"""Time without a good frame, s, from which a bus is quiet.  It is longer than the half second after
+which the alarm on its messages comes, and shorter than the time for which an alarm is held after
+the bus has come back."""
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
-    """The input of one turn of the recorder."""
+class Cycle:
+    """The input of one cycle of the recorder."""
 
     now: Now
     """The host's clocks."""
     batch: FrameBatch
     """Frames received; may be empty."""
     decoded: Decoded | None
-    """Their samples; None if they were not decoded."""
+    """Samples of these frames; None if they were not decoded."""
     health: HealthState
     """The sensors' counters after this block."""
     links: Sequence[LinkFacts]
-    """The buses in the order of their numbers."""
+    """The buses, in the order of their numbers."""
     hops: HopLosses
-    """Cumulative counts."""
+    """Cumulative counts of losses."""
     disk: DiskStatus
-    """The disk as published."""
+    """Published status of the disk."""
     queue: QueueStatus
-    """The queue as published."""
+    """Published status of the queue."""
     storage: StorageStatus = field(default_factory=StorageStatus)
-    """Counts of what has arrived and what is stored."""
+    """Counts of frames that arrived and that are stored."""
     failed: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Parts of the recorder that were switched off after errors, and why."""
+    """Parts of the recorder that were switched off after errors, with reasons."""
 
 
 @dataclass(frozen=True, slots=True)
 class AlarmState:
-    """The watch so far; the default is the state before any turn."""
+    """State of the watch; the default is the initial state."""
 
     buses: tuple[BusStatus, ...] = ()
     """State of each bus."""
     sensors_alive: int = 0
-    """Number of messages with channels of the bench that come."""
+    """Number of messages with channels of the bench that are received."""
     sensors_expected: int = 0
     """Number of messages that carry channels of the bench."""
     ledger: Ledger = field(default_factory=Ledger)
-    """Alarms that last or ended not long ago."""
+    """Alarms that last or ended recently."""
     window: Window = field(default_factory=Window)
     """Counts of the last second."""
     bus_watches: tuple[BusWatch, ...] = ()
@@ -87,29 +88,29 @@ class AlarmState:
     signals: SignalsWatch = field(default_factory=SignalsWatch)
     """History of the channels."""
     clock_offset_ns: int | None = None
-    """Wall clock minus monotonic clock at the first turn or after the last step."""
+    """Wall clock minus monotonic clock at the first cycle or after the last step, ns."""
     clock_step_s: float = 0.0
-    """The last step of the wall clock."""
+    """The last step of the wall clock, s."""
     clock_stepped_s: float = float("-inf")
-    """Monotonic time of the last step."""
+    """Monotonic time of the last step, s."""
     queue_dropped: int = 0
-    """Frames that the queue had dropped at the last turn."""
+    """Number of frames that the queue had dropped by the last cycle."""
     t_ns: int = 0
-    """Time stamp of the last turn's events."""
+    """Time stamp of the last cycle's events, ns."""
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """The alarms that last, in order of gravity."""
+        """The current alarms, in order of severity."""
         return self.ledger.alarms
 
     @property
     def causes(self) -> tuple[Alarm, ...]:
-        """The alarms as a person reads them: one for each cause, the worst first."""
+        """The alarms for a person: one for each cause, the worst first."""
         return causes(self.alarms, self._wiring)
 
     @property
     def dead_bus(self) -> Alarm | None:
-        """The alarm of a bus with channels of the bench from which no good frame comes."""
+        """The alarm on a bus with channels of the bench that delivers no good frame."""
         return dead_bus(self.causes, self._wiring)
 
     @property
@@ -128,7 +129,7 @@ class AlarmState:
 
     @property
     def overloaded(self) -> tuple[str, ...]:
-        """Channels that touched the end of their range since `acknowledged`."""
+        """Channels that reached the end of their range since `acknowledged`."""
         return self.signals.overloaded
 
 
@@ -137,34 +138,34 @@ def watch(
     codec: Codec,
     mapped: Sequence[MappedChannel],
     state: AlarmState,
-    turn: Turn,
+    cycle: Cycle,
 ) -> tuple[AlarmState, tuple[Event, ...]]:
-    """Take in one turn.
+    """Process one cycle.
 
-    `mapped` is the same object each turn, as long as the bench's channels are the same; `state` is
-    as returned before, `AlarmState()` at first.  Returns the state after the turn, and events:
-    `alarm` and `alarm_end` with the text "CODE SUBJECT: TEXT", and `clock_step`.
+    `mapped` is the same object in each cycle, as long as the bench's channels are the same; `state`
+    is the result of the last call, `AlarmState()` at first.  Returns the state after the cycle, and
+    events: `alarm` and `alarm_end` with the text "CODE SUBJECT: TEXT", and `clock_step`.
     """
-    now_s = turn.now.monotonic_s
-    t_ns = int(turn.batch.t_ns[-1]) if len(turn.batch) else state.t_ns or turn.now.wall_ns
-    buses, bus_counts = advance_buses(state.bus_watches, turn.links, turn.batch, now_s)
+    now_s = cycle.now.monotonic_s
+    t_ns = int(cycle.batch.t_ns[-1]) if len(cycle.batch) else state.t_ns or cycle.now.wall_ns
+    buses, bus_counts = advance_buses(state.bus_watches, cycle.links, cycle.batch, now_s)
     messages, message_counts = advance_messages(
-        state.messages, codec, turn.batch, turn.decoded, turn.health, now_s
+        state.messages, codec, cycle.batch, cycle.decoded, cycle.health, now_s
     )
-    signals, signal_counts = advance_signals(state.signals, mapped, turn.decoded)
-    dropped = dropped_since(state.queue_dropped, turn.hops.queue_dropped)
+    signals, signal_counts = advance_signals(state.signals, mapped, cycle.decoded)
+    dropped = dropped_since(state.queue_dropped, cycle.hops.queue_dropped)
     window = state.window.advanced(
         now_s, {**bus_counts, **message_counts, **signal_counts, **dropped}
     )
-    state, events = _clock(state, turn.now, t_ns)
+    state, events = _clock(state, cycle.now, t_ns)
 
     silent_s = config.silent_s
-    pairs = list(zip(buses, turn.links, strict=True))
+    pairs = list(zip(buses, cycle.links, strict=True))
     statuses = tuple(bus_status(each, link, silent_s, now_s) for each, link in pairs)
     well = [status.state in (BusState.OK, BusState.ERROR_PASSIVE) for status in statuses]
     expected = tuple(dict.fromkeys(m.message.name for m in mapped))
-    names = [link.name for link in turn.links]
-    symptoms = host_symptoms(config, turn.disk, turn.queue, turn.failed, turn.storage)
+    names = [link.name for link in cycle.links]
+    symptoms = host_symptoms(config, cycle.disk, cycle.queue, cycle.failed, cycle.storage)
     for (each, link), status in zip(pairs, statuses, strict=True):
         symptoms += bus_symptoms(each, link, status, silent_s, now_s)
     symptoms += message_symptoms(messages, codec, expected, names, well, now_s)
@@ -175,7 +176,7 @@ def watch(
     counted = window.numbers(now_s)
     symptoms += window.symptoms(counted)
     numbers = {**counted, ("clock_step", ""): (int(now_s == state.clock_stepped_s), 1)}
-    ledger, alarm_events = state.ledger.advanced(symptoms, numbers, turn.now, t_ns)
+    ledger, alarm_events = state.ledger.advanced(symptoms, numbers, cycle.now, t_ns)
     after = replace(
         state,
         buses=statuses,
@@ -186,19 +187,19 @@ def watch(
         bus_watches=buses,
         messages=messages,
         signals=signals,
-        queue_dropped=turn.hops.queue_dropped,
+        queue_dropped=cycle.hops.queue_dropped,
         t_ns=t_ns,
     )
     return after, (*events, *alarm_events)
 
 
 def acknowledged(state: AlarmState) -> AlarmState:
-    """Return the state with the overload lamps out."""
+    """Return the state with the overload lamps off."""
     return replace(state, signals=replace(state.signals, overloaded=()))
 
 
 def reconfigured(state: AlarmState) -> AlarmState:
-    """Return the state for other channels; what was counted before is not news."""
+    """Return the state for other channels; earlier counts do not raise alarms again."""
     messages = MessagesWatch(missing=state.messages.missing)
     return replace(
         state, messages=messages, signals=SignalsWatch(overloaded=state.signals.overloaded)

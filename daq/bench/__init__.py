@@ -1,4 +1,4 @@
-"""The bench as a person describes it: bench.toml."""
+"""Reads the description of a bench: bench.toml."""
 
 from typing import TYPE_CHECKING
 

@@ -1,6 +1,6 @@
-"""The tables of bench.toml as they are written: types, limits, unknown keys.
+"""Defines the tables of bench.toml as they are written: types, limits, unknown keys.
 
-What they mean is in `daq.bench.config`.
+Their meaning is in `daq.bench.config`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Table(BaseModel):
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
-# What lies beyond is a length in millimetres, a time in milliseconds: the wrong unit.
+# A larger value is in the wrong unit: a length in millimetres, a time in milliseconds.
 _Place = Annotated[float, Field(ge=-20, le=20)]
 _Length = Annotated[float, Field(gt=0, le=20)]
 _Uncertain = Annotated[float, Field(ge=0, le=1)]
@@ -40,9 +40,9 @@ _Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
 
 
 def _day(value: object) -> object:
-    """Take a day also as text; anything else, a time of day among it, is not one."""
+    """Accept a day also as text; refuse everything else, also a date with a time of day."""
     if isinstance(value, str):
-        return date.fromisoformat(value)  # its ValueError says what is wrong
+        return date.fromisoformat(value)  # its ValueError is the error message
     if type(value) is not date:
         raise ValueError("is not a day like 2026-05-31")
     return value
@@ -283,7 +283,7 @@ class CalibrationTable(Table):
 
 
 class BenchFile(Table):
-    """A whole bench.toml."""
+    """A complete bench.toml."""
 
     dbc: str = ""
     sensor: Annotated[list[SensorTable], Field(max_length=100)] = []

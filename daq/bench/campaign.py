@@ -1,4 +1,4 @@
-"""The procedure as data: what is to be bumped, and how often."""
+"""Defines the campaign as data: the mass states, the kinds of bump and the number of repeats."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Mass states x excitations x repeats, in the order in which they are run."""
+    """All combinations of mass states, excitations and repeats, in the order of the runs."""
 
     excitations: tuple[Excitation, ...] = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
     """The kinds of bump."""
     repeats: int = 2
     """Number of runs of each kind of bump in each mass state."""
     mass_states: tuple[str, ...] = (BASELINE, ADDED)
-    """The states of loading; masses are changed as seldom as possible."""
+    """The states of loading; the runs are ordered so that masses are changed as seldom as
+    possible."""
 
     @property
     def steps(self) -> tuple[Step, ...]:

@@ -1,7 +1,7 @@
-"""The channel map: which columns of a file are which channels, for data that is decoded already.
+"""Reads channel maps: which columns of a file are which channels, for data already decoded.
 
-It is a bench.toml without buses and messages.  `signal` of a channel names a column; `[time]`, or
-keys of the channel, say where its times come from; `[[run]]` cuts runs at given times.
+A channel map is a bench.toml without buses and messages.  `signal` of a channel names a column;
+`[time]`, or keys of the channel, state the source of its times; `[[run]]` cuts runs at given times.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class RunTable(Table):
 
 
 class ChannelMapFile(Table):
-    """A whole channel map."""
+    """A complete channel map."""
 
     time: TimeTable = TimeTable()
     vehicle: VehicleTable = VehicleTable()
@@ -95,26 +95,26 @@ class ChannelMapFile(Table):
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Where the times of a channel come from."""
+    """The source of a channel's times."""
 
     column: str = ""
-    """The column of its times; empty: from the rate, or as the file states."""
+    """The column of its times; empty: times from the rate, or as stated in the file."""
     unit: str = ""
-    """Unit of that column; empty: as the file states, or else s."""
+    """Unit of that column; empty: as stated in the file, or else s."""
     rate_hz: float | None = None
-    """Samples in a second, counted from the beginning of the file."""
+    """Samples per second, counted from the beginning of the file."""
 
 
 @dataclass(frozen=True, slots=True)
 class GivenRun:
-    """A run that is cut at given times."""
+    """A run cut at given times."""
 
     step: Step
-    """Its place in the campaign."""
+    """Its step in the campaign."""
     start_s: float
-    """Its beginning, in the file's own time."""
+    """Its beginning, s, in the file's own time."""
     stop_s: float
-    """Its end."""
+    """Its end, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,7 @@ class ChannelMap:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of all columns that are needed, each once."""
+        """Names of all required columns, each once."""
         names = [channel.signal for channel in self.bench.channels]
         names += [clock.column for clock in self.clocks.values() if clock.column]
         return tuple(dict.fromkeys(names))

@@ -1,4 +1,4 @@
-"""bench.toml: the description of a bench, checked before anything is touched."""
+"""Reads bench.toml, the description of a bench, and checks it completely before it is used."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class BusConfig:
     channel: str
     bitrate: int
     name: str = ""
-    """Name for people, and for the sensors of bench.toml; empty: its channel is its name."""
+    """Name for people and for the sensors of bench.toml; empty: the channel is the name."""
 
     @property
     def label(self) -> str:
@@ -76,10 +76,10 @@ class RecorderConfig:
     segment_s: float = 900.0
     """Age at which a file of the journal ends, s."""
     keep_bytes: float = 100e9
-    """Size of all files of the journal together; beyond it the oldest files that are sealed and
+    """Total size of the files of the journal; above it, the oldest files that are sealed and
     derived are deleted."""
     reserve_bytes: float = 200e6
-    """Free space that is left on the disk in any case; recording stops before it is used."""
+    """Free space that is always left on the disk; recording stops before it is used."""
     keep_until_copied: bool = False
     """True if a file of the journal is deleted only once a copier has left its receipt."""
     silent_s: float = 1.0
@@ -88,20 +88,20 @@ class RecorderConfig:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A whole bench: everything that a recorder must know."""
+    """A complete bench: everything that a recorder must know."""
 
     text: str
-    """bench.toml as read; it is stored in every journal and session."""
+    """bench.toml as read; stored in every journal and session."""
     dbc_name: str
     """Source of the DBC, for messages to the user."""
     dbc_text: str
-    """The DBC as read, or all databases of the sensors (`daq.bench.databases`); it is stored in
-    every journal and session."""
+    """The DBC as read, or all databases of the sensors (`daq.bench.databases`); stored in every
+    journal and session."""
     buses: tuple[BusConfig, ...]
-    """At least one; a frame's `bus` is the position in it."""
+    """The buses, at least one; a frame's `bus` is a position in this tuple."""
     vehicle: Vehicle
     channels: tuple[Channel, ...]
-    """Signals are written in full (`daq.signal_names`)."""
+    """Channels, with full names of signals (`daq.signal_names`)."""
     mass_states: tuple[MassState, ...]
     campaign: Campaign
     bump_s: float
@@ -112,19 +112,19 @@ class Bench:
     sample_sets: tuple[SampleSet, ...] = ()
     """Messages that carry one sample together."""
     calibration_days: int = 365
-    """Age of a calibration from which on the check warns, days."""
+    """Age of a calibration from which the check warns, days."""
     procedure: Procedure = field(default_factory=Procedure)
-    """How the bumps are made."""
+    """The way in which the bumps are made."""
     recorder: RecorderConfig = RecorderConfig()
     """Limits of the recorder."""
     sensors: tuple[Sensor, ...] = ()
-    """The sensors; empty on a bench whose one DBC holds for every bus."""
+    """The sensors; empty on a bench with one DBC for every bus."""
     origin: Origin = Origin.REAL
-    """Where the frames come from; not in bench.toml, but set where the buses are opened."""
+    """Origin of the frames; not from bench.toml, but set where the buses are opened."""
 
     @property
     def bus(self) -> BusConfig:
-        """The first bus: the only one of most benches."""
+        """The first bus; most benches have only one."""
         return self.buses[0]
 
 
@@ -137,8 +137,8 @@ def load_bench(path: Path | None) -> Bench:
     """Read bench.toml, or the shipped one if `path` is None.
 
     Without `[[channel]]` tables the shipped channels are used, which fit the shipped DBC; with
-    ``dbc = "layout:NAME"`` those of that ready map (`daq.bench.ready_maps`), and its messages
-    and sample sets as far as the file does not state its own.
+    ``dbc = "layout:NAME"`` those of that ready map (`daq.bench.ready_maps`), and its messages and
+    sample sets, unless the file states its own.
 
     Raises
     ------
@@ -154,8 +154,8 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     """Check the text of a bench.toml and resolve what it names.
 
     `text`: TOML.  `where`: its name, for error messages.  `folder`: where a relative DBC path
-    starts.  `dbc_text`: the DBC, if it is at hand (in a journal); else it is read from the path in
-    the file.  Raises InputError as `load_bench`.
+    starts.  `dbc_text`: the DBC, if it is known already (in a journal); else it is read from the
+    path in the file.  Raises InputError as `load_bench`.
     """
     table = _completed(validated(text, where, BenchFile))
     sensors = sensors_of(table, where)
@@ -170,8 +170,9 @@ def bench_of(
 ) -> Bench:
     """Return the bench that checked tables describe.
 
-    `text` and `where`: as in `parse_bench`.  `dbc_text`: all databases; empty for data that never
-    were on a bus.  Raises InputError if two things have one name, or a fact is of no quantity.
+    `text` and `where`: as in `parse_bench`.  `dbc_text`: all databases; empty for data that did not
+    come from a bus.  Raises InputError if two things have the same name, or a fact has an unknown
+    quantity.
     """
     for kind, names in (
         ("channel", [channel.name for channel in table.channel]),
@@ -192,7 +193,7 @@ def bench_of(
     known = (*FactQuantity, *parameter_names(structure))
     for fact in table.fact:
         if fact.quantity not in known:
-            what = f"fact {fact.quantity}: is no quantity of this vehicle"
+            what = f"fact {fact.quantity}: is not a quantity of this vehicle"
             raise InputError(where, what, f"use one of {', '.join(known)}")
     return Bench(
         text=text,
@@ -244,7 +245,7 @@ def bench_of(
 def _named_in_full(
     channels: tuple[Channel, ...], sensors: tuple[Sensor, ...], dbc_text: str, n_buses: int
 ) -> tuple[Channel, ...]:
-    """Return the channels of a list of sensors with their messages named, if the DBCs are there."""
+    """Return the channels of a list of sensors with full signal names, if the DBCs are given."""
     if not (sensors and dbc_text):
         return channels
     databases = stored_databases(dbc_text)
@@ -264,12 +265,12 @@ def _buses(table: BenchFile, where: str) -> tuple[BusConfig, ...]:
 
 
 def bench_codec(bench: Bench) -> Codec:
-    """Return the bench's databases, compiled, with what bench.toml adds to their messages.
+    """Return the bench's databases, compiled, with the properties that bench.toml adds to messages.
 
     Raises
     ------
     InputError
-        If the DBC cannot be used, or bench.toml and the DBC do not fit together.
+        If the DBC cannot be used, or bench.toml contradicts the DBC.
     """
     if bench.sensors:
         used = {message_of(channel.signal) for channel in bench.channels}
@@ -285,7 +286,7 @@ def bench_codec(bench: Bench) -> Codec:
 
 
 def _completed(table: BenchFile) -> BenchFile:
-    """Fill in what the file leaves to the shipped bench or to ready maps."""
+    """Add the tables that the file takes from the shipped bench or from ready maps."""
     if table.sensor:
         return with_ready_maps(table)
     if not table.dbc.startswith(PREFIX):
@@ -337,7 +338,7 @@ def _weight(table: WeightTable) -> BodyWeight | HubWeight:
             table.sigma_kg,
             table.position_sigma_m,
         )
-    assert table.hub is not None  # held by WeightTable
+    assert table.hub is not None  # ensured by WeightTable
     return HubWeight(table.mass_kg, table.hub, table.sigma_kg)
 
 
@@ -348,7 +349,7 @@ def _channel(table: ChannelTable) -> Channel:
 
 
 def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
-    """Return the bench on another bus, where one is named: on that one alone.
+    """Return the bench with the named bus as its only bus; unchanged if no bus is named.
 
     Raises InputError if its sensors are on several buses.
     """

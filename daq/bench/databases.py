@@ -1,7 +1,7 @@
-"""The databases of a bench as one text, as journals and sessions carry them.
+"""Joins the databases of a bench to one text, which journals and sessions store.
 
-One database is its own text, as it always was.  Several are a JSON document with the names under
-which bench.toml refers to them.
+A single database is stored as its own text.  Several databases are stored as a JSON document with
+the names by which bench.toml refers to them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dbc import Codec, parse_codec, split_by_bus
 from ..errors import InputError
 
 _BUS_MARK = "#"
-"""Stands between a file and one of its buses, as `dbc.read_dbc` reads them."""
+"""Separator between the name of a file and of one of its buses, as in `dbc.read_dbc`."""
 _KEY = "bumpbench_databases"
 
 
@@ -26,20 +26,20 @@ class Database:
     """A database of a bench."""
 
     name: str
-    """Its place as bench.toml states it: a path, or ``layout:NAME``; empty if it states none."""
+    """Its name in bench.toml: a path, or ``layout:NAME``; empty if bench.toml names none."""
     text: str
     """Its content."""
 
 
 def stored_text(databases: Sequence[Database]) -> str:
-    """Return the text that journals and sessions carry."""
+    """Return the text that journals and sessions store."""
     if len(databases) == 1:
         return databases[0].text
     return json.dumps({_KEY: {each.name: each.text for each in databases}}, indent=1)
 
 
 def stored_databases(text: str) -> tuple[Database, ...]:
-    """Return the databases in such a text; none in an empty one.
+    """Return the databases in a stored text; none if it is empty.
 
     Raises InputError if it is damaged.
     """
@@ -54,16 +54,16 @@ def stored_databases(text: str) -> tuple[Database, ...]:
 
 
 def database_text(databases: Sequence[Database], name: str) -> str | None:
-    """Return the text of the database called `name`; the only one has any name."""
+    """Return the text of the database called `name`; a single database has every name."""
     if len(databases) == 1:
         return databases[0].text
     return next((each.text for each in databases if each.name == name), None)
 
 
 def each_bus(database: Database) -> tuple[Database, ...]:
-    """Return a database of several buses as one for each, called ``FILE#BUS``; others as they are.
+    """Return a database of several buses as one for each, called ``FILE#BUS``; others unchanged.
 
-    Each has the part of its own bus as its text.
+    The text of each is the part for its bus.
     """
     parts = split_by_bus(database.text, database.name)
     if len(parts) < 2:
@@ -72,14 +72,14 @@ def each_bus(database: Database) -> tuple[Database, ...]:
 
 
 def file_and_bus(name: str) -> tuple[str, str]:
-    """Return the file and the bus in the name of a database; no bus if it names none."""
+    """Return the file and the bus in the name of a database; the bus is empty if none is named."""
     file, _, bus = name.rpartition(_BUS_MARK)
     return (file, bus) if PurePath(file).suffix else (name, "")
 
 
 @lru_cache(maxsize=32)
 def database_codec(text: str, name: str) -> Codec:
-    """Return a database compiled; once for all that ask.
+    """Return a database compiled; cached for later calls.
 
     Raises InputError as `dbc.parse_codec`.
     """

@@ -1,9 +1,8 @@
-"""Change a bench.toml and leave what a person wrote around it as it stands.
+"""Changes a bench.toml and keeps everything else that a person wrote in it.
 
-Text in, text out.  Comments, order and spelling of all that is not changed stay; a weight or a fact
-that does not change keeps its lines.  Each result has been read back by
-`daq.bench.config.parse_bench`, says what was asked for and nothing else; if it does not, an
-`InputError` names the field.
+Text in, text out.  Comments, order and spelling of unchanged parts are kept; a weight or a fact
+that does not change keeps its lines.  Each result is read back by `daq.bench.config.parse_bench`
+and must contain the requested change and no other; otherwise an `InputError` names the field.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ def with_vehicle(text: str, name: str, structure: Structure) -> str:
         own = _table(table, "structure")
         for flag, value in changed.items():
             _set(own, flag, value)
-    # A flag that is written is an element that is decided; the wheels' symmetry is none.
+    # A flag that is written decides about an element; the symmetry of the wheels is not an element.
     decided = {flag: value for flag, value in changed.items() if flag != "symmetric"}
     elements = {**before.vehicle.elements, **decided}
     vehicle = replace(before.vehicle, name=name, structure=structure, elements=elements)
@@ -76,9 +75,9 @@ def with_weights(text: str, weights: Sequence[Weight]) -> str:
 
 
 def with_channel(text: str, name: str, sign: float | None = None, tare: float | None = None) -> str:
-    """Return the text with another sign or tare (SI) of a channel; None leaves it.
+    """Return the text with another sign or tare (SI) of a channel; None keeps the old one.
 
-    Where the text has no channels of its own, those that are in force are written out in full.
+    If the text has no channels of its own, the channels in force are written out in full.
 
     Raises InputError if there is no such channel, or the sign is neither 1 nor -1.
     """
@@ -121,7 +120,7 @@ def with_campaign(
     bump_height_m: float,
     accept_after_s: float,
 ) -> str:
-    """Return the text with another campaign; its instructions and the bump's duration stay."""
+    """Return the text with another campaign; instructions and duration of the bump are kept."""
     before = _parsed(text)
     document = _document(text)
     kinds = tuple(excitations)
@@ -152,7 +151,7 @@ def with_campaign(
 
 
 def _parsed(text: str) -> Bench:
-    return parse_bench(text, WHERE, Path(), dbc_text="")  # the DBC has no part in it
+    return parse_bench(text, WHERE, Path(), dbc_text="")  # the DBC does not matter here
 
 
 def _document(text: str) -> tomlkit.TOMLDocument:
@@ -165,14 +164,14 @@ def _document(text: str) -> tomlkit.TOMLDocument:
 def _proven(
     document: tomlkit.TOMLDocument, before: str, key: str, says_it: Callable[[Bench], bool]
 ) -> str:
-    """Return the text, if it says what was asked for and all the rest as before."""
+    """Return the text if it contains the requested change and everything else as before."""
     after = tomlkit.dumps(document)
     bench = _parsed(after)
     old, new = tomllib.loads(before), tomllib.loads(after)
     old.pop(key, None)
     new.pop(key, None)
     if old != new or not says_it(bench):
-        what = f"{key}: its place in the file does not allow to change it"
+        what = f"{key}: it cannot be changed where it is in the file"
         raise InputError(WHERE, what, f"write {key} as a table of its own, in one piece")
     return after
 
@@ -186,11 +185,11 @@ def _weight_row(weight: Weight) -> dict[str, Any]:
 
 
 _LEFT_OUT = {"sigma_kg": 0.0, "height_m": 0.0, "position_sigma_m": 0.0}
-"""Keys of a weight that need not be written, with the value that holds without them."""
+"""Keys of a weight that need not be written, with their default values."""
 
 
 def _channels_in_force(document: tomlkit.TOMLDocument) -> list[Table]:
-    """Return the channels that hold although the bench.toml does not state them."""
+    """Return the channels that apply although the bench.toml does not state them."""
     if "sensor" in document:
         tables = document["sensor"].unwrap()
         sensors = [
@@ -211,7 +210,7 @@ def _channels_in_force(document: tomlkit.TOMLDocument) -> list[Table]:
 
 
 def _table(parent: Any, key: str) -> Any:
-    """Return the table of that name, made if there is none."""
+    """Return the table of that name; make it if there is none."""
     if key not in parent:
         tail = "" if isinstance(parent, tomlkit.TOMLDocument) else _cut_tail(parent)
         own, following = _split_tail(tail)
@@ -243,7 +242,7 @@ def _append(document: tomlkit.TOMLDocument, key: str, tables: Sequence[Table]) -
 
 
 def _put_tables(document: tomlkit.TOMLDocument, key: str, rows: Sequence[_Row]) -> None:
-    """Put an array of tables in place of the one there is; those that do not change stay."""
+    """Replace an array of tables; tables that do not change are kept."""
     present = document.get(key)
     if not isinstance(present, AoT):
         if present is not None:
@@ -260,7 +259,7 @@ def _put_tables(document: tomlkit.TOMLDocument, key: str, rows: Sequence[_Row]) 
     ends = [_split_tail(tail)[0] for tail in tails]
     after = _split_tail(tails[-1])[1]
     kept: list[tuple[str, Table, str | None]] = []  # None: its end is not known yet
-    orphans = ""  # comments above tables that go: a heading may be among them
+    orphans = ""  # comments above removed tables: one may be a heading
     plan = SequenceMatcher(None, [_same(t.unwrap()) for t in old], [_same(row) for row in rows])
     for what, a, b, c, d in plan.get_opcodes():
         pairs = min(b - a, d - c)
@@ -285,7 +284,7 @@ def _put_tables(document: tomlkit.TOMLDocument, key: str, rows: Sequence[_Row]) 
 
 
 def _same(row: _Row) -> tuple[tuple[str, Any], ...]:
-    """Return what two spellings of a table have in common."""
+    """Return a form of a table that does not depend on its spelling."""
     stated = {k: v for k, v in row.items() if _LEFT_OUT.get(k) != v}
     return tuple(sorted(stated.items()))
 
@@ -307,14 +306,14 @@ def _update(table: Table, row: _Row) -> None:
 
 
 def _innermost(table: Any) -> Any:
-    """Return the table that the tail of a table is in: its last one within."""
+    """Return the innermost last table of a table, which holds the tail."""
     body = table.value.body if isinstance(table, Table) else []
     stated = [item for key, item in body if key is not None]
     return _innermost(stated[-1]) if stated and isinstance(stated[-1], Table) else table
 
 
 def _cut_tail(table: Any) -> str:
-    """Take off what follows the last key of a table: empty lines and comments."""
+    """Remove and return what follows the last key of a table: empty lines and comments."""
     last = _innermost(table)
     if not isinstance(last, Table):
         return ""
@@ -331,7 +330,7 @@ def _add_tail(table: Any, tail: str) -> None:
 
 
 def _split_tail(tail: str) -> tuple[str, str]:
-    """Divide a tail at its last empty line: what is behind it belongs to the next table."""
+    """Divide a tail at its last empty line: the part after it belongs to the next table."""
     lines = tail.splitlines(keepends=True)
     empty = [i for i, line in enumerate(lines) if not line.strip()]
     cut = empty[-1] + 1 if empty else 0

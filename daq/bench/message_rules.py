@@ -1,4 +1,4 @@
-"""Rules that bench.toml adds to the DBC: cycle, counter, checksum, time stamp, sample sets."""
+"""Applies rules that bench.toml adds to the DBC: cycle, counter, checksum, time, sample sets."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class TimeRule:
     signal: str
     """Name of the signal in its message."""
     unit: str
-    """Its unit where the DBC states none or a wrong one; empty: as in the DBC."""
+    """Its unit if the DBC states none or a wrong one; empty: as in the DBC."""
     wrap: float | None
-    """Value at which it starts again from 0, in its unit; None: where its bits end."""
+    """Value at which it starts again from 0, in its unit; None: at the end of its bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +34,11 @@ class MessageRule:
     name: str
     """Name of the message."""
     cycle_s: float | None
-    """Time between two frames, in place of the DBC's."""
+    """Time between two frames, s, instead of that of the DBC."""
     counter: str | None
-    """Its rolling counter."""
+    """Name of its rolling counter."""
     counter_modulus: int | None
-    """Range of the counter; None: all values of its bits."""
+    """Number of values of the counter; None: all values of its bits."""
     crc: str | None
     """Signal that holds its checksum."""
     crc_rule: str
@@ -56,12 +56,12 @@ class SampleSet:
     messages: tuple[str, ...]
     """Names of the messages."""
     bound_by: str
-    """``Message.signal``: a counter or time stamp in a frame of its own, sent in one burst with the
-    others; or the name of a counter that each of the messages has."""
+    """``Message.signal``: a counter or time stamp in a separate frame that is sent in one burst
+    with the others; or the name of a counter that each of the messages has."""
 
     @property
     def carrier(self) -> tuple[str, str]:
-        """Message and signal that number the sets."""
+        """Message and signal by which the sets are numbered."""
         message, dot, signal = self.bound_by.rpartition(".")
         return (message, signal) if dot else (self.messages[0], self.bound_by)
 
@@ -75,14 +75,14 @@ class SensorClock:
     factor: float
     """Seconds per unit of the signal."""
     wrap: float
-    """Value at which it starts again, in its unit."""
+    """Value at which it starts again from 0, in its unit."""
 
 
 def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Codec:
     """Return the codec with the rules of bench.toml; applying them twice changes nothing.
 
-    Raises InputError if a rule names a message or signal that the DBC lacks, or one that cannot
-    have that role.
+    Raises InputError if a rule names a message or signal that is not in the DBC or cannot have that
+    role.
     """
     if not rules:
         return codec
@@ -137,7 +137,7 @@ def _signal(message: MessageLayout, name: str, advice: str) -> SignalLayout:
 def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, SensorClock]:
     """Return the time stamps of the messages that have one, by message name.
 
-    Raises InputError if a time signal is not there, is no time, or has no wrap.
+    Raises InputError if a time signal is missing, is not a time, or has no wrap.
     """
     messages = {message.name: message for message in codec.messages}
     return {
@@ -148,7 +148,7 @@ def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, Se
 
 
 def timed_messages(codec: Codec, rules: Sequence[MessageRule]) -> frozenset[str]:
-    """Return the messages that carry the time of their samples, as counter or time stamp."""
+    """Return the messages that carry the time of their samples as a counter or time stamp."""
     counted = {m.name for m in codec.messages if m.counter is not None and m.cycle_s is not None}
     return frozenset(counted | sensor_clocks(codec, rules).keys())
 
@@ -161,7 +161,7 @@ def _clock(message: MessageLayout, time: TimeRule) -> SensorClock:
         what = f"time signal {signal.name} has the unknown unit {time.unit or signal.unit!r}"
         raise InputError(where, what, "state time_unit as s, ms, us or ns") from error
     if si.unit != "s" or signal.is_multiplexed:
-        what = f"time signal {signal.name} has the unit {time.unit or signal.unit!r}, no time"
+        what = f"time signal {signal.name} has the unit {time.unit or signal.unit!r}, not of time"
         raise InputError(where, what, "state time_unit as s, ms, us or ns")
     wrap = time.wrap
     if wrap is None:
@@ -173,9 +173,9 @@ def _clock(message: MessageLayout, time: TimeRule) -> SensorClock:
 
 
 def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[SampleSet]) -> None:
-    """Check that every set can be bound.
+    """Check that the messages of every set can be bound.
 
-    Raises InputError if a message or the binding signal is not there, a message is in two sets, or
+    Raises InputError if a message or the binding signal is missing, a message is in two sets, or
     the signal is neither a counter nor a time stamp.
     """
     messages = {message.name: message for message in codec.messages}
@@ -196,7 +196,7 @@ def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[Sample
         is_time = carrier in clocks and clocks[carrier].signal == f"{carrier}.{signal}"
         if not is_time and (counter is None or counter.signal != signal):
             what = f"{carrier}.{signal} is neither the counter nor the time_signal of its message"
-            raise InputError(where, what, f"say which in [[message]] name = {carrier!r}")
+            raise InputError(where, what, f"state it in [[message]] name = {carrier!r}")
         if not is_time and messages[carrier].cycle_s is None:
             what = f"{carrier} has no cycle time, and a counter alone gives no time"
             raise InputError(where, what, f"state cycle_ms in [[message]] name = {carrier!r}")

@@ -1,4 +1,4 @@
-"""Words on a mistake in bench.toml: its line, its key, and the nearest name that there is."""
+"""Describes a mistake in bench.toml: its line, its key, and the nearest known name."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def mistake(
         return InputError(place, f"unknown key {key}", advice)
     if first["type"] == "missing":
         return InputError(place, f"{key} is missing", "state it")
-    what = first["msg"].removeprefix("Value error, ")  # said of checks of our own
+    what = first["msg"].removeprefix("Value error, ")  # prefix for errors of our own checks
     what = what.replace("Input should be", "must be").partition(", unable to parse")[0]
     known = _QUOTED.findall(str(first.get("ctx", {}).get("expected", "")))
     given: Any = first["input"]
@@ -50,7 +50,7 @@ def mistake(
 
 
 def not_toml(error: ValueError | RecursionError, where: str) -> InputError:
-    """Return what makes a text no TOML in one line; `where`: the name of the file."""
+    """Return in one line why a text is not TOML; `where`: the name of the file."""
     what = str(error)
     if at := _AT_LINE.search(what):
         where, what = f"{where}:{at[1]}", f"{what[: at.start()]}, column {at[2]}"
@@ -58,7 +58,7 @@ def not_toml(error: ValueError | RecursionError, where: str) -> InputError:
 
 
 def _first(error: ValidationError) -> ErrorDetails:
-    """Return the first mistake; of a missing key, the unknown one beside it, which may be meant."""
+    """Return the first mistake; for a missing key, an unknown key of its table if there is one."""
     first, *others = error.errors(include_url=False)
     if first["type"] == "missing":
         for other in others:
@@ -68,9 +68,9 @@ def _first(error: ValidationError) -> ErrorDetails:
 
 
 def line_of(text: str, loc: Sequence[str | int]) -> int:
-    """Return the line of a value, or of the table that it is missing in; 0 if there is none.
+    """Return the line of a value, or of the table in which it is missing; 0 if there is none.
 
-    `loc`: keys and positions, and names of types in between, as Pydantic gives them.
+    `loc`: keys and positions, with names of types between them, as Pydantic returns them.
     """
     found, deepest = 0, 0
     table: Place = ()
@@ -91,7 +91,7 @@ def line_of(text: str, loc: Sequence[str | int]) -> int:
 def channel_line(text: str, name: str) -> int:
     """Return the line of a channel's signal; 0 if the file does not state the channel.
 
-    `text`: a bench.toml without mistakes.  `name`: of the channel.
+    `text`: a bench.toml without mistakes.  `name`: the channel.
     """
     names = [channel.get("name") for channel in tomllib.loads(text).get("channel", [])]
     return line_of(text, ("channel", names.index(name), "signal")) if name in names else 0
@@ -102,7 +102,7 @@ def _parts(name: str) -> Place:
 
 
 def _entered(names: Place, counts: dict[Place, int], is_array: bool) -> Place:
-    """Return the place of a table; one of an array has its position behind its name."""
+    """Return the place of a table; a table of an array has its position after its name."""
     place: Place = ()
     for depth, name in enumerate(names):
         place = (*place, name)
@@ -114,7 +114,7 @@ def _entered(names: Place, counts: dict[Place, int], is_array: bool) -> Place:
 
 
 def _leads_to(place: Place, loc: Sequence[str | int]) -> bool:
-    """Return True if a place is the beginning of `loc`, without the names of types in it."""
+    """Return True if a place is the beginning of `loc` without its names of types."""
     rest = iter(loc)
     if not all(part in rest for part in place):
         return False

@@ -1,4 +1,4 @@
-"""Where the frames of a recording come from."""
+"""Defines the origin of the frames of a recording."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from enum import StrEnum
 
 
 class Origin(StrEnum):
-    """Marks a measurement or a demonstration wherever it is shown or stored."""
+    """Marks data as a measurement or a demonstration wherever they are shown or stored."""
 
     REAL = "real"
-    """A bus, of which nothing else is known."""
+    """A bus; nothing more is known."""
     SIMULATED = "simulated"
     """The simulated car, within the recorder's own process."""
     REPLAYED = "replayed"

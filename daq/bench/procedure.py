@@ -1,4 +1,4 @@
-"""How the car is bumped, as data of the campaign."""
+"""Describes how the car is bumped, as data of the campaign."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..runs import Excitation
 
 
 class Method(StrEnum):
-    """How a bump is made."""
+    """The way in which a bump is made."""
 
     ROLL_OVER = "roll_over"
     """The car rolls over a board: the chosen wheels rise and fall within a fraction of a second."""
     DROP = "drop"
-    """The chosen wheels stand on blocks and drop off them."""
+    """The chosen wheels drop off blocks."""
     PUSH = "push"
     """The body is pushed down by hand and let go."""
 
@@ -28,16 +28,16 @@ def _no_instructions() -> Mapping[Excitation, str]:
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """How the bumps of a campaign are made."""
+    """The way in which the bumps of a campaign are made."""
 
     method: Method = Method.ROLL_OVER
-    """The way of bumping."""
+    """The method of bumping."""
     bump_height_m: float = 0.04
-    """Height of board or block, or depth of the push."""
+    """Height of board or block, or depth of the push, m."""
     accept_after_s: float = 3.0
-    """The operator's time to reject a run before the next is armed."""
+    """Time that the operator has to reject a run before the next is armed, s."""
     instructions: Mapping[Excitation, str] = field(default_factory=_no_instructions)
-    """The operator's instructions, for the bumps whose usual ones do not fit."""
+    """The operator's instructions for the bumps whose usual instructions do not fit."""
 
 
 _FRONT, _REAR = (0, 1), (2, 3)

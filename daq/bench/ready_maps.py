@@ -1,4 +1,4 @@
-"""Ready maps of common sensors: a DBC and a piece of bench.toml for each, in `daq/layouts`."""
+"""Reads ready maps of common sensors: a DBC and a part of bench.toml for each, in `daq/layouts`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Puts a corrected database in the place of one that a bench has."""
+"""Replaces a database of a bench by a corrected one."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .databases import Database, stored_databases, stored_text
 
 
 def with_database(bench: Bench, path: Path) -> Bench:
-    """Return the bench with the database of a file in place of its own, or of the one so named.
+    """Return the bench with the database of a file instead of its only one, or the one so named.
 
-    Raises InputError if the file cannot be read, or the bench has several databases and none of
+    Raises InputError if the file cannot be read, or the bench has several databases and none with
     this file name.
     """
     text = read_dbc(path)
@@ -32,6 +32,6 @@ def with_database(bench: Bench, path: Path) -> Bench:
         old = dict.fromkeys(names, "")
     texts = {name: text if name == chosen[0] else each for name, each in old.items()}
     stored = stored_text([Database(name, each) for name, each in texts.items()])
-    # Read again: the channels are named in full by what the databases hold.
+    # Read again, because the full names of the channels depend on the databases.
     again = parse_bench(bench.text, "bench.toml", Path(), stored)
     return replace(bench, dbc_text=stored, channels=again.channels)

@@ -1,4 +1,4 @@
-"""The ready maps of the sensors of a bench, as tables of that bench."""
+"""Converts the ready maps of the sensors of a bench to tables of that bench."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .ready_maps import PREFIX, ready_map
 def sensor_map(sensor: str, database: str) -> dict[str, Any]:
     """Return the tables of a sensor's ready map under its name; empty if it has none.
 
-    Names of messages, signals, sample sets and channels begin with that of the sensor.
+    Names of messages, signals, sample sets and channels begin with the name of the sensor.
     """
     if not database.startswith(PREFIX):
         return {}
@@ -35,9 +35,9 @@ def ready_tables(
 ) -> dict[str, list[dict[str, Any]]]:
     """Return the tables that the ready maps add to those that bench.toml states.
 
-    `sensors`: name and database of each.  `stated`: the tables of bench.toml by kind.  A sensor
-    brings its channels unless bench.toml has a channel of it; a message and a sample set of the
-    ready map hold unless bench.toml has one of that name, or one of the sensor.
+    `sensors`: name and database of each.  `stated`: the tables of bench.toml by kind.  The channels
+    of a sensor's ready map are added unless bench.toml has a channel of that sensor.  A message or
+    sample set is added unless bench.toml has one of that name or of that sensor.
     """
     added: dict[str, list[dict[str, Any]]] = {"message": [], "sample_set": [], "channel": []}
     messages = {str(table.get("name")) for table in stated.get("message", ())}

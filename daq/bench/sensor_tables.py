@@ -1,4 +1,4 @@
-"""`[[sensor]]` of bench.toml to sensors: the bus of each, its database, its ready map."""
+"""Reads `[[sensor]]` of bench.toml: the bus of each sensor, its database, its ready map."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .sensors import Sensor
 
 
 def sensors_of(table: BenchFile, where: str) -> tuple[Sensor, ...]:
-    """Return the sensors of a bench; none on one that names a single DBC.
+    """Return the sensors of a bench; none if the bench names a single DBC.
 
-    Raises InputError if two have one name, or one is on no bus of the bench.
+    Raises InputError if two sensors have one name, or a sensor is on no bus of the bench.
     """
     buses = table.bus if isinstance(table.bus, list) else [table.bus]
     names = [sensor.name for sensor in table.sensor]
@@ -39,7 +39,7 @@ def sensors_of(table: BenchFile, where: str) -> tuple[Sensor, ...]:
 
 
 def database_name(sensor: SensorTable) -> str:
-    """Return the place of a sensor's database: a path, or ``layout:NAME``."""
+    """Return the name of a sensor's database: a path, or ``layout:NAME``."""
     return f"{PREFIX}{sensor.layout}" if sensor.layout else sensor.dbc
 
 
@@ -56,13 +56,13 @@ def _position(sensor: SensorTable, buses: Sequence[BusTable], where: str) -> int
     else:
         found = [i for i, bus in enumerate(buses) if sensor.bus in (bus.name, bus.channel)]
     if len(found) != 1:
-        what = f"sensor {sensor.name} is on bus {sensor.bus}, of which there is not one"
+        what = f"sensor {sensor.name} is on bus {sensor.bus}, which matches {len(found)} buses"
         raise InputError(where, what, f"state one of {known}, or its position from 0")
     return found[0]
 
 
 def read_databases(sensors: Sequence[Sensor], folder: Path) -> tuple[Database, ...]:
-    """Return the databases of all sensors, each once; paths begin at `folder`.
+    """Return the databases of all sensors, each once; paths are relative to `folder`.
 
     Raises InputError if one cannot be read.
     """
@@ -75,7 +75,7 @@ def read_databases(sensors: Sequence[Sensor], folder: Path) -> tuple[Database, .
 
 
 def with_ready_maps(table: BenchFile) -> BenchFile:
-    """Return the tables with those of the sensors' ready maps.
+    """Return the tables together with those of the sensors' ready maps.
 
     Raises InputError if there is no such ready map.
     """

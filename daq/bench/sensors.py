@@ -1,7 +1,7 @@
-"""The sensors of a bench: which database describes each, on which bus, under which identifiers.
+"""Builds the messages of a bench's sensors: database, bus and identifiers of each sensor.
 
-The codec of such a bench names a message ``sensor.Message``: two sensors of one database, and
-messages of one name in two databases, are different messages.
+The codec of a bench with a list of sensors names a message ``sensor.Message``, so that the messages
+of two sensors of one database, and messages of one name in two databases, are different.
 """
 
 from __future__ import annotations
@@ -27,16 +27,17 @@ class Sensor:
     """One device that sends on a bus."""
 
     name: str
-    """Name before the dot of its messages and signals."""
+    """Name; before the dot in the names of its messages and signals."""
     database: str
-    """Place of its database as bench.toml states it: a path, or ``layout:NAME``."""
+    """Name of its database in bench.toml: a path, or ``layout:NAME``."""
     bus: int = 0
-    """Position of its bus."""
+    """Position of its bus in the bench."""
     id_offset: int = 0
-    """Difference of its identifiers to those of the database."""
+    """Difference between its identifiers and those of the database."""
     ids: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
-    """Identifiers of its messages by name, or by identifier in the database, as ``0x181``; others
-    are not sent.  Empty: all messages, with the identifiers of the database."""
+    """Identifiers of its messages, by name or by identifier in the database, as ``0x181``; the
+    sensor does not send other messages.  Empty: all messages, with the identifiers of the
+    database."""
 
 
 def sensors_codec(
@@ -45,14 +46,15 @@ def sensors_codec(
     n_buses: int,
     used: Collection[str] = (),
 ) -> Codec:
-    """Return the messages of all sensors, each on its bus, under their own names.
+    """Return the messages of all sensors, each on its bus, under their full names.
 
-    `n_buses`: on a bench of one bus, a frame of any bus number is of it, as logs number theirs in
-    many ways.  `used`: messages that bench.toml refers to.  Where two sensors have one identifier
-    on one bus, the message that is used is kept and the other one is left out.
+    `n_buses`: number of buses; if it is 1, frames of any bus number are accepted, because logs
+    number their buses in different ways.  `used`: messages that bench.toml refers to.  If two
+    sensors have the same identifier on one bus, the message in use is kept and the other one is
+    left out.
 
-    Raises InputError if a database or an identifier cannot be used, or two messages that are used
-    have one identifier.
+    Raises InputError if a database or an identifier cannot be used, or two messages in use have the
+    same identifier.
     """
     messages: list[MessageLayout] = []
     left_out: dict[Finding, None] = {}
@@ -60,7 +62,7 @@ def sensors_codec(
     for sensor in sensors:
         text = database_text(databases, sensor.database)
         if text is None:
-            what = f"the database {sensor.database} is not at hand"
+            what = f"the database {sensor.database} is missing"
             raise InputError(f"sensor {sensor.name}", what, CORRECT_SENSOR)
         codec = database_codec(text, sensor.database)
         left_out |= dict.fromkeys(codec.left_out)
@@ -71,7 +73,7 @@ def sensors_codec(
 
 
 def _own_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[MessageLayout]:
-    """Return the messages of a database as one sensor sends them."""
+    """Return the messages of a database as one sensor sends them, with its identifiers."""
     where = f"sensor {sensor.name}"
     found = []
     listed = dict(sensor.ids)
@@ -90,7 +92,7 @@ def _own_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[Message
     numbers = {message.can_id for message in codec.messages}
     for key in listed:
         if key not in names and _number(key) not in numbers:
-            what = f"ids names {key}, which {sensor.database} has not"
+            what = f"ids names {key}, which is not in {sensor.database}"
             raise InputError(where, what, "name a message of the database, or its identifier")
     return found
 
@@ -105,7 +107,7 @@ def _number(key: str) -> int | None:
 def _one_each(
     messages: Sequence[MessageLayout], used: Collection[str]
 ) -> tuple[list[MessageLayout], list[Finding]]:
-    """Return the messages whose identifier is theirs alone, and the others as left out."""
+    """Return the messages with a unique identifier, and findings on those left out."""
     by_key: dict[tuple[int | None, int, bool], list[MessageLayout]] = defaultdict(list)
     for message in messages:
         by_key[message.bus, message.can_id, message.is_extended].append(message)
@@ -130,10 +132,10 @@ def _one_each(
 
 
 def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
-    """Return ``sensor.Message.signal`` of a signal that is written so or as ``sensor.signal``.
+    """Return ``sensor.Message.signal`` for a signal written in that form or as ``sensor.signal``.
 
-    A name that is in no message is returned as it is written.  Raises InputError if several
-    messages of the sensor have the signal.
+    A name that is in no message is returned unchanged.  Raises InputError if several messages of
+    the sensor have the signal.
     """
     owner, _, name = signal.rpartition(".")
     found = [

@@ -1,4 +1,4 @@
-"""Reads TOML files that persons write: whole, within a limit, and with all keys known."""
+"""Reads TOML files that persons write; limits their size and refuses unknown keys."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .bench_tables import Table
 from .mistakes import mistake, not_toml
 
 MAX_CONFIG_BYTES = 1_000_000
-"""Size of the largest bench.toml or channel map that is read, bytes."""
+"""Largest size of a bench.toml or channel map, bytes."""
 
 _AnyTable = TypeVar("_AnyTable", bound=Table)
 
@@ -21,7 +21,7 @@ _AnyTable = TypeVar("_AnyTable", bound=Table)
 def toml_text(path: Path, advice: str) -> str:
     """Return the text of a file.
 
-    Raises InputError, with `advice`, if it cannot be read, is too large or no UTF-8.
+    Raises InputError, with `advice`, if it cannot be read, is too large or not UTF-8.
     """
     try:
         if path.stat().st_size > MAX_CONFIG_BYTES:
@@ -34,7 +34,7 @@ def toml_text(path: Path, advice: str) -> str:
 
 
 def holds_toml(path: Path) -> bool:
-    """Return whether a file holds tables of TOML, within the limit.  Raises OSError."""
+    """Return whether a file within the size limit holds tables of TOML.  Raises OSError."""
     with path.open("rb") as file:
         head = file.read(MAX_CONFIG_BYTES + 1)
     try:

@@ -1,4 +1,4 @@
-"""Frames from the wire: sources in blocks, whatever the interface; and back onto it."""
+"""Reads frames from any interface in blocks, and sends frames."""
 
 from typing import TYPE_CHECKING
 

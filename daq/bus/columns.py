@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 
 CLOCK_TOLERANCE_S = 86_400.0
-"""Difference from the host's clock beyond which a stamp counts from another epoch (boot, adapter
-reset, none), s."""
+"""Difference from the host's clock, s, above which a stamp is taken to have another epoch (boot,
+adapter reset) or none."""
 
 _STANDARD_IDS = 1 << 11
 _EXTENDED_IDS = 1 << 29
@@ -48,10 +48,10 @@ def frame_columns(
     """Convert messages to a batch.
 
     `messages`, sequence of can.Message, not empty: as received; a backend need not have checked
-    them.  `arrived_ns`: the host's time at which each was received.  `bus`: number that the frames
-    get.  Returns the messages that can be frames (identifier within range, length as stated and
-    allowed), the number of the other messages, and the number of frames stamped on arrival.  Raises
-    TypeError or ValueError or OverflowError if a field has the wrong type or size (a text as
+    them.  `arrived_ns`: the host's time at which each was received.  `bus`: number of the bus for
+    the frames.  Returns the messages that can be frames (identifier within range, length as stated
+    and allowed), the number of the other messages, and the number of frames stamped on arrival.
+    Raises TypeError or ValueError or OverflowError if a field has the wrong type or size (a text as
     identifier, more than 64 bytes).
     """
     n = len(messages)
@@ -85,12 +85,12 @@ def frame_columns(
 def _stamps(
     stamp_s: NDArray[np.float64], arrived_ns: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return time stamps in ns, and which of them are the interface's own.
+    """Return time stamps in ns, and a mask of those that come from the interface.
 
     Whole seconds and the fraction are converted separately: near 1.8e18 a float64 of nanoseconds
     steps by 256, which would add to the 238 ns that a float64 of seconds already costs.
     """
-    believed = np.abs(stamp_s - arrived_ns * 1e-9) < CLOCK_TOLERANCE_S  # NaN: no
+    believed = np.abs(stamp_s - arrived_ns * 1e-9) < CLOCK_TOLERANCE_S  # False for NaN
     stamp_s = np.where(believed, stamp_s, 0.0)
     whole = np.floor(stamp_s)
     t_ns = whole.astype(np.int64) * 1_000_000_000

@@ -1,6 +1,6 @@
 """Describes and counts the error frames of SocketCAN.
 
-They are not frames of the bus: with them the driver reports what the controller has met.  The class
+They are not frames of the bus: the driver uses them to report errors of the controller.  The class
 is in the identifier (bits of linux/can/error.h), the details are in the payload.
 """
 
@@ -31,7 +31,7 @@ class ErrorClass(IntFlag):
 
 
 class ControllerState(StrEnum):
-    """How far a controller has withdrawn from the bus, by its error counters."""
+    """Error state of a controller, by its error counters."""
 
     ACTIVE = "error-active"
     WARNING = "error-warning"
@@ -60,7 +60,7 @@ _CONTROLLER = {
     0x20: "passive by transmit errors",
     0x40: "error-active again",
 }
-_STATES = {  # of the controller byte, the gravest last
+_STATES = {  # bits of the controller byte, the most severe last
     0x40: ControllerState.ACTIVE,
     0x0C: ControllerState.WARNING,
     0x30: ControllerState.PASSIVE,
@@ -115,25 +115,25 @@ class ErrorFrame:
 
     classes: ErrorClass
     state: ControllerState | None
-    """State of the controller after it; None if the frame does not have it."""
+    """State of the controller after the error; None if the frame does not state it."""
     tx_errors: int | None
-    """Transmit error counter of the controller; None if the frame does not have it."""
+    """Transmit error counter of the controller; None if the frame does not state it."""
     rx_errors: int | None
-    """Receive error counter of the controller; None if the frame does not have it."""
+    """Receive error counter of the controller; None if the frame does not state it."""
     overrun: bool
     """True if the controller has lost received frames."""
     text: str
-    """All of it in one line."""
+    """The whole content as text in one line."""
 
 
 def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
     """Return the content of an error frame.
 
-    It has counters if the frame says so (Linux 6.0), or if they are not zero and the frame reports
-    a change of state, where older drivers have always put them.
+    The counters are valid if the frame says so (Linux 6.0), or if they are not zero and the frame
+    reports a change of state, as from older drivers.
 
-    `can_id`: identifier, with or without its flag bits.  `data`: payload; bytes missing of 8 count
-    as zero, which means "not specified".
+    `can_id`: identifier, with or without its flag bits.  `data`: payload; missing bytes (of 8)
+    count as zero, which means "not specified".
     """
     classes = ErrorClass(can_id & 0x1FFFFFFF & sum(ErrorClass))
     arbitration, controller, violation, location, wires, _, tx, rx = data[:8].ljust(8, b"\0")
@@ -171,9 +171,9 @@ class ErrorTally:
     frames: int
     """Number of error frames."""
     bus_off: int
-    """Number of those that report bus-off."""
+    """Number of error frames that report bus-off."""
     overruns: int
-    """Number of those that report received frames lost."""
+    """Number of error frames that report lost received frames."""
     state: ControllerState | None
     """The last state reported; None if there is none."""
     state_row: int
@@ -187,7 +187,7 @@ class ErrorTally:
 
 
 def tally_error_frames(frames: FrameBatch) -> ErrorTally:
-    """Return the summary of one or more error frames; thousands a second cost little."""
+    """Return the summary of one or more error frames; fast enough for thousands per second."""
     classes = frames.can_id
     controller = np.where(classes & ErrorClass.CONTROLLER, frames.data[:, 1], 0)
     off = (classes & ErrorClass.BUS_OFF) != 0

@@ -1,7 +1,8 @@
 """Opens any interface of python-can and reads its frames in blocks.
 
-python-can returns one object for each frame; no other module handles that object.  Its `Notifier`
-is not used: an exception in a listener or in `recv` ends its thread without a message.
+python-can returns one object for each frame; only this module and `columns` handle these objects.
+Its `Notifier` is not used: an exception in a listener or in `recv` ends its thread without a
+message.
 """
 
 from __future__ import annotations
@@ -37,25 +38,27 @@ from .steady_clock import STEADY_CLOCK
 __all__ = ["FrameSource", "PythonCanSource", "SourceLosses", "open_bus", "open_source"]
 
 FAULTS_UNTIL_GONE = 5
-"""Consecutive faults after which the interface counts as lost.  Some report a fault once and go on
-(an interface that was down for a moment)."""
+"""Number of consecutive faults after which the interface counts as lost.  Some interfaces report a
+single fault and then continue (an interface that was down for a moment)."""
 GARBLED_UNTIL_GONE = 10_000
-"""Consecutive unreadable pieces, without a pause, after which the interface counts as lost."""
+"""Number of consecutive unreadable pieces, without a pause, after which the interface counts as
+lost."""
 FAULT_PAUSE_S = 0.02
 """Pause after a fault, s, so that a broken interface does not occupy a processor."""
 _POLL_S = 0.002
 _WALL_CLOCK_WAITS = frozenset({"pcan", "vector", "iscan", "canalystii", "robotell"})
-"""Interfaces whose backends wait by the wall clock: set back by an hour, they wait an hour."""
+"""Interfaces whose backends wait by the wall clock: if it is set back by an hour, they wait an
+hour."""
 _STAMPED_BY_KERNEL = frozenset({"socketcan", "udp_multicast"})
-"""Interfaces whose frames wait in a socket's buffer, each with the time at which it came."""
+"""Interfaces whose frames wait in a socket's buffer, each with its time of arrival."""
 _STAMPED_BY_DRIVER = frozenset({"ixxat", "kvaser", "pcan", "vector", "virtual"})
-"""Interfaces whose stamped frames wait in a queue that holds a thousand at least."""
+"""Interfaces whose stamped frames wait in a queue for at least a thousand frames."""
 _WALL_CLOCK_STAMPS = frozenset(
     {"udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"}
 )
 """Interfaces whose frames are stamped by the host's wall clock."""
 RECEIVE_BUFFER_BYTES = 8 << 20
-"""Receive buffer asked of the kernel: the default one holds 31 ms of a full bus."""
+"""Receive buffer requested from the kernel, bytes: the default one holds 31 ms of a full bus."""
 _SO_RCVBUFFORCE = 33
 _IP_MULTICAST_ALL = 49
 _IPV6_MULTICAST_ALL = 29
@@ -63,7 +66,7 @@ _STRAY_DATAGRAMS = 10_000
 """Datagrams that a multicast socket may have received while it was opened: no buffer holds more."""
 
 _OPTIONS: dict[str, dict[str, Any]] = {
-    # The simulated car carries its own clock; real time would make a fast replay meaningless.
+    # The simulated car has its own clock; real time would make a fast replay meaningless.
     "virtual": {"preserve_timestamps": True},
     # This bus has no wires, and simulated frames must not reach other machines.
     "udp_multicast": {"hop_limit": 0},
@@ -86,7 +89,7 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
     BusError
         If there is no such interface or it cannot be opened, for any reason.
     """
-    if config.interface == "slcan":  # python-can's reads byte by byte: too slow for a full bus
+    if config.interface == "slcan":  # python-can reads byte by byte: too slow for a full bus
         with _one_line(config):
             return open_slcan(config.channel, config.bitrate, bus)
     if config.interface == "socketcan" and sys.platform == "linux" and sys.maxsize > 1 << 32:
@@ -102,7 +105,7 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
 
 
 def _gathered_s(bus: can.BusABC, interface: str) -> float:
-    """Return for how many seconds frames may gather unread in an interface."""
+    """Return the time, s, for which frames may wait unread in an interface."""
     if interface in _STAMPED_BY_KERNEL:
         with contextlib.suppress(Exception), socket.socket(fileno=os.dup(bus.fileno())) as twin:
             if twin.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= RECEIVE_BUFFER_BYTES:
@@ -130,7 +133,7 @@ def open_bus(config: BusConfig) -> can.BusABC:
 
 @contextlib.contextmanager
 def open_buses(configs: Sequence[BusConfig]) -> Iterator[tuple[can.BusABC, ...]]:
-    """Open buses for sending and close them at the end; raises BusError as `open_source`."""
+    """Open buses for sending, and close them at the end; raises BusError as `open_source`."""
     with contextlib.ExitStack() as stack:
         yield tuple(stack.enter_context(open_bus(config)) for config in configs)
 
@@ -141,7 +144,7 @@ def _name(config: BusConfig) -> str:
 
 @contextlib.contextmanager
 def _one_line(config: BusConfig) -> Iterator[None]:
-    """Turn any exception of a backend on opening (also NameError) into a BusError."""
+    """Convert any exception of a backend on opening (also NameError) to a BusError."""
     if config.interface != "slcan" and config.interface not in can.VALID_INTERFACES:
         known = sorted({*can.VALID_INTERFACES, "slcan"})
         near = get_close_matches(config.interface, known, 1)
@@ -164,11 +167,11 @@ def _reason(error: BaseException) -> str:
 
 
 def _tune_socket(bus: can.BusABC) -> None:
-    """Give a bus that is a socket a buffer that outlasts a stall of this process.
+    """Set the buffer of a bus that is a socket, so that it survives a stall of this process.
 
-    A multicast socket is in addition limited to its own group: by default it receives every group
-    that any process of this machine has joined.  What came of those while it was opened is thrown
-    away.
+    A multicast socket is also limited to its own group: by default it receives every group that any
+    process of this machine has joined.  Frames of other groups that arrived while it was opened are
+    thrown away.
     """
     try:
         twin = socket.socket(fileno=os.dup(bus.fileno()))
@@ -184,20 +187,20 @@ def _tune_socket(bus: can.BusABC) -> None:
         options.append((socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0))
     with twin:
         for level, option, value in options if sys.platform == "linux" else options[:1]:
-            with contextlib.suppress(OSError):  # forcing needs a privilege
+            with contextlib.suppress(OSError):  # SO_RCVBUFFORCE needs a privilege
                 twin.setsockopt(level, option, value)
         if sys.platform == "linux" and twin.family in (socket.AF_INET, socket.AF_INET6):
-            with contextlib.suppress(OSError):  # until none waits; a busy bus may always have one
+            with contextlib.suppress(OSError):  # until none waits; a busy bus never ends
                 for _ in range(_STRAY_DATAGRAMS):
                     twin.recv(1, socket.MSG_DONTWAIT)
 
 
 Doze = Callable[[float], object]
-"""Sleeps for a number of seconds, or until a frame may be there."""
+"""Sleeps for a number of seconds, or until a frame may have arrived."""
 
 
 def doze_for(bus: can.BusABC, interface: str) -> Doze | None:
-    """Return a function that waits for the bus; None if its backend waits correctly itself."""
+    """Return a function that waits for the bus; None if the backend itself waits correctly."""
     try:
         descriptor = bus.fileno()
     except Exception:  # not implemented, or only on another system
@@ -219,10 +222,10 @@ class PythonCanSource:
 
     `bus`: open; closed by `close`.  `name`: name of the bus in messages.  `index`: number of the
     bus in its frames.  `now_ns`: the host's clock, ns since 1970.  `doze`: waits instead of the
-    backend, which is then only asked for frames that have arrived; None lets the backend wait.
+    backend, which is then only asked for frames that have arrived; with None the backend waits.
     `on_axis`: converts stamps of the wall clock, (n,) int64 (`SteadyClock.from_wall`).
-    `gathered_s`: seconds for which frames are left to gather in the interface once one has come;
-    with 0 each is taken as it comes, and the block ends `GATHER_S` after the first.
+    `gathered_s`: time, s, for which frames may collect in the interface after the first one; with 0
+    each frame is read when it arrives, and the block ends `GATHER_S` after the first.
     """
 
     def __init__(
@@ -281,17 +284,17 @@ class PythonCanSource:
         return self._batch(messages, arrived_ns)
 
     def losses(self) -> SourceLosses:
-        """Return the losses; those of a socket are the kernel's, for python-can reports none."""
+        """Return the losses; for a socket the kernel's, because python-can reports none."""
         return SourceLosses(self._drops.count(), self._garbled, self._restamped)
 
     def close(self) -> None:
         """Shut the bus down."""
-        self._drops.count()  # the last one that can be read
+        self._drops.count()  # the last count that can be read
         with contextlib.suppress(Exception):  # some backends cannot close a lost device
             self._bus.shutdown()
 
     def _drain(self, messages: list[can.Message], arrived_ns: list[int]) -> None:
-        """Add the frames that are there, up to a block of them."""
+        """Add the frames that have arrived, up to the size of a block."""
         receive, now_ns = self._bus._recv_internal, self._now_ns
         while len(messages) < BLOCK_FRAMES:
             message = receive(0.0)[0]
@@ -335,7 +338,7 @@ class PythonCanSource:
             return FrameBatch.empty()
         try:
             batch, garbled, restamped = frame_columns(messages, arrived_ns, self._index)
-        except (TypeError, ValueError, OverflowError):  # one of them cannot be a frame
+        except (TypeError, ValueError, OverflowError):  # one of the messages cannot be a frame
             if len(messages) == 1:
                 self._garbled += 1
                 return FrameBatch.empty()
@@ -348,14 +351,14 @@ class PythonCanSource:
 
 
 def _is_fault(error: BaseException) -> bool:
-    """Return whether an exception is a fault of the interface, not input that it could not read.
+    """Return whether an exception is a fault of the interface, not of input that it could not read.
 
-    A fault is caused by an error of the operating system, or has no cause but the backend itself;
-    unreadable input is caused by the exception of a parser.
+    A fault has an error of the operating system as its cause, or no other cause than the backend
+    itself; unreadable input has the exception of a parser as its cause.
     """
     chain = [error]
     while (before := chain[-1].__cause__ or chain[-1].__context__) is not None:
-        if before in chain:  # a driver that raises one and the same exception again and again
+        if before in chain:  # a driver that raises the same exception object repeatedly
             break
         chain.append(before)
     if any(isinstance(e, OSError) for e in chain):

@@ -1,7 +1,7 @@
 """Keeps one bus open for weeks: opens it, reads it, closes it when it fails and opens it again.
 
-A link never raises and never ends.  A missing adapter is a degraded recorder, not a failed start;
-one that was pulled out is tried again until it is back.
+A link never raises and never ends.  With a missing adapter the recorder is degraded, but its start
+does not fail; the link tries to open an unplugged adapter until it is back.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from .source import FrameSource, Interface, LinkFacts, SourceLosses
 BACK_OFF_S = (0.1, 2.0)
 """First and longest pause before a bus is opened again, s; each pause is twice the one before."""
 SILENT_S = 5.0
-"""Silence after frames, s, after which a bus is opened again: some drivers (gs_usb) hide the error
-of a device that is unplugged, and are silent for ever."""
+"""Silence after the last frame, s, after which a bus is opened again: some drivers (gs_usb) hide
+the error of an unplugged device, and stay silent."""
 _REPORTS_LOSS = frozenset({"socketcan", "slcan", "virtual", "udp_multicast"})
-"""Interfaces that fail when their device is unplugged.  Opening one of them again only because the
-car is switched off could cost the first frames after that."""
+"""Interfaces that report the loss of their device.  If one were opened again only because the car
+is switched off, the first frames after switching on could be lost."""
 
 OpenSource = Callable[[BusConfig, int], FrameSource]
 
@@ -91,7 +91,7 @@ class Link:
         self._halted.set()
 
     def close(self) -> None:
-        """Close the bus for good."""
+        """Close the bus permanently."""
         self._halted.set()
         self._drop()
         self._facts = replace(self._facts, connected=False, losses=self._before)
@@ -100,7 +100,7 @@ class Link:
         return isinstance(self._source, Interface) and self._source.interface_down
 
     def _may_hide_loss(self) -> bool:
-        """Return whether silence may mean that the device is unplugged."""
+        """Return whether silence may be caused by an unplugged device."""
         open_and_was_heard = self._source is not None and self._had_frames
         return open_and_was_heard and self.config.interface not in _REPORTS_LOSS
 

@@ -8,14 +8,15 @@ from collections.abc import Callable
 from contextlib import suppress
 
 _SO_MEMINFO = 55
-"""Option that returns numbers of 32 bits (Linux since 4.12); Python's `socket` does not name it."""
+"""Socket option that returns 32-bit numbers (Linux since 4.12); Python's `socket` does not define
+it."""
 _COUNTS = struct.Struct("=9I")
 _DROPS = 8
-"""Place of the dropped datagrams among them (SK_MEMINFO_DROPS)."""
+"""Position of the number of dropped datagrams among them (SK_MEMINFO_DROPS)."""
 
 
 class SocketDrops:
-    """The drops of one socket since this was made; 0 where the system does not count them.
+    """Counts the drops of one socket since construction; 0 if the system does not count them.
 
     `fileno`: returns the descriptor of the socket; may raise any exception if there is none.
     """
@@ -28,10 +29,10 @@ class SocketDrops:
             self._before = self._read()
 
     def count(self) -> int:
-        """Return the number of datagrams dropped; once the socket is closed, the last one."""
+        """Return the number of datagrams dropped; of a closed socket, the last known number."""
         if self._before is not None:
             with suppress(Exception):
-                # The kernel's counter has 32 bits and begins anew.
+                # The kernel's counter has 32 bits and wraps.
                 self._last = (self._read() - self._before) % (1 << 32)
         return self._last
 
@@ -40,5 +41,5 @@ class SocketDrops:
         try:
             raw = end.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _COUNTS.size)
         finally:
-            end.detach()  # it belongs to the bus
+            end.detach()  # the descriptor belongs to the bus
         return int(_COUNTS.unpack(raw)[_DROPS])

@@ -1,7 +1,7 @@
-"""The protocol of a frame source, and the losses counted between the wire and the recorder.
+"""Defines the protocol of a frame source, and the losses between the wire and the recorder.
 
-Sources only read and stamp: they run in threads of their own, and anything that keeps one from
-reading loses frames in the adapter.
+Sources only read and stamp frames.  They run in separate threads; if one is kept from reading,
+frames are lost in the adapter.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import Protocol, runtime_checkable
 from dbc.frames import FrameBatch
 
 BLOCK_FRAMES = 2048
-"""Most frames that a source returns at once."""
+"""Largest number of frames that a source returns at once."""
 GATHER_S = 0.01
-"""Seconds for which a source waits for more after the first frame: the cost of a block is shared by
-all frames in it, and each still has the stamp of its own arrival."""
+"""Time, s, for which a source waits for more frames after the first: the cost of a block is shared
+by all frames in it, and each frame still has its own time of arrival."""
 LONG_GATHER_S = 0.06
-"""The same where the kernel stamps and holds frames meanwhile, in a buffer of our size: a block
-then has 540 frames of a full bus."""
+"""Time, s, as `GATHER_S`, for interfaces where the kernel stamps and holds the frames in a buffer
+of our size: a block of a full bus then has 540 frames."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +26,11 @@ class SourceLosses:
     """Losses of a source since it was opened."""
 
     dropped: int = 0
-    """Frames that the interface reports as lost before they could be read."""
+    """Number of frames that the interface reports as lost before they could be read."""
     garbled: int = 0
-    """Pieces of input that are not a frame."""
+    """Number of pieces of input that are not a frame."""
     restamped: int = 0
-    """Frames with an impossible time stamp, which were stamped on arrival instead."""
+    """Number of frames with an impossible time stamp, which were stamped on arrival instead."""
 
     def plus(self, other: SourceLosses) -> SourceLosses:
         """Return the sum of both."""
@@ -52,15 +52,15 @@ class HopLosses:
     restamped: int = 0
     """Sum of `SourceLosses.restamped`."""
     queue_dropped: int = 0
-    """Frames read but not recorded because the writer was too far behind."""
+    """Number of frames that were read but not recorded because the writer was too far behind."""
 
     @property
     def counts(self) -> tuple[int, int, int, int]:
-        """The counts in this order; `dataclasses.astuple` takes ten times as long."""
+        """The counts in the order of the fields; `dataclasses.astuple` takes ten times as long."""
         return self.bus_dropped, self.bus_garbled, self.restamped, self.queue_dropped
 
     def since(self, before: HopLosses) -> HopLosses:
-        """Return what was lost since an earlier count."""
+        """Return the losses since an earlier count."""
         lost = zip(self.counts, before.counts, strict=True)
         return HopLosses(*(now - then for now, then in lost))
 
@@ -72,11 +72,11 @@ class LinkFacts:
     name: str
     """Name of the bus for the operator."""
     bitrate: int
-    """As configured, bit/s."""
+    """Configured bit rate, bit/s."""
     connected: bool
     """True while a source is open."""
     error: str
-    """Why none is open; empty while connected."""
+    """Reason why no source is open; empty while connected."""
     advice: str
     """Advice for the operator; empty while connected."""
     heartbeat_s: float
@@ -86,7 +86,7 @@ class LinkFacts:
     losses: SourceLosses
     """Sum over all sources opened until now."""
     interface_down: bool = False
-    """True if a source is open on an interface that somebody took down."""
+    """True if a source is open on an interface that was taken down."""
 
 
 class FrameSource(Protocol):

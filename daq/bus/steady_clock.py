@@ -15,16 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEP_NS = 1_000_000
-"""Change of the clocks' difference, ns, from which the wall clock counts as set; both are slewed
-alike."""
+"""Change of the difference of the clocks, ns, from which the wall clock counts as set; slewing
+changes both clocks equally."""
 LATE_NS = 5_000_000
-"""Largest lead of a stamp over now, ns: the two clocks cannot be read in one instant."""
+"""Largest lead of a stamp over the present time, ns: the two clocks cannot be read at the same
+instant."""
 QUEUED_NS = 10_000_000_000
 """Age, ns, at which an older offset is forgotten: no frame waits longer in a buffer."""
 
 
 class SteadyClock:
-    """A clock that starts when it is made; one serves the whole process."""
+    """A clock that starts at its construction; the whole process uses one."""
 
     def __init__(
         self,
@@ -38,8 +39,8 @@ class SteadyClock:
     def begin(self, not_before_ns: int = 0) -> None:
         """Start again from the wall clock as it is set now.
 
-        `not_before_ns`: earliest start: without a battery the wall clock falls back at each boot,
-        and time must not run twice within a recording.
+        `not_before_ns`: earliest start.  Without a battery the wall clock falls back at each boot,
+        and a time must not occur twice within a recording.
         """
         with self._lock:
             monotonic_ns = self._monotonic_ns()
@@ -74,7 +75,7 @@ class SteadyClock:
 def _youngest(
     wall_ns: NDArray[np.int64], offsets: tuple[int, ...], monotonic_ns: int
 ) -> NDArray[np.int64]:
-    """Return each stamp with the offset that makes it latest, but not later than now."""
+    """Return each stamp with the offset that makes it latest without being later than now."""
     times = wall_ns[:, None] - np.array(offsets, np.int64)
     age = monotonic_ns - times
     age = np.where(age >= -LATE_NS, age, np.iinfo(np.int64).max)

@@ -1,4 +1,4 @@
-"""The bench check, and the proposal of a bench from what is on the bus."""
+"""Checks a bench, and proposes a bench from the traffic on the bus."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Questions of a proposal to its user, and the answers."""
+"""Defines the questions of a proposal to its user, and the answers."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ _CORNERS = " ".join(Corner)
 HINTS = {
     Asked.RIGHT: "y",
     Asked.CORNER: f"y, {_CORNERS} or body",
-    Asked.WHEEL: f"y, {_CORNERS}, or n if it is no travel",
-    Asked.WHERE: f"{_CORNERS}, or n if it is no travel",
+    Asked.WHEEL: f"y, {_CORNERS}, or n if it is not a travel",
+    Asked.WHERE: f"{_CORNERS}, or n if it is not a travel",
     Asked.FORWARD: "y or an axis as -x",
     Asked.UNIT: "y or a unit",
     Asked.OURS: "y or n",
 }
-"""Answers that are understood."""
+"""Texts of the possible answers, by kind."""
 AT_WHEEL = frozenset({Asked.CORNER, Asked.WHEEL, Asked.WHERE})
-"""Questions about one channel, whatever sensor it is of."""
+"""Kinds of questions that are about one channel, not about its sensor."""
 _AXIS = re.compile(r"[+-]?[xyz]")
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A question about a guess that is not sure."""
+    """A question about an uncertain guess."""
 
     line: str
-    """The question, with what it is about."""
+    """The question, with its subject."""
     asked: Asked = Asked.RIGHT
     """Kind of the answer."""
     sensor: str = ""
-    """Sensor that it is about; empty if the bench has no list of sensors."""
+    """Sensor that the question is about; empty if the bench has no list of sensors."""
 
     def understood(self, typed: str) -> str:
-        """Return an answer in the form that a proposal takes; empty if it is none."""
+        """Return an answer in the form that a proposal uses; empty if it is not a valid answer."""
         text = typed.strip()
         lower = text.lower()
         if lower in ("y", "yes") and self.asked is not Asked.WHERE:
@@ -75,7 +75,7 @@ NO_ANSWERS: Answers = MappingProxyType({})
 
 
 def stated_forward(answers: Answers) -> dict[str, str]:
-    """Return the axes that point forward, by sensor, as far as they are stated."""
+    """Return the axes that point forward, by sensor, where they are stated."""
     return {
         question.sensor: text
         for question, text in answers.items()
@@ -90,7 +90,7 @@ def answered(guess: Guess, answer: str) -> Guess:
         return sure
     if guess.asked is Asked.UNIT:
         tare = guess.tare
-        if tare is not None:  # as it was read, in the unit that was guessed
+        if tare is not None:  # the reading, in the guessed unit
             tare *= to_si(answer).factor / to_si(guess.unit).factor
         return replace(sure, unit=answer, tare=tare)
     if guess.asked not in AT_WHEEL:

@@ -1,4 +1,4 @@
-"""Bench check, buses: load, error frames, silence, and traffic that is in no database."""
+"""Checks the buses of a bench: load, error frames, silence, and traffic that is in no database."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def check_traffic(
 ) -> list[Finding]:
     """Check each bus as a whole: load, error frames, unknown identifiers."""
     lines: list[Finding] = []
-    if len(buses) == 1:  # logs number the one bus of a bench as they like
+    if len(buses) == 1:  # logs number a single bus in different ways
         frames, bits = sum(table.frames.values()), sum(table.bits.values())
         lines += _load_lines("bus", table.seconds, frames, bits, buses[0].bitrate)
     else:
@@ -52,7 +52,7 @@ def _load_lines(
     load = bits / (bitrate * seconds) if seconds > 0 else 0.0
     reason = f"{frames} frames in {seconds:.2f} s, about {100 * load:.0f} % of the bit rate"
     heavy = load > _LOAD_WARN
-    advice = "a full bus delays and loses frames: lower rates or take two buses" if heavy else ""
+    advice = "a full bus delays and loses frames: lower the rates or use two buses" if heavy else ""
     figures = {"frames": frames, "seconds": seconds, "load": load}
     verdict = Severity.WARNING if heavy else Severity.NOTE
     return about(subject, [judged("load", verdict, reason, advice)], figures)
@@ -63,7 +63,7 @@ def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]
     more = f" and {len(unknown) - _SHOWN_IDS} more" if len(unknown) > _SHOWN_IDS else ""
     what = "1 identifier is" if len(unknown) == 1 else f"{len(unknown)} identifiers are"
     reason = f"{what} not in the DBC: {shown}{more}"
-    advice = "foreign devices, or the DBC is not the one of this bus"
+    advice = "foreign devices, or the DBC of another bus"
     by_id = {m.can_id: m for m in messages}
     for a in unknown:
         twin = by_id.get(a.can_id)

@@ -1,4 +1,4 @@
-"""Signals that may be channels, with what names and rest show of each."""
+"""Lists the signals that may be channels, with the facts that names and traffic at rest show."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ class Candidate:
     """A signal that may be a channel."""
 
     full: str
-    """Name with its message."""
+    """Name with that of its message."""
     message: str
     """Name of its message."""
     layout: SignalLayout
-    """Its place in the frame."""
+    """Its position in the frame."""
     comment: str
     """Its description in the database."""
     kind: str
-    """SI unit of what it measures."""
+    """SI unit of the measured quantity."""
     corner: Corner | None
-    """Wheel that its name states."""
+    """Wheel stated in its name."""
     level: float | None
-    """At rest, in its own unit."""
+    """Value at rest, in its own unit."""
 
     @property
     def axis(self) -> str | None:
-        """The axis of the sensor that its name states."""
+        """The axis of the sensor stated in its name."""
         return axis_by_name(self.layout.name, self.comment)
 
 
@@ -78,7 +78,7 @@ def candidates(
 
 
 def shows_push_by_unit(message: str, signal: SignalLayout) -> bool:
-    """Return whether a push by hand moves such a signal: a rate of turn, or a length."""
+    """Return whether a push by hand moves this kind of signal: a rate of turn, or a length."""
     kind = kind_of(message, signal)
     return kind == "rad/s" or (
         kind == "m"
@@ -87,7 +87,7 @@ def shows_push_by_unit(message: str, signal: SignalLayout) -> bool:
 
 
 def kind_of(message: str, signal: SignalLayout) -> str | None:
-    """Return the SI unit of what a signal measures; None if it is not known."""
+    """Return the SI unit of the quantity that a signal measures; None if it is not known."""
     try:
         unit = to_si(signal.unit).unit
     except InputError:

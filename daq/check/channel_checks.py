@@ -1,7 +1,7 @@
-"""Bench check, channels: the readings of the sensors while the car stands still.
+"""Checks the channels of a bench: the readings of the sensors while the car stands still.
 
-An accelerometer that points upwards reads +1 g at rest, whatever it is called in the DBC: that
-proves unit, axis and sign at once.  Rates read nothing, travels are zero at ride height.
+An accelerometer that points upwards reads +1 g at rest, whatever its name in the DBC: this proves
+unit, axis and sign together.  Rates read zero at rest, and travels read zero at ride height.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ RATES = frozenset({Quantity.PITCH_RATE, Quantity.ROLL_RATE})
 TURNS = frozenset({Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION})
 
 _GRAVITY_TOLERANCE = 0.06
-"""Cosine of 20 degrees: a tilt beyond that matters."""
+"""Cosine of 20 degrees, the largest acceptable tilt."""
 _NONE_G = 0.06
 _SCALE_TOLERANCE = 0.08
 _QUIETEST = 2e-3
-"""No accelerometer for cars is quieter than this, m/s2: such a one is scaled wrong."""
+"""Lowest noise of accelerometers for cars, m/s2: one with less noise is scaled wrong."""
 _SLOWEST_HZ = 50.0
 _GUESSED_M = 0.3
 _BLOCK_S = 0.1
@@ -46,13 +46,13 @@ class _Limits:
     """The limits of a kind of sensor at rest, SI."""
 
     noise: float
-    """Largest usual noise of a sample."""
+    """Largest usual noise of one sample."""
     motion: float
     """Largest slow motion of a car at rest."""
     zero: float
-    """Largest reading that needs no tare."""
+    """Largest reading at rest that needs no tare."""
     absurd: float
-    """Largest reading that is possible at all: beyond it unit or scale is wrong."""
+    """Largest possible reading at rest: above it unit or scale is wrong."""
 
 
 _BODY = _Limits(0.5, 0.5, math.inf, math.inf)
@@ -85,7 +85,7 @@ class _Rest:
         if not self.noise:
             return f"{self.level:.4g} {self.unit}"
         places = max(0, 1 - math.floor(math.log10(self.noise)))
-        return f"{round(self.level, places) + 0.0:.{places}f} {self.unit}"  # -0.0 is 0
+        return f"{round(self.level, places) + 0.0:.{places}f} {self.unit}"  # -0.0 becomes 0
 
 
 def check_channel(
@@ -99,9 +99,9 @@ def check_channel(
     """Check one channel.
 
     `others`: all channels of the bench.  `keeping`: which messages belong together.  `decoded`:
-    traffic at rest.  `calibration_days` and `today`: a calibration older than so many days is worth
-    a note.  Returns what it reads, unless something fails; and a line for each thing that is not
-    right.
+    traffic at rest.  `calibration_days` and `today`: a calibration older than this number of days
+    gives a warning.  Returns a line with the reading, unless something fails; and a line for each
+    fault.
     """
     channel = mapped.channel
     found = _calibration_lines(channel, calibration_days, today)
@@ -149,7 +149,7 @@ def _rate_hz(t_ns: NDArray[np.int64]) -> float:
 
 
 def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Rest:
-    """Judge by medians and by all but the largest hundredth, which a knock cannot move."""
+    """Describe a channel at rest by statistics that a single knock does not change."""
     jump = np.sort(np.diff(value) ** 2)
     most = jump[: len(jump) - len(jump) // 100]
     noise = math.sqrt(float(np.mean(most)) / 2) if len(most) else 0.0
@@ -166,7 +166,7 @@ def _calibration_lines(channel: Channel, days: int, today: date) -> list[Finding
     age = (today - date.fromisoformat(channel.calibrated)).days
     which = f" (serial number {channel.serial_number})" if channel.serial_number else ""
     if age < 0:
-        reason = f"calibrated on {channel.calibrated}, which is to come{which}"
+        reason = f"calibrated on {channel.calibrated}, which is in the future{which}"
         return [warn("calibration", reason, "correct calibrated, or the clock of this computer")]
     if age > days:
         reason = f"calibrated on {channel.calibrated}, {age} days ago{which}"
@@ -175,7 +175,7 @@ def _calibration_lines(channel: Channel, days: int, today: date) -> list[Finding
 
 
 _UNUSABLE_BECAUSE = {
-    Quality.CRC_BAD: "the checksum fails",
+    Quality.CRC_BAD: "the checksum does not match",
     Quality.SENTINEL: "the sensor says that it has no value",
     Quality.MISSING: "the frames are too short to hold it",
 }
@@ -194,7 +194,7 @@ def _validity_lines(
     usable = (samples.quality & UNUSABLE) == 0
     odd = int(np.sum(usable & ~np.isfinite(value)))
     if odd:
-        reason = f"{odd} of {n} samples are no numbers"
+        reason = f"{odd} of {n} samples are not numbers"
         found.append(fail("no_number", reason, "check the DBC's type"))
     outside = int(np.sum(usable & ((samples.quality & Quality.OUT_OF_RANGE) != 0)))
     if outside:
@@ -206,11 +206,11 @@ def _validity_lines(
     if not signal.is_float and signal.length > 1:
         low, high = signal.span
         at_end = int(np.sum(usable & ((samples.value <= low) | (samples.value >= high))))
-        # Zero is where many an unsigned signal rests, and a constant one is reported as such.
+        # Many unsigned signals are zero at rest, and a constant signal is reported elsewhere.
         if at_end and np.ptp(samples.value[usable]) > 0:
             verdict = Severity.ERROR if at_end > n / 100 else Severity.WARNING
-            reason = f"{at_end} of {n} samples lie at the end of its range ({low:g} to {high:g})"
-            advice = "it saturates, or says that it has no value"
+            reason = f"{at_end} of {n} samples are at the end of its range ({low:g} to {high:g})"
+            advice = "it saturates, or reports that it has no value"
             found.append(judged("overload", verdict, reason, advice))
     return found
 
@@ -247,7 +247,7 @@ def _rest_lines(mapped: MappedChannel, rest: _Rest) -> list[Finding]:
         found.append(warn("noise", reason, advice))
     away = abs(rest.level)
     if away > limits.absurd:
-        reason = f"reads {rest.level:.4g} {rest.unit} at rest, which cannot be"
+        reason = f"reads {rest.level:.4g} {rest.unit} at rest, which is impossible"
         advice = _other_unit(mapped, rest.level, limits.absurd)
         found.append(fail("level", reason, advice))
     elif away > limits.zero:
@@ -276,7 +276,7 @@ _SCALES = (
     (1e3 / G_M_S2, ""),
     (1e3 * G_M_S2, "mm/s2"),
 )
-"""Factors by which wrong units change gravity, and the unit that each of them would prove."""
+"""Factors by which wrong units change gravity, with the unit that each factor would prove."""
 
 
 def _gravity_lines(
@@ -324,9 +324,10 @@ def _gravity_lines(
 
 
 def _siblings(mapped: MappedChannel, keeping: Timekeeping, decoded: Decoded) -> dict[str, float]:
-    """Return what the other accelerations of the same sensor read, in g.
+    """Return the readings of the other accelerations of the same sensor, in g.
 
-    A sensor is the sample set, or the message, or messages of one sender.
+    Signals count as one sensor if they are in one sample set, one message, or messages of one
+    sender.
     """
     own = mapped.message
     names = {own.name}

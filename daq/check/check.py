@@ -1,7 +1,7 @@
-"""The bench check: frames, DBC and bench.toml must fit together, and sensors read what is true.
+"""Checks a bench: frames, DBC and bench.toml must agree, and the sensors must read correctly.
 
 Pure: from the frames of a few seconds of rest to a report.  Each line is OK, WARN or FAIL with a
-reason and, where something can be done, what to do.
+reason and, where possible, advice.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from .result import WORDS, about, judged, ok, warn
 
 _INCOMPLETE_SHARE = 0.01
 _PAUSE_S = 1.0
-"""Time without any frame, s, after which a bus was off, or a log was not written."""
+"""Time without any frame, s, that counts as a pause: the bus was off, or the log was not
+written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +40,11 @@ class CheckReport:
     """The result of a bench check."""
 
     seconds: float
-    """Time from the first frame to the last."""
+    """Time from the first frame to the last, s."""
     frames: int
     """Number of frames."""
     lines: tuple[Finding, ...]
-    """Bus, messages, sample sets and channels, in this order."""
+    """Lines on buses, messages, sample sets and channels, in this order."""
 
     @property
     def verdict(self) -> Severity:
@@ -59,9 +60,10 @@ class CheckReport:
 def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> CheckReport:
     """Check a bench at rest.
 
-    `codec`: its DBC (`config.bench_codec`).  `frames`: a few seconds of traffic, in order of
-    arrival, the car standing still.  Of traffic with pauses the longest stretch is checked.
-    `today`: for the age of calibrations.  Raises InputError if a channel does not fit the DBC.
+    `codec`: its DBC (`config.bench_codec`).  `frames`: a few seconds of traffic while the car
+    stands still, in order of arrival.  If the traffic has pauses, only the longest stretch between
+    pauses is checked.  `today`: for the age of calibrations.  Raises InputError if a channel does
+    not fit the DBC.
     """
     mapped = mapped_channels(bench, codec)
     if not len(frames):
@@ -92,7 +94,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
 def part_of(
     report: CheckReport, bench: Bench, sensors: Collection[str], buses: Collection[int]
 ) -> CheckReport:
-    """Return the lines of a report that are about some sensors and some buses; empty: all."""
+    """Return the lines of a report on some sensors and some buses; empty: all."""
     own = {s.name for s in bench.sensors if not buses or s.bus in buses}
     wanted = own & set(sensors) if sensors else own
     channels = {c.name for c in bench.channels if sensor_of_signal(c.signal) in wanted}
@@ -110,7 +112,7 @@ def part_of(
 
 
 def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:
-    """Return the longest stretch between pauses; counters say nothing of what lies in these."""
+    """Return the longest stretch between pauses, because counters do not cover pauses."""
     gap_s = np.diff(frames.t_ns) * 1e-9
     before = np.flatnonzero(gap_s > _PAUSE_S)
     if not len(before):
@@ -141,7 +143,7 @@ def _set_lines(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> list[F
     missing = int(np.sum(np.isnan(np.array(list(group.values.values()))).any(axis=0)))
     rate = (n - 1) / float(group.time_s[-1] - group.time_s[0]) if n > 1 else 0.0
     figures = {"samples": n, "incomplete": missing, "rate_hz": rate}
-    if missing > _INCOMPLETE_SHARE * n + 2:  # at the ends a set may be cut
+    if missing > _INCOMPLETE_SHARE * n + 2:  # the first and the last set may be incomplete
         verdict = Severity.ERROR if missing > n / 2 else Severity.WARNING
         reason = f"{missing} of {n} samples lack a frame"
         advice = f"are {', '.join(sample_set.messages)} sent at one rate, in one burst?"

@@ -1,4 +1,4 @@
-"""The comparison of our reader with cantools on a bench's databases, as lines of the check."""
+"""Compares our reader with cantools on a bench's databases, as lines of the check."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ..bench.config import Bench
 from ..bench.databases import database_codec, database_text, stored_databases
 from ..signal_names import message_of
 
-_ADVICE = "one of the two is wrong: compare with the sensor's data sheet, and report it to us"
+_ADVICE = "one of them is wrong: compare with the sensor's data sheet, and report it to us"
 
 
 class BenchWitness:
-    """cantools at work on each database of a bench; a context that ends its processes."""
+    """Runs cantools on each database of a bench; a context manager that ends its processes."""
 
     def __init__(self, witnesses: tuple[Witness, ...]) -> None:
         self._witnesses = witnesses
@@ -58,7 +58,7 @@ def bench_witness(bench: Bench, codec: Codec) -> BenchWitness:
         owners = {sensor.name for sensor in bench.sensors if sensor.database == name}
         messages = [each.partition(".") for each in sorted(used)]
         known = [message for owner, _, message in messages if owner in owners]
-        text = database_text(databases, name) or ""  # held by bench_codec
+        text = database_text(databases, name) or ""  # ensured by bench_codec
         witnesses.append(Witness(text, name, database_codec(text, name), known))
     return BenchWitness(tuple(witnesses))
 
@@ -66,10 +66,10 @@ def bench_witness(bench: Bench, codec: Codec) -> BenchWitness:
 def reader_lines(reading: WitnessReport) -> list[Finding]:
     """Return a FAIL for each difference; one WARN if cantools cannot read the DBC.
 
-    `reading`: what cantools says; nothing gives no line.
+    `reading`: the answer of cantools; None gives no line.
     """
     if reading.refusal:
-        reason = f"values are not compared, because cantools does not read it: {reading.refusal}"
+        reason = f"values are not compared, because cantools cannot read it: {reading.refusal}"
         advice = "compare some values with the sensors' own tools"
         return [Finding("unread", Severity.WARNING, reason, "DBC", advice)]
     if reading.differences:

@@ -1,8 +1,8 @@
-"""Finds which sensors are on which bus, by databases and traffic: one proposal for each device.
+"""Finds the sensors on each bus, from databases and traffic: one proposal for each device.
 
-A database whose identifiers come on two buses describes two sensors.  Identifiers that no database
-knows, and that lie beside those of a database with their length and rate, are further devices of
-its kind: nodes of CANopen, or a maker's offset.
+A database whose identifiers come on two buses describes two sensors.  Unknown identifiers near
+those of a database, with the same length and rate, are further devices of the same kind: CANopen
+nodes, or a maker's offset.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..bench.sensors import Sensor
 from .frame_checks import Arrivals, frame_table
 
 _NEAREST = 0x7F
-"""Largest distance of the identifiers of two like devices: the number of nodes of CANopen."""
+"""Largest difference of the identifiers of two devices of one kind: the number of CANopen nodes."""
 _RATE_SHARE = 0.1
 _FEWEST = 10
 _NAME_LENGTH = 24
@@ -32,9 +32,9 @@ class FoundSensor:
     """A device that a database describes."""
 
     sensor: Sensor
-    """Its name, database, bus and identifiers."""
+    """Name, database, bus and identifiers of the device."""
     why: str
-    """The grounds."""
+    """The reasons for the proposal."""
     surely: bool
     """False if the user should be asked."""
 
@@ -52,10 +52,10 @@ def traffic_of(frames: FrameBatch) -> Traffic:
 def find_sensors(
     databases: Sequence[Database], traffic: Traffic | None
 ) -> tuple[tuple[FoundSensor, ...], tuple[str, ...]]:
-    """Return the sensors, and the names of the databases of which nothing came.
+    """Return the sensors, and the names of the databases without any traffic.
 
-    `traffic`: None if there was none: each database is then one sensor, on the first bus, or each
-    bus of a file on one of its own.  Raises InputError if a database cannot be used.
+    `traffic`: None if there was none.  Each database is then one sensor on the first bus, or each
+    bus of a file is a sensor on a separate bus.  Raises InputError if a database cannot be used.
     """
     codecs = {each.name: database_codec(each.text, each.name) for each in databases}
     if not traffic:
@@ -65,7 +65,7 @@ def find_sensors(
     claimed: set[tuple[int, int, bool]] = set()
     for (name, bus), keys in own.items():
         claimed |= keys
-        ask = f"is it this bus of the file? {len(keys)} messages come of another one, too"
+        ask = f"is it this bus of the file? {len(keys)} messages of another one also come"
         surely = not any(b == bus and _one_file(n, name) for n, b in own)
         why = f"{len(keys)} of its messages come there" if surely else ask
         present.append((name, bus, 0, why, surely))
@@ -79,7 +79,7 @@ def find_sensors(
             if moved and not moved & claimed:
                 claimed |= moved
                 ids = ", ".join(f"{key[1]:#x}" for key in sorted(moved))
-                why = f"is {ids} yours, of this kind? Length and rate are those of its messages"
+                why = f"is {ids} yours, of this kind? Length and rate are as in its messages"
                 present.append((name, bus, offset, why, False))
     absent = tuple(name for name in codecs if name not in {each[0] for each in present})
     return _named(present), absent
@@ -88,9 +88,10 @@ def find_sensors(
 def _own_traffic(
     codecs: Mapping[str, Codec], traffic: Traffic
 ) -> dict[tuple[str, int], set[tuple[int, int, bool]]]:
-    """Return what comes of each database on each bus, where something does.
+    """Return the received traffic of each database on each bus, without empty entries.
 
-    A bus of the bench is one bus of a file: that of which most comes.  What is as likely stays.
+    A bus of the bench is one bus of a file: the one with the most traffic.  Equally likely buses
+    are kept.
     """
     own = {
         (name, bus): {
@@ -118,7 +119,7 @@ def _own_traffic(
 
 
 def _one_file(name: str, other: str) -> bool:
-    """Return true if they are two buses of one file."""
+    """Return True if the two names are two buses of one file."""
     (file, bus), (other_file, other_bus) = file_and_bus(name), file_and_bus(other)
     return bool(bus and other_bus) and (file, bus != other_bus) == (other_file, True)
 
@@ -127,7 +128,7 @@ def _without_traffic(names: Sequence[str]) -> list[tuple[str, int, int, str, boo
     found = []
     for place, name in enumerate(names):
         bus = sum(_one_file(name, before) for before in names[:place])
-        why = "no traffic: on a bus of its own" if bus else "no traffic: on the first bus"
+        why = "no traffic: on a separate bus" if bus else "no traffic: on the first bus"
         found.append((name, bus, 0, why, True))
     return found
 
@@ -135,7 +136,7 @@ def _without_traffic(names: Sequence[str]) -> list[tuple[str, int, int, str, boo
 def _offsets(
     messages: Sequence[MessageLayout], traffic: Traffic, claimed: set[tuple[int, int, bool]]
 ) -> list[tuple[int, int]]:
-    """Return bus and offset of further devices, those with the most messages first."""
+    """Return bus and identifier offset of further devices, those with the most messages first."""
     seen = [(m, _rate_hz(m, traffic)) for m in messages]
     votes: Counter[tuple[int, int]] = Counter()
     for (bus, can_id, is_extended), arrivals in traffic.items():
@@ -150,7 +151,7 @@ def _offsets(
 
 
 def _rate_hz(message: MessageLayout, traffic: Traffic) -> float | None:
-    """Return the rate of a message where it comes, or as the database has it."""
+    """Return the measured rate of a message, or the rate in the database if it was not received."""
     for (_, can_id, is_extended), arrivals in traffic.items():
         if (can_id, is_extended) == (message.can_id, message.is_extended):
             return arrivals.rate_hz
@@ -158,13 +159,13 @@ def _rate_hz(message: MessageLayout, traffic: Traffic) -> float | None:
 
 
 def _same_rate(arrivals: Arrivals, rate_hz: float | None, message: MessageLayout) -> bool:
-    if rate_hz is None:  # a node of CANopen keeps the function code
+    if rate_hz is None:  # CANopen nodes have the same function code
         return not message.is_extended and arrivals.can_id >> 7 == message.can_id >> 7
     return abs(arrivals.rate_hz - rate_hz) <= _RATE_SHARE * rate_hz
 
 
 def _named(present: Sequence[tuple[str, int, int, str, bool]]) -> tuple[FoundSensor, ...]:
-    """Give each device a name: that of its database, with its bus or a number where need be."""
+    """Give each device a name: that of its database, if necessary with its bus or a number."""
     by_stem: dict[str, list[tuple[str, int, int, str, bool]]] = defaultdict(list)
     for each in sorted(present, key=lambda p: (p[0], p[1], p[2])):
         by_stem[_stem(each[0])].append(each)
@@ -186,7 +187,7 @@ def _stem(database: str) -> str:
 
 
 def renamed(found: Sequence[FoundSensor], names: Mapping[str, str]) -> tuple[FoundSensor, ...]:
-    """Return sensors under other names, as far as `names` has them."""
+    """Return the sensors, renamed as `names` states."""
     return tuple(
         replace(f, sensor=replace(f.sensor, name=names.get(f.sensor.name, f.sensor.name)))
         for f in found

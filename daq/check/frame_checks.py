@@ -1,4 +1,4 @@
-"""Bench check, frames: arrival, rate and integrity of each message, and foreign traffic."""
+"""Checks the frames of a bench: arrival, rate and integrity of each message, foreign traffic."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ class Arrivals:
     is_extended: bool
     """True for 29 bits, false for 11."""
     t_ns: NDArray[np.int64]
-    """Arrival times, shape (n,)."""
+    """Arrival times, ns, shape (n,)."""
     length: NDArray[np.uint8]
-    """Bytes received, shape (n,)."""
+    """Number of bytes received, shape (n,)."""
     data: NDArray[np.uint8]
     """Payloads."""
     buses: tuple[int, ...]
-    """The buses on which they came."""
+    """Numbers of the buses on which they came."""
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate; 0 for fewer than two frames, or if all came at one instant."""
+        """Mean rate, Hz; 0 for fewer than two frames, or if all came at one instant."""
         span_s = float(self.t_ns[-1] - self.t_ns[0]) * 1e-9 if len(self.t_ns) > 1 else 0.0
         return (len(self.t_ns) - 1) / span_s if span_s > 0 else 0.0
 
@@ -65,21 +65,21 @@ class FrameTable:
     """All traffic by message, or by bus and identifier."""
 
     known: dict[str, Arrivals]
-    """Messages of the DBC that came."""
+    """Messages of the DBC that were received."""
     unknown: tuple[Arrivals, ...]
     """Identifiers that are not in the DBC, the most frequent first."""
     start_ns: int
-    """Time stamp of the first frame."""
+    """Time stamp of the first frame, ns."""
     end_ns: int
-    """Time stamp of the last frame."""
+    """Time stamp of the last frame, ns."""
     bits: Mapping[int, float]
-    """Bits on the wire of each bus, estimated."""
+    """Estimated number of bits on the wire of each bus."""
     frames: Mapping[int, int]
     """Number of data frames of each bus."""
 
     @property
     def seconds(self) -> float:
-        """Time between first and last frame."""
+        """Time between first and last frame, s."""
         return (self.end_ns - self.start_ns) * 1e-9
 
 
@@ -123,12 +123,12 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
 
 
 def id_text(a: Arrivals) -> str:
-    """Return an identifier as lines show it: with an x behind it if it has 29 bits."""
+    """Return an identifier as text, with a final x if it has 29 bits."""
     return f"{a.can_id:#x}" + ("x" if a.is_extended else "")
 
 
 def mixed_messages(messages: Sequence[MessageLayout], frames: FrameBatch) -> tuple[str, ...]:
-    """Return the messages that come on several buses: two sensors are read as one."""
+    """Return the messages that come on several buses, so that two sensors are read as one."""
     if not len(frames):
         return ()
     known = frame_table(messages, frames).known
@@ -197,7 +197,7 @@ def _missing_line(
 
 
 def _jitter_s(arrivals: Arrivals) -> float:
-    """Return how far 99 of 100 intervals lie from the usual one, s."""
+    """Return the largest deviation of 99 of 100 intervals from the usual one, s."""
     if len(arrivals.t_ns) < 3:
         return 0.0
     interval = np.diff(arrivals.t_ns) * 1e-9
@@ -227,8 +227,8 @@ def _rate_lines(
         found.append(judged("rate", verdict, reason, advice))
     jitter_s = _jitter_s(arrivals)
     if message.counter is None and not has_time and jitter_s > message.cycle_s / 2:
-        reason = f"frames arrive up to {1e3 * jitter_s:.2f} ms off their beat"
-        advice = "its clock rests on its punctual frames: a counter or hardware stamps are surer"
+        reason = f"frames arrive up to {1e3 * jitter_s:.2f} ms off their cycle"
+        advice = "its clock fits the least delayed frames: prefer a counter or hardware stamps"
         found.append(warn("jitter", reason, advice))
     return found
 
@@ -241,7 +241,7 @@ def _length_lines(message: MessageLayout, arrivals: Arrivals) -> list[Finding]:
     if short:
         return [fail("length", f"{short} of {n} frames {says}", "correct the length, or the DBC")]
     if long:
-        return [warn("length", f"{long} of {n} frames {says}", "what is behind is not decoded")]
+        return [warn("length", f"{long} of {n} frames {says}", "the excess bytes are not decoded")]
     return []
 
 
@@ -252,18 +252,18 @@ def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded
     n, bad = len(quality), int(np.sum((quality & Quality.CRC_BAD) != 0))
     if not bad:
         return []
-    reason = f"{bad} of {n} frames fail their checksum ({message.crc_rule})"
+    reason = f"{bad} of {n} frames have a wrong checksum ({message.crc_rule})"
     others = fitting_rules(arrivals, message.signal(message.crc).first_byte, message.length)
     if others:
-        return [fail("checksum", reason, f"{others[0]} fits: state it as crc_rule in [[message]]")]
+        return [fail("checksum", reason, f"state crc_rule = {others[0]!r}, which matches")]
     if bad > n / 2:
-        return [fail("checksum", reason, f"another rule than {', '.join(CRC_RULES)}: leave it out")]
+        return [fail("checksum", reason, f"no rule matches ({', '.join(CRC_RULES)}): leave it out")]
     verdict = Severity.ERROR if bad > _LOST_FAIL * n else Severity.WARNING
     return [judged("checksum", verdict, reason, "check wiring and power of the sensor")]
 
 
 def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
-    """Return the checksum rules that all frames of full length pass, where that is no accident."""
+    """Return the checksum rules that all frames of full length pass, if that cannot be chance."""
     whole = arrivals.data[arrivals.length == length]
     whole = np.unique(whole, axis=0)
     if len(whole) < 4:  # a wrong rule passes one frame in 256
@@ -275,13 +275,13 @@ def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
 def _counter_lines(
     message: MessageLayout, counter: health.CounterHealth, decoded: Decoded
 ) -> list[Finding]:
-    assert message.counter is not None  # held by health.advance
+    assert message.counter is not None  # ensured by health.advance
     name = message.counter.signal
     samples = decoded[f"{message.name}.{name}"]
     value = samples.value[(samples.quality & UNUSABLE) == 0]
     if len(value) > 10 and np.all(value == value[0]):
-        reason = f"the counter {name} stands still at {value[0]:.0f}"
-        return [fail("counter", reason, "the sensor hangs, or this is no counter")]
+        reason = f"the counter {name} does not change from {value[0]:.0f}"
+        return [fail("counter", reason, "the sensor hangs, or this is not a counter")]
     found: list[Finding] = []
     n = counter.received
     step = np.diff(value)
@@ -292,11 +292,11 @@ def _counter_lines(
         return [fail("counter", reason, "correct counter_modulus")]
     if counter.missing:
         verdict = Severity.ERROR if counter.missing > _LOST_FAIL * n else Severity.WARNING
-        reason = f"{counter.missing} frames are missing by the counter {name} (of {n})"
+        reason = f"{counter.missing} frames are missing according to the counter {name} (of {n})"
         advice = "frames are lost on the way, or the counter counts something else"
         found.append(judged("counter", verdict, reason, advice))
     if counter.restarts:
-        reason = f"the counter {name} started anew {counter.restarts} times"
+        reason = f"the counter {name} started again {counter.restarts} times"
         found.append(fail("counter", reason, "the sensor restarts: check its power"))
     return found
 

@@ -1,4 +1,4 @@
-"""Guesses which accelerations are those of hubs: AC coupled ones, and those that kicks show."""
+"""Guesses which accelerations are those of hubs: AC-coupled ones, and those shown by kicks."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from .mounting import pushed_corner
 from .pushes import Push
 
 _NO_GRAVITY_G = 0.1
-"""Largest reading at rest, g, of an accelerometer that is AC coupled."""
+"""Largest reading at rest, g, of an AC-coupled accelerometer."""
 ON_HUB = "is it on the body, or on which hub? A kick against each tyre shows it (--push)"
 
 
 def without_gravity(
     groups: Mapping[tuple[str, Corner | None], Sequence[Candidate]], guesses: Mapping[str, Guess]
 ) -> dict[str, Guess]:
-    """Return accelerations at wheels of which no axis reads gravity: those of AC coupled sensors.
+    """Return accelerations at wheels whose sensors read gravity on no axis: AC-coupled sensors.
 
-    A single one is taken for vertical, of several the one with z in its name.
+    A single axis is taken as vertical; of several axes, the one with z in its name.
     """
     found = {}
     for (_, corner), own in groups.items():
@@ -38,7 +38,7 @@ def without_gravity(
             said = f"{signal.layout.name} {signal.message}"
             if signal.full in at_rest and vertical and not is_body(said):
                 why = f"reads {at_rest[signal.full]:+.2f} g at rest; vertical and {corner} by name"
-                ask = "it reads no gravity: is it AC coupled, and does it point up?"
+                ask = "it reads no gravity: is it AC-coupled, and does it point up?"
                 unit = guesses[signal.full].unit
                 hub = Quantity.HUB_ACCELERATION
                 found[signal.full] = Guess(hub, corner, 1, why, ask, unit=unit)
@@ -58,7 +58,8 @@ def hubs(
 ) -> dict[str, Guess]:
     """Return accelerations with the hubs that kicks against the tyres show.
 
-    One without gyroscopes beside it, of which no name says where it is, is asked for.
+    The user is asked about an acceleration without gyroscopes in its sensor whose name states no
+    place.
     """
     own = [s for group in groups.values() for s in group if s.kind == "m/s2"]
     turning = {sensor for (sensor, _), group in groups.items() if any(_turns_too(s) for s in group)}

@@ -1,4 +1,4 @@
-"""Guesses of what a signal measures, by unit, name, comment and gravity."""
+"""Guesses what a signal measures, from unit, name, comment and gravity."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ _ACCELERATION = {"acc", "accel", "acceleration", "beschleunigung"}
 _RATE = {"gyro", "gyr", "rate", "omega", "angular", "drehrate"}
 _UNIT_1_G = {"g": 1.0, "m/s2": G_M_S2, "mg": 1000.0, "mm/s2": 1000.0 * G_M_S2}
 NO_UNIT = ("", "-", "none", "None", "n/a", "Unit_None")
-"""Texts that databases write where there is no unit."""
+"""Texts in databases that mean no unit."""
 FARTHEST_M = 1.0
-"""No suspension travel reads more than this at rest."""
+"""Largest reading of a suspension travel at rest, m."""
 _PITCH, _ROLL, _YAW = {"pitch", "nick"}, {"roll", "wank"}, {"yaw", "gier"}
 
 
@@ -65,26 +65,26 @@ class Asked(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """A guess of what a signal measures."""
+    """A guess at what a signal measures."""
 
     quantity: Quantity
-    """Its kind."""
+    """Guessed quantity."""
     corner: Corner | None
-    """Its wheel."""
+    """Guessed wheel."""
     sign: int
-    """-1 if gravity shows that it is upside down."""
+    """Sign, -1 if gravity shows that the sensor is upside down."""
     why: str
-    """The grounds of the guess."""
+    """Reasons for the guess."""
     ask: str = ""
-    """Question to the user, because it is not sure; empty if it is."""
+    """Question to the user about an uncertain guess; empty if it is certain."""
     asked: Asked = Asked.RIGHT
     """Kind of the answer."""
     unit: str = ""
-    """Unit of the signal where the database states none."""
+    """Unit of the signal if the database states none."""
     is_proven: bool = False
-    """True if pushes on the corners have shown corner and sign."""
+    """True if pushes on the corners have proven corner and sign."""
     tare: float | None = None
-    """Travel at rest, SI, with the sign; None where it was not seen."""
+    """Travel at rest, SI, with the sign; None if it was not measured."""
 
 
 def words(text: str) -> set[str]:
@@ -100,7 +100,7 @@ def signal_comments(dbc_text: str) -> dict[tuple[int, str], str]:
 
 
 def guess_corner(name: str, message: str, comment: str) -> tuple[Corner, str] | None:
-    """Return the wheel that a name, a message's name or a comment states, and the place of it."""
+    """Return the wheel that a name, a message's name or a comment states, and which of them."""
     texts = {"name": words(name), "end of the name": {name.lower()[-2:]}}
     for place, said in (texts | {"message": words(message), "comment": words(comment)}).items():
         found = [c for c, groups in _CORNERS.items() if any(group <= said for group in groups)]
@@ -112,10 +112,10 @@ def guess_corner(name: str, message: str, comment: str) -> tuple[Corner, str] | 
 def guess_quantity(
     message: str, signal: SignalLayout, comment: str, level: float | None
 ) -> Guess | None:
-    """Return what a signal may be, or None if it measures nothing that the method knows.
+    """Return a guess at what a signal measures, or None if the method does not use it.
 
-    `message`: name of its message.  `comment`: what the DBC says of it.  `level`: its value at rest
-    in its own unit, if that was seen.
+    `message`: name of its message.  `comment`: its comment in the DBC.  `level`: its value at rest
+    in its own unit, if it was measured.
     """
     try:
         si = to_si(signal.unit)
@@ -141,7 +141,7 @@ def guess_quantity(
 
 
 def is_travel(message: str, signal: SignalLayout, comment: str, level: float | None) -> bool:
-    """Return whether a length may be that of a suspension: no radar, no road, not metres away.
+    """Return whether a length may be a suspension travel, not one of a radar or the road.
 
     Arguments as in `guess_quantity`.
     """
@@ -156,14 +156,14 @@ def is_travel(message: str, signal: SignalLayout, comment: str, level: float | N
 
 
 def unit_by_gravity(size: float) -> str | None:
-    """Return the unit in which an accelerometer reads this magnitude at rest; None if none."""
+    """Return the unit in which this magnitude at rest is 1 g; None if there is none."""
     return next((u for u, one in _UNIT_1_G.items() if abs(size / one - 1) <= 0.1), None)
 
 
 def kind_by_name(message: str, signal: SignalLayout) -> str | None:
-    """Return m/s2, rad/s or m for a signal without a unit that is named like one; None for others.
+    """Return m/s2, rad/s or m for a signal without a unit, from its name; None if it has none.
 
-    A length is believed where it is a travel of a corner.
+    A length is accepted only for a travel at a corner.
     """
     said = words(signal.name)
     if signal.unit not in NO_UNIT or signal.length < 8 or said & _NO_VALUE:
@@ -178,19 +178,19 @@ def kind_by_name(message: str, signal: SignalLayout) -> str | None:
 
 
 def unit_by_level(level: float | None) -> str:
-    """Return the unit in which a travel probably reads this at rest: m below one, else mm."""
+    """Return the probable unit of a travel with this value at rest: m below one, else mm."""
     return "m" if level is not None and 0.005 <= abs(level) <= FARTHEST_M else "mm"
 
 
 def is_no_value(name: str) -> bool:
-    """Return whether a name says that a signal is about a measurement, and none itself."""
+    """Return whether a name says that a signal describes a measurement and is not one itself."""
     return bool(words(name) & _NO_VALUE)
 
 
 def is_body(text: str, *, or_imu: bool = True) -> bool:
     """Return whether a name says that a sensor is on the body.
 
-    An IMU is there as a rule; `or_imu` false: where no rule will do.
+    An IMU usually is on the body; with `or_imu` False, the name must state it.
     """
     return bool(words(text) & (_BODY | _IMU if or_imu else _BODY))
 
@@ -213,7 +213,7 @@ def _acceleration(
         proof, vertical = f"reads {share:+.2f} g at rest: vertical", True
     else:
         vertical = axis == "z" or (axis is None and corner is not None)
-        proof = "vertical by its name" if axis == "z" else "taken for vertical"
+        proof = "vertical by its name" if axis == "z" else "assumed to be vertical"
     if not vertical:
         return Guess(Quantity.UNUSED, None, 1, f"{unit}, not vertical by its name")
     sign = -1 if share is not None and share < 0 else 1
@@ -247,7 +247,7 @@ def _turn(message: str, name: str, comment: str, is_rate: bool, unit: str) -> Gu
 
 
 def axis_by_name(name: str, comment: str) -> str | None:
-    """Return x, y or z where the name, or else the comment, says one of them only."""
+    """Return x, y or z if the name, or else the comment, states exactly one of them."""
     for said in (words(name), words(comment)):
         found = [axis for axis, known in (("x", _X), ("y", _Y), ("z", _Z)) if said & known]
         if len(found) == 1:

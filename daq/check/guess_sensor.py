@@ -1,7 +1,7 @@
-"""Guesses what the signals of all sensors measure: by names and, with traffic, by physics.
+"""Guesses what the signals of all sensors measure, from names and, with traffic, from physics.
 
-A name is believed of one signal; three accelerations at rest show how their sensor is mounted, and
-with it which of its gyroscopes is roll, which is pitch, and their signs.
+A single signal is guessed from its name.  Three accelerations at rest show how their sensor is
+mounted, and so which of its gyroscopes is roll, which is pitch, and their signs.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from .pushes import Push
 
 NOTHING_STATED: Mapping[str, str] = MappingProxyType({})
 _TILTED_DEG = 5.0
-"""Tilt of an IMU from which on its user is asked."""
+"""Tilt of an IMU from which the user is asked, deg."""
 
 
 def guess_bench(
@@ -48,10 +48,10 @@ def guess_bench(
     push: Push | None,
     forward: Mapping[str, str] = NOTHING_STATED,
 ) -> dict[str, Guess]:
-    """Return what each signal may be, by full name; those that are nothing to the method lack.
+    """Return a guess for each signal, by full name, without signals that the method cannot use.
 
     `comments`: by sensor, identifier and signal.  `seen`: traffic at rest.  `push`: pushes on the
-    corners.  `forward`: axis that points forward, as ``-x``, by sensor, where the user states it.
+    corners.  `forward`: axis that points forward, as ``-x``, by sensor, if the user states it.
     """
     signals = candidates(messages, comments, seen)
     guesses = {s.full: g for s in signals if (g := _alone(s)) is not None}
@@ -67,7 +67,7 @@ def guess_bench(
 
 
 def _alone(signal: Candidate) -> Guess | None:
-    """Return what a signal may be by itself, with the unit that it probably has."""
+    """Return the guess for a single signal, with its probable unit."""
     unit = ""
     if signal.layout.unit in NO_UNIT:
         by_kind = {
@@ -86,7 +86,7 @@ def _alone(signal: Candidate) -> Guess | None:
 
 
 def _together(own: Sequence[Candidate], push: Push | None, forward: str) -> dict[str, Guess]:
-    """Return what the accelerations and rates of one device are, by how it is mounted."""
+    """Return the guesses for the accelerations and rates of one device, from its mounting."""
     accelerations = {s.axis: s for s in own if s.kind == "m/s2" and s.axis is not None}
     levels = {a: s.level for a, s in accelerations.items() if s.level is not None}
     unit = _common_unit(accelerations, levels)
@@ -114,7 +114,7 @@ def _together(own: Sequence[Candidate], push: Push | None, forward: str) -> dict
 def _common_unit(
     accelerations: Mapping[str, Candidate], levels: Mapping[str, float | None]
 ) -> str | None:
-    """Return the unit of three accelerations: as stated, or the one in which they read 1 g."""
+    """Return the unit of three accelerations: the stated one, or the one in which they read 1 g."""
     stated = {s.layout.unit for s in accelerations.values()}
     if len(stated) == 1 and to_si(next(iter(stated))).unit == "m/s2":
         return next(iter(stated))
@@ -202,7 +202,7 @@ def _signed(direction: NDArray[np.float64]) -> str:
 def _travels(
     lengths: Sequence[Candidate], guesses: Mapping[str, Guess], push: Push | None
 ) -> dict[str, Guess]:
-    """Return suspension travels with corners and signs: from pushes, or else the order of ids."""
+    """Return suspension travels with corners and signs, from pushes or else the order of ids."""
     peaks = (
         {s.full: push.pushes.peaks(push.traces[s.full]) for s in lengths if s.full in push.traces}
         if push is not None
@@ -233,7 +233,7 @@ def _travels(
     open_ = [s for s in lengths if s.full not in found and guesses[s.full].corner is None]
     if len(open_) == len(ORDER) and not found:
         for signal, corner in zip(open_, ORDER, strict=True):
-            ask = "its corner is by the order of sensors: push the car there, and see"
+            ask = "its corner is guessed from the order of sensors: push the car there to check it"
             why = f"unit {signal.layout.unit}, a travel by its name"
             travel = Quantity.SUSPENSION_TRAVEL
             found[signal.full] = Guess(travel, corner, 1, why, ask, Asked.WHEEL)

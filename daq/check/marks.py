@@ -1,4 +1,4 @@
-"""Questions that a proposal left in bench.toml: the check asks them until they are answered."""
+"""Finds the questions that a proposal left in bench.toml; the check repeats them until answered."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dbc.errors import printable
 from dbc.finding import Finding, Severity
 
 ASK = "# ASK: "
-"""Begins a mark of `daq.check.propose` in a line of its own, or behind a value."""
+"""Beginning of a mark of `daq.check.propose`, on a separate line or after a value."""
 
 
 def open_questions(text: str, name: str = "bench.toml") -> list[Finding]:
     """Return a warning for each mark that is still in a bench.toml or channel map of this name."""
-    advice = "find out, correct the lines beside it if need be, and delete the mark"
+    advice = "find the answer, correct the lines next to the mark if necessary, and delete the mark"
     return [
         Finding(
             "ask",

@@ -1,4 +1,4 @@
-"""Finds how an IMU is mounted, from physics: up by gravity, forward by pushes on the corners.
+"""Finds how an IMU is mounted: up from gravity, forward from pushes on the corners.
 
 An accelerometer at rest shows +1 g along the axis that points up.  The gyroscopes of the same
 device turn with it.  A push on a corner turns the body towards that corner: this shows which of
@@ -17,15 +17,15 @@ from ..vehicle import Corner
 
 AXES = ("x", "y", "z")
 _ALIGNED = 0.9
-"""Share of gravity on one axis from which on it is the vertical one: a tilt of less than 26 deg."""
+"""Share of gravity on one axis from which it is the vertical axis: a tilt of less than 26 deg."""
 _NEAR_1_G = 0.1
-"""Largest share by which the magnitude at rest may differ from 1 g."""
+"""Largest relative deviation of the magnitude at rest from 1 g."""
 _CLEAR = 2.0
-"""Factor by which the best direction must fit the pushes better than the one a quarter turn off."""
+"""Factor by which the best direction must fit the pushes better than a direction 90 deg off."""
 _ROLL = {True: -1.0, False: 1.0}
-"""Roll first after a push, by whether the corner is a left one (positive lifts the left side)."""
+"""Sign of the first roll after a push, by True for a left corner (positive lifts the left side)."""
 _PITCH = {True: 1.0, False: -1.0}
-"""Pitch first after a push, by whether the corner is a front one (positive is nose down)."""
+"""Sign of the first pitch after a push, by True for a front corner (positive is nose down)."""
 
 Vector = NDArray[np.float64]
 
@@ -35,11 +35,11 @@ class Mounting:
     """Directions of the car in the axes of a sensor."""
 
     up: Vector
-    """Against gravity, shape (3,), components -1, 0 or 1."""
+    """Upward direction, shape (3,), components -1, 0 or 1."""
     forward: Vector
-    """Along the car, shape (3,), components -1, 0 or 1."""
+    """Forward direction, shape (3,), components -1, 0 or 1."""
     tilt_deg: float
-    """Angle between the sensor's nearest axis and the vertical."""
+    """Angle between the sensor's nearest axis and the vertical, deg."""
     surely_forward: bool
     """True if pushes prove the forward direction, or the user states it."""
 
@@ -50,15 +50,15 @@ class Mounting:
 
 
 def axis_of(direction: Vector) -> tuple[str, int]:
-    """Return which axis of the sensor a direction of the car lies on, and with which sign."""
+    """Return the axis of the sensor along a direction of the car, and its sign."""
     place = int(np.argmax(np.abs(direction)))
     return AXES[place], 1 if direction[place] > 0 else -1
 
 
 def up_axis(gravity_g: Mapping[str, float]) -> tuple[Vector, float] | None:
-    """Return the direction up in the sensor's axes and the tilt in degrees; None if none is clear.
+    """Return the upward direction in the sensor's axes and the tilt, deg; None if it is not clear.
 
-    `gravity_g`: what each axis reads at rest, in g; all three must be there.
+    `gravity_g`: reading of each axis at rest, in g; all three are needed.
     """
     if len(gravity_g) < len(AXES):
         return None
@@ -82,8 +82,8 @@ def mounting(
     """Return how a sensor is mounted.
 
     `turns`: the angle by which the body turned about each axis in a push on each corner, any unit;
-    None without pushes: x is then taken for forward, or where x is vertical, z.  `stated`: the axis
-    that the user says points forward, as ``-x``; one that is vertical is not believed.
+    None without pushes: x is then assumed to be forward, or z if x is vertical.  `stated`: the axis
+    that points forward according to the user, as ``-x``; a vertical one is ignored.
     """
     candidates = [sign * e for e in np.eye(3) if not np.any(up * e) for sign in (1.0, -1.0)]
     said = [c for c in candidates if stated and axis_of(c) == (stated[1], int(f"{stated[0]}1"))]
@@ -101,7 +101,7 @@ def mounting(
 
 
 def _fit(up: Vector, forward: Vector, turns: Mapping[Corner, Mapping[str, float]]) -> float:
-    """Return how well a forward direction explains the turns: pitch and roll as pushed."""
+    """Return how well a forward direction explains pitch and roll in the pushes."""
     left = np.cross(up, forward)
     total = 0.0
     for corner, angles in turns.items():
@@ -117,10 +117,11 @@ def _fit(up: Vector, forward: Vector, turns: Mapping[Corner, Mapping[str, float]
 def pushed_corner(
     responses: Mapping[Corner, float], others: Sequence[Mapping[Corner, float]]
 ) -> tuple[Corner, int] | None:
-    """Return the corner at which a travel sensor is, and its sign; None if it is not clear.
+    """Return the corner and the sign of a travel sensor; None if they are not clear.
 
-    `responses`: its largest deviation in the push on each corner, any unit.  `others`: those of
-    all sensors of its kind.  The push on its own corner moves it more than any other push does.
+    `responses`: its largest deviation in the push on each corner, any unit.  `others`: the
+    deviations of all sensors of its kind.  The push on its own corner moves it more than any other
+    push does.
     """
     size = {corner: abs(value) for corner, value in responses.items()}
     ranked = sorted(size, key=lambda corner: -size[corner])

@@ -1,7 +1,7 @@
-"""A bench.toml proposed from databases, better with some seconds of traffic at rest.
+"""Proposes a bench.toml from databases and, if possible, some seconds of traffic at rest.
 
-Every guess states its grounds; what cannot be guessed (positions) is marked FILL IN, what is not
-sure is marked ASK, and both are returned as questions.
+Every guess states its reasons.  Values that cannot be guessed (positions) are marked FILL IN,
+uncertain guesses are marked ASK, and both are returned as questions.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from .propose_message import Seen, message_rule, ready_rule
 from .pushes import Push, Trace, find_pushes
 
 _LATE = (
-    "delay_s = 0.0005  # of a frame on the bus; add what the data sheet states",
+    "delay_s = 0.0005  # of a frame on the bus; add the delay from the data sheet",
     "delay_sigma_s = 0.0003",
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A bench.toml, and what its user should be asked."""
+    """A bench.toml, and the questions to its user."""
 
     text: str
     """TOML with comments."""
     asked: tuple[Question, ...]
-    """Questions about guesses that are not sure."""
+    """Questions about uncertain guesses."""
 
     @property
     def questions(self) -> tuple[str, ...]:
@@ -56,10 +56,10 @@ class Proposal:
 def propose_bench(dbc: str, dbc_text: str, codec: Codec, frames: FrameBatch | None) -> str:
     """Return the text of a bench.toml that fits one DBC: see `propose_sensors`.
 
-    `dbc`: what to write as the DBC's place.  `dbc_text`: its text.  `codec`: the same, compiled.
-    `frames`: traffic of the car at rest, in order of arrival; None or empty: the names must do.
+    `dbc`: path of the DBC to be written.  `dbc_text`: its text.  `codec`: the compiled DBC.
+    `frames`: traffic of the car at rest, in order of arrival; None or empty: only names are used.
     """
-    del codec  # compiled again, once, under the name that is written
+    del codec  # compiled again, once, under the written name
     return propose_sensors([Database(dbc, dbc_text)], (), frames, None).text
 
 
@@ -70,21 +70,21 @@ def propose_sensors(
     pushes: FrameBatch | None,
     answers: Answers = NO_ANSWERS,
 ) -> Proposal:
-    """Return a bench.toml for the sensors that databases describe and traffic shows.
+    """Return a bench.toml for the sensors that the databases describe and the traffic shows.
 
     Parameters
     ----------
     databases : sequence of Database
-        At least one, named as bench.toml is to name them.
+        At least one, with the names that bench.toml will use.
     buses : sequence of BusConfig
-        The buses, in the order of their numbers in the frames; empty: to be filled in.
+        The buses, in the order of their numbers in the frames; empty: marked to be filled in.
     frames : FrameBatch or None
-        Some seconds of the car at rest, in order of arrival; without any, names must do.
+        Some seconds of the car at rest, in order of arrival; if None, only names are used.
     pushes : FrameBatch or None
         A push on each corner, with rest before each, in the order of `push_test.ORDER`; a kick
-        against its tyre after each shows which hub is which.
+        against the tyre after each push shows the hub of that corner.
     answers : mapping of Question to str
-        Answers to what an earlier proposal from the same traffic asked.
+        Answers to the questions of an earlier proposal from the same traffic.
 
     Raises
     ------
@@ -131,10 +131,10 @@ def _question(found: FoundSensor) -> Question:
 
 
 def _ours(found: Sequence[FoundSensor], answers: Answers) -> tuple[FoundSensor, ...]:
-    """Return the sensors of this bench, as far as was answered."""
+    """Return the sensors of this bench, according to the answers so far."""
     said = [(each, "" if each.surely else answers.get(_question(each), "")) for each in found]
     return tuple(
-        replace(f, surely=True, why="yours, as you say") if text == YES else f
+        replace(f, surely=True, why="yours, by your answer") if text == YES else f
         for f, text in said
         if text != NO
     )
@@ -167,7 +167,7 @@ def _pushed(
     }
     pushes, number = find_pushes({n: trace for n, trace in traces.items() if n in moved})
     if pushes is None:
-        line = f"{number} pushes were found, not one on each of four corners: repeat them"
+        line = f"{number} pushes were found instead of one on each of four corners: repeat them"
         return None, [Question(line)]
     return Push(pushes, traces), []
 
@@ -180,8 +180,8 @@ def _head(
     is_list: bool,
 ) -> list[str]:
     lines = [
-        "# Proposed by bumpbench check.  Read it, and prove it: bumpbench check FILE.",
-        "# Fill in what is marked FILL IN; it cannot be guessed.  ASK marks what is not sure.",
+        "# Proposed by bumpbench check.  Read it, then test it: bumpbench check FILE.",
+        "# Values that cannot be guessed are marked FILL IN, uncertain guesses ASK.",
     ]
     if not is_list:
         lines.append(f"dbc = {json.dumps(databases[0].name)}")
@@ -228,7 +228,7 @@ def _message(
     questions: list[Question],
     answers: Answers,
 ) -> list[str]:
-    """Return the tables of one message, and add what is to be asked."""
+    """Return the tables of one message, and add the questions about it."""
     channels: list[str] = []
     for signal in message.signals:
         full = f"{message.name}.{signal.name}"
@@ -238,7 +238,7 @@ def _message(
         sensor = sensor_of(message.name) if is_list else ""
         name = unique_name(signal.name, message.name, sensor, used)
         subject = f"sensor {sensor}" if sensor else "the IMU"
-        # One answer is for all of a sensor, but for a corner.
+        # One answer counts for the whole sensor, except for a corner.
         if guess.asked in AT_WHEEL or not (sensor or guess.asked is Asked.FORWARD):
             subject = f"channel {name}"
         question = Question(f"{subject}: {guess.ask}", guess.asked, sensor)

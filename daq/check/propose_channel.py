@@ -1,4 +1,4 @@
-"""Text of proposed tables: what bench.toml and channel map share."""
+"""Writes the proposed tables that bench.toml and channel map share."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ post_s = 2.5  # until the motion has decayed
 # quantity = "total_mass_kg"
 # value = 1551.8
 # sigma = 1.0""".splitlines()
-"""Tables on vehicle, campaign, trigger and weights, to be filled in."""
+"""Tables on vehicle, campaign, trigger and weights, for the user to fill in."""
 _BY_GRAVITY = frozenset({Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION})
 
 
@@ -60,7 +60,7 @@ def unique_name(signal: str, message: str, sensor: str, used: set[str]) -> str:
 
 
 def channel_table(name: str, signal: str, guess: Guess, late: Sequence[str]) -> list[str]:
-    """Return a `[[channel]]` table, what is not sure marked; `late`: its lines on lateness."""
+    """Return a `[[channel]]` table with uncertain guesses marked; `late`: its lines on delay."""
     lines = [
         "",
         "[[channel]]",

@@ -1,4 +1,4 @@
-"""A channel map proposed from the columns of a file: by names, units, gravity and mounting."""
+"""Proposes a channel map from the columns of a file: from names, units, gravity and mounting."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from .propose_message import Seen
 
 _TIME = {"time", "times", "timestamp", "stamp", "zeit", "t", "s", "ms"}
 _SLOWEST_HZ, _FASTEST_HZ = 10.0, 200_000.0
-"""Rates of measurements, Hz: a unit of time that is not stated must give one between them."""
+"""Lowest and highest plausible sample rate, Hz: a guessed unit of time must give a rate between
+them."""
 _UNITS = ("s", "ms", "us", "ns")
 _LATE = (
     "delay_s = 0.0  # FILL IN: of sensor, amplifier and filter, as their data sheets state",
@@ -36,28 +37,28 @@ _LATE = (
 
 @dataclass(frozen=True, slots=True)
 class _Times:
-    """The times of a clock that the file has as a column."""
+    """The times of a clock, from a column of the file."""
 
     column: Column
     """The column."""
     unit: str
     """Its unit; empty if no unit gives a sensible rate."""
     ask: str
-    """Question, because the unit is not stated; empty if it is."""
+    """Question about a unit that is not stated; empty if it is stated."""
     is_named: bool
-    """True if it is called so."""
+    """True if the name of the column says that it holds times."""
 
     @property
     def is_sure(self) -> bool:
-        """True if name and unit say so."""
+        """True if name and unit show that the column holds times."""
         return self.is_named and not self.ask
 
 
 def propose_map(file: Columns, answers: Answers = NO_ANSWERS) -> Proposal:
     """Return a channel map for a file.
 
-    `file`: all its columns, or as many samples of them as are needed to see the car at rest.
-    `answers`: to what an earlier proposal from the same file asked.
+    `file`: all its columns, with at least the samples of the car at rest.  `answers`: answers to
+    the questions of an earlier proposal from the same file.
     """
     by_clock: dict[str, list[Column]] = {}
     for column in file.columns.values():
@@ -77,12 +78,12 @@ def propose_map(file: Columns, answers: Answers = NO_ANSWERS) -> Proposal:
     usual = _in_unit(usual, answers) if usual is not None else None
     lines = [
         f"# Proposed by bumpbench import from {printable(file.where, 200)}.  Read it, and use it:",
-        "# bumpbench import FILE --channels MAP.  Fill in what is marked FILL IN; it cannot be",
-        "# guessed.  ASK marks what is not sure.",
+        "# bumpbench import FILE --channels MAP.  Values that cannot be guessed are marked",
+        "# FILL IN, uncertain guesses ASK.",
         *_time_table(usual, bool(file.times_s) or len(common) > 1),
         *REST,
         "",
-        "# Runs are found by the trigger.  Where their times are known, give each a table.",
+        "# Runs are found by the trigger.  If their times are known, write a table for each.",
         "# [[run]]",
         '# mass_state = "baseline"',
         '# excitation = "bounce"',
@@ -111,7 +112,7 @@ def propose_map(file: Columns, answers: Answers = NO_ANSWERS) -> Proposal:
 
 
 def _times_by_column(columns: Sequence[Column]) -> dict[str, _Times]:
-    """Return the times of each column of a clock: those nearest on its left, else the first.
+    """Return the times for each column: the nearest column of times on its left, else the first.
 
     A file may have a column of times before each group of channels.
     """
@@ -128,10 +129,10 @@ def _times_by_column(columns: Sequence[Column]) -> dict[str, _Times]:
 
 
 def _times(column: Column) -> _Times | None:
-    """Return a column as times if it increases, and is named or in units so."""
+    """Return a column as times if it increases and its name or unit says that it holds times."""
     is_second, is_named = _is_second(column.unit), bool(words(_last(column)) & _TIME)
     values = column.values.astype(np.float64)
-    steps = np.diff(values[np.isfinite(values)])  # a shorter table of the same file ends before
+    steps = np.diff(values[np.isfinite(values)])  # a shorter table of the same file ends earlier
     if not (is_second or is_named) or not len(steps) or not np.all(steps > 0.0):
         return None
     if is_second:
@@ -147,7 +148,7 @@ def _unit_of(times: _Times) -> Question:
 
 
 def _in_unit(times: _Times, answers: Answers) -> _Times:
-    """Return times in the unit that was stated."""
+    """Return times in the unit that was answered."""
     text = answers.get(_unit_of(times), "")
     if not text:
         return times
@@ -184,7 +185,7 @@ def _own_clock(times: _Times | None) -> list[str]:
 
 
 def _layouts(columns: Sequence[Column]) -> tuple[list[MessageLayout], dict[str, Column]]:
-    """Return the folders of a file as messages, their columns as signals; and columns by signal."""
+    """Return the folders of a file as messages, columns as signals, and the columns by signal."""
     folders: dict[str, dict[str, Column]] = {}
     for column in columns:
         folder, _, last = column.name.rpartition("/")

@@ -1,4 +1,4 @@
-"""Proposes what bench.toml adds to a message: cycle, counter, checksum, time stamp."""
+"""Proposes the rules that bench.toml adds to a message: cycle, counter, checksum, time stamp."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _CHECKSUM = {"crc", "crc8", "checksum", "chk", "chksum", "cs"}
 _TIME = {"time", "timestamp", "stamp", "millitime", "sampletime", "tow"}
 _STEADY = 0.9
 FEWEST = 20
-"""Fewest samples from which anything is concluded."""
+"""Fewest samples from which a conclusion is drawn."""
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Traffic as far as there is any."""
+    """The decoded traffic, if there is any."""
 
     known: Mapping[str, Arrivals]
     decoded: Decoded
@@ -40,13 +40,13 @@ class Seen:
 
 
 def message_rule(message: MessageLayout, seen: Seen | None, *, is_used: bool) -> list[str]:
-    """Return a `[[message]]` table, if the DBC leaves something unsaid, or a cycle that is not so.
+    """Return a `[[message]]` table if the DBC is incomplete, or states a wrong cycle.
 
-    `is_used`: a channel is in it; the cycle of another one is not looked at.
+    `is_used`: True if the message has a channel; only then its cycle is checked.
     """
     lines = []
     if message.cycle_s is None and seen is None:
-        lines.append("# cycle_ms = 10  # FILL IN: the DBC does not say, nor was there traffic")
+        lines.append("# cycle_ms = 10  # FILL IN: not in the DBC, and there was no traffic")
     elif message.cycle_s is None and seen is not None:
         rate = seen.known[message.name].rate_hz
         if rate > 0 and len(seen.known[message.name].t_ns) >= FEWEST:
@@ -60,13 +60,13 @@ def message_rule(message: MessageLayout, seen: Seen | None, *, is_used: bool) ->
     lines += _first(_time(message, signal, seen) for signal in message.signals)
     head = ["[[message]]", f"name = {json.dumps(message.name)}"]
     if all(line.startswith("#") for line in lines):
-        # A line that is uncommented needs the table it stands in.
+        # A line that is uncommented later needs the header of its table.
         return [f"# {line}" for line in head] + lines if lines else []
     return [*head, *lines]
 
 
 def ready_rule(message: MessageLayout, seen: Seen | None, ready: Mapping[str, object]) -> list[str]:
-    """Return a `[[message]]` table in place of that of a ready map whose cycle is not so."""
+    """Return a `[[message]]` table that replaces that of a ready map with a wrong cycle."""
     cycle_ms = ready.get("cycle_ms")
     lines = (
         _other_cycle(message, seen, cycle_ms * 1e-3) if isinstance(cycle_ms, int | float) else []
@@ -76,7 +76,7 @@ def ready_rule(message: MessageLayout, seen: Seen | None, ready: Mapping[str, ob
 
 
 def _other_cycle(message: MessageLayout, seen: Seen | None, stated_s: float) -> list[str]:
-    """Return the cycle that was measured, if it is not the stated one."""
+    """Return the measured cycle if it differs from the stated one."""
     arrivals = seen.known.get(message.name) if seen is not None else None
     if arrivals is None or len(arrivals.t_ns) < FEWEST:
         return []
@@ -128,7 +128,7 @@ def _checksum(message: MessageLayout, signal: SignalLayout, seen: Seen | None) -
     name = json.dumps(signal.name)
     if not rules:
         return [f"# crc = {name}  # which rule? give crc_rule"]
-    return [f"crc = {name}", f'crc_rule = "{rules[0]}"  # fits all frames']
+    return [f"crc = {name}", f'crc_rule = "{rules[0]}"  # matches all frames']
 
 
 def _time(message: MessageLayout, signal: SignalLayout, seen: Seen | None) -> list[str]:

@@ -1,4 +1,4 @@
-"""The guided wiggle: push one corner of the car down, and the sensors prove place and sign.
+"""Judges the guided wiggle: a push on one corner of the car proves places and signs of sensors.
 
 A push on a corner presses its suspension together (travel first positive), sinks the body there
 (displacement first negative), and turns it: nose down at the front (pitch rate first positive), the
@@ -31,11 +31,11 @@ _LEAST = {
     Quantity.PITCH_RATE: 0.01,
     Quantity.ROLL_RATE: 0.01,
 }
-"""Least deviation that counts as a push by hand, SI.  Accelerations have no part: in them the swing
-back is stronger than the push, and gravity has proved their signs already."""
+"""Least deviation that counts as a push by hand, SI.  Accelerations are not used: in them the swing
+back is stronger than the push, and gravity has already proved their signs."""
 _OVER_NOISE = 6.0
 _FIRST_SHARE = 0.4
-"""Share of the peak from which on the first excursion counts: clearly more than noise, and reached
+"""Share of the peak from which the first excursion counts: clearly more than noise, and reached
 before the swing back."""
 _SETTLED_S = 0.6
 _LONGEST_S = 5.0
@@ -49,22 +49,22 @@ class Wiggle:
     """The result of a push on one corner."""
 
     corner: Corner
-    """The corner that was to be pushed."""
+    """The corner that should be pushed."""
     done: bool
     """True once the push is over."""
     passed: bool
-    """True if every channel that moved, moved the right way."""
+    """True if every channel that moved did so in the right direction."""
     text: str
     """The observation, in words."""
     advice: str = ""
-    """The next step for the operator; empty if all is right."""
+    """The next step for the operator; empty if everything is right."""
     inverted: tuple[str, ...] = ()
-    """Channels that moved the wrong way."""
+    """Channels that moved in the wrong direction."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    """How a channel moved: its largest deviation, and which way it went first."""
+    """The motion of a channel: its largest deviation, and its first direction."""
 
     channel: Channel
     size: float
@@ -72,7 +72,7 @@ class _Move:
 
 
 def spoken(corner: Corner) -> str:
-    """Return a corner in words for a person who bends over a bonnet."""
+    """Return the name of a corner for a person at the car."""
     return _WORDS[corner]
 
 
@@ -88,11 +88,11 @@ def judge_wiggle(
     begin: int,
     bin_s: float,
 ) -> Wiggle:
-    """Judge the push on one corner as far as it has come.
+    """Judge the push on one corner from the data so far.
 
-    `lanes`: the last seconds as an envelope, NaN where there is no sample; all on the same bins,
-    and most of them at rest.  `begin`: the first bin that counts: before it another corner may have
-    been pushed.  `bin_s`: width of a bin, s.
+    `lanes`: the last seconds as an envelope, NaN where there is no sample; all have the same bins,
+    and most bins are at rest.  `begin`: the first bin that counts: before it another corner may
+    have been pushed.  `bin_s`: width of a bin, s.
     """
     asked = Wiggle(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
     deviations = {
@@ -112,7 +112,7 @@ def judge_wiggle(
 def _deviation(
     channel: Channel, lane: Envelope | None, begin: int
 ) -> tuple[NDArray[np.float64], float] | None:
-    """Return how far a channel is from rest since `begin`, and what counts as a movement."""
+    """Return the deviation of a channel from rest since `begin`, and the limit for a movement."""
     if lane is None or not len(lane[0]):
         return None
     low, high = lane
@@ -121,7 +121,7 @@ def _deviation(
     if not len(seen):
         return None
     rest = float(np.median(seen))
-    noise = 1.48 * float(np.median(np.abs(seen - rest)))  # a push does not move a median
+    noise = 1.48 * float(np.median(np.abs(seen - rest)))  # a push does not change a median
     away = np.nan_to_num(middle - rest)[begin:]
     return away, max(_LEAST[channel.quantity], _OVER_NOISE * noise)
 
@@ -137,7 +137,7 @@ def _move(channel: Channel, deviation: NDArray[np.float64]) -> _Move:
 
 
 def _over(deviations: Sequence[tuple[NDArray[np.float64], float]], bin_s: float) -> bool:
-    """Return whether all is at rest again, or has moved for too long to wait."""
+    """Return whether all channels are at rest again, or have moved for too long to wait."""
     began, ended, length = [], [], 0
     for deviation, least in deviations:
         loud = np.flatnonzero(np.abs(deviation) >= least)
@@ -172,22 +172,22 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
 
 
 def _elsewhere(corner: Corner, own: Channel, most: _Move, moves: Sequence[_Move]) -> Wiggle:
-    """Distinguish a swapped plug from a push on another corner, as far as the gyros show it."""
-    assert most.channel.corner is not None  # held by Channel: a travel has a corner
+    """Distinguish a swapped plug from a push on another corner, if the gyroscopes show it."""
+    assert most.channel.corner is not None  # ensured by Channel: a travel has a corner
     pushed = _corner_of_turn(moves)
     text = f"{most.channel.corner} moved"
     if pushed is most.channel.corner:
-        text += f", and the car tilted that way: not the {spoken(corner)} was pushed"
+        text += f", and the car tilted that way: the {spoken(corner)} was not pushed"
         return Wiggle(corner, True, False, text, f"push the {spoken(corner)}")
     text += f": {own.name} and {most.channel.name} are swapped"
     advice = "swap their plugs, or their signals in bench.toml"
     if pushed is None:
-        advice += f"; or another corner was pushed: R, and push the {spoken(corner)}"
+        advice += f"; or another corner was pushed: press R and push the {spoken(corner)}"
     return Wiggle(corner, True, False, text, advice)
 
 
 def _corner_of_turn(moves: Sequence[_Move]) -> Corner | None:
-    """Return the corner that went down by pitch and roll; None if either did not move."""
+    """Return the corner that went down, from pitch and roll; None if either did not move."""
     pitch = next((m.first for m in moves if m.channel.quantity is Quantity.PITCH_RATE), 0)
     roll = next((m.first for m in moves if m.channel.quantity is Quantity.ROLL_RATE), 0)
     if not (pitch and roll):
@@ -196,7 +196,7 @@ def _corner_of_turn(moves: Sequence[_Move]) -> Corner | None:
 
 
 def _expected(corner: Corner, channel: Channel, channels: Sequence[Channel]) -> int:
-    """Return which way a channel goes first, +1 or -1; 0 where that is not sure."""
+    """Return the expected first direction of a channel, +1 or -1; 0 if it is not certain."""
     quantity = channel.quantity
     if quantity is Quantity.SUSPENSION_TRAVEL:
         return 1 if channel.corner is corner else 0
@@ -208,10 +208,10 @@ def _expected(corner: Corner, channel: Channel, channels: Sequence[Channel]) -> 
 
 
 def _sinks(corner: Corner, channel: Channel) -> bool:
-    """Return whether a point of the body surely goes down with a corner.
+    """Return whether a point of the body certainly goes down with a corner.
 
-    A plate on four equal springs sinks by 1 + u u' + v v' at (u, v), counted in half lengths from
-    its middle, if it is pushed at (u', v'); a car of usual size will do for the halves.
+    A plate on four equal springs that is pushed at (u', v') sinks by 1 + u u' + v v' at (u, v), in
+    half lengths from its middle; the half lengths of a usual car are used.
     """
     if channel.at_cg:
         return True

@@ -31,7 +31,7 @@ class Pushes:
     """Four pushes, one on each corner."""
 
     spans: Mapping[Corner, tuple[int, int]]
-    """Begin and end of each, ns."""
+    """Start and end of each push, ns."""
 
     def peaks(self, trace: Trace) -> dict[Corner, float]:
         """Return the largest deviation from rest of a signal in each push, signed."""
@@ -40,14 +40,14 @@ class Pushes:
     def kicks(self, trace: Trace) -> dict[Corner, float]:
         """Return the largest deviation between each push and the next one, signed.
 
-        The tyre of the corner that was pushed is kicked then, or never.
+        If the tyre of the pushed corner is kicked, it is in this time.
         """
         begins = [begin for begin, _ in self.spans.values()]
         spans = zip(begins, [*begins[1:], int(trace[0][-1]) + 1], strict=True)
         return {c: _largest(_within(trace, s)) for c, s in zip(self.spans, spans, strict=True)}
 
     def turns(self, trace: Trace) -> dict[Corner, float]:
-        """Return the largest angle in each push of a signal that is a rate, signed."""
+        """Return the largest angle in each push, from a signal that is a rate, signed."""
         found = {}
         for corner, span in self.spans.items():
             t_ns, rate = _within(trace, span)
@@ -61,9 +61,9 @@ class Push:
     """A recording of a push on each corner."""
 
     pushes: Pushes
-    """When they were."""
+    """The times of the pushes."""
     traces: Mapping[str, Trace]
-    """Samples decoded from it, by full name of the signal."""
+    """Decoded samples, by full name of the signal."""
 
 
 def find_pushes(traces: Mapping[str, Trace]) -> tuple[Pushes | None, int]:
@@ -105,7 +105,7 @@ def _active(trace: Trace, first: int, n_bins: int) -> NDArray[np.bool_]:
 
 
 def _spans(active: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the stretches of activity, those with little rest between them as one."""
+    """Return the stretches of activity; those with little rest between them are joined."""
     found: list[tuple[int, int]] = []
     for bin_ in np.flatnonzero(active).tolist():
         if found and bin_ - found[-1][1] <= _QUIET_S / _BIN_S:

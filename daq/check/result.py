@@ -1,4 +1,4 @@
-"""The lines of a bench check: findings, with a word for how bad each is."""
+"""Makes the lines of a bench check: findings, with a word for the severity of each."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 from dbc.finding import Finding, Severity
 
 WORDS = {Severity.NOTE: "OK", Severity.WARNING: "WARN", Severity.ERROR: "FAIL"}
-"""Words for the severities, as printed and as sent to the terminal."""
+"""Words for the severities, printed and sent to the terminal."""
 
 
 def judged(code: str, severity: Severity, text: str, advice: str = "") -> Finding:
@@ -17,7 +17,7 @@ def judged(code: str, severity: Severity, text: str, advice: str = "") -> Findin
 
 
 def ok(code: str, text: str) -> Finding:
-    """Return what is as it should be."""
+    """Return a finding that is not a fault."""
     return judged(code, Severity.NOTE, text)
 
 

@@ -1,7 +1,7 @@
-"""Travels and rates whose sign is wrong, shown by what moves with them while the car swings.
+"""Finds travels and rates with a wrong sign, from channels that move with them in a swing.
 
-What a wheel's accelerometer and its travel show above 5 Hz is one motion, and what travels and
-gyroscopes show below 4 Hz is another: no parameter of the car changes their direction.
+Above 5 Hz a wheel's accelerometer and its travel show the same motion; below 4 Hz travels and
+gyroscopes show the same motion.  No parameter of the car changes the relative signs.
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ from ..vehicle import Corner
 
 _RATE_HZ = 250.0
 _WHEEL_HZ = (5.0, 15.0)
-"""Where wheels swing and the body hardly does."""
+"""Band of frequencies, Hz, in which wheels swing and the body hardly does."""
 _BODY_HZ = (0.7, 2.5)
-"""Where the body swings and the wheels hardly do."""
+"""Band of frequencies, Hz, in which the body swings and the wheels hardly do."""
 _AGAINST = -0.5
-"""Correlation from which on two channels move against each other."""
+"""Correlation from which two channels move against each other."""
 _LAG_S = 0.06
-"""Lateness that turns a sign at 8 Hz: a correlation must be strongest without any."""
+"""Delay, s, that inverts a sign at 8 Hz: a correlation must be strongest without delay."""
 
 _TILTS = {
     Quantity.ROLL_RATE: {corner: -corner.side for corner in Corner},
     Quantity.PITCH_RATE: {corner: 1 if corner.front else -1 for corner in Corner},
 }
-"""How travels change while a rate is positive: the left side extends, the front is compressed."""
+"""Signs of the travels' change while a rate is positive: the left side extends, the front is
+compressed."""
 
 Spectrum = NDArray[np.complex128]
 
@@ -44,10 +45,10 @@ class _Spectra:
     hz: NDArray[np.float64]
     """Frequencies, shape (m,)."""
     of: Mapping[str, Spectrum]
-    """By name of the channel, shape (m,)."""
+    """Spectra by name of the channel, shape (m,)."""
 
     def displacement(self, acceleration: str) -> Spectrum:
-        """Return an acceleration, twice integrated."""
+        """Return the displacement, from an acceleration integrated twice."""
         return np.asarray(-self.of[acceleration] / (2 * np.pi * np.maximum(self.hz, 0.1)) ** 2)
 
     def sum(self, signs: Mapping[str, int]) -> Spectrum:
@@ -62,10 +63,10 @@ class _Spectra:
 def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Finding, ...]:
     """Name the travels that move against their hubs, and the rates that turn against the travels.
 
-    `runs`: with their samples, SI, signs applied.  `channels`: of the session.  Travels are held
-    against the hub accelerometers; then rates of pitch and roll against the travels or,
-    if not every wheel has one, against the first rate of their kind.  A channel with nothing beside
-    it to be held against is not judged.
+    `runs`: with their samples, SI, signs applied.  `channels`: of the session.  Travels are
+    compared with the hub accelerometers; then rates of pitch and roll with the travels or, if not
+    every wheel has one, with the first rate of their kind.  A channel without a channel for
+    comparison is not judged.
     """
     moved = [each for run in runs if (each := _spectra(run)) is not None]
     travels = {c.corner: c.name for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL}
@@ -105,16 +106,16 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
 def _finding(names: Sequence[str], whom: str) -> tuple[Finding, ...]:
     if not names:
         return ()
-    advice = "turn the sign of these channels"
+    advice = "change the sign of these channels"
     if not whom.startswith("against the"):
-        advice = "turn the sign of one side: a corner that is pushed down shows which"
+        advice = "change the sign of one side: a push on a corner shows which"
     subject = ", ".join(names)
     text = f"{subject} {'moves' if len(names) == 1 else 'move'} {whom}"
     return (Finding("opposed_sign", Severity.ERROR, text, subject, advice),)
 
 
 def _spectra(run: Run) -> _Spectra | None:
-    """Return what the channels of a run show; None if they have no time in common."""
+    """Return the spectra of the channels of a run; None if they have no time in common."""
     known = [(g, v) for g in run.groups for v in g.values if np.isfinite(g.values[v]).sum() > 1]
     if not known:
         return None

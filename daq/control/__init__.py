@@ -1,4 +1,4 @@
-"""The recorder as others see it: orders, status, sockets, the service manager."""
+"""Connects the recorder to other processes: orders, status, sockets, the service manager."""
 
 from typing import TYPE_CHECKING
 

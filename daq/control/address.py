@@ -1,8 +1,8 @@
-"""The addresses of a folder's recorder: two sockets in a directory of one user alone.
+"""Chooses the addresses of a folder's recorder: two sockets in a directory of a single user.
 
-A directory is used only if it is proven to be ours: made by this user, no symbolic link, and not to
-be written by others.  None has a fixed name in the system's folder for temporary files, where
-another user could take it first.
+A directory is used only if it certainly belongs to this user: made by this user, not a symbolic
+link, and not writable by others.  No directory has a fixed name in the system's folder for
+temporary files, where another user could create it first.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MAX_PATH_BYTES = 100
 """Longest path of a Unix socket, bytes: the kernel truncates it at 108 without an error."""
 _DIRECTORY = "RUNTIME_DIRECTORY"
 _SERVICE = Path("/run/bumpbench")
-"""Directory that systemd makes for the unit; only root can make one there."""
+"""Directory that systemd makes for the unit; only root can make a directory there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +40,12 @@ class Address:
 
 
 def control_address(folder: Path) -> Address:
-    """Return where the recorder of a folder listens; where it would if there is none.
+    """Return the address of the recorder of a folder; the future address if none runs.
 
-    That is in systemd's `RUNTIME_DIRECTORY` if that is set; else in the run-time directory of the
-    user (`XDG_RUNTIME_DIR`), or below the home directory where there is none.  A recorder may have
-    been started with other settings than a client, or by the service: a client looks everywhere.
+    The sockets are in systemd's `RUNTIME_DIRECTORY` if it is set; else in the run-time directory of
+    the user (`XDG_RUNTIME_DIR`), or below the home directory if there is none.  A recorder may have
+    been started with other settings than a client, or by the service, so a client looks in all of
+    them.
 
     Raises InputError if no directory can be used: it cannot be made, belongs to another user, can
     be written by others, or its path is too long; or if the name of the folder is not UTF-8.
@@ -66,7 +67,7 @@ def control_address(folder: Path) -> Address:
     faults = []
     for place in places:
         try:
-            with suppress(OSError):  # else the next line reports it
+            with suppress(OSError):  # a failure is reported by the next line
                 place.parent.mkdir(parents=True, exist_ok=True)
             make_private(place)
             return _checked(_address(place, name))
@@ -101,7 +102,7 @@ def make_private(directory: Path) -> None:
 
 
 def _places() -> tuple[Path, ...]:
-    """Return the directories in which this process may listen, the best first."""
+    """Return the directories in which this process may listen, in order of preference."""
     if named := os.environ.get(_DIRECTORY, "").split(":")[0]:
         return (Path(named),)
     user = Path(os.environ.get("XDG_RUNTIME_DIR") or f"/run/user/{os.getuid()}")
@@ -123,18 +124,18 @@ def _checked(address: Address) -> Address:
 
 
 def _fault(directory: Path, owners: set[int]) -> str:
-    """Return why a directory may be another user's; empty if it is not."""
+    """Return why a directory may belong to another user; empty if it does not."""
     try:
         found = directory.lstat()
     except OSError as error:
         return error.strerror or str(error)
     if not stat.S_ISDIR(found.st_mode) or found.st_uid not in owners:
-        return "belongs to somebody else"
+        return "belongs to another user"
     return "can be written by others" if found.st_mode & 0o022 else ""
 
 
 def _owner(path: Path) -> int:
-    """Return the number of the user who owns a directory; -1 if it is not there, or is a link."""
+    """Return the number of the user who owns a directory; -1 if it does not exist or is a link."""
     try:
         found = path.lstat()
     except OSError:

@@ -1,7 +1,7 @@
-"""A client of the recorder: sends orders, receives what the recorder publishes.
+"""Implements a client of the recorder: sends orders, receives the published messages.
 
-Only the client in control may send orders; others may only look on.  A client sends a sign of life
-twice a second, so that control is not left with a dead one.
+Only the client in control may send orders; other clients only watch.  A client sends a heartbeat
+twice per second, so that a dead client does not keep control.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from .messages import (
 from .orders import AskLog, Hello, Order
 
 HEARTBEAT_S = 0.5
-"""Seconds between two signs of life."""
+"""Time between two heartbeats, s."""
 _SLICE_S = 0.1
 """Longest wait for a message, s, before checking whether the client was closed."""
 LOG_S = 5.0
-"""Longest wait for the run log, s: of thousands of runs it has megabytes."""
+"""Longest wait for the run log, s: for thousands of runs it has megabytes."""
 _NEWS_HELD = 100
-"""Published messages kept for a client that does not fetch them."""
+"""Number of published messages kept for a client that does not fetch them."""
 
 
 class RecorderGoneError(BumpbenchError):
@@ -50,17 +50,17 @@ class RecorderGoneError(BumpbenchError):
 
 
 class OrderRefusedError(Exception):
-    """The recorder refuses an order, or cannot be asked; the text is one line for a person."""
+    """The recorder refuses an order, or does not answer; the text is one line for a person."""
 
 
 class Client:
     """A connection to one recorder; it survives a restart of the recorder.
 
     `address`: `daq.control.address.control_address` of the recorder's folder.  `name`: the person,
-    for the journal and for others who want control.  `control`: True to take control; without it,
-    only questions are answered.  `take_over`: take control from the client that has it.  Raises
-    RecorderGoneError if no recorder answers.  Raises OrderRefusedError if another client is in
-    control.
+    for the journal and for other clients that want control.  `control`: True to take control;
+    without it, only questions are answered.  `take_over`: True to take control from the client that
+    has it.  Raises RecorderGoneError if no recorder answers.  Raises OrderRefusedError if another
+    client is in control.
     """
 
     def __init__(self, address: Address, name: str, control: bool, take_over: bool = False) -> None:
@@ -99,10 +99,10 @@ class Client:
     def ask(self, order: Order, timeout_s: float = 2.0) -> Reply:
         """Send an order and return the recorder's answer; may be called by any thread.
 
-        A `Hello` changes name and wish for control of this client.
+        A `Hello` changes this client's name and whether it wants control.
 
-        Raises RecorderGoneError if no answer comes in time.  The order may have been carried out
-        nevertheless.  Raises OrderRefusedError with the recorder's reason.
+        Raises RecorderGoneError if no answer comes in time; the order may nevertheless have been
+        carried out.  Raises OrderRefusedError with the recorder's reason.
         """
         reply = self._answer(order, timeout_s)
         if isinstance(order, Hello):
@@ -112,7 +112,7 @@ class Client:
         return replace(reply, status=self._filled(reply.status, reply.log), log=None)
 
     def _filled(self, status: Status, log: LogNews) -> Status:
-        """Return a status with all runs; ask for them if changes were missed.
+        """Return a status with all runs; request them if changes were missed.
 
         Raises as `ask`.
         """
@@ -151,7 +151,7 @@ class Client:
                 news: StatusNews = STATUS_NEWS.validate_json(b"".join(body))
                 return self._filled(news.status, news.log)
             except (ValidationError, RecorderGoneError, OrderRefusedError):
-                continue  # of another version, which the replies report; or it has just ended
+                continue  # from another version, which replies report; or the recorder has ended
         return None
 
     def _next(self, deadline_s: float) -> list[bytes] | None:
@@ -181,11 +181,11 @@ class Client:
         self._context.term()
 
     def _beat(self) -> None:
-        """Send signs of life, also to a recorder that has restarted meanwhile."""
+        """Send heartbeats, also to a recorder that was restarted meanwhile."""
         while not self._closed.wait(HEARTBEAT_S):
             try:
                 self._answer(self._hello, HEARTBEAT_S)
-            except OrderRefusedError:  # another client has taken over: only look on from now on
+            except OrderRefusedError:  # another client has taken over: only watch from now on
                 self._hello = Hello(self._hello.name)
             except RecorderGoneError:
                 continue

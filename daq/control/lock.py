@@ -12,14 +12,16 @@ from filelock import FileLock, Timeout
 from ..errors import FolderLockedError, InputError
 
 _LOCK, _HOLDER = "recorder.lock", "recorder.pid"
-"""The number is not in the lock file itself: some versions of filelock empty it in passing."""
+"""Lock file, and file with the number of the process: some versions of filelock empty the lock
+file."""
 _UMASK = 0o027
-"""Nothing for others: a recording belongs to its user and group, however the shell is set."""
+"""Removes all rights of others: a recording belongs to its user and group, whatever the shell's
+umask."""
 
 
 @contextmanager
 def group_readable() -> Iterator[None]:
-    """Give files that this process and its children make the mode 0640, and folders 0750."""
+    """Make new files of this process and its children have the mode 0640, and folders 0750."""
     umask = os.umask(_UMASK)
     try:
         yield
@@ -29,12 +31,12 @@ def group_readable() -> Iterator[None]:
 
 @contextmanager
 def lone_recorder(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder, which is made if it is not there.
+    """Hold the lock of a folder, which is created if it does not exist.
 
     Meanwhile files and folders are made as by `group_readable`.
 
-    Raises FolderLockedError if another process holds it; with its number.  Raises InputError if the
-    folder cannot be written to.
+    Raises FolderLockedError, with the number of the process, if another process holds the lock.
+    Raises InputError if the folder cannot be written to.
     """
     with group_readable(), _held(folder, folder / _HOLDER):
         yield
@@ -50,7 +52,7 @@ def _held(folder: Path, holder: Path) -> Iterator[None]:
         raise FolderLockedError(
             str(folder),
             f"another recorder ({_holder_of(holder)}) writes there",
-            "look on with `bumpbench tui`, or name another folder",
+            "watch it with `bumpbench tui`, or name another folder",
         ) from error
     except OSError as error:
         what = error.strerror or str(error)
@@ -79,7 +81,7 @@ def is_locked(folder: Path) -> bool:
 
 
 def unreachable_words(folder: Path) -> str:
-    """Return that the recorder of a folder cannot be reached from here; empty if none runs."""
+    """Return a text that the recorder of a folder cannot be reached; empty if none runs."""
     if not (folder / _LOCK).exists() or not is_locked(folder):
         return ""
     return f"a recorder ({_holder_of(folder / _HOLDER)}) writes there, but does not answer here"

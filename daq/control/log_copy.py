@@ -1,7 +1,7 @@
-"""Keeps the runs of a recorder at its clients, so that its statuses need not carry all of them.
+"""Keeps a copy of a recorder's runs at its clients, so that a status need not contain all of them.
 
-A status carries the state of the run log as a number, and what the last change has added.  A client
-that has missed a change asks for the whole log once.
+A status contains the state of the run log as a number, and the last change.  A client that missed a
+change asks for the whole log once.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ from .messages import LOG, LogNews, Status
 
 CHANGE_BYTES = 3_000
 """Largest change that is sent with each status, bytes of JSON: a run with its findings has half of
-that, and a status of a usual bench has 3 kB without it."""
+this, and the rest of a usual status has 3 kB."""
 
 _LATE = 1000
-"""Changes by which a status may be behind the copy; a larger difference is another recorder's."""
+"""Number of changes by which a status may be behind the copy; a larger difference means another
+recorder."""
 
 
 class LogSource:
-    """Numbers the states of a run log; for the recorder's side."""
+    """Numbers the states of a run log, in the recorder."""
 
     def __init__(self, first: int) -> None:
         self._runs: tuple[LoggedRun, ...] = ()
@@ -58,11 +59,11 @@ class LogSource:
         )
         if grown and len(runs) < 10 and len(LOG.dump_json(news)) <= CHANGE_BYTES:
             return news
-        return LogNews(self._news.serial + 2)  # no client has the state before: all ask
+        return LogNews(self._news.serial + 2)  # no client has the previous state: all ask
 
 
 class LogCopy:
-    """The run log as a client knows it; any thread may call it."""
+    """A client's copy of the run log; any thread may call it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -72,7 +73,7 @@ class LogCopy:
         self._overrides: tuple[Override, ...] = ()
 
     def take(self, news: LogNews) -> bool:
-        """Take in a change; return False if changes before it are missing."""
+        """Apply a change; return False if earlier changes are missing."""
         with self._lock:
             if news.whole:
                 self._runs = {}
@@ -80,7 +81,7 @@ class LogCopy:
             elif self._serial is None:
                 return False
             elif 0 <= self._serial - news.serial < _LATE:
-                return True  # known already; a reply may overtake a status
+                return True  # already applied; a reply may overtake a status
             elif news.serial != self._serial + 1:
                 return False
             self._serial = news.serial

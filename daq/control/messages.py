@@ -1,7 +1,7 @@
-"""The messages between a recorder and its clients: typed, versioned, JSON on the wire.
+"""Defines the messages between a recorder and its clients: typed, versioned, JSON on the wire.
 
 A client sends an `Order` (`daq.control.orders`) in a `Request` and gets a `Reply`.  The recorder
-publishes its `Status` and the `Live` samples to all clients, ten times a second.  These are data;
+publishes its `Status` and the `Live` samples to all clients, ten times per second.  These are data;
 `daq.control.server` and `daq.control.client` transport them.
 """
 
@@ -19,25 +19,24 @@ from ..runs import Excitation, Losses
 from .orders import Order
 
 PROTOCOL = 2
-"""Version of the messages, raised when an older client could misread them."""
+"""Version of the messages, increased when an older client could misread them."""
 STATUS_TOPIC, LIVE_TOPIC = b"status", b"live"
 _WHEN_USED = ConfigDict(defer_build=True)
-"""A client builds what reads and writes a message when the first one comes, not before its
-screen."""
+"""Builds validators at the first message, so that they do not delay the first screen."""
 
 
 class Phase(StrEnum):
     """State of the run loop."""
 
     IDLE = "idle"
-    """Not armed; frames are recorded nevertheless."""
+    """Not armed; frames are still recorded."""
     WAITING = "waiting"
     """Armed by the operator, but the car is not at rest yet or the pre-trigger is not full."""
     ARMED = "armed"
     TRIGGERED = "triggered"
     DECAY = "decay"
     ACCEPTED = "accepted"
-    """The run just judged, until the countdown ends."""
+    """The last run was accepted; lasts until the countdown ends."""
     REJECTED = "rejected"
     PAUSED = "paused"
     COMPLETE = "complete"
@@ -64,7 +63,7 @@ class SessionState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A message with an order; its reply has the same `number`."""
+    """A message with an order; the reply has the same `number`."""
 
     __pydantic_config__ = _WHEN_USED
     client: str
@@ -87,18 +86,18 @@ class Alarm:
     subject: str
     """The bus, message, channel or folder; empty for the recorder itself."""
     text: str
-    """The fault in words, with the numbers."""
+    """The fault in words, with numbers."""
     advice: str
     """Advice for the operator."""
     since_ns: int
-    """Wall clock, ns since 1970."""
+    """Wall-clock time since which it is present, ns since 1970."""
     count: int = 0
-    """Number of events or frames, where they are counted."""
+    """Number of events or frames, if they are counted."""
 
 
 @dataclass(frozen=True, slots=True)
 class BusStatus:
-    """One bus; counts are those since the start."""
+    """One bus; counts are since the start."""
 
     name: str
     state: BusState
@@ -114,30 +113,30 @@ class BusStatus:
 
 @dataclass(frozen=True, slots=True)
 class DiskStatus:
-    """The journal, and the room on its disk."""
+    """The journal, and the free space on its disk."""
 
     free_bytes: int
     journal_bytes: int
     recorded_frames: int
-    """Frames of this recording, or of the time since the last one, that are on the disk
-    (fdatasync'ed): the only meaning of "recorded"."""
+    """Frames of this recording, or of the time since the last one, on the disk (fdatasync'ed): the
+    only meaning of "recorded"."""
     lag_s: float
-    """Age of the oldest frame that was received and is not on the disk."""
+    """Age of the oldest received frame that is not on the disk, s."""
     held_frames: int = 0
-    """Frames in memory because the disk refuses them."""
+    """Number of frames in memory because the disk refuses them."""
     failed: str = ""
-    """Why the disk refuses; empty if it does not."""
+    """Reason why the disk refuses data; empty if it does not."""
     dropped_frames: int = 0
     """Frames lost because neither disk nor memory had room; `disk_gap` events report them."""
     warning: str = ""
-    """A fault although the disk takes everything: nothing that may be deleted, a file that was
-    taken away, a write that failed and was repeated in another file."""
+    """A fault although the disk stores everything: no file may be deleted, a file was removed, or a
+    write failed and was repeated in another file."""
     total_bytes: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class QueueStatus:
-    """The queue between readers and writer, in blocks; `high` is the most since the start."""
+    """The queue between readers and writer, in blocks; `high` is the maximum since the start."""
 
     blocks: int
     high: int
@@ -146,26 +145,27 @@ class QueueStatus:
 
 @dataclass(frozen=True, slots=True)
 class StorageStatus:
-    """Frames that arrive compared with those on the disk, since the recorder was started."""
+    """Numbers of frames that arrived and that are on the disk, since the start of the recorder."""
 
     received_frames: int = 0
-    """Frames of all buses, those included that found no room in the queue."""
+    """Number of frames of all buses, including those that found no room in the queue."""
     stored_frames: int = 0
-    """Frames on the disk (fdatasync'ed), of all campaigns and of the times between them."""
+    """Number of frames on the disk (fdatasync'ed), of all campaigns and of the times between
+    them."""
     late_s: float = 0.0
     """Time for which frames have arrived and none was stored, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """The next step, or the one being done."""
+    """The next step of the campaign, or the present one."""
 
     step: Step
-    """Its `label` is that of the next attempt."""
+    """The step; its `label` is that of the next attempt."""
     accepted: int
     planned: int
     rejected: int
-    """Accepted, planned and rejected are numbers of runs of this mass state and excitation."""
+    """`accepted`, `planned` and `rejected`: numbers of runs of this mass state and excitation."""
     instruction: str
     """Instruction for the operator."""
 
@@ -183,21 +183,21 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class SessionStatus:
-    """The session file of the recording (or, after `Stop`, of the one before)."""
+    """The session file of the recording (or, after `Stop`, of the previous one)."""
 
     state: SessionState = SessionState.NONE
     path: str = ""
     text: str = ""
-    """Why it failed, or the losses of the journal."""
+    """Reason of a failure, or the losses of the journal."""
     recording: str = ""
-    """Identity of its recording."""
+    """Identity of the recording."""
     revision: int = 0
-    """Revision of the run log that it was built from."""
+    """Revision of the run log from which it was built."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """An accepted run that does not belong to the others of its kind."""
+    """An accepted run that does not agree with the others of its kind."""
 
     label: str
     """Label of the run."""
@@ -207,47 +207,48 @@ class LeftOut:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """The whole state of a recorder: a terminal that attaches needs nothing else."""
+    """The complete state of a recorder: a terminal that connects needs nothing else."""
 
     __pydantic_config__ = _WHEN_USED
     wall_ns: int
-    """The host's wall clock."""
+    """The host's wall-clock time, ns since 1970."""
     t_ns: int
-    """Time stamp of the latest frame; 0 before the first."""
+    """Time stamp of the latest frame, ns; 0 before the first."""
     recording: str
     """Identity of the campaign's recording; changes with `Start`.  Empty between two campaigns,
-    after `Stop`: what is on the bus is recorded then, too."""
+    after `Stop`, although frames are also recorded then."""
     folder: str
     vehicle: str
     bench_crc32: int
-    """CRC of the bench.toml in force: a client asks for it when this changes."""
+    """CRC of the present bench.toml: a client asks for the file when this changes."""
     phase: Phase
     """State of the run loop."""
     phase_s: float
     """Time in that state, s."""
     countdown_s: float | None
-    """Time until the next run is armed, s; None if none will be."""
+    """Time until the next run is armed, s; None if no run will be armed."""
     not_at_rest: tuple[str, ...]
     """Trigger channels that prevent arming."""
     bump_ns: int
-    """Time stamp of the last bump; 0 if none."""
+    """Time stamp of the last bump, ns; 0 if there was none."""
     peak_left: float | None
-    """Share of the motion's peak that is left, in DECAY."""
+    """Ratio of the present motion to its peak, in the phase DECAY."""
     halted: str
-    """Why the run loop stopped by itself: after three rejects for one reason, its code."""
+    """Reason why the run loop stopped by itself: the code of three rejects in a row with one
+    reason."""
     due: Due | None
-    """None when the campaign is complete."""
+    """The step that is due; None when the campaign is complete."""
     tallies: tuple[Tally, ...]
-    """In the order of the campaign."""
+    """Numbers of runs, in the order of the campaign."""
     runs: tuple[LoggedRun, ...]
     notes: tuple[Remark, ...]
     overrides: tuple[Override, ...]
     undo: str
-    """The verdict that would be undone, in words; empty if there is none."""
+    """The verdict that `Undo` would take back, in words; empty if there is none."""
     redo: str
-    """The verdict that would be redone, in words; empty if there is none."""
+    """The verdict that `Redo` would restore, in words; empty if there is none."""
     alarms: tuple[Alarm, ...]
-    """In order of gravity."""
+    """The alarms, in order of severity."""
     overloaded: tuple[str, ...]
     """Channels that reached the end of their range since the last `Acknowledge`."""
     buses: tuple[BusStatus, ...]
@@ -266,19 +267,18 @@ class Status:
     revision: int = 0
     """Revision of the run log, of which `runs`, `notes` and `overrides` are parts."""
     storage: StorageStatus = StorageStatus()
-    """Frames that arrive compared with those stored."""
+    """Numbers of frames that arrived and that are stored."""
     origin: Origin = Origin.REAL
-    """Where the frames come from."""
+    """Origin of the frames."""
     begun: str = ""
-    """How the campaign follows on one that a crash or a stop has cut: that it goes on, or why a new
-    one was begun.  Empty if there was none."""
+    """After a crash or a stop, whether the interrupted campaign is continued, or why a new one was
+    begun.  Empty if no campaign was interrupted."""
     proposed: tuple[LeftOut, ...] = ()
-    """Runs that the recorder proposes to leave out, of kinds with more runs than planned (the order
-    `LeaveOut`)."""
+    """Runs proposed to be left out (order `LeaveOut`), of kinds with more runs than planned."""
 
     @property
     def own_session(self) -> str:
-        """Path of the session file of this recording; empty if it is of the one before."""
+        """Path of the session file of this recording; empty if the file is of the previous one."""
         return self.session.path if self.session.recording == self.recording else ""
 
     @property
@@ -287,16 +287,16 @@ class Status:
         return bool(self.own_session) and self.session.revision != self.revision
 
 
-# The run log apart from the status -------------------------------------------------------------
+# The run log separate from the status -------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class LogNews:
-    """The state of the run log as a number, and what has changed since the one before."""
+    """The state of the run log as a number, and the change since the previous state."""
 
     __pydantic_config__ = _WHEN_USED
     serial: int
-    """One more with each change; two more if the change is not sent."""
+    """Number of the state: grows by one with each change, by two if the change is not sent."""
     runs: tuple[LoggedRun, ...] = ()
     """Runs that are new or changed."""
     notes: tuple[Remark, ...] = ()
@@ -304,33 +304,33 @@ class LogNews:
     overrides: tuple[Override, ...] = ()
     """Overrides that are new."""
     whole: bool = False
-    """True if these are all: the answer to `AskLog`."""
+    """True if it contains the whole log: the answer to `AskLog`."""
 
 
 @dataclass(frozen=True, slots=True)
 class StatusNews:
-    """A status as it is published: it does not grow with the number of runs."""
+    """A published status; its size does not grow with the number of runs."""
 
     __pydantic_config__ = _WHEN_USED
     status: Status
-    """Without runs, notes and overrides (`daq.control.log_copy`)."""
+    """The status without runs, notes and overrides (`daq.control.log_copy`)."""
     log: LogNews
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """Settings that a recorder was started with; of a terminal, those it was started for."""
+    """The settings with which a recorder was started, or which a terminal expects."""
 
     origin: Origin
-    """Where the frames come from."""
+    """Origin of the frames."""
     vehicle: str = ""
     """Name in bench.toml."""
     bench_crc32: int | None = None
-    """CRC of bench.toml as read from the file; None if a terminal was given none."""
+    """CRC of bench.toml as read from the file; None if a terminal has none."""
     dbc_crc32: int | None = None
-    """CRC of the DBC; None as before."""
+    """CRC of the DBC; None if a terminal has none."""
     buses: tuple[str, ...] | None = None
-    """Interface and channel of each bus; None if a terminal was given none."""
+    """Interface and channel of each bus; None if a terminal has none."""
 
 
 # Live data and answers --------------------------------------------------------------------------
@@ -355,7 +355,7 @@ class Live:
     bin_s: float
     """Width of a bin, s."""
     lanes: tuple[Lane, ...]
-    """All of the same number of bins."""
+    """Lanes of the channels, all with the same number of bins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -377,7 +377,7 @@ class Reply:
     number: int
     """Number of the request."""
     error: str = ""
-    """One line; empty if the order was carried out."""
+    """Error in one line; empty if the order was carried out."""
     status: Status | None = None
     """Answer to `Hello`, `AskStatus` and every order."""
     live: Live | None = None
@@ -387,7 +387,8 @@ class Reply:
     check: tuple[CheckItem, ...] = ()
     """Answer to `AskCheck`."""
     log: LogNews | None = None
-    """Answer to `AskLog`; beside a status on the wire, the run log that it is without."""
+    """Answer to `AskLog`; on the wire also sent with a status, which does not contain the run
+    log."""
     setup: Setup | None = None
     """Answer to `AskSetup`."""
     protocol: int = PROTOCOL

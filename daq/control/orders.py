@@ -1,6 +1,6 @@
-"""The orders and questions that a client may send to a recorder.
+"""Defines the orders and questions that a client may send to a recorder.
 
-Each has its name in `order`, so that JSON can be read back (`daq.control.messages`).
+Each has its name in `order`, by which it is read back from JSON (`daq.control.messages`).
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from ..runs import Excitation
 
 
 class Until(StrEnum):
-    """Limit of an order to arm."""
+    """Extent of an order to arm."""
 
     RUN = "run"
     EXCITATION = "excitation"
-    """Until the repeats of this excitation are accepted: then a person moves the boards."""
+    """Until the repeats of this excitation are accepted; then a person moves the boards."""
     COMPLETE = "complete"
 
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Announce a client: a controller may send orders, a viewer may only ask."""
+    """Announce a client: a controller may send orders, a viewer may only ask questions."""
 
     name: str
-    """The person, for the journal."""
+    """Name of the person, for the journal."""
     control: bool = False
     """True to be the controller."""
     take_over: bool = False
-    """Take control from the client that has it; without it a second controller is refused."""
+    """True to take control from the client that has it; else a second controller is refused."""
     order: Literal["hello"] = "hello"
 
 
@@ -45,14 +45,14 @@ class AskStatus:
 
 @dataclass(frozen=True, slots=True)
 class AskLog:
-    """Ask for all runs, notes and overrides: the status has only the last change of them."""
+    """Ask for all runs, notes and overrides; a published status has only their last change."""
 
     order: Literal["log"] = "log"
 
 
 @dataclass(frozen=True, slots=True)
 class AskHistory:
-    """Ask for the live samples of the last seconds, for lanes that begin full."""
+    """Ask for the live samples of the last seconds, so that the lanes begin full."""
 
     seconds: Annotated[float, Field(gt=0, le=60)] = 10.0
     order: Literal["history"] = "history"
@@ -60,14 +60,14 @@ class AskHistory:
 
 @dataclass(frozen=True, slots=True)
 class AskBench:
-    """Ask for the bench.toml in force."""
+    """Ask for the present bench.toml."""
 
     order: Literal["bench"] = "bench"
 
 
 @dataclass(frozen=True, slots=True)
 class AskSetup:
-    """Ask what the recorder was started with."""
+    """Ask for the settings with which the recorder was started."""
 
     order: Literal["setup"] = "setup"
 
@@ -82,10 +82,10 @@ class AskCheck:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Begin a campaign; one that is under way is ended."""
+    """Begin a campaign; end the present one."""
 
     bench_text: str = ""
-    """A new bench.toml (same buses and DBC); empty leaves the one in force."""
+    """A new bench.toml (same buses and DBC); empty keeps the present one."""
     order: Literal["start"] = "start"
 
 
@@ -99,14 +99,14 @@ class Configure:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """End the campaign and derive its session file; what is on the bus is recorded on."""
+    """End the campaign and derive its session file; recording continues."""
 
     order: Literal["stop"] = "stop"
 
 
 @dataclass(frozen=True, slots=True)
 class Build:
-    """Derive the session file of the recording as it stands; the recording goes on."""
+    """Derive the session file from the recording so far; recording continues."""
 
     order: Literal["build"] = "build"
 
@@ -117,21 +117,21 @@ class Arm:
 
     until: Until = Until.EXCITATION
     mass_state: str = ""
-    """The weights that are on the car, as the sender has seen: needed where the next run is of
-    another mass state than the last one, unless all runs are armed for at once."""
+    """The mass state that the sender has seen on the car: needed if the next run has another mass
+    state than the last one, unless all runs are armed together."""
     order: Literal["arm"] = "arm"
 
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """Count no bump until armed again; frames are recorded nevertheless."""
+    """Count no bump until armed again; frames are still recorded."""
 
     order: Literal["pause"] = "pause"
 
 
 @dataclass(frozen=True, slots=True)
 class Choose:
-    """Make this the next run, also beyond the planned repeats; then the campaign goes on."""
+    """Make this the next run, also beyond the planned repeats; then the campaign continues."""
 
     mass_state: str
     excitation: Excitation
@@ -149,31 +149,31 @@ class Accept:
 
 @dataclass(frozen=True, slots=True)
 class Reject:
-    """Do not use a run; it is kept."""
+    """Reject a run; it is kept."""
 
     label: str = ""
-    """The run; empty for the one being recorded, or else the last one."""
+    """Label of the run; empty for the run being recorded, or else the last one."""
     reason: Annotated[str, Field(max_length=500)] = ""
     order: Literal["reject"] = "reject"
 
 
 @dataclass(frozen=True, slots=True)
 class Undo:
-    """Take the last verdict (of the recorder or of a person) back."""
+    """Take back the last verdict (of the recorder or of a person)."""
 
     order: Literal["undo"] = "undo"
 
 
 @dataclass(frozen=True, slots=True)
 class LeaveOut:
-    """Reject the runs that the recorder proposes to leave out (`Status.proposed`), at once."""
+    """Reject all runs that the recorder proposes to leave out (`Status.proposed`)."""
 
     order: Literal["leave_out"] = "leave_out"
 
 
 @dataclass(frozen=True, slots=True)
 class Redo:
-    """Take the last `Undo` back."""
+    """Take back the last `Undo`."""
 
     order: Literal["redo"] = "redo"
 
@@ -188,7 +188,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Write a note on the recording, or on one run of it."""
+    """Write a note on the recording, or on one of its runs."""
 
     text: Annotated[str, Field(min_length=1, max_length=2000)]
     label: str = ""
@@ -197,7 +197,7 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class OverrideWarning:
-    """Go on although the bench check warns; the report names person and reason."""
+    """Continue although the bench check warns; the report names person and reason."""
 
     subject: Annotated[str, Field(max_length=200)]
     reason: Annotated[str, Field(min_length=1, max_length=500)]
@@ -206,14 +206,14 @@ class OverrideWarning:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """Turn the overload lamps off."""
+    """Switch the overload lamps off."""
 
     order: Literal["acknowledge"] = "acknowledge"
 
 
 @dataclass(frozen=True, slots=True)
 class ShutDown:
-    """Drain, seal and end the recorder."""
+    """Write what is in the queue, seal the journal and end the recorder."""
 
     order: Literal["shutdown"] = "shutdown"
 

@@ -1,4 +1,4 @@
-"""The clients of a recorder, and which of them is in control."""
+"""Keeps the clients of a recorder, and which of them is in control."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from ..errors import printable
 from .orders import Hello
 
 LEASE_S = 5.0
-"""Seconds without a message after which a client counts as gone."""
+"""Time without a message, s, after which a client counts as gone."""
 DEAD_S = 1.0
-"""The same, s, if its process has ended: a new terminal must not wait for a dead one."""
+"""Time without a message, s, after which a client whose process has ended counts as gone: a new
+terminal must not wait for a dead one."""
 
 
 class Peers:
-    """The clients that have sent a message lately.
+    """The clients that have recently sent a message.
 
     A client's id begins with the number of its process: all clients are on this machine.  A client
     loses control only to one that asks for it, so a terminal that was delayed keeps it.
@@ -26,7 +27,7 @@ class Peers:
         self._controller = ""
 
     def seen(self, client: str, now_s: float) -> None:
-        """Note a sign of life of a client, and forget those that are gone."""
+        """Note a message of a client, and forget clients that are gone."""
         self._seen_s[client] = now_s
         for other in [c for c, seen_s in self._seen_s.items() if now_s - seen_s > LEASE_S]:
             if other != self._controller:
@@ -34,7 +35,7 @@ class Peers:
                 self._names.pop(other, None)
 
     def hello(self, client: str, hello: Hello, now_s: float) -> str:
-        """Admit a client as controller or viewer; return why not, or an empty text."""
+        """Admit a client as controller or viewer; return why it is refused, or an empty text."""
         self._names[client] = printable(hello.name, 60)
         if not hello.control:
             if client == self._controller:
@@ -44,7 +45,7 @@ class Peers:
         if holder and self._controller != client and not hello.take_over:
             self._seen_s.pop(client, None)
             self._names.pop(client)
-            return f"{holder} is in control (take over, or look on)"
+            return f"{holder} is in control (take over, or only watch)"
         self._controller = client
         return ""
 
@@ -53,7 +54,7 @@ class Peers:
         return client == self._controller
 
     def controller(self, now_s: float) -> str:
-        """Return the name of the client in control; empty if there is none, or if it is gone."""
+        """Return the name of the client in control; empty if there is none or it is gone."""
         client = self._controller
         if not client:
             return ""
@@ -63,7 +64,7 @@ class Peers:
         return self.name(client)
 
     def viewers(self, now_s: float) -> int:
-        """Return the number of clients that only look on."""
+        """Return the number of clients that only watch."""
         alive = [c for c, seen_s in self._seen_s.items() if now_s - seen_s <= LEASE_S]
         return len(alive) - (self._controller in alive)
 
@@ -73,7 +74,7 @@ class Peers:
 
 
 def _lives(client: str) -> bool:
-    """Return whether the process of a client runs, also if that cannot be found out."""
+    """Return whether the process of a client runs; True if this cannot be determined."""
     number = client.partition("-")[0]
     if not (number.isascii() and number.isdigit()):
         return True

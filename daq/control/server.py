@@ -1,8 +1,8 @@
 """Serves the clients of a recorder: one controller, any number of viewers.
 
-A separate thread passes requests to the recorder and answers back, and publishes the recorder's
-status.  No client can delay the recorder: messages that a client does not fetch are dropped at its
-own high-water mark.
+A separate thread passes requests to the recorder, returns its answers, and publishes its status.
+No client can delay the recorder: messages that a client does not fetch are dropped at the client's
+high-water mark.
 """
 
 from __future__ import annotations
@@ -45,21 +45,23 @@ from .peers import Peers
 MAX_REQUEST_BYTES = 4_000_000
 """Largest request, bytes: a bench.toml of 1 MB, escaped."""
 ANSWER_S = 10.0
-"""Seconds after which a client gets an error if the recorder has not answered."""
+"""Time, s, after which a client gets an error if the recorder has not answered."""
 MAX_PENDING = 64
-"""Most requests that the recorder has not answered; further ones are refused."""
+"""Largest number of unanswered requests; further requests are refused."""
 _HELD_MESSAGES = 100
-"""Messages kept for a client that does not fetch them: 5 s of statuses, or that many replies."""
+"""Number of messages kept for a client that does not fetch them: 5 s of statuses, or as many
+replies."""
 _HELD_NEWS = 16
-"""Statuses that wait for this thread; further ones replace the oldest."""
+"""Number of statuses that wait for this thread; further ones replace the oldest."""
 _LINGER_MS = 300
-"""Time for sending the last messages at the end, ms."""
+"""Time for sending the last messages when the server is closed, ms."""
 FIRST_S = 60.0
-"""Seconds that the first client may take to come: a terminal starts together with its recorder."""
+"""Time, s, that the first client may take to connect: a terminal starts together with its
+recorder."""
 LOOK_S = 1.0
-"""Seconds between two looks whether the sockets are still there."""
+"""Time between two checks that the sockets still exist, s."""
 _POLL_MS = 500
-"""Longest wait for a request, ms, before answers that are overdue are refused."""
+"""Longest wait for a request, ms, before overdue answers are refused."""
 
 _log = logging.getLogger("recorder")
 
@@ -75,11 +77,12 @@ class _Pending:
 
 
 class Server:
-    """Answers requests and publishes, until it is closed.
+    """Answers requests and publishes until it is closed.
 
-    `submit`: of the recorder: takes an order and the name of its sender, returns a future without
-    blocking.  `address`: a stale socket there is replaced.  `setup`: what the recorder was started
-    with; may be changed at any time.  Raises InputError if the server cannot listen there.
+    `submit`: function of the recorder that takes an order and the name of its sender, and returns a
+    future without blocking.  `address`: address to listen at; a stale socket is replaced.  `setup`:
+    settings with which the recorder was started; may be changed at any time.  Raises InputError if
+    the server cannot listen there.
     """
 
     def __init__(
@@ -95,7 +98,7 @@ class Server:
         self._peers = Peers()
         self._pending: list[_Pending] = []
         self._status: Status | None = None
-        self._log = LogSource(time.time_ns())  # another number than that of an earlier recorder
+        self._log = LogSource(time.time_ns())  # differs from the numbers of an earlier recorder
         # The recorder appends without waiting; the oldest are dropped if this thread lags.
         self._news: deque[tuple[Status, Live | None]] = deque(maxlen=_HELD_NEWS)
         self._closing = threading.Event()
@@ -104,7 +107,7 @@ class Server:
         os.set_blocking(self._wake_out, False)
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._requests = self._context.socket(zmq.ROUTER)
-        self._requests.maxmsgsize = 4 * MAX_REQUEST_BYTES  # beyond it the line is cut
+        self._requests.maxmsgsize = 4 * MAX_REQUEST_BYTES  # a longer line is cut
         self._publisher = self._context.socket(zmq.PUB)
         for end in (self._requests, self._publisher):
             end.linger = _LINGER_MS
@@ -122,11 +125,11 @@ class Server:
         self._thread.start()
 
     def alone_s(self) -> float:
-        """Return for how long no client has been there, s; the first may take `FIRST_S`."""
+        """Return the time without any client, s; the first client may take `FIRST_S`."""
         return max(time.monotonic() - self._left_s, 0.0)
 
     def has_clients(self) -> bool:
-        """Return whether any client was there lately; from any thread, never blocks."""
+        """Return whether any client was connected recently; from any thread, never blocks."""
         return self._has_clients
 
     def publish(self, status: Status, live: Live | None) -> None:
@@ -151,7 +154,7 @@ class Server:
         os.close(self._wake_out)
 
     def _wake(self) -> None:
-        with suppress(OSError):  # full: it is awake already; closed: it has ended
+        with suppress(OSError):  # full: the thread is already awake; closed: it has ended
             os.write(self._wake_out, b"!")
 
     # The server's thread -----------------------------------------------------------------------
@@ -183,7 +186,7 @@ class Server:
             self._listen_again()
 
     def _listen_again(self) -> None:
-        """Bind sockets whose files are gone: a logout deletes a user's run-time directory."""
+        """Bind sockets again whose files are gone: a logout deletes a user's run-time directory."""
         gone = [path for path in self._address.paths if not path.is_socket()]
         if not gone:
             return
@@ -191,10 +194,10 @@ class Server:
             make_private(gone[0].parent)
             ends = (self._requests, self._address.control), (self._publisher, self._address.news)
             for end, endpoint in ends:
-                with suppress(zmq.ZMQError):  # it was not bound again the last time
+                with suppress(zmq.ZMQError):  # the last attempt to bind it failed
                     end.unbind(endpoint)
                 end.bind(endpoint)
-            _log.warning("control: %s was deleted, and is there again", gone[0])
+            _log.warning("control: %s was deleted and has been created again", gone[0])
             self._deaf = False
         except (InputError, zmq.ZMQError) as error:
             if not self._deaf:
@@ -236,7 +239,7 @@ class Server:
         elif not isinstance(order, QUESTIONS) and not self._peers.in_control(request.client):
             holder = self._peers.controller(now_s)
             who = f"{holder} is in control" if holder else "you are not in control"
-            self._reply(envelope, Reply(number, f"{who}: you can only look on"))
+            self._reply(envelope, Reply(number, f"{who}: you can only watch"))
         elif len(self._pending) >= MAX_PENDING:
             self._reply(envelope, Reply(number, "the recorder is busy: try again"))
         else:
@@ -261,7 +264,7 @@ class Server:
         if reply.status is not None:
             status, log = self._log.parted(reply.status)
             reply = replace(reply, status=status, log=log)
-        with suppress(zmq.ZMQError):  # it does not fetch them, or is gone
+        with suppress(zmq.ZMQError):  # the client does not fetch them, or is gone
             self._requests.send_multipart([*envelope, REPLY.dump_json(reply)], zmq.NOBLOCK)
 
 
@@ -294,7 +297,7 @@ def _read(message: bytes) -> Request | Reply:
 
 
 def _other_protocol(protocol: int) -> str:
-    return f"protocol {protocol} is not understood, but {PROTOCOL} is: use one version of Bumpbench"
+    return f"protocol {protocol} is not supported, only {PROTOCOL}: use one version of Bumpbench"
 
 
 def _number_and_protocol(message: bytes) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Compares what a recorder was started with to what a terminal was started for."""
+"""Compares the settings of a running recorder with those that a terminal expects."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _WORDS = {
     Origin.REAL: "a real bus",
     Origin.SIMULATED: "a simulated car",
-    Origin.REPLAYED: "an earlier recording that is played",
+    Origin.REPLAYED: "a replayed recording",
 }
 
 
@@ -30,7 +30,7 @@ def setup_of(bench: Bench) -> Setup:
 
 
 def differences(running: Setup, wanted: Setup) -> tuple[str, ...]:
-    """Return in words how a running recorder differs from what is wanted; empty if it does not."""
+    """Return in words how a running recorder differs from the wanted one; empty if it does not."""
     texts = []
     if running.origin is not wanted.origin:
         texts.append(f"it records {_WORDS[running.origin]}, not {_WORDS[wanted.origin]}")

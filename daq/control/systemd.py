@@ -11,10 +11,11 @@ from .messages import BusState, Status
 
 
 class Systemd:
-    """Notifies systemd of the recorder's state; does nothing where there is no systemd.
+    """Notifies systemd of the recorder's state; does nothing if there is no systemd.
 
-    Ready means that every bus was tried and a block is on the disk: a missing adapter is a
-    degraded recorder, not a failed start.  The watchdog is fed only while no thread hangs.
+    Ready means that every bus was tried and a block is on the disk: with a missing adapter the
+    recorder is degraded, but its start does not fail.  The watchdog is fed only while no thread
+    hangs.
     """
 
     def __init__(self) -> None:
@@ -27,9 +28,9 @@ class Systemd:
                 self._notifier.socket.setblocking(False)  # a full socket must not block
 
     def notify(self, heartbeats: Heartbeats, status: Status, now_s: float) -> str:
-        """Send the state; to be called about once a second.
+        """Send the state; to be called about once per second.
 
-        Returns the thread that hangs, for which the watchdog was not fed; empty if none does.
+        Returns the thread that hangs, so that the watchdog was not fed; empty if none does.
         """
         hanging = standstill(heartbeats, now_s)
         lines = [] if hanging else ["WATCHDOG=1"]
@@ -45,7 +46,7 @@ class Systemd:
         return hanging
 
     def reloading(self) -> None:
-        """Report that the configuration is read again; the next `notify` reports the end."""
+        """Report that the configuration is being reloaded; the next `notify` reports the end."""
         self._ready = False
         self._notify("RELOADING=1")
 

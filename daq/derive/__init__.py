@@ -1,4 +1,4 @@
-"""Sessions derived from recorded frames."""
+"""Derives sessions from recorded frames."""
 
 from typing import TYPE_CHECKING
 

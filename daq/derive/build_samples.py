@@ -1,4 +1,4 @@
-"""From the journal to a session: runs are cut, decoded, mapped to SI, and their losses counted.
+"""Builds a session from a journal: cuts and decodes runs, maps them to SI, counts their losses.
 
 Pure: the same journal always gives the same session.
 """
@@ -32,17 +32,18 @@ from ..samples.mapping import MappedChannel, map_channels
 from ..sessions import Session
 
 NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
-"""Events that a session stores elsewhere, or that say nothing of the run in which they fall."""
+"""Codes of events that a session stores elsewhere, or that do not concern the run at whose time
+they occur."""
 _TEXT_BYTES = 160
-"""An event's text in a session file."""
+"""Length of an event's text in a session file, bytes."""
 _EDGE_S = 0.05
-"""A run whose first or last sample lies further inside its window than this is not whole."""
+"""A run is incomplete if its first or last sample lies further inside its window than this, s."""
 
 
 def session_from_journal(contents: JournalContents) -> Session:
-    """Build the session that a journal in memory holds.
+    """Build the session from a journal in memory.
 
-    Raises InputError if the bench.toml or DBC in the journal cannot be used any more.
+    Raises InputError if the bench.toml or DBC in the journal can no longer be used.
     """
     run_log = fold(contents.events)
     text = run_log.bench_text or contents.bench_text
@@ -61,13 +62,13 @@ def session_from_journal(contents: JournalContents) -> Session:
 def journal_provenance(
     head: JournalHead, run_log: RunLog, digests: Sequence[str], loss: str
 ) -> dict[str, str]:
-    """Return the provenance of a session that was built from a journal, without its whole texts.
+    """Return the provenance of a session that was built from a journal, without bench.toml and DBC.
 
     `digests`: of the frames of each run.  `loss`: the losses of the journal, in words.
     """
     digest = hashlib.sha256("".join(digests).encode()).hexdigest()
     return {
-        # The same recording has the same name, however often its session is built.
+        # The same recording gives the same uuid, however often its session is built.
         "uuid": str(uuid.UUID(head.recording or digest[:32])),
         "created": datetime.fromtimestamp(head.wall_ns * 1e-9, UTC).isoformat(timespec="seconds"),
         "software": head.software,
@@ -86,7 +87,7 @@ def frames_digest(run: Run) -> str:
 
 
 def _remarks(run_log: RunLog) -> dict[str, str]:
-    """Return what was found of each run and what persons said, as JSON."""
+    """Return the findings on each run and the remarks of persons, as JSON."""
     judged = [run for run in run_log.runs if run.findings]
     found = {run.label: [finding_record(f) for f in run.findings] for run in judged}
     notes = json.dumps([asdict(note) for note in run_log.notes])
@@ -103,17 +104,17 @@ def build_session(
     hops: HopCounts,
     provenance: dict[str, str],
 ) -> Session:
-    """Cut the runs out of a recording.
+    """Cut the runs from a recording.
 
     A run reaches from `pre_s` before to `post_s` after a `bump` event.  Known delays of the
-    channels are not taken off the times: that is the identification's business, which also knows
-    how uncertain they are.
+    channels are not subtracted from the times: the identification does this, with the uncertainties
+    of the delays.
 
     `codec`: the bench's DBC (`config.bench_codec`).  `frames`: all frames in order of arrival.
     `events`: as the recorder stored them.  `hops`: losses between wire and journal.  `provenance`:
-    taken over.  Returns one run for each bump, with what was decided on it.  It is rejected in any
-    case if the recording, or a message that the identification needs, does not cover it.  Raises
-    InputError if a channel does not fit the DBC, or a bump is of no mass state of the bench.
+    taken over.  Returns one run for each bump, with its verdict.  A run is always rejected if the
+    recording, or a message that the identification needs, does not cover it.  Raises InputError if
+    a channel does not fit the DBC, or a bump is of no mass state of the bench.
     """
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     run_log = fold(events)
@@ -141,12 +142,12 @@ def check_runs(bench: Bench, events: Sequence[Event], run_log: RunLog) -> None:
             continue
         run = run_log.run(event.text)
         if run is None or run.mass_state not in states:
-            what = f"the recording has a bump {event.text!r}, which is no run of this bench"
+            what = f"the recording has a bump {event.text!r}, which is not a run of this bench"
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
 
 
 def run_window(bench: Bench, run: LoggedRun) -> tuple[int, int]:
-    """Return from when to when frames belong to a run, start <= t < stop, ns."""
+    """Return the time window of a run's frames, start <= t < stop, ns."""
     trigger_s = bench.trigger
     return run.t_ns - round(trigger_s.pre_s * 1e9), run.t_ns + round(trigger_s.post_s * 1e9)
 
@@ -160,9 +161,9 @@ def measured_run(
     events: Iterable[Event],
     hops: HopCounts,
 ) -> Run:
-    """Return what was measured in a run; its reasons are those why it cannot be used at all.
+    """Return the measured run; its reasons are only those that make it unusable.
 
-    `frames`: those in its window.  `events`: all, of which those in its window are kept.
+    `frames`: frames in its window.  `events`: all events; those in its window are kept.
     """
     start_ns, stop_ns = run_window(bench, run)
     own = [event for event in events if start_ns <= event.t_ns <= stop_ns]
@@ -184,7 +185,7 @@ def measured_run(
 
 
 def decided_run(run: LoggedRun, measured: Run) -> Run:
-    """Return a measured run with what was decided on it."""
+    """Return a measured run with the verdict on it."""
     reasons = (*run.reasons, *measured.reasons)
     rejected = bool(reasons) or run.status is LoggedStatus.REJECTED
     status = RunStatus.REJECTED if rejected else RunStatus.ACCEPTED
@@ -205,13 +206,13 @@ def _shortcomings(
     start_ns: int,
     stop_ns: int,
 ) -> tuple[str, ...]:
-    """Say why a run cannot be used, as far as that is certain without identifying anything."""
+    """Return the reasons for which a run certainly cannot be used, found without identification."""
     length_s = (stop_ns - start_ns) * 1e-9
     end_s = (int(own.t_ns.max()) - start_ns) * 1e-9 if len(own) else 0.0
     if end_s < length_s - _EDGE_S:
         return (f"the recording ended {length_s - end_s:.2f} s before the run did",)
     group_of = {name: group for group in groups for name in group.values}
-    reasons: dict[str, None] = {}  # a set that keeps its order: channels share messages
+    reasons: dict[str, None] = {}  # used as an ordered set: channels share messages
     for m in mapped:
         if m.channel.quantity is Quantity.UNUSED:
             continue

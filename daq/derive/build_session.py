@@ -1,11 +1,11 @@
-"""A session file from the segments of a recording, in a process of its own.
+"""Builds a session file from the segments of a recording, in a separate process.
 
-HDF5 must neither hold the recorder up nor take it down with it: when a run has ended the recorder
-starts ``python -m daq.derive.build_session TARGET SEGMENT...`` and reads one line of JSON: `path`,
-`loss` (empty if nothing is missing) and `runs`, or `error`.
+HDF5 must neither delay nor crash the recorder.  When a run has ended, the recorder starts ``python
+-m daq.derive.build_session TARGET SEGMENT...`` and reads one line of JSON: `path`, `loss` (empty if
+nothing is missing) and `runs`, or `error`.
 
 Runs that an earlier process has measured are kept in a growing file (`grown.py`): a process
-measures the new ones, and writes down once more what was decided on all of them.
+measures only new runs, and rewrites the verdicts on all runs.
 """
 
 from __future__ import annotations
@@ -58,11 +58,11 @@ from .grown import (
 
 NICENESS = 10
 OOM_SCORE = "500"
-"""Addition to this process's share of the memory, in thousandths, when the kernel has to end one:
-enough that it is this one, also in a service whose processes are protected."""
+"""Increase of this process's out-of-memory score, in thousandths of the memory: if the memory runs
+out, the kernel ends this process, also in a service whose processes are protected."""
 
 DONE, BAD_INPUT, DONE_WITH_LOSS = 0, 2, 3
-"""Exit codes, as those of the command line."""
+"""Exit codes, the same as those of the command line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +78,13 @@ class Derived:
 
 
 def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> Derived:
-    """Write the session file of a recording; it is complete or as it was, whatever happens.
+    """Write the session file of a recording; after any failure the old file is unchanged.
 
-    `segments`: of one recording, in any order.  `target`: the session file; replaced if it is
-    there.  `growing`: keep what was measured for the next time, until the recording has ended;
-    segments that report to be whole are then believed, and only those of new runs are read.  The
-    file is the same, byte for byte.  Raises InputError if the segments cannot be read or do not
-    belong together, or the file cannot be written.
+    `segments`: of one recording, in any order.  `target`: the session file; replaced if it exists.
+    `growing`: True to keep the measured runs for the next call, until the recording has ended; then
+    segments that report to be complete are trusted, and only those of new runs are read.  The
+    session file is the same, byte for byte.  Raises InputError if the segments cannot be read or do
+    not belong together, or the file cannot be written.
     """
     infos = scanned(segments)
     recording = state_of(infos)
@@ -119,7 +119,7 @@ def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> 
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """Samples and events read of the new runs."""
+    """The samples and events of the new runs."""
 
     runs: Sequence[LoggedRun]
     frames: Sequence[FrameBatch]
@@ -130,7 +130,7 @@ class _Found:
 def _read(
     bench: Bench, infos: Sequence[SegmentInfo], runs: Sequence[LoggedRun], *, trusting: bool
 ) -> _Found:
-    """Read the frames of runs: from all segments, or if these are trusted from those near them."""
+    """Read the frames of runs: from all segments or, if trusted, only from those near the runs."""
     windows = [run_window(bench, run) for run in runs]
     first, last = 0, len(infos)
     if trusting:
@@ -142,7 +142,7 @@ def _read(
         paths = [info.path for info in infos[first:last]]
         contents, frames = read_windows(paths, windows)
         t_ns = contents.hops.t_ns
-        # What was lost in a run is counted from the block before it on.
+        # The losses in a run are counted from the block before it.
         if not windows or first == 0 or (len(t_ns) and t_ns[0] < min(windows)[0]):
             break
         first -= 1
@@ -175,7 +175,7 @@ def _write(
         if not rows:
             begin_session(file, session)
         for logged, frames in zip(found.runs, found.frames, strict=True):
-            # A run that is not over yet may get more frames: only this session has it as it is.
+            # A run that has not ended may get more frames, so its present state is not kept.
             if file != part and run_window(bench, logged)[1] > recording.t_ns:
                 file = _copied(target, part, grown, rows, recording, bench)
             run = measured_run(bench, codec, mapped, logged, frames, recording.events, found.hops)
@@ -205,7 +205,7 @@ def _copied(
     recording: JournalTail,
     bench: Bench,
 ) -> Path:
-    """Note that the growing file is on the disk with these runs, and copy it to be finished."""
+    """Note that the growing file is on the disk with these runs, and copy it for completion."""
     file = growing_path(target)
     sync_file(file)
     post_ns = round(bench.trigger.post_s * 1e9)
@@ -234,13 +234,13 @@ def _without_data(bench: Bench, logged: LoggedRun, row: GrownRun) -> Run:
 
 def main(arguments: Sequence[str], out: TextIO) -> int:
     """Derive, report the result as one line of JSON, and return the exit code."""
-    with suppress(OSError, AttributeError):  # a service may not be allowed to, Windows cannot
+    with suppress(OSError, AttributeError):  # may be forbidden; Windows has no such score
         os.nice(NICENESS)
-    with suppress(OSError):  # if the memory runs out, this process ends, and not the recorder
+    with suppress(OSError):  # if the memory runs out, this process is killed and not the recorder
         Path("/proc/self/oom_score_adj").write_text(OOM_SCORE)
     target, *segments = map(Path, arguments)
     try:
-        # What was deleted since to make room held no run.
+        # Segments deleted since then to make room contained no run.
         done = derive([path for path in segments if path.exists()], target, growing=True)
     except (BumpbenchError, OSError) as error:
         out.write(json.dumps({"path": str(target), "error": str(error)}) + "\n")

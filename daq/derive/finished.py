@@ -1,4 +1,4 @@
-"""Keeps the session of a campaign that is over under a name that is written once."""
+"""Keeps the session of a finished campaign under a second name that is never replaced."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ FOLDER = "finished"
 def keep_finished(session: Path) -> None:
     """Give a session file a second name in the folder `finished` next to it.
 
-    Who builds the session again replaces the first name; the file with the second one stays.
-    It takes no room where the file system knows hard links.  Failing to is no error of the session:
-    it is done when the session is built again.
+    Building the session again replaces only the file with the first name.  The second name takes no
+    space on file systems with hard links.  A failure is not an error of the session: it is tried
+    again when the session is built again.
     """
     final = session.parent / FOLDER / session.name
     with suppress(OSError):
@@ -27,6 +27,6 @@ def keep_finished(session: Path) -> None:
             sync_folder(final.parent)
         except FileExistsError:
             return
-        except OSError:  # a memory card
+        except OSError:  # for example on a memory card
             with rewritten(final) as part:
                 shutil.copyfile(session, part)

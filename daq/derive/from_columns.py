@@ -1,4 +1,4 @@
-"""From columns of a file to a session: channels in SI on their clocks, cut into runs.
+"""Builds a session from columns of a file: channels in SI on their clocks, cut into runs.
 
 The bumps are found by the trigger of the recorder, or the map gives the times of the runs.
 """
@@ -32,30 +32,31 @@ from ..samples.mapping import channel_values, si_unit
 from ..sessions import Session
 
 _SINCE_1970_S = 1e8
-"""Times above this are seconds since 1970, s: no recording lasts three years."""
+"""Time, s, above which times count from 1970: no recording lasts three years."""
 _ALIKE = 0.9
-"""Share of rows that two columns of one table both fill if they were sampled together."""
+"""Least share of rows in which both of two columns have values if they were sampled together."""
 _BLOCK_NS = 1_000_000_000
 _EDGE_S = 0.05
-"""A run whose first or last sample lies further inside its window than this is not whole, s."""
+"""A run is incomplete if its first or last sample lies further inside its window than this, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The channels of a map, as far as a file holds them."""
+    """The channels of a map that a file holds."""
 
     start_ns: int
-    """UTC of its time zero; 0 if it is not known."""
+    """UTC of its time zero, ns since 1970; 0 if it is not known."""
     channels: tuple[Channel, ...]
-    """With their units."""
+    """Channels with their units."""
     groups: tuple[SampleGroup, ...]
-    """All samples; `time_s` since the time zero."""
+    """All samples; `time_s` counts from the time zero."""
 
 
 def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     """Return the channels of a map that a file holds, in SI.
 
-    Raises InputError if a unit does not fit, or a channel has no times or such as do not increase.
+    Raises InputError if a unit does not fit, or a channel has no times or times that do not
+    increase.
     """
     start_ns = file.start_ns
     channels = []
@@ -94,7 +95,7 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
 def _times(
     channel: Channel, column: Column, clock: Clock, file: Columns
 ) -> tuple[str, NDArray[np.float64], int]:
-    """Return name and times of a channel's clock, and the UTC of its zero if it states one."""
+    """Return name and times of a channel's clock, and the UTC of its zero if it is stated."""
     n = len(column.values)
     if clock.column:
         stamps = file.columns[clock.column]
@@ -105,7 +106,7 @@ def _times(
     elif column.clock in file.times_s:
         time_s, zero_ns, name = file.times_s[column.clock], 0, column.clock
     else:
-        what = f"{printable(column.name, 100)} has no times of its own in {file.where}"
+        what = f"{printable(column.name, 100)} has no times in {file.where}"
         advice = "state column or rate_hz in [time], or time_column or rate_hz of the channel"
         raise InputError(f"channel {channel.name}", what, advice)
     if len(time_s) != n:
@@ -115,7 +116,7 @@ def _times(
 
 
 def _seconds(stamps: Column, stated: str, channel: Channel) -> tuple[NDArray[np.float64], int]:
-    """Return times in s since the whole second in which a column begins, where it counts from 1970.
+    """Return times, s; those from 1970 are counted from the whole second in which they begin.
 
     Whole numbers are subtracted before they are rounded: in nanoseconds since 1970 a float64 steps
     by 256.
@@ -158,7 +159,7 @@ def _group(
     time_s = time_s[rows]
     back = np.flatnonzero(np.diff(time_s) <= 0.0)
     if len(back):
-        what = f"the times of {printable(name, 100)} do not increase behind {time_s[back[0]]:.6g} s"
+        what = f"the times of {printable(name, 100)} do not increase after {time_s[back[0]]:.6g} s"
         raise InputError(where, what, "name another column of times, or cut the file there")
     quality = np.where(filled[:, rows].all(axis=0), 0, np.uint8(Quality.MISSING)).astype(np.uint8)
     t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
@@ -189,7 +190,7 @@ def bumps_in(channel_map: ChannelMap, found: Recording) -> tuple[Event, ...]:
 
 
 def _blocks(traces: Mapping[str, Trace]) -> Iterator[dict[str, Trace]]:
-    """Yield pieces of a second: the trigger's work grows with the square of a block."""
+    """Yield pieces of one second: the trigger's work grows with the square of their length."""
     if not traces:
         return
     first = min(int(t_ns[0]) for t_ns, _ in traces.values())
@@ -256,7 +257,7 @@ def session_from_columns(
     runs: Sequence[Run],
     provenance: Mapping[str, str],
 ) -> Session:
-    """Return the session of runs that were cut out of files.
+    """Return the session of runs that were cut from files.
 
     `channels`: with their units.  `provenance`: software and sources; uuid, date and the map are
     added.
@@ -269,7 +270,7 @@ def session_from_columns(
                 digest.update(value.tobytes())
     created = datetime.fromtimestamp(runs[0].t0_ns * 1e-9 if runs else 0.0, UTC)
     about = {
-        # The same files have the same name, however often they are imported.
+        # The same files give the same uuid, however often they are imported.
         "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
         "created": created.isoformat(timespec="seconds"),
         "channel_map": channel_map.bench.text,

@@ -1,7 +1,7 @@
-"""From logs to a session: the bumps are found and the runs cut as in a recording.
+"""Builds a session from logs: finds the bumps and cuts the runs as in a recording.
 
-A log goes through the recorder's own trigger block by block.  Only what lies around the bumps is
-kept, so memory grows with the number of runs, not with the length of the log.
+A log passes through the recorder's trigger block by block.  Only frames around the bumps are kept,
+so memory grows with the number of runs, not with the length of the log.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from ..sessions import Session
 from .build_samples import build_session
 
 _SLACK_NS = 2_000_000_000
-"""Frames are kept so much longer than a run reaches back: some arrive late."""
+"""Additional time, ns, for which frames before a run are kept, because some arrive late."""
 _CONTINUES_NS = 1_000_000_000
-"""A log that begins so soon after the end of the one before it goes on with it."""
+"""Largest gap, ns, between the end of a log and the beginning of the next that continues it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,22 +43,22 @@ class LogPart:
     """The part of a stretch of log that an import keeps."""
 
     frames: FrameBatch
-    """Those around the bumps, in order of arrival."""
+    """Frames around the bumps, in order of arrival."""
     events: tuple[Event, ...]
-    """All of them; each `bump` has the time of its onset."""
+    """All events; each `bump` has the time of its onset."""
     hops: HopCounts
-    """Losses block by block."""
+    """Losses, block by block."""
     unknown_id: int
-    """Frames that are not in the DBC."""
+    """Number of frames that are not in the DBC."""
 
     @property
     def bumps(self) -> int:
-        """Number of bumps in it."""
+        """Number of bumps in the part."""
         return sum(event.code == trigger.BUMP for event in self.events)
 
 
 class Intake:
-    """Takes in one stretch of log block by block, then returns what was in it.
+    """Reads one stretch of log block by block, then returns the part to keep.
 
     Raises InputError as `daq.samples.bench_mapping`.
     """
@@ -73,13 +73,13 @@ class Intake:
         self._end_ns: int | None = None
 
     def goes_on_with(self, batch: FrameBatch) -> bool:
-        """Return True if a block follows the ones before it without a break in time."""
+        """Return True if a block follows the earlier blocks without a gap in time."""
         if self._end_ns is None:
             return True
         return 0 <= int(batch.t_ns[0]) - self._end_ns < _CONTINUES_NS
 
     def take(self, batch: FrameBatch, hops: HopLosses) -> int:
-        """Take in a block, and the losses counted up to it; return how many bumps were found."""
+        """Add a block, and the losses counted up to it; return the number of bumps found."""
         self._shelf.append(batch, hops)
         decoded = self._codec.decode(batch)
         self._unknown_id += decoded.counts.unknown_id
@@ -94,13 +94,13 @@ class Intake:
         return sum(event.code == trigger.BUMP for event in events)
 
     def part(self) -> LogPart:
-        """Return what was kept."""
+        """Return the part to keep."""
         frames, hops = self._shelf.contents()
         return LogPart(frames, tuple(self._shelf.events), hops, self._unknown_id)
 
 
 class _Shelf:
-    """Where frames are put: those around a bump stay, the others are let go."""
+    """A buffer of frames: keeps those around a bump and drops the others."""
 
     def __init__(self, pre_ns: int, post_ns: int) -> None:
         self.events: list[Event] = []
@@ -114,8 +114,8 @@ class _Shelf:
         latest_ns = int(frames.t_ns.max())
         self._blocks.append((latest_ns, *astuple(losses)))
         self._recent.append(frames)
-        # The bumps of this block are found after it was put here: its first may need what is
-        # before it, however long the block is.
+        # The bumps of this block are found after it was added.  The first of them may need the
+        # frames before the block, however long the block is.
         horizon_ns = int(frames.t_ns.min()) - self._pre_ns - _SLACK_NS
         while self._recent and int(self._recent[0].t_ns.max()) < horizon_ns:
             self._keep(self._recent.pop(0))
@@ -151,14 +151,14 @@ def parse_runs(text: str) -> tuple[Step, ...]:
 
     Repeats are counted in the order of the list.
 
-    Raises InputError if one is no mass state and excitation.
+    Raises InputError if an entry is not a mass state and an excitation.
     """
     labels = [tuple(item.strip().split(":")) for item in text.split(",")]
     return numbered(labels)
 
 
 def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
-    """Return (mass state, excitation) as steps, repeats counted in their order.
+    """Return steps for pairs of mass state and excitation, with repeats counted in their order.
 
     Raises InputError as `parse_runs`.
     """
@@ -167,7 +167,7 @@ def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
     for label in labels:
         if len(label) != 2 or label[1] not in set(Excitation):
             kinds = ", ".join(Excitation)
-            what = f"{':'.join(label)!r} is no run"
+            what = f"{':'.join(label)!r} is not a run"
             raise InputError("runs", what, f"write MASS_STATE:EXCITATION, one of {kinds}")
         state, kind = label[0], Excitation(label[1])
         done[state, kind] += 1
@@ -196,7 +196,7 @@ def with_steps(bench: Bench, steps: Sequence[Step]) -> Bench:
 
 
 def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tuple[LogPart, ...]:
-    """Give the bumps of all parts the steps in order, the first `skip` of them none.
+    """Assign the steps in order to the bumps of all parts, without the first `skip` bumps.
 
     Bumps without a step are kept as `unplanned_bump`.
     """
@@ -219,29 +219,29 @@ def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tupl
 
 
 class RecordedFrames(Protocol):
-    """Frames in blocks, with an account of what was lost before they were stored."""
+    """Frames in blocks, with the losses before they were stored."""
 
     @property
     def hops(self) -> HopLosses:
-        """Losses up to the block handed out last."""
+        """Losses up to the last returned block."""
 
     def __iter__(self) -> Iterator[FrameBatch]: ...
 
 
 def session_from_log(bench: Bench, log: RecordedFrames) -> Session:
-    """Return the session in a log: its bumps are the runs of the campaign, in this order.
+    """Return the session of a log: its bumps are the runs of the campaign, in this order.
 
     Parameters
     ----------
     bench : Bench
-        What was on the bench, and its campaign.
+        The bench at the time of the log, with its campaign.
     log : Log or other blocks of frames
-        Such as `daq.formats.log.read_log` returns.
+        As returned by `daq.formats.log.read_log`.
 
     Raises
     ------
     InputError
-        If bench.toml, DBC and log do not fit together.
+        If bench.toml, DBC and log contradict each other.
     """
     codec = bench_codec(bench)
     intake = Intake(bench, codec)
@@ -254,18 +254,18 @@ def session_from_log(bench: Bench, log: RecordedFrames) -> Session:
 def session_from_parts(
     bench: Bench, codec: Codec, parts: Sequence[LogPart], provenance: Mapping[str, str]
 ) -> Session:
-    """Build the session of labelled parts; each has its own time.
+    """Build the session from labelled parts; each has its own time.
 
     `bench`: with all steps that occur (`with_steps`).  `parts`, sequence of LogPart, not empty:
-    from `labelled`.  `provenance`: software and sources; uuid, date, DBC and bench.toml are added.
-    Raises InputError as `build_session`.
+    result of `labelled`.  `provenance`: software and sources; uuid, date, DBC and bench.toml are
+    added.  Raises InputError as `build_session`.
     """
     digest = hashlib.sha256()
     for part in parts:
         digest.update(part.frames.data.tobytes() + part.frames.t_ns.tobytes())
     first_ns = int(parts[0].frames.t_ns[0]) if len(parts[0].frames) else 0
     about = {
-        # The same logs have the same name, however often they are imported.
+        # The same logs give the same uuid, however often they are imported.
         "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
         "created": datetime.fromtimestamp(first_ns * 1e-9, UTC).isoformat(timespec="seconds"),
         "frames_sha256": digest.hexdigest(),

@@ -1,8 +1,7 @@
 """Remembers which runs a growing session file has, so that only the others have to be measured.
 
 The file is next to the session file, under a name that no session has.  It is used only if it is
-as it was left, of the same bench and program, and if no frame and no event of its runs has come
-since.
+unchanged and of the same bench and program, and if no frame or event of its runs has come since.
 """
 
 from __future__ import annotations
@@ -28,11 +27,11 @@ class GrownRun:
     """A run in a growing file."""
 
     t_ns: int
-    """Time stamp of its bump."""
+    """Time stamp of its bump, ns."""
     digest: str
     """SHA-256 of its frames."""
     outline: RunOutline
-    """The run as it was measured, before a verdict; its reasons make it unusable."""
+    """The measured run, before a verdict; its reasons make it unusable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,36 +39,36 @@ class Grown:
     """The runs of a growing file."""
 
     inputs: str
-    """SHA-256 of bench.toml, DBC and program with which they were measured."""
+    """SHA-256 of the bench.toml, DBC and program with which they were measured."""
     runs: tuple[GrownRun, ...] = ()
     stop: int = 0
-    """Number of the journal's block after the last that was taken into account."""
+    """Number of the first journal block that is not included."""
     stop_ns: int = 0
-    """End of the last run."""
+    """End of the last run, ns."""
     bytes: int = 0
-    """Size of the file."""
+    """Size of the file, bytes."""
 
 
 _NOTE = TypeAdapter(Grown)
 
 
 def inputs_digest(bench_text: str, dbc_text: str) -> str:
-    """Return the digest of what decides on the content of a run, besides its frames."""
+    """Return the digest of all inputs that determine the content of a run, except its frames."""
     parts = (version("bumpbench"), bench_text, dbc_text)
     return sha256("\0".join(parts).encode("utf-8", "surrogateescape")).hexdigest()
 
 
 def growing_path(target: Path) -> Path:
-    """Return where the growing file of a session file is."""
+    """Return the path of the growing file of a session file."""
     return target.with_name(f".{target.name}.growing")
 
 
 def load_grown(
     target: Path, inputs: str, runs: Sequence[LoggedRun], segments: Sequence[SegmentInfo]
 ) -> Grown:
-    """Return what the growing file of a session has; nothing if it cannot be used any more.
+    """Return the runs in the growing file of a session; none if it can no longer be used.
 
-    `runs`: those of the recording.  `segments`: all of the recording.
+    `runs`: runs of the recording.  `segments`: all segments of the recording.
     """
     nothing = Grown(inputs)
     file = growing_path(target)
@@ -99,7 +98,7 @@ def note_grown(target: Path, grown: Grown) -> None:
 
 
 def forget_grown(target: Path, *, file: bool = False) -> None:
-    """Delete the note of a growing file that is about to be changed; `file`: the file, too."""
+    """Delete the note of a growing file before it is changed; with `file`, also the file."""
     growing = growing_path(target)
     for path in (_note(growing), *([growing] if file else [])):
         with suppress(FileNotFoundError):
@@ -107,9 +106,9 @@ def forget_grown(target: Path, *, file: bool = False) -> None:
 
 
 def forget_others(folder: Path, kept: Collection[Path]) -> None:
-    """Delete the growing files in a folder but those of some session files.
+    """Delete the growing files in a folder except those of some session files.
 
-    A recorder that was killed, and whose campaign was not taken up, has left one.
+    A killed recorder leaves one if its campaign is not resumed.
     """
     names = {growing_path(target).name for target in kept}
     for path in folder.glob(".session_*.h5.growing*"):

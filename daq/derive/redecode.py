@@ -1,4 +1,4 @@
-"""A session decoded anew from its own raw frames, with a corrected DBC or bench.toml."""
+"""Decodes a session again from its raw frames, with a corrected DBC or bench.toml."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from .from_logs import with_steps
 
 
 def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[str, str]) -> Session:
-    """Decode all runs anew; the bumps stay where they were found.
+    """Decode all runs again; the times of the bumps are kept.
 
-    A reason for which a run was rejected falls if the new decoding does not bear it out; one that
-    the old decoding did not give either is the operator's, and stays.
+    A reason of a rejection is removed if the new decoding does not confirm it.  A reason that the
+    old decoding did not give comes from the operator and is kept.
 
-    `session`: with the raw frames of its runs.  `bench`: with the new DBC; its vehicle, weights and
-    channels replace those of the session.  `where`: name of the session, for messages.
-    `provenance`: entries to store in addition to the DBC and bench.toml.  Raises InputError if a
-    run has no raw frames, or channels and DBC do not fit.
+    `session`: a session with the raw frames of its runs.  `bench`: a bench with the new DBC; its
+    vehicle, weights and channels replace those of the session.  `where`: name of the session, for
+    messages.  `provenance`: entries to store in addition to the DBC and bench.toml.  Raises
+    InputError if a run has no raw frames, or channels and DBC do not fit.
     """
     for run in session.runs:
         if not len(run.frames):
@@ -58,17 +58,17 @@ def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[st
 
 
 def _judged_before(session: Session) -> list[tuple[str, ...]]:
-    """Return the reasons that the old decoding gives for each run."""
+    """Return the reasons of rejection that the old decoding gives for each run."""
     try:
         texts = session.provenance
         bench = parse_bench(texts["bench_toml"], "bench.toml", Path(), texts["dbc"])
         return [run.reasons for run in _built(session, bench).runs]
-    except (KeyError, BumpbenchError):  # then every reason is taken for the operator's
+    except (KeyError, BumpbenchError):  # then every reason counts as the operator's
         return [() for _ in session.runs]
 
 
 def _built(session: Session, bench: Bench) -> Session:
-    """Build each run by itself: their windows may overlap, and their clocks need not agree."""
+    """Build each run separately: their windows may overlap, and their clocks need not agree."""
     steps = [Step(run.mass_state, run.excitation, run.repeat) for run in session.runs]
     bench = with_steps(bench, steps)
     codec = bench_codec(bench)
@@ -83,12 +83,12 @@ def _bump(session: Session, run: Run) -> Event:
     for event in run.events:
         if event.code == trigger.BUMP and event.text == run.label:
             return event
-    what = f"run {run.label} does not state when its bump was"
+    what = f"run {run.label} does not state the time of its bump"
     raise InputError(session.provenance.get("uuid", "session"), what, "record or import it again")
 
 
 def _hops(run: Run) -> HopCounts:
-    """Return what was lost between wire and session; the rest is counted anew."""
+    """Return the losses between wire and session; other losses are counted again."""
     lost = HopLosses(
         run.losses.bus_dropped, run.losses.bus_garbled, queue_dropped=run.losses.queue_dropped
     )

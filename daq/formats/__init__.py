@@ -1,4 +1,4 @@
-"""Logs and files of other tools, one format a file."""
+"""Reads and writes logs and files of other tools, one module for each format."""
 
 from typing import TYPE_CHECKING
 

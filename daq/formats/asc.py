@@ -1,4 +1,4 @@
-"""Vector's ASC: one event a line, times counted from a date in the header.
+"""Reads Vector's ASC: one event per line, times counted from a date in the header.
 
 0.004000 1  18DA00F1x   Rx   d 8 01 02 03 04 05 06 07 08
 0.005000 CANFD   1 Rx   123   Name   1 0 9 12 01 02 ... 0C  130 1000 303000 ...
@@ -35,7 +35,7 @@ _START = re.compile(r"(?:date|begin\s+triggerblock)\s", re.IGNORECASE)
 
 
 class AscParser:
-    """Parses an ASC log block by block; remembers what its header and last line said."""
+    """Parses an ASC log block by block; remembers its header and its last line."""
 
     def __init__(self) -> None:
         self._base = 16
@@ -44,7 +44,7 @@ class AscParser:
         self._last_ns = 0
 
     def __call__(self, block: bytes) -> Parsed:
-        """Return the frames of whole lines; events of other kinds are passed over."""
+        """Return the frames of complete lines; events of other kinds are skipped."""
         lines = cut_lines(block)
         stamp_ns, timed = decimals(lines.text, *lines.token(0, np.arange(len(lines.first))), 9)
         timed &= lines.count > 1
@@ -73,7 +73,7 @@ class AscParser:
         return Parsed(frames, np.sort(np.concatenate(bad)), header)
 
     def _header(self, lines: Lines, rows: Index) -> tuple[NDArray[np.int64], bool]:
-        """Take in the lines that are no event; return the start of time for each line."""
+        """Process the lines that are not events; return the start of time for each line."""
         start_ns = np.full(len(lines.first), self._start_ns)
         header = False
         for row in rows.tolist():
@@ -94,7 +94,7 @@ class AscParser:
 
 
 _Found = tuple[Index, FrameBatch, Index]
-"""Rows that are frames of one form, those frames, and rows that should be and are not whole."""
+"""Rows that are frames of one form, these frames, and rows of incomplete frames."""
 
 
 def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found:
@@ -115,8 +115,8 @@ def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _
     dlc, has_dlc = integers(lines.text, *_token_or_none(lines, rows, 5), base, longest=2)
     good &= remote | has_dlc  # before version 8.5 a remote frame had no DLC
     dlc = np.where(has_dlc, dlc, 0)
-    # A DLC of 9 to 15 means 8 bytes; some loggers give frames of FD in this form, by length, others
-    # by a DLC in decimal, whatever the base.
+    # A DLC of 9 to 15 means 8 bytes.  Some loggers write FD frames in this form, with a length;
+    # others with a DLC in decimal, whatever the base.
     coded = _coded_length(lines, rows, np.flatnonzero(~remote & has_dlc & (dlc > 8)), base)
     fd = ~remote & (np.isin(dlc, FD_LENGTHS[10:]) | (coded > 0))
     good &= (dlc < 16) | fd
@@ -133,9 +133,9 @@ def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _
 
 
 def _coded_length(lines: Lines, rows: Index, places: Index, base: int) -> Index:
-    """Return the bytes of each of `rows`, at `places`, whose DLC is one of FD; 0 of the others.
+    """Return the length of each of `rows`, at `places`, with a DLC of FD; 0 for the others.
 
-    It is where as many bytes follow as the DLC stands for, and no more.
+    A DLC is one of FD if exactly as many bytes follow as it means.
     """
     length = np.zeros(len(rows), np.intp)
     rows = rows[places]
@@ -150,7 +150,7 @@ def _coded_length(lines: Lines, rows: Index, places: Index, base: int) -> Index:
 
 
 def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found:
-    """Return the frames of the long form: FD, but classic and error frames may have it too."""
+    """Return the frames of the long form: FD frames, sometimes also classic and error frames."""
     rows = rows[lines.count[rows] >= 5]
     rows = rows[is_word(lines, *lines.token(1, rows), b"canfd")]
     direction = lines.token(3, rows)
@@ -160,7 +160,7 @@ def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found
     bus, good = integers(lines.text, *lines.token(2, rows), 10, longest=3)
     error = is_word(lines, *lines.token(4, rows), b"errorframe")
     can_id, extended, has_id = _identifiers(lines, rows, 4, base)
-    # A symbolic name may stand between the identifier and the bits BRS and ESI.
+    # There may be a symbolic name between the identifier and the bits BRS and ESI.
     _, unnamed = integers(lines.text, *_token_or_none(lines, rows, 5), 10, longest=1)
     at = np.where(unnamed, 5, 6)
     brs, has_brs = integers(lines.text, *_token_or_none(lines, rows, at), 2, longest=1)
@@ -172,9 +172,9 @@ def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found
     good &= error | (lines.count[rows] >= at + 4 + size)
     size = np.where(good, size, 0)
     data, whole = spaced_bytes(lines, lines.first[rows] + at + 4, size, base)
-    # Behind the payload: duration, bits on the wire, flags.  Bit 12 is FDF: without it, the frame
-    # is a classic one in the long form, and bit 4 makes it a remote one.  Some loggers never set
-    # it; what only FD has shows it then.
+    # After the payload: duration, bits on the wire, flags.  Bit 12 is FDF: without it, the frame is
+    # a classic one in the long form, and bit 4 marks a remote frame.  Some loggers never set bit
+    # 12; such a frame is FD if it has properties that only FD has.
     bits, has_bits = integers(lines.text, *_token_or_none(lines, rows, at + 6 + size), 16)
     fdf = ~has_bits | (bits & 0x1000 != 0)
     remote = ~error & ~fdf & (bits & 0x10 != 0) & (length == 0)
@@ -214,7 +214,7 @@ def _error(lines: Lines, rows: Index, t_ns: NDArray[np.int64]) -> _Found:
 def _identifiers(
     lines: Lines, rows: Index, place: int, base: int
 ) -> tuple[NDArray[np.int64], Mask, Mask]:
-    """Return identifiers, which are extended (an x behind them), and which are any."""
+    """Return identifiers, a mask of extended ones (with a final x), and a mask of valid ones."""
     start, end = lines.token(place, rows)
     extended = character(lines, end - 1) == ord("x")
     can_id, good = integers(lines.text, start, end - extended, base, longest=9)
@@ -223,14 +223,14 @@ def _identifiers(
 
 
 def _token_or_none(lines: Lines, rows: Index, place: int | Index) -> tuple[Index, Index]:
-    """Return start and end of a token, an empty one in lines that do not have so many."""
+    """Return start and end of a token, which is empty in lines with fewer tokens."""
     index = np.minimum(lines.first[rows] + place, max(len(lines.start) - 1, 0))
     start, end = lines.start[index], lines.end[index]
     return start, np.where(lines.count[rows] > place, end, start)
 
 
 def _bus(channel: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return channels counted from 0; Vector counts from 1."""
+    """Return channel numbers from 0; Vector counts from 1."""
     return np.clip(channel - 1, 0, 255)
 
 
@@ -251,7 +251,7 @@ _DATE = re.compile(
 def asc_date_ns(line: str) -> int | None:
     """Return the date in a line as ns since 1970 UTC, None if there is none.
 
-    Such a date is local time and names no zone: that of this machine is taken.
+    The date is local time without a zone: the zone of this machine is assumed.
     """
     found = _DATE.search(line)
     if found is None or found["month"].lower() not in _MONTHS:

@@ -1,4 +1,4 @@
-"""Columns as parsers have them, put together to a block of frames."""
+"""Assembles the columns of parsers to a block of frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .losses import Ledger
 
 
 def possible_ids(can_id: NDArray[np.int64], long: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which identifiers fit their bits: 29 where `long` is true, else 11."""
+    """Return a mask of the identifiers that fit their bits: 29 where `long` is true, else 11."""
     return np.asarray(can_id < np.where(long, 1 << 29, 1 << 11))
 
 
@@ -24,9 +24,9 @@ def count_impossible_ids(
     whole: NDArray[np.bool_],
     ledger: Ledger,
 ) -> NDArray[np.bool_]:
-    """Return `possible_ids`; counts the `whole` frames that have no such, and names the first.
+    """Return `possible_ids`; count the complete frames (`whole`) without one, and name the first.
 
-    No bus carries such a frame, so that it is left out, and the rest of the log is read.
+    No bus carries such a frame, so it is left out, and the rest of the log is read.
     """
     fits = possible_ids(can_id, long)
     wrong = np.flatnonzero(whole & ~fits)
@@ -34,7 +34,7 @@ def count_impossible_ids(
         first = wrong[0]
         bits, when = 29 if long[first] else 11, np.datetime64(int(t_ns[first]), "ns")
         what = f"0x{int(can_id[first]):X} with {bits} bits at {when}Z"
-        note = f"{len(wrong)} frames have an identifier that cannot be, the first {what}"
+        note = f"{len(wrong)} frames have an impossible identifier, the first {what}"
         ledger.garbled(len(wrong), note)
     return fits
 
@@ -50,7 +50,7 @@ def good_frames(
 ) -> FrameBatch:
     """Return the frames that are `good`; the columns of the others may hold anything.
 
-    `good`, (n,) bool: which rows to take.  `t_ns`, `can_id`, `flags`, `bus`, `length`, `data`: as
+    `good`, (n,) bool: True for rows to use.  `t_ns`, `can_id`, `flags`, `bus`, `length`, `data`: as
     in `FrameBatch`, in integers of any width.
     """
     if not good.all():

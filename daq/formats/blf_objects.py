@@ -1,4 +1,4 @@
-"""The objects in a BLF container: found by their chain, turned into frames column by column."""
+"""Finds the objects in a BLF container by their chain, and converts them to frames."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEADER = np.dtype(
     }
 )
 _GAP = 8
-"""Padding after an object is shorter than this."""
+"""Limit of the padding after an object, bytes: it is shorter."""
 _TEN_US = 1
 _ONE_DAY_NS = 86_400 * 10**9
 
@@ -63,10 +63,10 @@ _FD_ERROR_64 = _layout(4, bus=("u1", 0))
 
 
 def find_objects(data: bytes, ledger: Ledger) -> tuple[Index, int]:
-    """Return where the whole objects in `data` begin, and how many bytes are dealt with.
+    """Return the positions of the complete objects in `data`, and the number of bytes processed.
 
-    Each object says where it ends, and there the next one begins: a payload that happens to hold
-    the mark of an object is none.  What no chain leads to is counted as lost.
+    Each object states its end, where the next one begins, so the mark of an object within a payload
+    is not taken as an object.  Data to which no chain leads are counted as lost.
     """
     text = np.frombuffer(data, np.uint8)
     at = np.flatnonzero(text[: max(len(data) - 31, 0)] == ord("L"))
@@ -94,12 +94,12 @@ def find_objects(data: bytes, ledger: Ledger) -> tuple[Index, int]:
         lost += len(data) - used - 32
         used = len(data) - 32
     if lost:
-        ledger.cut(lost, f"{lost} bytes between objects are none")
+        ledger.cut(lost, f"{lost} bytes between objects are not objects")
     return at[whole], used
 
 
 def _walk(at: Index, end: Index, possible: Mask, follows: Index, size: int) -> tuple[Index, int]:
-    """Follow the chain object by object; return its members and the bytes passed over."""
+    """Follow the chain object by object; return its members and the number of bytes skipped."""
     chain, lost, expected, i = [], 0, 0, 0
     while i < len(at):
         if not possible[i]:
@@ -115,7 +115,7 @@ def _walk(at: Index, end: Index, possible: Mask, follows: Index, size: int) -> t
 
 
 def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBatch:
-    """Return the frames among the objects at `at`, in their order; other objects are no frames."""
+    """Return the frames among the objects at `at`, in their order; other objects are ignored."""
     text = np.frombuffer(data, np.uint8)
     head = _records(text, at, HEADER)
     body = at + np.where(head["version"] == 2, 40, 32)
@@ -153,7 +153,7 @@ def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBat
         batches.append(good_frames(fits, t_ns[rows], can_id, flags, bus, length, payload))
         places.append(rows[fits])
         if torn:
-            ledger.garbled(torn, f"{torn} objects of type {kinds[0]} are no frames")
+            ledger.garbled(torn, f"{torn} objects of type {kinds[0]} are not frames")
     frames = FrameBatch.concatenate(batches)
     if len(batches) > 1:
         frames = frames.select(np.argsort(np.concatenate(places), kind="stable"))
@@ -161,7 +161,7 @@ def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBat
 
 
 _Fields = tuple[NDArray[np.int64], NDArray[np.uint16], Index, Index, int]
-"""Identifier, flags, stated length, bytes that follow and where these begin."""
+"""Identifier, flags, stated length, number of bytes that follow and where they begin."""
 
 
 def _identifier(record: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
@@ -226,8 +226,8 @@ def _fd_64(record: NDArray[np.void], whole: Index, header: Index) -> _Fields:
         (FrameFlag.ERROR_STATE, fd & (bits & 0x4000 != 0)),
     )
     length = _length(record["dlc"], fd)
-    # More bytes may be called valid than there are: the others were zero.  What may follow the
-    # payload begins at `extra`, counted from the start of the object.
+    # More bytes may be stated as valid than exist: the missing ones are zero.  Data that may follow
+    # the payload begin at `extra`, counted from the start of the object.
     extra = record["extra"].astype(np.intp)
     there = np.where(extra > 0, np.minimum(extra, whole), whole) - header - _FD_64.itemsize
     size = np.minimum(np.minimum(length, record["valid"]), np.maximum(there, 0))

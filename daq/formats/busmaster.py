@@ -1,6 +1,6 @@
-"""BUSMASTER's log: ``22:20:14:9920 Rx 1 0x21A s 8 FE 36 12 FE 69 05 07 AD`` below lines of ``***``.
+"""Reads BUSMASTER's log: ``22:20:14:9920 Rx 1 0x21A s 8 FE 36 12 FE 69 05 07 AD``.
 
-The head names the date, the base of the numbers and what times count from.
+The head, in lines of ``***``, states the date, the base of the numbers and the origin of times.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _DAY_NS = 86_400_000_000_000
 
 
 class BusmasterParser:
-    """Parses a log block by block; remembers what its head and last line said."""
+    """Parses a log block by block; remembers its head and its last line."""
 
     def __init__(self) -> None:
         self._base = 16
@@ -40,7 +40,7 @@ class BusmasterParser:
         self._midnight_ns = self._start_ns = self._last_ns = 0
 
     def __call__(self, block: bytes) -> Parsed:
-        """Return the frames of whole lines."""
+        """Return the frames of complete lines."""
         lines = cut_lines(block)
         starred = character(lines, lines.start[lines.first]) == ord("*")
         for row in np.flatnonzero(starred).tolist():
@@ -103,7 +103,7 @@ class BusmasterParser:
             t_ns = (self._last_ns or self._start_ns) + np.cumsum(stamp_ns)
             self._last_ns = int(t_ns[-1])
             return np.asarray(t_ns)
-        # A log may run over midnight: the time of day begins again.
+        # A log may continue past midnight: the time of day begins again.
         steps = np.diff(stamp_ns, prepend=self._last_ns % _DAY_NS)
         days = self._last_ns // _DAY_NS + np.cumsum(steps < -_DAY_NS // 2)
         since_ns = days * _DAY_NS + stamp_ns
@@ -112,7 +112,7 @@ class BusmasterParser:
 
 
 def _clock(lines: Lines, rows: Index) -> tuple[NDArray[np.int64], Mask]:
-    """Return times written as H:MM:SS:ffff, ns, and which are well written."""
+    """Return times written as H:MM:SS:ffff, ns, and a mask of valid ones."""
     start, end = lines.token(0, rows)
     value = np.zeros(len(rows), np.int64)
     good = np.ones(len(rows), bool)

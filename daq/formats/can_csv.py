@@ -1,4 +1,4 @@
-"""The CSV of python-can: timestamp,arbitration_id,extended,remote,error,dlc,data (base64)."""
+"""Reads CSV of python-can: timestamp,arbitration_id,extended,remote,error,dlc,data (base64)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ for _value, _letter in enumerate(
 
 
 def parse_csv(block: bytes) -> Parsed:
-    """Return the frames of whole lines; every line but the header should be one."""
+    """Return the frames of complete lines; every line except the header should be one."""
     lines = cut_lines(block, b",")
     header = block.removeprefix(b"\xef\xbb\xbf").startswith(_HEADER)
     whole = lines.count >= 6  # no data: no seventh field
@@ -44,7 +44,7 @@ def parse_csv(block: bytes) -> Parsed:
     good &= is_data
     flags = extended * np.uint16(FrameFlag.EXTENDED) | remote * np.uint16(FrameFlag.REMOTE)
     flags |= error * np.uint16(FrameFlag.ERROR)
-    # The file does not say so, but no classic frame is longer.
+    # The file does not state FD, but no classic frame is longer.
     flags |= (length > 8) * np.uint16(FrameFlag.FD)
     bus = np.zeros(len(rows), np.uint8)
     frames = good_frames(good, t_ns, can_id, flags, bus, length, data)
@@ -67,7 +67,7 @@ def _stamps(lines: Lines, rows: Index) -> tuple[NDArray[np.int64], Mask]:
 
 
 def _base64(lines: Lines, rows: Index, size: Index) -> tuple[NDArray[np.uint8], Mask]:
-    """Return payloads, (n, 8) or (n, 64), and which are written in so many characters."""
+    """Return payloads, (n, 8) or (n, 64), and a mask of those with the right text length."""
     width = 8 if size.max(initial=0) <= 8 else 64
     index = np.minimum(lines.first[rows] + 6, max(len(lines.start) - 1, 0))
     start, end = lines.start[index], lines.end[index]
@@ -78,8 +78,8 @@ def _base64(lines: Lines, rows: Index, size: Index) -> tuple[NDArray[np.uint8], 
     word = four[..., 0] << 18 | four[..., 1] << 12 | four[..., 2] << 6 | four[..., 3]
     data = np.stack([word >> 16, word >> 8, word], axis=-1).astype(np.uint8)
     data = data.reshape(len(rows), 3 * groups)[:, :width]
-    # The last group of one or two bytes ends in = signs, which the table has as nonsense: what
-    # they touch lies beyond the payload, or in bits that 99 does not reach.
+    # The last group of one or two bytes ends in = signs, which the table maps to invalid values:
+    # these only affect bytes after the payload, or bits that 99 does not reach.
     for left in (1, 2):
         tail = np.flatnonzero(size % 3 == left)
         group = size[tail] // 3

@@ -1,4 +1,4 @@
-"""candump's log (`candump -l`, `candump -L`): ``(1700000000.000000) can0 123#DEADBEEF R``."""
+"""Reads candump's log (`candump -l`, `-L`): ``(1700000000.000000) can0 123#DEADBEEF R``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _BRS, _ESI = 1, 2
 
 
 def parse_candump(block: bytes) -> Parsed:
-    """Return the frames of whole lines of a candump log; every line should be one."""
+    """Return the frames of complete lines of a candump log; every line should be one."""
     lines = cut_lines(block)
     rows = np.flatnonzero(lines.count >= 3)
     stamp, stamp_end = lines.token(0, rows)
@@ -34,7 +34,7 @@ def parse_candump(block: bytes) -> Parsed:
     fd, remote = after == ord("#"), after == ord("r")
     bits, has_bits = integers(lines.text, hash_at + 2, hash_at + 3, 16)
     good &= ~fd | has_bits
-    # A classic frame of 8 bytes may carry the raw DLC of the wire behind it: 123#..._E
+    # A classic frame of 8 bytes may be followed by the raw DLC of the wire: 123#..._E
     end = end - 2 * ((lines.text[end - 2] == ord("_")) & ~fd)
     data_at = np.where(fd, hash_at + 3, np.where(remote, hash_at + 2, hash_at + 1))
     asked, has_asked = integers(lines.text, data_at, end, 10, longest=1)
@@ -63,7 +63,7 @@ def parse_candump(block: bytes) -> Parsed:
 
 
 def _hash_at(lines: Lines, start: Index, end: Index) -> Index:
-    """Return where the identifier ends; `end` where no # follows it."""
+    """Return the end of the identifier; `end` if no # follows it."""
     at = end.copy()
     for place in range(8, 0, -1):
         at = np.where(lines.text[start + place] == ord("#"), start + place, at)
@@ -76,7 +76,7 @@ def _transmitted(lines: Lines, rows: Index) -> Index:
 
 
 def _bus(lines: Lines, rows: Index) -> Index:
-    """Return the number at the end of the interface's name: 1 of vcan1, 0 of one without."""
+    """Return the number at the end of the interface's name: 1 for vcan1, 0 if there is none."""
     start, end = lines.token(1, rows)
     bus = np.zeros(len(rows), np.int64)
     for digits in (1, 2, 3):

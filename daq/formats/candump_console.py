@@ -1,7 +1,7 @@
-"""candump's screen: ``(1700000000.000000)  can0  123   [8]  DE AD BE EF 00 01 02 03``.
+"""Reads candump's screen: ``(1700000000.000000)  can0  123   [8]  DE AD BE EF 00 01 02 03``.
 
-Times count from 1970, from the first frame or from the frame before, or are dates (candump -t a, z,
-d, A).
+Times count from 1970, from the first frame or from the previous frame, or are dates (candump -t a,
+z, d, A).
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ UNTIMED = re.compile(rb"\s*\w+\s+(?:[RT]X\s+\S\s+\S\s+)?[0-9A-F]{3,8}\s+\[\d+\]\
 """A line of a screen without times."""
 _ERROR_BIT = 0x2000_0000
 _FURTHEST = 7
-"""Place of the length in a line with a date, the direction and its two marks."""
+"""Number of the length's token in a line with a date, the direction and its two marks."""
 _SINCE_S = 10_000_000
-"""Times below, s, are no dates."""
+"""Times below this, s, are not dates."""
 
 
 class ConsoleParser:
-    """Parses candump's screen block by block; remembers what its times count from."""
+    """Parses candump's screen block by block; remembers the origin of its times."""
 
     def __init__(self) -> None:
         self._differences: bool | None = None
         self._last_ns = 0
 
     def __call__(self, block: bytes) -> Parsed:
-        """Return the frames of whole lines; every line should be one."""
+        """Return the frames of complete lines; every line should be one."""
         lines = cut_lines(block)
         at = _length_at(lines)
         rows = np.flatnonzero(at >= 3)
@@ -82,14 +82,14 @@ class ConsoleParser:
         return Parsed(frames, np.sort(bad))
 
     def _times(self, lines: Lines, rows: Index) -> tuple[NDArray[np.int64], Mask, Index]:
-        """Return times, which are times, and by how many tokens a date is longer than others."""
+        """Return times, a mask of valid ones, and the number of additional tokens of a date."""
         start, end = lines.token(0, rows)
         opened = lines.text[start] == ord("(")
         closed = lines.text[end - 1] == ord(")")
         t_ns, good = decimals(lines.text, start + 1, end - 1, 9)
         good &= opened & closed
         dated = opened & ~closed
-        for row in np.flatnonzero(dated).tolist():  # rare, and written to be read by people
+        for row in np.flatnonzero(dated).tolist():  # rare, and written for people
             first, second = lines.first[rows[row]], lines.first[rows[row]] + 1
             text = lines.text[lines.start[first] + 1 : lines.end[second] - 1].tobytes()
             try:
@@ -111,7 +111,7 @@ class ConsoleParser:
 
 
 def _length_at(lines: Lines) -> Index:
-    """Return at which place of each line the length stands, ``[8]``; 0 if at none."""
+    """Return the number of the token with the length, ``[8]``, in each line; 0 if there is none."""
     rows = np.arange(len(lines.first))
     found = np.zeros(len(rows), np.intp)
     for place in range(_FURTHEST, 0, -1):
@@ -132,7 +132,7 @@ def _first(lines: Lines, rows: Index, place: Index) -> NDArray[np.uint8]:
 
 
 def _bus(lines: Lines, rows: Index, place: Index) -> Index:
-    """Return the number at the end of the interface's name: 1 of vcan1, 0 of one without."""
+    """Return the number at the end of the interface's name: 1 for vcan1, 0 if there is none."""
     start, end = _token(lines, rows, place)
     bus = np.zeros(len(rows), np.int64)
     for digits in (1, 2, 3):

@@ -1,6 +1,6 @@
-"""Network captures (pcap and pcapng) of SocketCAN interfaces, as Wireshark and tcpdump write them.
+"""Reads network captures (pcap, pcapng) of SocketCAN interfaces, as from Wireshark and tcpdump.
 
-Link types 227 (SocketCAN), 113 and 276 (Linux cooked); packets of other links are passed over.
+Link types 227 (SocketCAN), 113 and 276 (Linux cooked); packets of other links are skipped.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ class _Interface:
 def read_capture(file: Readable, where: str, ledger: Ledger) -> Iterator[FrameBatch]:
     """Read a capture block by block.
 
-    `file`: at its beginning.  `where`: its name, for messages.  `ledger` takes the losses.  Raises
-    InputError if it is no capture, or one of other links.
+    `file`: at its beginning.  `where`: its name, for messages.  `ledger`: collects the losses.
+    Raises InputError if it is not a capture, or one of other links.
     """
     head = file.read(24)
     if head[:4] == PCAPNG_MAGIC:
         return _Blocks(where, ledger).read(file, head)
     if head[:4] not in PCAP_MAGIC or len(head) < 24:
-        raise InputError(where, "is no capture that is whole", "get the whole file")
+        raise InputError(where, "is not a complete capture", "get the whole file")
     return _pcap(file, head, where, ledger)
 
 
@@ -85,7 +85,7 @@ def _pcap(file: Readable, head: bytes, where: str, ledger: Ledger) -> Iterator[F
         yield cutter.frames(held, packets)
         held = held[at:]
     if held:
-        ledger.cut(len(held), "its last packet is not whole")
+        ledger.cut(len(held), "its last packet is incomplete")
 
 
 @dataclass(slots=True)
@@ -113,12 +113,12 @@ class _Blocks:
                 held = b""
                 break
         if held:
-            self.ledger.cut(len(held), "its last block is not whole")
+            self.ledger.cut(len(held), "its last block is incomplete")
         if not self.known and self.interfaces:
             raise _other_link(self.where, self.interfaces[0].link)
 
     def _walk(self, held: bytes, packets: Packets) -> tuple[int, str]:
-        """Take in the whole blocks; return where they end, and what is wrong with the next."""
+        """Process the complete blocks; return where they end, and what is wrong with the next."""
         at, end = 0, len(held)
         while at + 12 <= end:
             if held[at : at + 4] == PCAPNG_MAGIC:
@@ -159,7 +159,7 @@ class _Blocks:
         if kind == _PACKET:
             number = struct.unpack_from(f"{self.order}H", held, at + 8)[0]
         if held_bytes > size - 32 or number >= len(self.interfaces):
-            self.ledger.garbled(1, "a packet has no whole head")
+            self.ledger.garbled(1, "a packet has an incomplete head")
             return
         one = self.interfaces[number]
         if one.link not in _LINKS:

@@ -1,4 +1,4 @@
-"""Cuts CAN frames out of captured packets: SocketCAN's own, and Linux cooked ones around them."""
+"""Extracts CAN frames from captured packets: SocketCAN packets, and Linux cooked ones."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ _FD_PACKET_BYTES = 72
 
 @dataclass(slots=True)
 class Packets:
-    """Packets of a block of bytes."""
+    """The packets in a block of bytes."""
 
     t_ns: list[int] = field(default_factory=list)
-    """Times, ns since 1970 UTC."""
+    """Time stamps, ns since 1970 UTC."""
     bus: list[int] = field(default_factory=list)
-    """Numbers of the buses."""
+    """Bus numbers."""
     sent: list[bool] = field(default_factory=list)
-    """True where this host sent it."""
+    """True for packets that this host sent."""
     link: list[int] = field(default_factory=list)
     """Link types."""
     start: list[int] = field(default_factory=list)
-    """Where each starts in the block."""
+    """Start of each packet in the block."""
     size: list[int] = field(default_factory=list)
-    """Bytes of each."""
+    """Number of bytes of each packet."""
 
     def add(self, t_ns: int, bus: int, sent: bool, link: int, start: int, size: int) -> None:
-        """Take in a packet."""
+        """Add a packet."""
         self.t_ns.append(t_ns)
         self.bus.append(bus)
         self.sent.append(sent)
@@ -50,7 +50,7 @@ class Packets:
 
 
 class FrameCutter:
-    """Turns packets to frames; remembers what the first ones have shown of their byte order."""
+    """Converts packets to frames; remembers the byte order that the first ones have shown."""
 
     def __init__(self, ledger: Ledger) -> None:
         self._ledger = ledger
@@ -102,7 +102,8 @@ class FrameCutter:
         word, turned = _word(text, start, 4), _word(text, start, 4, turned=True)
         cooked = link != SOCKET_CAN
         if self._cooked_is_big is None and cooked.any():
-            # libpcap wrote them in the order of the host first, and in that of the network later.
+            # Older versions of libpcap wrote them in the byte order of the host, newer ones in
+            # network order.
             big, little = _plausible(word[cooked]).sum(), _plausible(turned[cooked]).sum()
             self._cooked_is_big = bool(big > little)
         if not self._cooked_is_big:
@@ -116,7 +117,7 @@ class FrameCutter:
         can_id = word & 0x1FFF_FFFF
         good = (size >= 8 + np.where(remote, 0, length)) & (length <= np.where(fd, 64, 8))
         if bad := len(good) - int(good.sum()):
-            self._ledger.garbled(bad, f"{bad} packets are no CAN frames")
+            self._ledger.garbled(bad, f"{bad} packets are not CAN frames")
         good &= count_impossible_ids(can_id, extended | error, t_ns, good, self._ledger)
         shown = np.where(good & ~remote, length, 0)
         width = 8 if shown.max(initial=0) <= 8 else 64
@@ -136,14 +137,14 @@ class FrameCutter:
         return good_frames(good, t_ns, can_id, flags, bus, length, data)
 
     def _bus(self, index: int) -> int:
-        """Return the number of an interface in the order of their first frames."""
+        """Return the number of an interface, in the order of first frames."""
         return self._buses.setdefault(index, min(len(self._buses), 255))
 
 
 def _word(
     text: NDArray[np.uint8], at: NDArray[np.int64], size: int, turned: bool = False
 ) -> NDArray[np.int64]:
-    """Return numbers that stand in the order of the network, or turned, least byte first."""
+    """Return numbers in network byte order or, if `turned`, least significant byte first."""
     value = np.zeros(len(at), np.int64)
     for place in range(size):
         shift = 8 * (place if turned else size - 1 - place)
@@ -152,5 +153,5 @@ def _word(
 
 
 def _plausible(word: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which numbers can be an identifier with its flags."""
+    """Return a mask of the numbers that can be an identifier with its flags."""
     return np.asarray((word & (_EXTENDED | _ERROR) != 0) | (word & 0x1FFF_FFFF < 1 << 11), np.bool_)

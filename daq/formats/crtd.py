@@ -1,6 +1,6 @@
-"""CRTD of the Open Vehicle Monitoring System: ``1320745424.002 R11 402 FA 01 C3 A0``.
+"""Reads CRTD of the Open Vehicle Monitoring System: ``1320745424.002 R11 402 FA 01 C3 A0``.
 
-A number in front of the kind is the bus, counted from 1; records of other kinds are comments.
+A number before the kind is the bus, counted from 1; records of other kinds are comments.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ LACKS = "remote and error frames, and CAN FD"
 
 
 def parse_crtd(block: bytes) -> Parsed:
-    """Return the frames of whole lines."""
+    """Return the frames of complete lines."""
     lines = cut_lines(block)
     rows = np.flatnonzero(lines.count >= 2)
     t_ns, timed = decimals(lines.text, *lines.token(0, rows), 9)

@@ -1,7 +1,7 @@
-"""All of a session but its samples and raw frames, as a JSON text that goes with every export.
+"""Describes a session, without samples and raw frames, as a JSON text for every export.
 
-Tools that know nothing of it see their own format; `daq.formats.exported` finds it and the samples,
-and has the session again.
+Other tools ignore the text and see only their own format; `daq.formats.exported` rebuilds the
+session from the text and the samples.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from ..vehicle import (
 )
 
 NAME = "bumpbench.json"
-"""Name of the text as a file: attachment or part of a sidecar's name."""
+"""Name of the text as an attachment, and part of a sidecar's name."""
 KEY = "bumpbench"
-"""Name of the text where it is an item of metadata or a variable."""
+"""Name of the text as an item of metadata or a variable."""
 _VERSION = 1
 _ADVICE = "export the session again"
 _MAX_SAMPLES = 1 << 28
@@ -49,25 +49,25 @@ class GroupDescription:
     name: str
     """Name of the message."""
     channels: tuple[str, ...]
-    """Names, in their order."""
+    """Names of the channels, in their order."""
     samples: int
     """Number of samples."""
     marks: tuple[tuple[int, int], ...]
-    """Position and quality bits of the samples that have any."""
+    """Position and quality bits of the samples with any quality bit."""
     file: str
-    """File that holds the samples, where each group has its own."""
+    """File with the samples, if each group has its own."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameSpan:
-    """Frames of a run in a log that the description goes with."""
+    """Frames of a run in the log that the description belongs to."""
 
     first: int
-    """Position of the first one in the log."""
+    """Position of the first frame in the log."""
     count: int
     """Number of frames."""
     t_ns: int
-    """Time stamp of the first one, which a log may state in another time zone."""
+    """Time stamp of the first frame, ns, which a log may state in another time zone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class StateDescription:
     body: tuple[BodyWeight, ...]
     hubs: tuple[HubWeight, ...]
     order: tuple[bool, ...]
-    """True for each weight, in their order, that is on the body."""
+    """True for each weight on the body, in the order of all weights."""
     matrix: tuple[tuple[float, ...], ...]
 
 
@@ -117,26 +117,26 @@ class VehicleDescription:
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """All of a session but its samples and raw frames."""
+    """A session without its samples and raw frames."""
 
     version: int
-    """Version of this form."""
+    """Version of the description's format."""
     vehicle: VehicleDescription
     """The vehicle."""
     channels: tuple[Channel, ...]
-    """Every channel with all that is known of it."""
+    """All channels with all of their fields."""
     mass_states: tuple[StateDescription, ...]
-    """Loading of the vehicle."""
+    """States of loading of the vehicle."""
     runs: tuple[RunDescription, ...]
-    """In order of recording."""
+    """Runs, in order of recording."""
     provenance: dict[str, Any]
-    """Where the session comes from; bench.toml and databases in full, whatever bytes they have."""
+    """Origin of the session; bench.toml and databases in full, with all of their bytes."""
     style: tuple[str, str] = (",", ".")
-    """Separator and decimal mark where the samples are text."""
+    """Separator and decimal mark, if the samples are text."""
 
 
 def sidecar_of(path: Path) -> Path:
-    """Return the place of a description beside its export: ``car.uff.bumpbench.json``."""
+    """Return the path of a description next to its export: ``car.uff.bumpbench.json``."""
     return path.with_name(f"{path.name}.{NAME}")
 
 
@@ -147,8 +147,8 @@ def describe(
 ) -> Description:
     """Return the description of a session.
 
-    `files`: the file of each run and group, where each has its own.  `spans`: the frames of each
-    run, where the samples are those of a log.
+    `files`: the file of each run and group, if each has its own.  `spans`: the frames of each run,
+    if the samples are in a log.
     """
     vehicle = session.vehicle
     return Description(
@@ -171,7 +171,8 @@ def text_of(description: Description) -> str:
 def description_of(text: str | bytes, where: str) -> Description:
     """Return the description in a JSON text.
 
-    `where`: the file, for messages.  Raises InputError if it is none, or of a later version.
+    `where`: the file, for messages.  Raises InputError if it is not a description, or of a later
+    version.
     """
     try:
         found = TypeAdapter(Description).validate_python(json.loads(text))
@@ -181,7 +182,7 @@ def description_of(text: str | bytes, where: str) -> Description:
         what = f"its description of the session is damaged ({place})"
         raise InputError(where, what, _ADVICE) from error
     if not all(isinstance(value, str) for value in found.provenance.values()):
-        raise InputError(where, "its provenance is no text", _ADVICE)
+        raise InputError(where, "its provenance is not a text", _ADVICE)
     if found.version > _VERSION:
         what = f"describes a session in version {found.version}; this program knows {_VERSION}"
         raise InputError(where, what, "use a newer bumpbench")
@@ -189,7 +190,7 @@ def description_of(text: str | bytes, where: str) -> Description:
 
 
 Columns = tuple[NDArray[np.float64], NDArray[np.int64] | None, Mapping[str, NDArray[np.float64]]]
-"""Times since t0, bus times if they are kept, and values by channel."""
+"""Times since t0, s; bus times, ns, if they are kept; and values by channel."""
 
 
 def session_of(
@@ -197,7 +198,7 @@ def session_of(
     samples: Callable[[RunDescription, GroupDescription], Columns],
     where: str,
 ) -> Session:
-    """Return a session; its samples are asked for group by group.
+    """Return a session; `samples` is called for each group.
 
     Raises InputError if samples do not fit the description.
     """
@@ -222,7 +223,7 @@ def session_of(
         vehicle = Vehicle(about.name, about.geometry, about.structure, about.facts, about.elements)
         states = tuple(_mass_state(state) for state in description.mass_states)
     except (ValueError, LookupError, TypeError) as error:
-        what = f"does not hold what it describes: {error}"
+        what = f"does not match its description: {error}"
         raise InputError(where, what, _ADVICE) from error
     return Session(vehicle, description.channels, states, runs, description.provenance)
 
@@ -288,13 +289,13 @@ def _mass_state(state: StateDescription) -> MassState:
         len(state.body),
         len(state.body) + len(state.hubs),
     ):
-        raise ValueError(f"the weights of {state.name} are not all there")
+        raise ValueError(f"the weights of {state.name} are incomplete")
     weights = tuple(next(body) if on_body else next(hubs) for on_body in state.order)
     return MassState(state.name, AddedMass(weights, np.array(state.matrix, np.float64)))
 
 
 def _plain(value: Any) -> Any:
-    """Return a tree for JSON; numbers that it lacks become words."""
+    """Return a tree for JSON; numbers that JSON lacks become words."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

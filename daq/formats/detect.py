@@ -1,4 +1,4 @@
-"""Finds out which format a log has, from what stands in it; its name decides between equals."""
+"""Detects the format of a log from its content; its name decides between equal candidates."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .text import Parse
 from .unpacked import Unpacked
 
 HEAD_BYTES = 1 << 16
-"""Bytes that are looked at: the head of a text log is shorter."""
+"""Number of bytes that are examined: the head of a text log is shorter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,15 +35,15 @@ class LogFormat:
     """A format of logs."""
 
     name: str
-    """As people call it."""
+    """Name, for people."""
     lacks: str
     """Parts of a frame that it cannot hold; empty if it holds everything."""
     suffix: str
     """Usual suffix of its files."""
     parser: Callable[[], Parse] | None = None
-    """Makes what parses its lines; None of a format that is no text."""
+    """Function that makes the parser of its lines; None for a format that is not text."""
     states_length: bool = True
-    """True if a line says how many bytes follow, so that a line cut off cannot look whole."""
+    """True if a line states how many bytes follow, so that a cut line cannot look complete."""
     spaced: bool = True
     """True if a byte may lose its last digit unnoticed."""
 
@@ -66,17 +66,17 @@ TEXTS = (
 NAMES = (
     "BLF, ASC, TRC, candump, CSV of python-can or SavvyCAN, BUSMASTER, CRTD, MF4, pcap, MCAP; .gz"
 )
-"""Formats of logs as a message lists them."""
+"""Names of the formats, for messages."""
 
 
 def detect(path: Path) -> LogFormat:
     """Return the format of a log.
 
-    Raises InputError if the file is missing, empty or no log that is known.
+    Raises InputError if the file is missing, empty or not a known log.
     """
     where = str(path)
     if not path.is_file():
-        other = "is a directory" if path.is_dir() else "is no regular file"
+        other = "is a directory" if path.is_dir() else "is not a regular file"
         what = other if path.exists() else "no such file"
         raise InputError(where, what, f"name a log: {NAMES}")
     try:
@@ -86,7 +86,7 @@ def detect(path: Path) -> LogFormat:
         what = f"cannot be read: {error.strerror or error}"
         raise InputError(where, what, "check rights and disk") from error
     if not head:
-        raise InputError(where, "is empty", "check that it is the log you mean")
+        raise InputError(where, "is empty", "check that it is the right log")
     return _binary(head) or _text(head, path)
 
 
@@ -106,11 +106,11 @@ def _text(head: bytes, path: Path) -> LogFormat:
     """Return the format whose parser reads most of the first lines."""
     where = str(path)
     if b"\0" in head:
-        raise InputError(where, "is no text log, and no other that is known", f"use {NAMES}")
+        raise InputError(where, "is not a log of a known format", f"use {NAMES}")
     whole, newline, tail = head.rpartition(b"\n")
     block = whole + newline if newline else tail
     if len(block) >= HEAD_BYTES and not newline:
-        raise InputError(where, "is no text log: its first line has no end", f"use {NAMES}")
+        raise InputError(where, "is not a text log: its first line has no end", f"use {NAMES}")
     suffixes = [suffix.lower() for suffix in path.suffixes if suffix.lower() != ".gz"]
     best, most = None, 0.0
     for form in TEXTS:
@@ -127,5 +127,5 @@ def _text(head: bytes, path: Path) -> LogFormat:
         if candump_console.UNTIMED.match(first):
             raise InputError(where, "has no time stamps", "record with candump -L")
         shown = printable(first.strip().decode("ascii", "backslashreplace"), 40)
-        raise InputError(where, f"begins with no line of a known log: {shown!r}", f"use {NAMES}")
+        raise InputError(where, f"begins with a line of no known log: {shown!r}", f"use {NAMES}")
     return best

@@ -1,4 +1,4 @@
-"""Reads the exports of sessions: what `daq.formats.export` has written becomes a session again."""
+"""Reads the exports of sessions that `daq.formats.export` has written."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from .exported_uff import read_exported_uff
 
 _DAMAGED = "the file is damaged or cut off"
 _HEADER_AT, _FIRST_ATTACHMENT = 64, slice(48, 56)
-"""Place of the header block of an MF4, and in it of the link to the first attachment."""
+"""Position of the header block of an MF4, and in it of the link to the first attachment."""
 _MAX_SIDECAR_BYTES = 256 << 20
 
 
 def exported_session(path: Path) -> Session | None:
-    """Return the session in an export; None if the file is none, or has no description.
+    """Return the session in an export; None if the file is not an export, or has no description.
 
     `path`: MF4, MAT, Parquet, UFF or a log of raw frames, or the sidecar of a CSV.  Raises
     InputError if it is damaged, or a library is missing.
@@ -42,7 +42,7 @@ def exported_session(path: Path) -> Session | None:
         with path.open("rb") as file:
             head = file.read(128)
     except OSError:
-        # A CSV export has a file for each message of each run, and none of the name it was given.
+        # A CSV export has a file for each message of each run, and no file of the given name.
         is_csv = path.suffix == ".csv" and not path.exists() and _is_described(path)
         return exported_session(description.sidecar_of(path)) if is_csv else None
     try:
@@ -51,7 +51,7 @@ def exported_session(path: Path) -> Session | None:
                 return read(path)
     except BumpbenchError:
         raise
-    except Exception as error:  # each library raises what it likes
+    except Exception as error:  # libraries raise many kinds of errors
         what = f"cannot be read: {str(error) or type(error).__name__}"
         raise InputError(
             str(path), what.splitlines()[0], "the file is damaged or cut off"
@@ -60,7 +60,7 @@ def exported_session(path: Path) -> Session | None:
 
 
 def _mf4(path: Path) -> Session | None:
-    """Return the session in an MF4; asammdf raises, logs and prints what it meets."""
+    """Return the session in an MF4; handles what asammdf raises, logs and prints."""
     if not _names_description(path):
         return None
     asammdf = optional("asammdf", "mf4")
@@ -73,7 +73,7 @@ def _mf4(path: Path) -> Session | None:
         raise
     except Exception as error:
         failure = str(error) or type(error).__name__
-        # Its half-made object fails once more when it is let go, with a traceback on stderr.
+        # Its incomplete object fails again when it is deleted, with a traceback on stderr.
         sys.unraisablehook = lambda _: None
     gc.collect()
     sys.unraisablehook = hook
@@ -101,13 +101,13 @@ def _from_mf4(asammdf: Any, path: Path) -> Session:
 
 
 def _names_description(path: Path) -> bool:
-    """Return whether the name of our attachment occurs in an MF4: to open one may take long."""
+    """Return whether our attachment's name occurs in an MF4, because opening one may take long."""
     wanted, kept = description.NAME.encode(), b""
     with path.open("rb") as file:
         file.seek(_HEADER_AT)
         header = file.read(_FIRST_ATTACHMENT.stop)
         if header[:4] == b"##HD" and not any(header[_FIRST_ATTACHMENT]):
-            return False  # as of most logs, which may have many gigabytes
+            return False  # as in most logs, which may have many gigabytes
         file.seek(0)
         while piece := file.read(1 << 20):
             if wanted in kept + piece:
@@ -159,7 +159,7 @@ def _csv(path: Path) -> Session | None:
 
     def samples(run: RunDescription, group: GroupDescription) -> Columns:
         if Path(group.file).name != group.file or not group.file:
-            raise ValueError(f"names {group.file!r}, which is no file beside it")
+            raise ValueError(f"names {group.file!r}, which is not a file next to it")
         time_s, values = read_csv(path.with_name(group.file), style, group.channels)
         return time_s, None, values
 

@@ -1,6 +1,6 @@
-"""Reads back a session from a log of raw frames and the description beside it.
+"""Reads back a session from a log of raw frames and the description next to it.
 
-Its samples are decoded anew, run by run, with the bench.toml and databases of the description.
+Its samples are decoded again, run by run, with the bench.toml and databases of the description.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from .description import (
 from .log import read_log
 
 _QUARTER_NS = 900_000_000_000
-"""Time zones differ by multiples of it, ns."""
+"""Smallest difference of time zones, of which all differences are multiples, ns."""
 
 
 def read_exported_log(path: Path, about: Description) -> Session:
     """Return the session in a log, with its raw frames.
 
-    Raises InputError if the log is damaged or another one, or the description has no bench.toml.
+    Raises InputError if the log is damaged or not that of the description, or the description has
+    no bench.toml.
     """
     texts = about.provenance
     if not texts.get("bench_toml"):
@@ -45,7 +46,7 @@ def read_exported_log(path: Path, about: Description) -> Session:
     log = read_log(path)
     whole = FrameBatch.concatenate(list(log))
     if log.loss.any:
-        raise InputError(str(path), f"is not whole: {log.loss.text}", "get the whole file")
+        raise InputError(str(path), f"is incomplete: {log.loss.text}", "get the whole file")
     frames = [_part(whole, run.span, path) for run in about.runs]
     groups = {
         run.label: sample_groups(mapped, codec.decode(own), keeping, run.t0_ns) if len(own) else ()
@@ -64,7 +65,7 @@ def read_exported_log(path: Path, about: Description) -> Session:
 
 
 def _part(whole: FrameBatch, span: FrameSpan | None, path: Path) -> FrameBatch:
-    """Return the frames of a run; in UTC, as some logs state times of a place."""
+    """Return the frames of a run, with times in UTC, because some logs state local times."""
     if span is None:
         return FrameBatch.empty()
     if not 0 <= span.first <= span.first + span.count <= len(whole) or not span.count:

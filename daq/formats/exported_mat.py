@@ -13,7 +13,7 @@ from .export.matlab import RUN_FIELDS, SAMPLE_FIELDS, fields_of
 
 
 def read_exported_mat(path: Path) -> Session | None:
-    """Return the session in a MATLAB file; None if it has no description of one.
+    """Return the session in a MATLAB file; None if the file has no description.
 
     Raises InputError if it is damaged.
     """
@@ -42,5 +42,5 @@ def read_exported_mat(path: Path) -> Session | None:
 
 
 def _names(names: list[str], taken: tuple[str, ...]) -> list[tuple[str, str]]:
-    """Return the field that each name has in MATLAB, as the writer chose it."""
+    """Return the MATLAB field of each name, as the writer chose it."""
     return list(fields_of(((name, name) for name in names), taken).items())

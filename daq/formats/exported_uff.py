@@ -1,4 +1,4 @@
-"""Reads back a session from a universal file and the description beside it."""
+"""Reads back a session from a universal file and the description next to it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MAX_RECORD_BYTES = 1 << 31
 
 
 def read_exported_uff(path: Path, about: Description) -> Session:
-    """Return the session in a universal file; a sample that it does not hold is missing.
+    """Return the session in a universal file; samples that it does not hold are missing values.
 
     Raises InputError if it is damaged.
     """
@@ -44,7 +44,7 @@ def _records(path: Path) -> Iterator[tuple[str, str, NDArray[np.float64], NDArra
     with path.open("rb") as file:
         while line := file.readline(256):
             if b"\0" in line:
-                raise InputError(str(path), "holds what is no dataset", "export it again")
+                raise InputError(str(path), "has content that is not a dataset", "export it again")
             if not line.startswith(b"    58b"):
                 continue
             size = int(line[31:43])

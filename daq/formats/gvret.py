@@ -1,4 +1,4 @@
-"""CSV of SavvyCAN and GVRET: Time Stamp (µs),ID,Extended,Dir,Bus,LEN,D1,D2,...; older: no Dir."""
+"""Reads CSV of SavvyCAN, GVRET: Time Stamp (µs),ID,Extended,Dir,Bus,LEN,D1,D2,...; old: no Dir."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from dbc.frames import FrameFlag
 from .assemble import good_frames
 from .text import Parsed, cut_lines, integers, is_word, spaced_bytes
 
-LACKS = "remote and error frames, and CAN FD but for its longer payloads"
+LACKS = "remote and error frames, and of CAN FD all but the longer payloads"
 _HEADER = b"time stamp,id,extended,"
 
 
 def parse_gvret(block: bytes) -> Parsed:
-    """Return the frames of whole lines; every line but the header should be one."""
+    """Return the frames of complete lines; every line except the header should be one."""
     lines = cut_lines(block, b",")
     header = block.removeprefix(b"\xef\xbb\xbf")[: len(_HEADER)].lower() == _HEADER
     whole = lines.count >= 5
@@ -34,7 +34,7 @@ def parse_gvret(block: bytes) -> Parsed:
     length, has_length = integers(
         lines.text, lines.start[first + 1], lines.end[first + 1], 10, longest=2
     )
-    # Receivers that do not know the kind of an identifier say "false" of all.
+    # Receivers that do not know the kind of an identifier write "false" for all.
     extended |= can_id >= 1 << 11
     good &= has_id & has_bus & has_length & (can_id < 1 << 29) & (length <= 64) & (bus < 256)
     good &= t_us < 1 << 53

@@ -1,4 +1,4 @@
-"""Logs of raw frames, whatever wrote them: read in blocks, with an account of what is missing."""
+"""Reads logs of raw frames of any format, in blocks, with an account of the losses."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from .unpacked import Unpacked, on_disk
 class Log:
     """A log to be iterated once, block by block; memory does not grow with its length.
 
-    Iterating raises InputError where the file turns out to be no log of its format; what is
-    damaged or cut off within one is passed over and counted.
+    Iterating raises InputError if the file is found not to be a log of its format; damaged or
+    missing parts of a log are skipped and counted.
 
-    `paths`: one file; of a journal, all its segments.  `form`: the format, from `detect`; it is
-    looked for without it.  Raises InputError if a file is missing, empty or of no format.
+    `paths`: one file; of a journal, all its segments.  `form`: the format; detected if it is not
+    given.  Raises InputError if a file is missing, empty or of no known format.
     """
 
     def __init__(self, paths: Sequence[Path], form: LogFormat | None = None) -> None:
         self.paths = tuple(paths)
         self.format = form or detect(paths[0])
         self.frames = 0
-        """Frames handed out so far."""
+        """Number of frames returned so far."""
         self._bytes = sum(path.stat().st_size for path in paths)
         self._position: Callable[[], int] = int
         self._ledger = Ledger()
@@ -46,7 +46,7 @@ class Log:
 
     @property
     def origin(self) -> str:
-        """Where its frames come from, a value of `Origin`; of a foreign log nothing is known."""
+        """Origin of its frames, a value of `Origin`; not known for a foreign log."""
         return Origin.REAL if self._journal is None else self._journal.head.origin
 
     @property
@@ -59,14 +59,14 @@ class Log:
 
     @property
     def hops(self) -> HopLosses:
-        """Losses before the log was written, as it states them, and what cannot be read in it."""
+        """Losses before the log was written, as stated in it, and unreadable parts of it."""
         if self._journal is None:
             return HopLosses(bus_garbled=self._ledger.loss.garbled)
         return self._hops
 
     @property
     def share(self) -> float:
-        """Which part of the file has been read, 0..1."""
+        """Share of the file that has been read, 0..1."""
         return min(self._position() / max(self._bytes, 1), 1.0)
 
     def __iter__(self) -> Iterator[FrameBatch]:
@@ -80,7 +80,7 @@ class Log:
             raise InputError(self.name, what, "check the disk") from error
         if not self.frames:
             what = f"holds no frame ({self.format.name}); {self.loss.text}".removesuffix("; ")
-            raise InputError(self.name, what, "check that it is the log you mean")
+            raise InputError(self.name, what, "check that it is the right log")
 
     def _batches(self) -> Iterator[FrameBatch]:
         if self._journal is not None:
@@ -99,7 +99,7 @@ class Log:
                 self._position = lambda: self._bytes
 
     def _forwards(self, file: Unpacked) -> Iterator[FrameBatch]:
-        """Read a format that needs no look back."""
+        """Read a format that can be read forwards only."""
         if self.format is BLF:
             size = None if file.packed else self._bytes
             return blf.read_blf(file, self.name, size, self._ledger)
@@ -113,7 +113,7 @@ class Log:
 
 
 def read_log(path: Path) -> Log:
-    """Return the log in a file; what stands in it decides the format.
+    """Return the log in a file; its content decides the format.
 
     Raises
     ------

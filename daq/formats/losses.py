@@ -1,4 +1,4 @@
-"""Counts what a reader could not read, and reports it at the end."""
+"""Counts the data that a reader could not read, and reports them at the end."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from dataclasses import dataclass
 from dbc.errors import printable
 
 _NOTES = 8
-"""A log that is damaged all over is described well enough by its first faults."""
+"""Number of notes that are kept: the first faults describe a badly damaged log well enough."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogLoss:
-    """Records that a log should hold and does not."""
+    """Numbers of records that are missing or damaged in a log."""
 
     garbled: int
-    """Records that should be frames and cannot be read."""
+    """Number of records that should be frames and cannot be read."""
     bytes_cut: int
-    """Bytes at the end, or passed over, that are no whole record."""
+    """Number of bytes, at the end or skipped, that are not a complete record."""
     notes: tuple[str, ...]
-    """The first of them in words, with their places."""
+    """Descriptions of the first losses, with their places."""
 
     @property
     def any(self) -> bool:
-        """True if something that was logged is missing."""
+        """True if any logged data are missing."""
         return bool(self.garbled or self.bytes_cut)
 
     @property
@@ -35,7 +35,7 @@ class LogLoss:
 
 
 class Ledger:
-    """The running account of one log."""
+    """The losses of one log so far."""
 
     def __init__(self) -> None:
         self._garbled = 0
@@ -53,7 +53,7 @@ class Ledger:
         self._note(note)
 
     def cut(self, size: int, note: str) -> None:
-        """Count bytes that are missing or no whole record."""
+        """Count bytes that are missing or not a complete record."""
         self._bytes_cut += size
         self._note(note)
 

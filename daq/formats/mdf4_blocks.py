@@ -1,4 +1,4 @@
-"""Blocks of an MDF 4 file: headers, links, texts and the pieces of its data, each checked."""
+"""Reads blocks of an MDF 4 file, with checks: headers, links, texts and pieces of data."""
 
 from __future__ import annotations
 
@@ -14,65 +14,65 @@ from dbc.errors import InputError
 from .losses import Ledger
 
 HEADER_AT = 64
-"""Byte at which the first block begins."""
+"""Position at which the first block begins, bytes."""
 PIECE_BYTES = 1 << 18
-"""Data read at a time: some thousand frames."""
+"""Number of bytes of data that are read together: some thousand frames."""
 MAX_BLOCKS = 100_000
-"""Blocks of one chain: a chain that leads in a circle ends here."""
+"""Largest number of blocks in one chain, so that a circular chain ends."""
 MAX_TRANSPOSED_BYTES = 64 << 20
-"""Unpacked size of a block that is stored column by column: it is held whole."""
+"""Largest unpacked size of a block that is stored column by column, bytes: it is held in memory."""
 _MAX_BODY_BYTES = 1 << 20
-"""Size of a block that describes: texts are the longest, some kB."""
+"""Largest size of a descriptive block, bytes: texts are the longest, some kB."""
 _MAX_LINKS = 1 << 20
 _HEAD = struct.Struct("<4s4xQQ")
 _PACKED = struct.Struct("<2sBxLQQ")
 _DEFLATED, _TRANSPOSED = 0, 1
 _RAW = (b"##DT", b"##SD", b"##RD")
 _LENGTH_NOT_KNOWN = 4
-"""Bit of the file's head: the length of its last data block was never written."""
+"""Bit in the file's head: the length of its last data block was never written."""
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A block that describes something."""
+    """A descriptive block."""
 
     kind: bytes
     """Four characters, such as ``##CG``."""
     links: tuple[int, ...]
-    """Places of other blocks in the file; 0 for none."""
+    """Positions of other blocks in the file; 0 for none."""
     body: bytes
-    """Bytes behind the links."""
+    """Bytes after the links."""
 
 
 class BlockFile:
-    """An MDF 4 file as blocks; nothing that it states of itself is believed unchecked.
+    """An MDF 4 file as blocks; everything that the file states is checked.
 
-    `file`: an open file.  `where`: its name, for messages.  `ledger` takes the losses.  Raises
-    InputError if it is no MDF 4 file.
+    `file`: an open file.  `where`: its name, for messages.  `ledger`: collects the losses.  Raises
+    InputError if it is not an MDF 4 file.
     """
 
     def __init__(self, file: BinaryIO, where: str, ledger: Ledger) -> None:
         self._file, self._where, self._ledger = file, where, ledger
         self.bytes = file.seek(0, os.SEEK_END)
-        """Size of the file."""
+        """Size of the file, bytes."""
         begin = self._read(0, HEADER_AT)
         if begin[:8] not in (b"MDF     ", b"UnFinMF "):
             advice = "check what it is"
-            raise InputError(where, "is no MF4: it does not begin with MDF", advice)
+            raise InputError(where, "is not an MF4: it does not begin with MDF", advice)
         if self._read(HEADER_AT, 4) != b"##HD":
-            raise InputError(where, "is no MF4: it has no header block", "get the whole file")
+            raise InputError(where, "is not an MF4: it has no header block", "get the whole file")
         self.unfinished = begin[:8] == b"UnFinMF "
-        """True if the logger was switched off, or leaves counts and lengths to the reader."""
+        """True if the logger was switched off, or did not write counts and lengths."""
         self._open_end = self.unfinished and begin[60] & _LENGTH_NOT_KNOWN != 0
 
     def block(self, at: int, *kinds: bytes) -> Block:
-        """Return the block at a place in the file.
+        """Return the block at a position in the file.
 
-        Raises InputError if it is none of these kinds, or not whole.
+        Raises InputError if it is none of these kinds, or incomplete.
         """
         kind, size, count = self._head(at)
         if kind not in kinds:
-            raise self.damaged(f"byte {at} is no {kinds[0].decode()[2:]} block")
+            raise self.damaged(f"byte {at} is not a {kinds[0].decode()[2:]} block")
         body_bytes = size - _HEAD.size - 8 * count
         if count > _MAX_LINKS or not 0 <= body_bytes <= _MAX_BODY_BYTES:
             raise self.damaged(f"the block at byte {at} has an impossible size")
@@ -82,7 +82,7 @@ class BlockFile:
         return Block(kind, struct.unpack_from(f"<{count}Q", raw), raw[8 * count :])
 
     def chain(self, at: int, kind: bytes) -> Iterator[Block]:
-        """Yield a block and those that its first link leads to."""
+        """Yield a block, and the following blocks along their first links."""
         for _ in range(MAX_BLOCKS):
             if not at:
                 return
@@ -106,7 +106,7 @@ class BlockFile:
                 yield from self._plain(place)
 
     def kind(self, at: int) -> bytes:
-        """Return the kind of the block at a place."""
+        """Return the kind of the block at a position."""
         return self._head(at)[0]
 
     def damaged(self, what: str) -> InputError:
@@ -114,7 +114,7 @@ class BlockFile:
         return InputError(self._where, f"cannot be read: {what}", "the file is damaged or cut off")
 
     def _data_blocks(self, at: int) -> Iterator[int]:
-        """Yield the places of the blocks of data, in their order."""
+        """Yield the positions of the data blocks, in their order."""
         if at and self._head(at)[0] == b"##HL":
             at = (self.block(at, b"##HL").links or (0,))[0]
         if not at or self._head(at)[0] != b"##DL":
@@ -126,12 +126,12 @@ class BlockFile:
     def _plain(self, at: int) -> Iterator[bytes]:
         kind, size, count = self._head(at)
         if kind not in _RAW:
-            raise self.damaged(f"byte {at} is no DT block")
+            raise self.damaged(f"byte {at} is not a DT block")
         start, end = at + _HEAD.size + 8 * count, at + size
         if self._open_end and (size <= _HEAD.size or end > self.bytes):
             end = self.bytes
         if end > self.bytes:
-            self._ledger.cut(end - self.bytes, f"its data from byte {at} on are cut off")
+            self._ledger.cut(end - self.bytes, f"its data from byte {at} are cut off")
             end = self.bytes
         while start < end:
             piece = self._read(start, min(PIECE_BYTES, end - start))
@@ -141,7 +141,7 @@ class BlockFile:
             yield piece
 
     def _unpacked(self, at: int) -> Iterator[bytes]:
-        """Yield what is in a compressed block."""
+        """Yield the content of a compressed block."""
         _, size, count = self._head(at)
         start = at + _HEAD.size + 8 * count
         head = self._read(start, _PACKED.size)
@@ -190,7 +190,7 @@ class BlockFile:
 
 
 def _upright(data: bytes, columns: int) -> bytes:
-    """Return records that were stored column by column; what is over stands at the end."""
+    """Return records that were stored column by column; the remainder is at the end."""
     rows = len(data) // columns
     whole = memoryview(data)[: rows * columns]
     if not rows:

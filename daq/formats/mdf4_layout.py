@@ -1,4 +1,4 @@
-"""Where the parts of a CAN frame stand in the records of an MDF 4 file (ASAM's bus logging)."""
+"""Finds the parts of a CAN frame in the records of an MDF 4 file (ASAM's bus logging)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _NS_PER_MINUTE = 60_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A number in a record."""
+    """Position and conversion of a number in a record."""
 
     byte: int
     """Its first byte."""
@@ -39,22 +39,22 @@ class Field:
     bits: int
     """Its width, at most 64 together with `bit`."""
     kind: int
-    """Data type as MDF numbers them: 0 and 1 unsigned, 2 and 3 signed, 4 and 5 float."""
+    """Data type of MDF: 0 and 1 unsigned, 2 and 3 signed, 4 and 5 float."""
     offset: float = 0.0
     """Value of a raw number of 0."""
     factor: float = 1.0
-    """Unit of the raw number."""
+    """Factor of the raw number."""
     table: tuple[tuple[float, float], ...] = ()
     """Pairs of raw number and value, in order; empty if the value is linear in it."""
 
     @property
     def end(self) -> int:
-        """First byte behind it."""
+        """First byte after it."""
         return self.byte + (self.bit + self.bits + 7) // 8
 
     def raw(self, records: NDArray[np.uint8]) -> NDArray[np.int64] | NDArray[np.float64]:
         """Return the number in each record, (n,); `records`: (n, bytes of a record)."""
-        if not self.bits:  # a constant, which no record holds
+        if not self.bits:  # a constant, which is not in the records
             return np.zeros(len(records), np.int64)
         own = records[:, self.byte : self.end]
         if self.kind in _BIG_ENDIAN:
@@ -83,14 +83,15 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """Where the bytes of a frame stand."""
+    """Position of the payload of a frame."""
 
     byte: int
-    """First byte in the record, of the payload itself or of its place elsewhere."""
+    """First byte, in the record, of the payload itself or of its position elsewhere."""
     width: int
-    """Bytes that the record has for it."""
+    """Number of bytes that the record has for it."""
     elsewhere: int
-    """Place in the file of the block that holds payloads of any length; 0 if the record has it."""
+    """Position in the file of the block that holds payloads of any length; 0 if the payload is in
+    the record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,19 +99,19 @@ class FrameGroup:
     """Records of one kind of CAN frames."""
 
     kind: str
-    """One of `FRAME_KINDS`."""
+    """Kind, one of `FRAME_KINDS`."""
     record_id: int
-    """Number in front of each record, where records of several kinds follow each other."""
+    """Number before each record, if records of several kinds follow each other."""
     record_bytes: int
-    """Bytes of a record behind that number."""
+    """Number of bytes of a record after that number."""
     count: int
-    """Number of records as the file states it; 0 where it was never written."""
+    """Number of records as stated in the file; 0 if it was never written."""
     time: Field
-    """Time since the start of the file, s."""
+    """Field with the time since the start of the file, s."""
     fields: dict[str, Field]
-    """The numbers of a frame, by the names of ASAM without the kind: ``ID``, ``DLC``."""
+    """Fields of a frame, by their ASAM names without the kind: ``ID``, ``DLC``."""
     payload: Payload | None
-    """None where a frame has no payload."""
+    """Position of the payload; None if a frame has no payload."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,19 +119,20 @@ class DataGroup:
     """Records that are stored together."""
 
     data: int
-    """Place of the first block of data."""
+    """Position of the first data block."""
     id_bytes: int
-    """Bytes of the number in front of each record; 0 where there is one kind only."""
+    """Number of bytes of the number before each record; 0 if there is only one kind."""
     frames: tuple[FrameGroup, ...]
     """The kinds that are CAN frames."""
     sizes: dict[int, int]
-    """Bytes of a record by its number; -1 where each states its own."""
+    """Number of bytes of a record, by record number; -1 if each record states its own."""
     variable: dict[int, int]
-    """Number of the records of variable length, by the place of the block that describes them."""
+    """Record number of the records of variable length, by the position of the block that describes
+    them."""
 
 
 def start_ns(file: BlockFile) -> int:
-    """Return the time at which all stamps begin, ns since 1970 UTC."""
+    """Return the origin of all stamps, ns since 1970 UTC."""
     body = file.block(HEADER_AT, b"##HD").body
     if len(body) < 13:
         raise file.damaged("its header block is too short")
@@ -201,12 +203,12 @@ def _frame_group(
     fits = all(f.end <= record_bytes and f.bits <= 64 - f.bit for f in (time, *fields.values()))
     numbers = all(f.kind in _NUMBERS or not f.bits for f in (time, *fields.values()))
     if not fits or not numbers or (payload and payload.byte + payload.width > record_bytes):
-        raise file.damaged(f"a field of {kind} is no number within its record")
+        raise file.damaged(f"a field of {kind} is not a number within its record")
     return FrameGroup(kind, number, record_bytes, count, time, fields, payload)
 
 
 def _channels(file: BlockFile, first: int) -> Iterator[tuple[str, tuple[int, ...], bytes]]:
-    """Yield name, links and body of the channels of a group, and of those within them."""
+    """Yield name, links and body of the channels of a group, and of nested channels."""
     for block in file.chain(first, b"##CN"):
         if len(block.links) < 8 or len(block.body) < _CHANNEL.size:
             raise file.damaged("a channel is too short")
@@ -218,7 +220,7 @@ def _channels(file: BlockFile, first: int) -> Iterator[tuple[str, tuple[int, ...
 
 
 def _field(file: BlockFile, place: tuple[int, int, int], kind: int, conversion: int) -> Field:
-    """Return a number with its conversion; one to words is none."""
+    """Return a field with its conversion; a conversion to text is ignored."""
     plain = Field(*place, kind)
     body = file.block(conversion, b"##CC").body if conversion else b""
     if len(body) < _CONVERSION.size:

@@ -1,4 +1,4 @@
-"""Records of an MDF 4 file, block by block: sorted by kind, or in the order of their logging."""
+"""Reads records of an MDF 4 file block by block: sorted by kind, or in the order of logging."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from .mdf4_layout import DataGroup, FrameGroup
 
 Records = NDArray[np.uint8]
 BLOCK_RECORDS = 16_384
-"""Records handed out at a time: a block of payloads of 64 bytes has 1 MB."""
+"""Number of records that are returned together: a block of payloads of 64 bytes has 1 MB."""
 MAX_WINDOW_BYTES = 8 << 20
-"""Bytes of payloads of any length that are held for the records of one block."""
+"""Number of bytes of payloads of any length that are held for the records of one block."""
 _MAX_PAYLOAD_BYTES = 1 << 16
 _KEPT = 65_536
-"""Payloads that are kept for records that follow, and records that wait for theirs."""
+"""Number of payloads that are kept for later records, and of records that wait for their
+payload."""
 _EMPTY_RECORDS = 4096
-"""Number of records without a single bit that are no records: loggers reserve room."""
+"""Number of consecutive all-zero records that are not records, because loggers reserve room."""
 _LENGTH = struct.Struct("<L")
 
 
@@ -31,13 +32,14 @@ class RecordBlock:
     """Records of one kind."""
 
     group: FrameGroup
-    """The kind."""
+    """Layout of the records."""
     records: Records
     """The records, shape (n, bytes)."""
     order: NDArray[np.int64]
-    """Place of each among all records of the block, shape (n,)."""
+    """Position of each record among all records of the block, shape (n,)."""
     payload: Records | None
-    """Payloads that stand elsewhere, padded with zeros, shape (n, 64); None if there are none."""
+    """Payloads that are stored elsewhere, padded with zeros, shape (n, 64); None if there are
+    none."""
     found: NDArray[np.bool_]
     """True where the payload was found, shape (n,)."""
 
@@ -65,7 +67,7 @@ def sorted_records(file: BlockFile, data: DataGroup, ledger: Ledger) -> Iterator
     count = len(held) // size
     yield from _sorted_block(held[: count * size], group, window)
     if len(held) % size:
-        ledger.cut(len(held) % size, "its last record is not whole")
+        ledger.cut(len(held) % size, "its last record is incomplete")
 
 
 def _sorted_block(raw: bytes, group: FrameGroup, window: _Window | None) -> Iterator[RecordBlock]:
@@ -90,17 +92,17 @@ def mixed_records(file: BlockFile, data: DataGroup, ledger: Ledger) -> Iterator[
         serial += len(starts)
         held = held[used:]
         if not good:
-            if any(held):  # what is empty was reserved
-                ledger.cut(len(held), "a record has a number that stands for no kind")
+            if any(held):  # empty records were reserved
+                ledger.cut(len(held), "a record has a number of no known kind")
             held = b""
             break
     if any(held):
-        ledger.cut(len(held), "its last record is not whole")
+        ledger.cut(len(held), "its last record is incomplete")
     yield _mixed_block(b"", [], serial, data, store, waiting, last=True)
 
 
 def _walk(held: bytes, data: DataGroup) -> tuple[list[int], int, bool]:
-    """Return where the whole records start, where they end, and False if an unknown one follows."""
+    """Return the starts and the end of complete records, and False if an unknown one follows."""
     starts: list[int] = []
     at, end, width = 0, len(held), data.id_bytes
     if width == 1:
@@ -157,7 +159,7 @@ def _mixed_block(
             before = waiting.pop(group.record_id)
             records = np.concatenate([before[0], records])
             order = np.concatenate([before[1], order])
-        # A payload may follow its record: one that has not come yet is waited for.
+        # A payload may follow its record: the record waits for it.
         places = _places(records, group)
         ready = len(places) if last else int(np.searchsorted(places, store[source].end))
         if len(places) - ready > _KEPT:
@@ -171,7 +173,7 @@ def _mixed_block(
 
 
 def _places(records: Records, group: FrameGroup) -> NDArray[np.int64]:
-    """Return where the payload of each record stands, in the data that hold them."""
+    """Return the position of each record's payload in the data that hold the payloads."""
     assert group.payload is not None
     first, width = group.payload.byte, min(group.payload.width, 8)
     wide = np.zeros((len(records), 8), np.uint8)
@@ -180,16 +182,16 @@ def _places(records: Records, group: FrameGroup) -> NDArray[np.int64]:
 
 
 class _Store:
-    """Payloads of any length that stand among the records, each under its place."""
+    """Payloads of any length that are stored among the records, by position."""
 
     def __init__(self) -> None:
         self.end = 0
-        """Place behind the last one."""
+        """Position after the last payload."""
         self._places = np.zeros(0, np.int64)
         self._bytes = np.zeros((0, 64), np.uint8)
 
     def append(self, text: NDArray[np.uint8], at: NDArray[np.int64]) -> None:
-        """Take in the payloads at places of a block of text; the ones of two blocks ago go."""
+        """Add the payloads at positions in a block; drop those of two blocks ago."""
         sizes = _lengths(text, at)
         ends = self.end + np.cumsum(sizes + 4)
         fresh = _gathered(text, at + 4, sizes)
@@ -198,7 +200,7 @@ class _Store:
         self.end = int(ends[-1]) if len(ends) else self.end
 
     def payloads(self, places: NDArray[np.int64]) -> tuple[Records, NDArray[np.bool_]]:
-        """Return the payloads at these places, (n, 64), and which were found."""
+        """Return the payloads at these positions, (n, 64), and a mask of those that were found."""
         if not len(self._places):
             return np.zeros((len(places), 64), np.uint8), np.zeros(len(places), bool)
         at = np.searchsorted(self._places, places).clip(max=len(self._places) - 1)
@@ -207,7 +209,7 @@ class _Store:
 
 
 class _Window:
-    """Payloads of any length in data of their own, read along with the records."""
+    """Payloads of any length in separate data blocks, read together with the records."""
 
     def __init__(self, pieces: Iterator[bytes]) -> None:
         self._pieces = pieces
@@ -215,7 +217,7 @@ class _Window:
         self._first = 0
 
     def payloads(self, places: NDArray[np.int64]) -> tuple[Records, NDArray[np.bool_]]:
-        """Return the payloads at these places, (n, 64), and which were found."""
+        """Return the payloads at these positions, (n, 64), and a mask of those that were found."""
         good = (places >= self._first) & (places < self._first + (1 << 40))
         if not good.any():
             return np.zeros((len(places), 64), np.uint8), good
@@ -245,7 +247,7 @@ def _lengths(text: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.int64
 
 
 def _gathered(text: NDArray[np.uint8], at: NDArray[np.int64], sizes: NDArray[np.int64]) -> Records:
-    """Return up to 64 bytes from each place on, padded with zeros."""
+    """Return up to 64 bytes from each position, padded with zeros."""
     if not len(at):
         return np.zeros((0, 64), np.uint8)
     width = int(min(sizes.max(), 64))

@@ -1,4 +1,4 @@
-"""Bus logging in MF4 (ASAM MDF 4), as a logger leaves it or finished, in order of time."""
+"""Reads bus logging in MF4 (ASAM MDF 4), finished or unfinished, in order of time."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ _BITS = {
     "Dir": FrameFlag.TRANSMITTED,
 }
 _LATEST_S = 4e9
-"""Longest time since the start of a file, s: more than a century does not fit the stamps."""
+"""Longest time since the start of a file, s: more than a century does not fit into the stamps."""
 
 
 def read_mf4(file: BinaryIO, where: str, ledger: Ledger) -> Iterator[FrameBatch]:
     """Read the CAN frames of an MF4 file block by block.
 
-    Records are taken in whatever order the logger wrote them, counts and lengths that it never
-    wrote from the file itself.  Buses count from 1 in MF4, and from 0 in `FrameBatch`; a file whose
-    first block has a bus 0 counts from 0.
+    Records may be in any order; missing counts and lengths are found from the file itself.  Buses
+    count from 1 in MF4, and from 0 in `FrameBatch`; a file whose first block has a bus 0 counts
+    from 0.
 
-    `file`: an open file.  `where`: its name, for messages.  `ledger` takes the losses.  Raises
-    InputError if it is no MF4, cannot be read, or holds no CAN bus logging.
+    `file`: an open file.  `where`: its name, for messages.  `ledger`: collects the losses.  Raises
+    InputError if it is not an MF4, cannot be read, or holds no CAN bus logging.
     """
     blocks = BlockFile(file, where, ledger)
     first_ns = start_ns(blocks)
@@ -69,7 +69,7 @@ def _counted_from(batch: FrameBatch, lowest: int) -> FrameBatch:
 def _frames_of(
     file: BlockFile, data: DataGroup, start_ns: int, ledger: Ledger
 ) -> Iterator[FrameBatch]:
-    """Yield the frames of a data group; those of several kinds in the order of their records."""
+    """Yield the frames of a data group; frames of several kinds in the order of their records."""
     if not data.id_bytes:
         for block in sorted_records(file, data, ledger):
             yield _frames(block, start_ns, ledger)[0]
@@ -89,7 +89,7 @@ def _frames_of(
 def _frames(
     block: RecordBlock, start_ns: int, ledger: Ledger
 ) -> tuple[FrameBatch, NDArray[np.bool_]]:
-    """Return the frames in records, and which of the records are frames."""
+    """Return the frames in records, and a mask of the records that are frames."""
     records, group = block.records, block.group
     n = len(records)
     fields = {name: field.whole(records) for name, field in group.fields.items()}
@@ -111,7 +111,7 @@ def _frames(
     t_ns, timed = _stamps(block, start_ns)
     good = block.found & timed & (length >= 0) & (length <= np.where(fd, 64, 8))
     if bad := n - int(good.sum()):
-        ledger.garbled(bad, f"{bad} records of {group.kind} are no frames")
+        ledger.garbled(bad, f"{bad} records of {group.kind} are not frames")
     long = flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
     good &= count_impossible_ids(can_id, long, t_ns, good, ledger)
     shown = np.where(remote, 0, length)
@@ -121,7 +121,7 @@ def _frames(
 
 
 def _stamps(block: RecordBlock, start_ns: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return time stamps in ns since 1970 UTC, and which can be such."""
+    """Return time stamps in ns since 1970 UTC, and a mask of possible ones."""
     time = block.group.time
     raw = time.raw(block.records)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -147,10 +147,10 @@ def _payload(block: RecordBlock, length: NDArray[np.int64]) -> NDArray[np.uint8]
 def merged(streams: list[Iterator[FrameBatch]]) -> Iterator[FrameBatch]:
     """Merge streams that are each in order of time; one block of each is held at a time.
 
-    What is handed out reaches up to the earliest end of the blocks that are held: beyond it,
-    another stream may still have earlier frames.
+    Frames are returned up to the earliest end of the held blocks, because after it another stream
+    may still have earlier frames.
     """
-    order = count()  # ties are broken by it: batches cannot be compared
+    order = count()  # breaks ties, because batches cannot be compared
     held = [(int(b.t_ns[-1]), next(order), b, s) for s in streams for b in _next(s)]
     heapify(held)
     while held:
@@ -160,7 +160,7 @@ def merged(streams: list[Iterator[FrameBatch]]) -> Iterator[FrameBatch]:
             cut = int(np.searchsorted(other.t_ns, end_ns, side="right"))
             ready.append(other.select(slice(cut)))
             rest.append((other_end_ns, number, other.select(slice(cut, None)), source))
-        held = rest  # each keeps its end, so it is a heap as before
+        held = rest  # each keeps its end, so it is still a heap
         for following in _next(stream):
             heappush(held, (int(following.t_ns[-1]), next(order), following, stream))
         block = FrameBatch.concatenate(ready)
@@ -168,5 +168,5 @@ def merged(streams: list[Iterator[FrameBatch]]) -> Iterator[FrameBatch]:
 
 
 def _next(stream: Iterator[FrameBatch]) -> list[FrameBatch]:
-    """Return the next block that holds anything, in a list; an empty one at the end."""
+    """Return the next non-empty block in a list; an empty list at the end."""
     return next(([batch] for batch in stream if len(batch)), [])

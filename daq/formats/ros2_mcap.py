@@ -1,6 +1,6 @@
-"""MCAP of ROS 2 with `can_msgs/msg/Frame` and `ros2_socketcan_msgs/msg/FdFrame` in CDR.
+"""Reads MCAP of ROS 2 with `can_msgs/msg/Frame` and `ros2_socketcan_msgs/msg/FdFrame` in CDR.
 
-Topics with frames are buses in the order in which the file names them.
+Topics with frames are buses, in their order in the file.
 """
 
 from __future__ import annotations
@@ -25,14 +25,15 @@ LACKS = "the bits BRS and ESI of CAN FD"
 MAGIC = b"\x89MCAP0\r\n"
 CLASSIC, FLEXIBLE = "can_msgs/msg/Frame", "ros2_socketcan_msgs/msg/FdFrame"
 MAX_RECORD_BYTES = 64 << 20
-"""Longest record, packed or unpacked, bytes: those that ROS 2 writes have some MB."""
+"""Longest record, packed or unpacked, bytes: records of ROS 2 have some MB."""
 _RECORD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HLQQ")
 _SCHEMA, _CHANNEL, _MESSAGES, _CHUNK, _DATA_END = 3, 4, 5, 6, 15
 _SPAN = struct.Struct("<QQQL")
 _STAMP_BYTES = 16
-"""Bytes before the name of the frame of reference: encapsulation, time, length of the name."""
+"""Number of bytes before the name of the frame of reference: encapsulation, time, length of the
+name."""
 _TAIL_BYTES = {CLASSIC: 16, FLEXIBLE: 12}
-"""Bytes from the identifier on, without what a frame of FD carries."""
+"""Number of bytes from the identifier, without the payload of an FD frame."""
 
 
 def profile_of(head: bytes) -> str:
@@ -46,8 +47,8 @@ def profile_of(head: bytes) -> str:
 def read_ros2(file: Readable, where: str, ledger: Ledger) -> Iterator[FrameBatch]:
     """Read the CAN frames of an MCAP file block by block.
 
-    `file`: at its beginning.  `where`: its name, for messages.  `ledger` takes the losses.  Raises
-    InputError if it has no topic of CAN frames.
+    `file`: at its beginning.  `where`: its name, for messages.  `ledger`: collects the losses.
+    Raises InputError if it has no topic of CAN frames.
     """
     file.read(len(MAGIC))
     topics = _Topics()
@@ -60,17 +61,17 @@ def read_ros2(file: Readable, where: str, ledger: Ledger) -> Iterator[FrameBatch
 
 
 def _blocks(file: Readable, topics: _Topics, ledger: Ledger) -> Iterator[bytes]:
-    """Yield messages record after record, some of them at a time."""
+    """Yield messages in the order of records, several at a time."""
     loose: list[bytes] = []
     size = 0
     while head := file.read(_RECORD.size):
         kind, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, 0)
         if not kind or length > MAX_RECORD_BYTES:
-            ledger.cut(len(head), f"what follows byte {file.tell() - len(head)} is no record")
+            ledger.cut(len(head), f"after byte {file.tell() - len(head)} there is no record")
             break
         content = file.read(length)
         if len(content) < length:
-            ledger.cut(len(content), "its last record is not whole")
+            ledger.cut(len(content), "its last record is incomplete")
             break
         if kind == _CHUNK:
             yield _unpacked(content, ledger)
@@ -87,7 +88,7 @@ def _blocks(file: Readable, topics: _Topics, ledger: Ledger) -> Iterator[bytes]:
 
 
 def _unpacked(content: bytes, ledger: Ledger) -> bytes:
-    """Return the records of a chunk; nothing, and the loss counted, if it is damaged."""
+    """Return the records of a chunk; if it is damaged, count the loss and return nothing."""
     try:
         _, _, size, _ = _SPAN.unpack_from(content)
         packing, at = _text(content, _SPAN.size)
@@ -105,24 +106,24 @@ def _unpacked(content: bytes, ledger: Ledger) -> bytes:
             data = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
         else:
             data = packed if not packing else b""
-    except Exception as error:  # each packing raises its own
+    except Exception as error:  # each compression raises its own errors
         ledger.cut(len(content), f"a chunk cannot be unpacked: {str(error) or 'damaged'}")
         return b""
     if len(data) < size:
-        ledger.cut(size - len(data), "a chunk is not whole")
+        ledger.cut(size - len(data), "a chunk is incomplete")
     return data
 
 
 @dataclass(slots=True)
 class _Topics:
-    """Channels and their messages, as the records before describe them."""
+    """Channels and their messages, as earlier records describe them."""
 
     schemas: dict[int, str] = field(default_factory=dict)
     buses: dict[int, tuple[str, int]] = field(default_factory=dict)
     names: dict[str, int] = field(default_factory=dict)
 
     def frames(self, content: bytes, ledger: Ledger) -> FrameBatch:
-        """Return the frames in records, in the order of these."""
+        """Return the frames in records, in the order of the records."""
         found: dict[tuple[int, int, int], list[tuple[int, int]]] = defaultdict(list)
         at = order = 0
         logged: dict[int, int] = {}
@@ -130,7 +131,7 @@ class _Topics:
             kind, length = _RECORD.unpack_from(content, at)
             start, at = at + _RECORD.size, at + _RECORD.size + length
             if at > len(content):
-                ledger.garbled(1, "a record reaches beyond its chunk")
+                ledger.garbled(1, "a record extends beyond its chunk")
                 break
             if kind == _MESSAGES and length >= _MESSAGE.size + _STAMP_BYTES:
                 channel, _, logged_ns, _ = _MESSAGE.unpack_from(content, start)
@@ -185,12 +186,12 @@ def _frames(
     logged_ns: NDArray[np.int64],
     ledger: Ledger,
 ) -> tuple[FrameBatch, NDArray[np.bool_]]:
-    """Return the frames in messages of one size, and which messages are frames."""
+    """Return the frames in messages of one size, and a mask of messages that are frames."""
     n = len(start)
-    # CDR aligns a number to its size, counted from behind the encapsulation of four bytes.
+    # CDR aligns a number to its size, counted from the end of the four-byte encapsulation.
     at = _STAMP_BYTES + name_bytes + -name_bytes % 4
     if at + _TAIL_BYTES[kind] > size:
-        ledger.garbled(n, f"{n} messages are no CAN frames")
+        ledger.garbled(n, f"{n} messages are not CAN frames")
         return FrameBatch.empty(), np.zeros(n, bool)
     rows = text[start[:, None] + np.arange(at + _TAIL_BYTES[kind])]
     good = rows[:, 1] & 1 == 1  # little-endian
@@ -214,7 +215,7 @@ def _frames(
     shown = np.where(remote, 0, length)
     data[np.arange(data.shape[1]) >= shown[:, None]] = 0
     if bad := n - int(good.sum()):
-        ledger.garbled(bad, f"{bad} messages are no CAN frames")
+        ledger.garbled(bad, f"{bad} messages are not CAN frames")
     good &= count_impossible_ids(can_id, extended | error, t_ns, good, ledger)
     flags = np.zeros(n, np.uint16)
     for bit, mark in (
@@ -235,7 +236,7 @@ def _number(rows: NDArray[np.uint8], at: int, size: int) -> NDArray[np.int64]:
 
 
 def _text(content: bytes, at: int) -> tuple[str, Any]:
-    """Return a text with its length before it, and the offset behind it."""
+    """Return a text that is stored after its length, and the offset after it."""
     (length,) = struct.unpack_from("<L", content, at)
     if at + 4 + length > len(content):
         raise struct.error("a text is cut off")

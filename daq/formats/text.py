@@ -1,4 +1,4 @@
-"""Text logs in blocks: lines, tokens and numbers of a whole block at a time."""
+"""Parses text logs in blocks: lines, tokens and numbers of a complete block together."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .losses import Ledger
 from .unpacked import Readable
 
 BLOCK_BYTES = 1 << 18
-"""Read at a time: some 5,000 frames, parsed in a few milliseconds."""
+"""Number of bytes that are read together: some 5,000 frames, parsed in a few milliseconds."""
 MAX_LINE_BYTES = 1 << 16
 MAX_NUMBER = 18
-"""Longest number: more decimal digits do not fit 64 bits."""
+"""Longest number, digits: more decimal digits do not fit into 64 bits."""
 _PAD = b"\n" * 160
-"""Behind a block, so that looking beyond the last token is looking at nothing."""
+"""Bytes appended to a block, so that reads after the last token find no characters of a token."""
 
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -34,22 +34,22 @@ for _value, _characters in enumerate(["aA", "bB", "cC", "dD", "eE", "fF"], start
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """The lines of a block that hold anything, cut into tokens."""
+    """The non-empty lines of a block, cut into tokens."""
 
     text: NDArray[np.uint8]
-    """The characters, shape (k,)."""
+    """Characters of the block, shape (k,)."""
     start: Index
     end: Index
-    """Where each token starts and ends."""
+    """Start and end of each token."""
     first: Index
     """Index of the first token of each line."""
     count: Index
-    """Number of its tokens, at least 1."""
+    """Number of tokens of each line, at least 1."""
     number: Index
-    """Number of the line in the block, from 0; empty lines count."""
+    """Number of each line in the block, from 0; empty lines count."""
 
     def token(self, place: int, rows: Index) -> tuple[Index, Index]:
-        """Return start and end of the token at a place in lines that have so many."""
+        """Return start and end of the token at a place in lines with enough tokens."""
         index = self.first[rows] + place
         return self.start[index], self.end[index]
 
@@ -64,18 +64,18 @@ class Parsed:
     """Frames and faulty lines of a block of lines."""
 
     frames: FrameBatch
-    """In the order of the lines."""
+    """Frames, in the order of the lines."""
     bad: Index
-    """Numbers of the lines in the block that should be frames and cannot be read."""
+    """Numbers of the lines in the block that should be frames but cannot be read."""
     header: bool = False
-    """True if the block has lines, other than frames, that only this format has."""
+    """True if the block has lines, other than frames, that occur only in this format."""
 
 
 Parse = Callable[[bytes], Parsed]
 
 
 def cut_lines(block: bytes, separators: bytes = b" \t") -> Lines:
-    """Cut a block of whole lines into tokens."""
+    """Cut a block of complete lines into tokens."""
     text = np.frombuffer(block + _PAD, np.uint8)
     parting = np.zeros(256, bool)
     parting[list(separators + b"\r\n")] = True
@@ -92,7 +92,7 @@ def cut_lines(block: bytes, separators: bytes = b" \t") -> Lines:
 def integers(
     text: NDArray[np.uint8], start: Index, end: Index, base: int, longest: int = MAX_NUMBER
 ) -> tuple[NDArray[np.int64], Mask]:
-    """Return the numbers written from `start` to `end`, and which of them are numbers at all."""
+    """Return the numbers written from `start` to `end`, and a mask of valid ones."""
     width = end - start
     value = np.zeros(len(start), np.int64)
     good = (width > 0) & (width <= longest)
@@ -107,14 +107,14 @@ def integers(
 def decimals(
     text: NDArray[np.uint8], start: Index, end: Index, places: int
 ) -> tuple[NDArray[np.int64], Mask]:
-    """Return decimal fractions in units of ``10**-places``, and which are well written.
+    """Return decimal fractions in units of ``10**-places``, and a mask of valid ones.
 
     Digits beyond `places` are cut off.
     """
     width = end - start
     value = np.zeros(len(start), np.int64)
     good = (width > 0) & (width <= MAX_NUMBER + 8)
-    scale = np.full(len(start), -1)  # digits behind the point so far; -1 before it
+    scale = np.full(len(start), -1)  # digits after the point so far; -1 before it
     digits = np.zeros(len(start), np.int64)
     for place in range(int(min(width.max(initial=0), MAX_NUMBER + 8))):
         character = text[start + place]
@@ -147,7 +147,7 @@ def packed_bytes(
 def spaced_bytes(
     lines: Lines, first: Index, length: Index, base: int
 ) -> tuple[NDArray[np.uint8], Mask]:
-    """Return payloads written as one token a byte, from token `first` on, (n, 8) or (n, 64)."""
+    """Return payloads written as one token per byte, from token `first`, (n, 8) or (n, 64)."""
     width = 8 if length.max(initial=0) <= 8 else 64
     inside = np.arange(width) < length[:, None]
     token = np.minimum(first[:, None] + np.arange(width), len(lines.start) - 1)
@@ -159,13 +159,13 @@ def spaced_bytes(
 
 
 def character(lines: Lines, at: Index) -> NDArray[np.uint8]:
-    """Return the characters at places in the text, letters in lower case."""
+    """Return the characters at positions in the text, with letters in lower case."""
     text = lines.text[at]
     return np.where((text >= ord("A")) & (text <= ord("Z")), text | 32, text)
 
 
 def is_word(lines: Lines, start: Index, end: Index, word: bytes) -> Mask:
-    """Return which tokens are `word` (lower case), written in any case."""
+    """Return a mask of the tokens that are `word` (lower case), written in any case."""
     same: Mask = end - start == len(word)
     for place, letter in enumerate(word):
         same &= character(lines, start + place) == letter
@@ -174,15 +174,16 @@ def is_word(lines: Lines, start: Index, end: Index, word: bytes) -> Mask:
 
 @dataclass(frozen=True, slots=True)
 class LastLine:
-    """How to see that a last line without an end was cut off."""
+    """Decides whether a last line without an end was cut off."""
 
     states_length: bool
-    """True if a line says how many bytes follow; else one as long as another frame is whole."""
+    """True if a line states how many bytes follow; else a line as long as that of another frame is
+    complete."""
     spaced: bool
     """True if a byte may lose its last digit unnoticed."""
 
     def whole(self, text: bytes, frames: FrameBatch, before: FrameBatch, parse: Parse) -> bool:
-        """Return whether the frame of a last line is whole.
+        """Return whether the frame of a last line is complete.
 
         `frames`: of that line.  `before`: of the lines before it.
         """
@@ -203,9 +204,9 @@ def read_lines(
 ) -> Iterator[FrameBatch]:
     """Read a text log block by block.
 
-    `file`: at its beginning.  `where`: its name, for messages.  `parse`: takes whole lines, block
-    by block.  `last`: judges a last line without an end.  Raises InputError if it is no text, or
-    nothing in its first block is of that format.
+    `file`: at its beginning.  `where`: its name, for messages.  `parse`: parses complete lines,
+    block by block.  `last`: judges a last line without an end.  Raises InputError if it is not
+    text, or nothing in its first block is of that format.
     """
     tail, before, known, more = b"", 0, False, True
     recent = FrameBatch.empty()
@@ -214,7 +215,7 @@ def read_lines(
         more = bool(piece)
         whole, newline, tail = (tail + piece).rpartition(b"\n")
         if len(tail) > MAX_LINE_BYTES or (not known and b"\0" in piece):
-            raise InputError(where, "is no text log", "check what it is")
+            raise InputError(where, "is not a text log", "check what it is")
         lines = [(whole + newline, True)] if newline else []
         if tail.strip() and not more:
             lines.append((tail, False))
@@ -222,7 +223,7 @@ def read_lines(
             parsed = parse(block)
             known |= parsed.header or len(parsed.frames) > 0
             if not known:
-                raise InputError(where, "begins with no line of a known log", "check what it is")
+                raise InputError(where, "begins with a line of no known log", "check what it is")
             if ended or last.whole(block, parsed.frames, recent, parse):
                 _count_bad_lines(parsed, block, before, ledger)
                 recent = parsed.frames
@@ -236,5 +237,5 @@ def _count_bad_lines(parsed: Parsed, block: bytes, before: int, ledger: Ledger) 
     if len(parsed.bad):
         number = int(parsed.bad[0])
         line = block.split(b"\n", number + 1)[number].decode("ascii", "backslashreplace")
-        note = f"line {before + number + 1} is no frame: {printable(line.strip(), 60)!r}"
+        note = f"line {before + number + 1} is not a frame: {printable(line.strip(), 60)!r}"
         ledger.garbled(len(parsed.bad), note)

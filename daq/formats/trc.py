@@ -1,4 +1,4 @@
-"""PEAK's TRC, versions 1.0 to 2.1: one event a line, times in ms from a start in the header."""
+"""Reads PEAK's TRC, versions 1.0 to 2.1: one event per line, times in ms from a start time."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _COLUMNS = {
     "2.1": "NOTBIdRLD",
 }
 _NOT_A_FRAME = 0xFFFF_FFFF
-"""Identifier of a line about the bus in version 1.0."""
+"""Identifier of a line about the bus, not a frame, in version 1.0."""
 _EPOCH_DAYS = 25_569
 """1970-01-01, in days since 1899-12-30."""
 
 
 class TrcParser:
-    """Parses a TRC log block by block; remembers what its header said.
+    """Parses a TRC log block by block; remembers its header.
 
-    The header states local time without a zone; as in python-can it is taken for UTC.
+    The header states local time without a zone; as in python-can it is read as UTC.
     """
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class TrcParser:
         self._start_ns = 0
 
     def __call__(self, block: bytes) -> Parsed:
-        """Return the frames of whole lines; status and event lines are passed over."""
+        """Return the frames of complete lines; status and event lines are skipped."""
         lines = cut_lines(block)
         first = lines.text[lines.start[lines.first]]
         header = self._header(lines, np.flatnonzero(first == ord(";")))
@@ -71,7 +71,7 @@ class TrcParser:
         return found
 
     def _kinds(self, lines: Lines, rows: Index) -> tuple[Index, NDArray[np.uint16]]:
-        """Return the rows that are frames, and the flags that their type says."""
+        """Return the rows that are frames, and the flags stated by their type."""
         flags = np.zeros(len(rows), np.uint16)
         if "T" not in self._columns:
             return rows, flags
@@ -87,7 +87,7 @@ class TrcParser:
     def _frames(
         self, lines: Lines, rows: Index, flags: NDArray[np.uint16]
     ) -> tuple[FrameBatch, Index]:
-        """Return the frames of rows, and the numbers of the lines that are not whole."""
+        """Return the frames of rows, and the numbers of incomplete lines."""
         columns = self._columns
         offset_ns, good = decimals(lines.text, *lines.token(columns.index("O"), rows), 6)
         start, end = lines.token(columns.index("I"), rows)
@@ -103,7 +103,7 @@ class TrcParser:
             sent = is_word(lines, *lines.token(columns.index("d"), rows), b"tx")
             flags |= sent * np.uint16(FrameFlag.TRANSMITTED)
         bus = np.zeros(len(rows), np.int64)
-        if "B" in columns:  # a dash where there is no number
+        if "B" in columns:  # a dash if there is no number
             at = lines.token(columns.index("B"), rows)
             number, is_number = integers(lines.text, *at, 10, longest=3)
             bus = np.where(is_number, np.clip(number - 1, 0, 255), 0)
@@ -147,7 +147,7 @@ _TYPES_2 = {
 
 
 def _days_ns(text: str) -> int:
-    """Return days since 1899-12-30 as ns since 1970; 0 if it is no number."""
+    """Return days since 1899-12-30 as ns since 1970; 0 if the text is not a number."""
     try:
         ns = int((Decimal(text) - _EPOCH_DAYS) * 86_400_000_000_000)
     except (InvalidOperation, OverflowError, ValueError):

@@ -1,4 +1,4 @@
-"""Files that may be packed with gzip, read forwards as if they were not."""
+"""Reads files forwards that may be packed with gzip, and unpacks them."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from .losses import Ledger
 
 GZIP_MAGIC = b"\x1f\x8b"
 MAX_UNPACKED_BYTES = 16 << 30
-"""Size that a packed file may unpack to on the disk, bytes: a day of a full bus."""
+"""Largest unpacked size of a packed file on the disk, bytes: a day of a full bus."""
 
 
 class Readable(Protocol):
     """Bytes that are read forwards."""
 
     def read(self, size: int, /) -> bytes:
-        """Return so many bytes, fewer at the end."""
+        """Return this number of bytes, fewer at the end."""
 
     def tell(self) -> int:
         """Return the number of bytes read."""
 
 
 class Unpacked:
-    """A file, unpacked as it is read if it is packed; what is cut off or damaged ends it.
+    """A file that is unpacked while it is read, if packed; it ends where it is damaged or cut.
 
-    `file`: at its beginning.  `ledger` takes the losses.
+    `file`: at its beginning.  `ledger`: collects the losses.
     """
 
     def __init__(self, file: BinaryIO, ledger: Ledger) -> None:
@@ -47,7 +47,7 @@ class Unpacked:
         self._count = 0
 
     def read(self, size: int, /) -> bytes:
-        """Return so many bytes, fewer at the end."""
+        """Return this number of bytes, fewer at the end."""
         parts: list[bytes] = []
         left = size
         try:
@@ -56,7 +56,7 @@ class Unpacked:
                 left -= len(part)
         except (EOFError, gzip.BadGzipFile, zlib.error):
             self._ledger.cut(0, "it cannot be unpacked to its end")
-            self._ledger.garbled(1, "what is behind it is lost")
+            self._ledger.garbled(1, "the rest is lost")
             self._stream = self._raw
             self._raw.seek(0, 2)
         data = b"".join(parts)
@@ -69,15 +69,15 @@ class Unpacked:
 
     @property
     def position(self) -> int:
-        """Place in the file as it is stored."""
+        """Position in the stored file."""
         return self._raw.tell()
 
 
 @contextmanager
 def on_disk(path: Path, ledger: Ledger) -> Iterator[Path]:
-    """Yield a file's path; of a packed one, that of a temporary copy without the packing.
+    """Yield a file's path; for a packed file, that of an unpacked temporary copy.
 
-    Raises InputError if there is no room for it, or it is larger than `MAX_UNPACKED_BYTES`.
+    Raises InputError if there is no room for the copy, or it is larger than `MAX_UNPACKED_BYTES`.
     """
     with path.open("rb") as file:
         source = Unpacked(file, ledger)

@@ -1,4 +1,4 @@
-"""The write-ahead journal: every frame is on the disk before anything else is done with it."""
+"""Writes and reads the journal: every frame is on the disk before it is processed further."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Holds blocks in memory while the disk refuses them, and counts those that find no room."""
+"""Holds blocks in memory while the disk refuses them, and counts frames without room."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from .gaps import Gap
 from .segment import Block
 
 HELD_BYTES = 32_000_000
-"""Bytes of frames and events held; a minute of four full buses."""
+"""Bytes of frames and events held in memory: a minute of four full buses."""
 EVENT_BYTES = 4_000_000
-"""Bytes held in addition for events: they are few, and runs depend on them."""
+"""Additional bytes for events: they are few, and runs depend on them."""
 _OVERHEAD_BYTES = 400
 """Memory of a block in addition to its message, bytes."""
 
@@ -26,7 +26,7 @@ class _Held:
 class Backlog:
     """A queue of blocks; the frames that do not fit are counted.
 
-    `frames` and `dropped`: number of frames that wait, and of frames that found no room.
+    `frames` and `dropped`: number of frames that wait, and of frames without room.
     """
 
     def __init__(self, recording: str) -> None:
@@ -42,21 +42,21 @@ class Backlog:
 
     @property
     def bytes(self) -> int:
-        """Size of all blocks that wait."""
+        """Size of all blocks that wait, bytes."""
         return self._bytes
 
     def since_s(self) -> float | None:
-        """Return when the oldest block was put in, s; None if there is none."""
+        """Return the time at which the oldest block was added, s; None if there is none."""
         return self._held[0].since_s if self._held else None
 
     def put(self, block: Block, now_s: float) -> None:
         """Append a block, or count its frames as dropped."""
         room = HELD_BYTES if block.frames else HELD_BYTES + EVENT_BYTES
-        # Once frames were dropped, the next ones are too, until the disk takes blocks again: one
-        # event reports one gap.
+        # After a drop all frames are dropped until the disk takes blocks again, so that one event
+        # reports one gap.
         if self._bytes + len(block.message) > room or (self._gap is not None and block.frames):
             gap = self._gap or Gap(self._recording, block.number, block.number, 0)
-            # Blocks of events in between are stored; the reader ignores that.
+            # Blocks of events between them are stored; the reader ignores this.
             self._gap = replace(gap, stop=block.number + 1, frames=gap.frames + block.frames)
             self.dropped += block.frames
             return
@@ -83,6 +83,6 @@ class Backlog:
             self.frames -= block.frames
 
     def take_gap(self) -> Gap | None:
-        """Return the blocks dropped since the last call, None if there are none."""
+        """Return the gap of blocks dropped since the last call, None if there is none."""
         gap, self._gap = self._gap, None
         return gap

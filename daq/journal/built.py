@@ -1,4 +1,4 @@
-"""Records which recordings have their session file, in a small file next to the segments."""
+"""Records which recordings have a session file, in a small file next to the segments."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .scan import SegmentInfo
 def note_built(folder: Path, recording: str, stop: int, session: Path, revision: int = 0) -> None:
     """Note that a session file has all blocks of a recording up to `stop`.
 
-    `revision` is that of its run log.  Failing to write is no error: the segments are just not
-    deleted then.
+    `revision`: revision of its run log.  A failed write is not an error: then the segments are not
+    deleted.
     """
     size = session.stat().st_size
     entry = {"stop": stop, "session": str(session.resolve()), "bytes": size, "revision": revision}
@@ -25,7 +25,7 @@ def note_built(folder: Path, recording: str, stop: int, session: Path, revision:
 
 
 def built_recordings(folder: Path, segments: Iterable[SegmentInfo]) -> set[str]:
-    """Return the recordings whose session file is complete and has all of their blocks."""
+    """Return the recordings with a complete session file that has all of their blocks."""
     stops: dict[str, int] = {}
     for info in segments:
         stops[info.recording] = max(info.stop, stops.get(info.recording, 0))
@@ -33,7 +33,7 @@ def built_recordings(folder: Path, segments: Iterable[SegmentInfo]) -> set[str]:
 
 
 def is_outdated(folder: Path, recording: str, stop: int) -> bool:
-    """Return whether a session file was built that lacks blocks of the recording before `stop`."""
+    """Return whether the session file of a recording misses blocks before `stop`."""
     note = _read_note(folder, recording)
     return note is not None and note.stop < stop
 
@@ -46,7 +46,7 @@ def built_revision(folder: Path, recording: str) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class _Note:
-    """The entry of a session file."""
+    """The note on one session file."""
 
     stop: int
     session: Path
@@ -55,7 +55,7 @@ class _Note:
 
     @property
     def whole(self) -> bool:
-        """True if the session file has its size: it was written atomically, so it is complete."""
+        """True if the session file has the noted size: written atomically, it is then complete."""
         try:
             return self.session.stat().st_size == self.size
         except OSError:

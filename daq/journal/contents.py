@@ -1,4 +1,4 @@
-"""The content of a journal as read: blocks or all of it, and an account of what is missing."""
+"""Defines the content of a journal as read: blocks or all of it, and its losses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..runs import Event
 from .format import FrameBlock, JournalHead, unpack_frames
 
 _NOTES = 20
-"""Most notes that are given in full in one line."""
+"""Largest number of notes that are given in full in one line."""
 _NO_TIMES = np.zeros(0, np.int64)
 
 
@@ -29,69 +29,69 @@ class JournalLoss:
     """The parts of a journal that are missing."""
 
     bytes_cut: int = 0
-    """Bytes at the ends of segments that are not a whole record."""
+    """Number of bytes at the ends of segments that are not a complete record."""
     blocks_corrupt: int = 0
-    """Blocks whose checksum does not fit."""
+    """Number of blocks whose checksum does not match."""
     blocks_missing: int = 0
-    """Blocks that should lie between others and do not."""
+    """Number of blocks that are missing between other blocks."""
     frames_dropped: int = 0
-    """Frames that the recorder itself reported as lost: disk and memory were full, or a file was
-    deleted while it was written."""
+    """Number of frames that the recorder itself reported as lost: disk and memory were full, or a
+    file was deleted while it was written."""
     segments_unclosed: int = 0
-    """Segments without a proper end: the writer was killed, or its disk was full.  This alone is no
-    loss."""
+    """Number of segments without a proper end: the writer was killed, or its disk was full.  This
+    alone is not a loss."""
     notes: tuple[str, ...] = ()
-    """The same in words, with the names of the files."""
+    """The losses in words, with the names of the files."""
 
     @property
     def any(self) -> bool:
-        """True if something that was written is missing."""
+        """True if any written data are missing."""
         return bool(
             self.bytes_cut or self.blocks_corrupt or self.blocks_missing or self.frames_dropped
         )
 
     @property
     def text(self) -> str:
-        """The notes on one line, the first of them if there are many; empty if there are none."""
+        """The notes on one line, only the first if there are many; empty if there are none."""
         more = len(self.notes) - _NOTES
         return "; ".join((*self.notes[:_NOTES], *((f"{more} more notes",) if more > 0 else ())))
 
 
 @dataclass(frozen=True, slots=True)
 class JournalBlock:
-    """Frames or events of a recording: some of its blocks, one after the other."""
+    """Frames or events of a recording: some consecutive blocks."""
 
     losses: HopLosses
-    """Cumulative counts, the same for all of these frames."""
+    """Cumulative losses, the same for all of these frames."""
     stored: tuple[FrameBlock, ...] = ()
-    """Blocks of frames of one width; empty where there are events."""
+    """Blocks of frames of one width; empty if it holds events."""
     events: tuple[Event, ...] = ()
-    """Empty where there are frames."""
+    """Events; empty if it holds frames."""
 
     @property
     def t_ns(self) -> NDArray[np.int64]:
-        """Time stamps of the frames, shape (n,)."""
+        """Time stamps of the frames, ns, shape (n,)."""
         return np.concatenate([each.t_ns for each in self.stored]) if self.stored else _NO_TIMES
 
     @property
     def frames(self) -> FrameBatch:
-        """The frames, unpacked anew each time."""
+        """The frames, unpacked at each access."""
         return unpack_frames(self.stored) if self.stored else FrameBatch.empty()
 
 
 @dataclass(frozen=True, slots=True)
 class HopCounts:
-    """Cumulative losses between wire and journal, one row a block."""
+    """Cumulative losses between wire and journal, one row for each block."""
 
     t_ns: NDArray[np.int64]
-    """Latest time stamp up to the block, shape (m,); never decreases."""
+    """Latest time stamp up to the block, ns, shape (m,); never decreases."""
     counts: NDArray[np.int64]
     """The fields of `HopLosses`, shape (m, 4)."""
 
     def between(self, start_ns: int, stop_ns: int) -> HopLosses:
         """Return the losses of all blocks that overlap a span of time, start <= t <= stop.
 
-        A loss belongs to a block, not to a frame, so the span is widened to whole blocks.
+        A loss belongs to a block, not to a frame, so the span is extended to complete blocks.
         """
         before = int(np.searchsorted(self.t_ns, start_ns, side="left")) - 1
         last = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
@@ -106,19 +106,19 @@ class RecordingInfo:
     """A recording in a folder, without its frames."""
 
     recording: str
-    """Its identity."""
+    """Identity of the recording."""
     segments: tuple[Path, ...]
-    """In order."""
+    """Its segments, in order."""
     first_segment: int
-    """Number of its first segment, which may have been deleted since to make room."""
+    """Number of its first segment, which may have been deleted to make room."""
     bytes: int
-    """Size of all segments."""
+    """Size of all segments, bytes."""
     frames: int
     """Number of frames in all segments."""
     first_ns: int
-    """Time stamp of the first frame; 0 if there is none."""
+    """Time stamp of the first frame, ns; 0 if there is none."""
     last_ns: int
-    """Latest time stamp; 0 if there is none."""
+    """Latest time stamp, ns; 0 if there is none."""
     bumps: int
     """Number of bumps that are runs."""
     ended: bool
@@ -139,17 +139,17 @@ class JournalTail:
     next_number: int
     """Number of the next block."""
     t_ns: int
-    """Latest time stamp; 0 if there is none."""
+    """Latest time stamp, ns; 0 if there is none."""
     frames: int
     """Number of frames recorded."""
     events: tuple[Event, ...]
     """All events: the run log is a fold over them."""
     ended: bool
-    """True if it was ended, so that nothing is to be added."""
+    """True if it was ended, so that nothing may be added."""
     segments: tuple[Path, ...]
-    """In order."""
+    """Its segments, in order."""
     first_segment: int
-    """Number of its first segment, which may have been deleted since to make room."""
+    """Number of its first segment, which may have been deleted to make room."""
 
     @property
     def session_name(self) -> str:
@@ -164,11 +164,11 @@ class JournalContents:
     head: JournalHead
     """bench.toml, DBC, software and clocks."""
     frames: FrameBatch
-    """In order of arrival."""
+    """Frames, in order of arrival."""
     events: tuple[Event, ...]
-    """In order."""
+    """Events, in order."""
     hops: HopCounts
-    """Losses on the way to the journal."""
+    """Losses between wire and journal."""
     lost: JournalLoss
     """The losses of the files themselves."""
 

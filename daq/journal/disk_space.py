@@ -1,4 +1,4 @@
-"""Checks, about once a second, the room on the disk and whether the open file is still there."""
+"""Checks about once per second the free space on the disk and that the open file still exists."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ from ..bench.config import RecorderConfig
 from .segment import Segment
 
 LOW_RESERVES = 10
-"""Free room, in reserves, below which there is a warning."""
+"""Free space, as a multiple of the reserve, below which there is a warning."""
 LOW_SHARE = 0.1
-"""Free share of the disk below which there is a warning, too."""
+"""Free share of the disk below which there is also a warning."""
 _RESUME_RESERVES = 1.05
-"""Free room, in reserves, from which a stopped recording goes on: more than that at which it stops,
-so that it does not stop again at once."""
+"""Free space, as a multiple of the reserve, from which a stopped recording continues: more than
+that at which it stops, so that it does not stop again at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """Room on a disk, bytes."""
+    """Space on a disk, bytes."""
 
     free: int
     total: int
 
 
 def room_on(folder: Path) -> Room:
-    """Return the room on the disk of a folder.
+    """Return the space on the disk of a folder.
 
-    Raises OSError if the folder is not there.
+    Raises OSError if the folder does not exist.
     """
     usage = shutil.disk_usage(folder)
     return Room(usage.free, usage.total)
 
 
 def too_little(room: Room, limits: RecorderConfig, stopped: bool) -> bool:
-    """Return whether recording must stop; `stopped` if it has stopped already."""
+    """Return whether recording must stop; `stopped`: True if it has already stopped."""
     reserves = _RESUME_RESERVES if stopped else 1.0
     return room.free < reserves * limits.reserve_bytes
 
 
 def low_text(room: Room, limits: RecorderConfig) -> str:
-    """Return a warning if there is little room, else an empty text."""
+    """Return a warning if there is little space, else an empty text."""
     if room.free < LOW_RESERVES * limits.reserve_bytes or room.free < LOW_SHARE * room.total:
         return (
             f"{room.free / 1e9:.2f} GB ({room.free / max(room.total, 1):.0%}) left on the disk; "
@@ -54,7 +54,7 @@ def low_text(room: Room, limits: RecorderConfig) -> str:
 
 
 def place_of(folder: Path) -> tuple[int, int] | None:
-    """Return the identity of a folder: its disk and its number there; None if it is gone."""
+    """Return the identity of a folder: its disk and its number on it; None if it is gone."""
     try:
         found = folder.stat()
     except OSError:
@@ -63,7 +63,7 @@ def place_of(folder: Path) -> tuple[int, int] | None:
 
 
 def taken_away(path: Path, opened: os.stat_result, size: int) -> str:
-    """Return what another process did to the open file; empty if nothing.
+    """Return what another process did to the open file, in words; empty if nothing.
 
     `opened`: state of the open file.  `size`: bytes written to it.
     """
@@ -73,13 +73,13 @@ def taken_away(path: Path, opened: os.stat_result, size: int) -> str:
         return "was deleted"
     if opened.st_nlink == 0 or (named.st_dev, named.st_ino) != (opened.st_dev, opened.st_ino):
         return "was replaced by another file"
-    return "was cut short" if opened.st_size < size else ""
+    return "was truncated" if opened.st_size < size else ""
 
 
 class DiskWatch:
-    """The disk of a journal: its room, and whether folder and open file are still there.
+    """Watches the disk of a journal: its space, and that folder and open file still exist.
 
-    `room`: as measured last.  `stopped`: True while there is too little room to record.
+    `room`: last measured space.  `stopped`: True while there is too little space to record.
     """
 
     def __init__(self, folder: Path, room_on: Callable[[Path], Room]) -> None:
@@ -90,25 +90,25 @@ class DiskWatch:
         self._place: tuple[int, int] | None = None
 
     def settle(self) -> None:
-        """Take the folder that has the name now as the journal's."""
+        """Take the folder that now has the name as the folder of the journal."""
         self._place = place_of(self._folder)
 
     def measure(self, limits: RecorderConfig) -> None:
-        """Measure the room, and decide whether recording must stop.
+        """Measure the space, and decide whether recording must stop.
 
-        Raises OSError if the folder is not there.
+        Raises OSError if the folder does not exist.
         """
         self.room = self._room_on(self._folder)
         self.stopped = too_little(self.room, limits, self.stopped)
 
     def taken_text(self, segment: Segment | None) -> str:
-        """Return what another process did to folder or open segment; empty if nothing."""
+        """Return what another process did to folder or open segment, in words; empty if nothing."""
         if place_of(self._folder) != self._place:
-            return f"folder {self._folder.name} was taken away or its disk unmounted"
+            return f"folder {self._folder.name} was removed or its disk was unmounted"
         if segment is None:
             return ""
         try:
             text = taken_away(segment.path, segment.file.stat(), segment.size)
         except OSError as error:
-            text = f"cannot be asked for: {error.strerror or error}"
+            text = f"cannot be checked: {error.strerror or error}"
         return f"{segment.path.name} {text}" if text else ""

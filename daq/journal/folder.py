@@ -18,19 +18,19 @@ from .scan import SegmentInfo, read_head, scan
 
 
 def segments_in(folder: Path) -> tuple[Path, ...]:
-    """Return the segments in a folder in order of their numbers, also empty and open ones."""
+    """Return the segments in a folder, also empty and open ones, in order of their numbers."""
     found = {sealed_path(path): path for path in (*folder.glob(OPEN), *folder.glob(SEALED))}
     return tuple(sorted(found.values(), key=segment_number))
 
 
 def seal_left_open(folder: Path) -> None:
-    """Give the segments that a killed recorder left open the names of those that never change.
+    """Rename the segments that a killed recorder left open to names of sealed segments.
 
-    To be called before a recorder begins, while none is at work.
+    To be called before a recorder begins, while no recorder runs.
     """
     for path in folder.glob(OPEN):
         if is_regular(path) and not sealed_path(path).exists():
-            with suppress(OSError):  # it is read under either name
+            with suppress(OSError):  # it can be read under both names
                 path.rename(sealed_path(path))
 
 
@@ -42,7 +42,7 @@ def next_segment(folder: Path) -> int:
 def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
     """Return the recordings in a folder, the oldest first.
 
-    Files that are not a segment, or that end before their head does, are left out.
+    Files that are not a segment, or that end within their head, are left out.
     """
     return _grouped(info for path in segments_in(folder) if (info := _scanned(path)))
 
@@ -66,7 +66,7 @@ def last_campaign(folder: Path) -> JournalTail | None:
 
 
 def _newest_first(folder: Path) -> Iterator[JournalTail]:
-    """Yield the state of each recording; a folder may have thousands of segments."""
+    """Yield the recordings' states one by one, because a folder may have thousands of segments."""
     scanned = (info for path in reversed(segments_in(folder)) if (info := _scanned(path)))
     for _, infos in groupby(scanned, key=lambda info: info.recording):
         yield state_of(list(infos)[::-1])
@@ -85,9 +85,9 @@ def scanned(segments: Sequence[Path]) -> tuple[SegmentInfo, ...]:
 
 
 def is_unbroken(segments: Sequence[SegmentInfo]) -> bool:
-    """Return whether segments report to be whole: sealed, and none is missing that had to be kept.
+    """Return whether segments report to be complete: all sealed, and no needed one is missing.
 
-    What was damaged in them since they were sealed is found only by reading them.
+    Damage since they were sealed is found only by reading them.
     """
     reported = [
         (event.code, gap)
@@ -114,9 +114,9 @@ def _grouped(infos: Iterable[SegmentInfo]) -> tuple[RecordingInfo, ...]:
 
 
 def state_of(infos: Sequence[SegmentInfo]) -> JournalTail:
-    """Return the state of the recording of these segments, which are in order."""
+    """Return the state of the recording of these segments, which must be in order."""
     found = read_head(infos[0].path)
-    assert found is not None  # it was scanned
+    assert found is not None  # ensured by the scan
     events = _events(infos)
     return JournalTail(
         found[0],
@@ -146,7 +146,7 @@ def _recording(infos: list[SegmentInfo]) -> RecordingInfo:
 
 
 def _frames(infos: Iterable[SegmentInfo]) -> int:
-    """Return the number of frames, each counted once; as `_events`."""
+    """Return the number of frames, each counted once, as in `_events`."""
     with_blocks = [info for info in infos if info.stop > info.first]
     twice = sum(
         frames
@@ -158,7 +158,7 @@ def _frames(infos: Iterable[SegmentInfo]) -> int:
 
 
 def _events(infos: Iterable[SegmentInfo]) -> tuple[Event, ...]:
-    """Return each event once: those of a block whose sync failed are in the next segment, too."""
+    """Return each event once: events of a block whose sync failed are also in the next segment."""
     events: list[Event] = []
     stop = 0
     for info in infos:
@@ -173,4 +173,4 @@ def _scanned(path: Path) -> SegmentInfo | None:
     try:
         return scan(path)
     except (InputError, OSError):
-        return None  # of another program, or deleted meanwhile
+        return None  # from another program, or deleted meanwhile

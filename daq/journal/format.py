@@ -1,9 +1,9 @@
 """Packs and unpacks the messages of the journal's MCAP files.
 
 A journal is a sequence of segments `journal_0001.mcap`, `journal_0002.mcap`...  Each begins with a
-metadata record and the texts of bench.toml and DBC as attachments, so that it can be read alone.
-Every message has its number in the whole journal and a CRC: without chunks, MCAP itself does not
-detect a flipped bit.
+metadata record and the texts of bench.toml and DBC as attachments, so that it can be read
+separately.  Every message has its number in the whole journal and a CRC: without chunks, MCAP
+itself does not detect a flipped bit.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _COLUMNS = tuple((name, np.dtype(form)) for name, form in _FORMS.items())
 _PAYLOADS = {width: np.dtype((np.uint8, width)) for width in (8, 64)}
 _COLUMN_BYTES = sum(form.itemsize for _, form in _COLUMNS)
 _BLOCK_HEAD = _CRC.size + _BLOCK.size
-"""Bytes of a message of frames before its first column, which is `t_ns`."""
+"""Number of bytes of a message of frames before its first column, `t_ns`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,19 +50,19 @@ class JournalHead:
     software: str
     """Name and version of the writer."""
     wall_ns: int
-    """The host's wall clock when the recording was begun or resumed."""
+    """The host's wall-clock time when the recording was begun or resumed, ns."""
     monotonic_ns: int
-    """The host's monotonic clock, read together with it."""
+    """The host's monotonic time, read together with `wall_ns`, ns."""
     recording: str = ""
     """Identity of the recording (a uuid4 as 32 hex digits), kept when it is resumed; empty in
-    journals of older versions, where the clocks are the identity."""
+    journals of older versions, whose identity is made of the clocks."""
     first_segment: int = 0
-    """Number of the recording's first segment, which names the session file also when that segment
-    has been deleted to make room; 0 in journals of older versions."""
+    """Number of the recording's first segment.  It names the session file, also after that segment
+    was deleted to make room; 0 in journals of older versions."""
     campaign: bool = True
-    """False for what is on the bus between two campaigns: it is recorded too, and has no runs."""
+    """False for a recording between two campaigns, which has no runs."""
     origin: str = Origin.REAL
-    """Where the frames come from: a value of `Origin`."""
+    """Origin of the frames: a value of `Origin`."""
 
     @property
     def identity(self) -> str:
@@ -71,7 +71,7 @@ class JournalHead:
 
 
 def head_record(head: JournalHead, segment: int) -> dict[str, str]:
-    """Return the metadata of a segment; the texts go into attachments."""
+    """Return the metadata of a segment; the texts are stored as attachments."""
     return {
         "software": head.software,
         "wall_ns": str(head.wall_ns),
@@ -89,9 +89,9 @@ def head_record(head: JournalHead, segment: int) -> dict[str, str]:
 def parse_head(
     record: dict[str, str], bench_text: bytes, dbc_text: bytes
 ) -> tuple[JournalHead, int]:
-    """Return the head and the segment number of a record of `head_record`.
+    """Return the head and the segment number in a record of `head_record`.
 
-    Raises ValueError or KeyError if a text was changed, or the record is of another program.
+    Raises ValueError or KeyError if a text was changed, or the record is from another program.
     """
     for name, text in (("bench_crc32", bench_text), ("dbc_crc32", dbc_text)):
         if zlib.crc32(text) != int(record[name]):
@@ -124,22 +124,22 @@ def pack_frames(number: int, frames: FrameBatch, losses: HopLosses) -> bytes:
 
 
 class FrameBlock(NamedTuple):  # a frozen dataclass takes four times as long to make
-    """A block of frames as it is stored, with a checksum that fits."""
+    """A stored block of frames whose checksum matches."""
 
     number: int
     """Its number in the recording."""
     frames: int
     """Number of its frames."""
     width: int
-    """Bytes of payload of each frame, 8 or 64."""
+    """Payload bytes of each frame, 8 or 64."""
     counts: tuple[int, ...]
-    """The fields of `HopLosses`, counted by the process that wrote it."""
+    """The fields of `HopLosses`, counted by the process that wrote the block."""
     message: bytes | memoryview
     """The message of `pack_frames`."""
 
     @property
     def t_ns(self) -> NDArray[np.int64]:
-        """Time stamps of the frames, shape (frames,)."""
+        """Time stamps of the frames, ns, shape (frames,)."""
         return np.frombuffer(self.message, "<i8", self.frames, _BLOCK_HEAD)
 
 
@@ -161,7 +161,7 @@ def check_frames(message: bytes | memoryview) -> FrameBlock:
 def unpack_frames(blocks: Sequence[FrameBlock]) -> FrameBatch:
     """Return the frames of blocks of one width, joined: column by column, not block by block."""
     columns = {}
-    before = _BLOCK_HEAD  # bytes of a block before the column, of which `row` in each frame
+    before = _BLOCK_HEAD  # bytes of a block before the column; `row` bytes of it for each frame
     row = 0
     for name, form in (*_COLUMNS, ("data", _PAYLOADS[blocks[0].width])):
         size = form.itemsize

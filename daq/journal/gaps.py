@@ -1,4 +1,4 @@
-"""The events that report blocks which the recorder knows to be missing from a journal."""
+"""Defines the events that report blocks that are missing from a journal, as the recorder knows."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import asdict, dataclass
 from ..runs import Event
 
 DISK_GAP = "disk_gap"
-"""Neither the disk nor the memory had room."""
+"""Code: neither the disk nor the memory had room."""
 FILE_GONE = "file_gone"
-"""A file was deleted or replaced while it was written."""
+"""Code: a file was deleted or replaced while it was written."""
 RETENTION = "retention"
-"""The oldest segments were deleted to make room, on purpose: no loss."""
+"""Code: the oldest segments were deleted on purpose to make room, which is not a loss."""
 ENDED = "ended"
-"""The recorder ended the recording: it is not resumed."""
+"""Code: the recorder ended the recording, which will not be resumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Gap:
     frames: int
     """Number of frames in these blocks."""
     file: str = ""
-    """Name of the segment that had them; empty if none had."""
+    """Name of the segment that contained them; empty if none did."""
 
 
 def gap_event(code: str, t_ns: int, gap: Gap) -> Event:
@@ -50,7 +50,7 @@ def parse_gap(event: Event) -> Gap | None:
 
 
 def overlap(first: int, stop: int, gaps: Sequence[Gap]) -> int:
-    """Return how many block numbers of a span lie in gaps."""
+    """Return the number of block numbers of a span that are in gaps."""
     covered = 0
     for gap in sorted(gaps, key=lambda gap: gap.first):
         begin = max(first, gap.first)

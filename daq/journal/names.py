@@ -1,22 +1,22 @@
-"""The names of segments, by which anybody can see which of them never change again."""
+"""Defines the names of segments, which show which of them never change again."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 SEALED, OPEN = "journal_*.mcap", "open_*.mcap"
-"""Patterns of the segments that never change again, and of the one that is being written."""
+"""Patterns of the names of segments that never change again, and of the one being written."""
 RECEIPT_SUFFIX = ".copied"
-"""Ending, after the whole name, of the file that a copier leaves next to what it has copied."""
+"""Suffix, after the complete name, of the receipt that a copier leaves next to a copied file."""
 
 
 def open_path(folder: Path, number: int) -> Path:
-    """Return where the segment of a number is while it is written."""
+    """Return the path of a segment while it is written."""
     return folder / f"open_{number:04d}.mcap"
 
 
 def sealed_path(path: Path) -> Path:
-    """Return where a segment is once it is not written any more; where it is, if that is so."""
+    """Return the path of a segment after it was written; the same path if it is sealed already."""
     number = path.name.removeprefix("open_")
     return path if number == path.name else path.with_name(f"journal_{number}")
 
@@ -28,5 +28,5 @@ def segment_number(path: Path) -> int:
 
 
 def receipt_path(segment: Path) -> Path:
-    """Return where a copier says that it has copied a segment."""
+    """Return the path of a copier's receipt for a segment."""
     return segment.with_name(segment.name + RECEIPT_SUFFIX)

@@ -1,4 +1,4 @@
-"""Reads journals up to where a crash has cut them, with an exact account of what is missing."""
+"""Reads journals up to the place where a crash cut them, with an exact account of all losses."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .gaps import DISK_GAP, FILE_GONE, RETENTION, Gap, overlap, parse_gap
 from .segment_reader import CorruptBlock, SegmentReader
 
 _GROUP_FRAMES = 4096
-"""Frames that are unpacked together, about: the cost of a call is shared by all of them."""
+"""Approximate number of frames that are unpacked together: the cost of a call is shared by them."""
 _GAP_TEXTS = {
-    DISK_GAP: "found no room on the disk nor in memory",
-    FILE_GONE: "gone: the file was taken away while it was written",
-    RETENTION: "between the runs given up to make room",
+    DISK_GAP: "found no room on the disk or in memory",
+    FILE_GONE: "lost: the file was removed while it was written",
+    RETENTION: "between the runs deleted to make room",
 }
 
 
@@ -73,14 +73,14 @@ def read_windows(
         if not len(t_ns):
             continue
         touched = np.flatnonzero((starts_ns <= t_ns.max()) & (t_ns.min() < stops_ns)).tolist()
-        frames = block.frames if touched else FrameBatch.empty()  # most are in no window
+        frames = block.frames if touched else FrameBatch.empty()  # most frames are in no window
         for k in touched:
             start_ns, stop_ns = windows[k]
             pieces[k].append(frames.select((t_ns >= start_ns) & (t_ns < stop_ns)))
     none = FrameBatch.empty()
     contents = JournalContents(reader.head, none, tuple(events), hops.counts(), reader.lost)
     joined = []
-    while pieces:  # joined one by one, so that not all of them are in memory twice
+    while pieces:  # joined one after another, so that not all of them are in memory twice
         joined.append(FrameBatch.concatenate(pieces.pop(0)))
     return contents, tuple(joined)
 
@@ -109,8 +109,8 @@ class _HopTable:
             self._add_row((self._t_ns, *_counts(block.losses)))
 
     def _add_row(self, row: tuple[int, ...]) -> None:
-        # `HopCounts.between` uses the row before a span and the first one behind it: with both ends
-        # of every level kept, it returns the same losses.
+        # `HopCounts.between` uses the row before a span and the first one after it.  Because both
+        # ends of every level are kept, it returns the same losses.
         if len(self._rows) >= 2 and self._rows[-1][1:] == row[1:] == self._rows[-2][1:]:
             self._rows[-1] = row
         else:
@@ -131,9 +131,9 @@ class JournalReader:
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._lost = JournalLoss()
-        self._missing: list[tuple[str, int, int]] = []  # file, first number, number after the last
+        self._missing: list[tuple[str, int, int]] = []  # file, first block, block after the last
         self._gaps: dict[tuple[str, Gap], None] = {}
-        self._open: list[JournalLoss] = []  # losses that the next segment may repair
+        self._open: list[JournalLoss] = []  # losses that the next segment may cancel
         found: dict[Path, tuple[JournalHead, int]] = {}
         for path in paths:
             with SegmentReader(path) as segment:
@@ -146,7 +146,7 @@ class JournalReader:
                 self._lost = _plus(self._lost, JournalLoss(bytes_cut=cut, notes=(note,)))
         if not found:
             where = ", ".join(str(path) for path in paths) or "journal"
-            advice = "it is damaged at its beginning, or no journal; journals are journal_*.mcap"
+            advice = "it is damaged at its beginning, or not a journal; journals are journal_*.mcap"
             raise InputError(where, "holds no recording", advice)
         self._paths = sorted(found, key=lambda path: found[path][1])
         self._heads = {path: found[path][0] for path in self._paths}
@@ -182,7 +182,7 @@ class JournalReader:
         head = self.head
         group: list[FrameBlock] = []
         for path in self._paths:
-            if self._heads[path] != head:  # another process: it repeats no block
+            if self._heads[path] != head:  # another process, which repeats no block
                 self._settle()
                 if group:
                     yield JournalBlock(losses, tuple(group))
@@ -208,7 +208,8 @@ class JournalReader:
                     continue
                 for event in block.events:
                     if (gap := parse_gap(event)) and gap.recording == head.identity:
-                        # Reported again before the segment with it was deleted: counts once.
+                        # Reported again before the segment with this event was deleted: counts
+                        # once.
                         self._gaps[event.code, gap] = None
                 yield JournalBlock(losses, events=block.events)
         if group:
@@ -216,15 +217,15 @@ class JournalReader:
         self._settle()
 
     def _account(self, path: Path, expected: int, number: int) -> None:
-        """Note the blocks that are missing between two, and settle what was open before."""
+        """Note the blocks that are missing between two blocks, and settle earlier open losses."""
         if number == expected:
             self._open.clear()  # the block that was cut off before is this one
         corrupt = sum(lost.blocks_corrupt for lost in self._open)
-        self._missing.append((path.name, expected + corrupt, number))  # often none
+        self._missing.append((path.name, expected + corrupt, number))  # often nothing is missing
         self._settle()
 
     def _blocks(self, path: Path) -> Iterator[FrameBlock | EventBlock | CorruptBlock]:
-        """Yield the blocks of a segment, and account for its end."""
+        """Yield the blocks of a segment, and count the losses at its end."""
         with SegmentReader(path) as segment:
             yield from segment.blocks()
             if segment.sealed:
@@ -236,14 +237,14 @@ class JournalReader:
                 self._open.append(JournalLoss(bytes_cut=cut, notes=(note,)))
 
     def _settle(self) -> None:
-        """Count the losses that no later block has repaired."""
+        """Count the losses that no later block has cancelled."""
         for lost in self._open:
             self._lost = _plus(self._lost, lost)
         self._open.clear()
 
 
 def _belongs(block: FrameBlock, group: Sequence[FrameBlock]) -> bool:
-    """Return whether a block of frames is unpacked together with those before it."""
+    """Return whether a block of frames is unpacked together with the blocks before it."""
     first = group[0]
     alike = block.width == first.width and block.counts == first.counts
     return alike and len(group) * max(block.frames, 1) < _GROUP_FRAMES

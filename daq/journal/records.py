@@ -1,8 +1,8 @@
 """Reads the records of a segment from its beginning to its end, in large blocks.
 
 A segment is an MCAP file without chunks: a magic number, then records of kind, length and content.
-Reading stops at the first record that is not whole and at a hole, which a crash leaves in place of
-data that were not synced.  Memory is that of a block or of one record.
+Reading stops at the first incomplete record and at a hole, which a crash leaves instead of data
+that were not synced.  The memory needed is that of one block or one record.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from .names import sealed_path
 ADVICE = "move it away, and name the recorder's own files journal_*.mcap"
 MAGIC = b"\x89MCAP0\r\n"
 LARGEST_RECORD_BYTES = 64 << 20
-"""Longest record, bytes: a greater length comes from a torn or foreign file.  The largest block of
+"""Longest record, bytes: a greater length means a damaged or foreign file.  The largest block of
 frames has 6 MB, the largest DBC 5 MB."""
 _BLOCK_BYTES = 1 << 20
-"""Bytes read at once: more is not faster."""
+"""Number of bytes read at once: more is not faster."""
 _HEAD_BYTES = 1 << 16
-"""Bytes read first: the head of nearly any segment, of which often nothing else is wanted."""
+"""Number of bytes read first: they contain the head of nearly every segment, and often only the
+head is needed."""
 _RECORD = struct.Struct("<BQ")  # kind, length
-_CHUNK = struct.Struct("<QQQI")  # start, stop, size, checksum of the messages in it
+_CHUNK = struct.Struct("<QQQI")  # start, stop, size, checksum of its messages
 _TEXT, _LONG = struct.Struct("<I"), struct.Struct("<Q")
 
 
@@ -36,7 +37,7 @@ _CHUNK_KIND = 0x06
 
 
 class Kind(IntEnum):
-    """Kinds of records that a segment has, and the chunk that it never has."""
+    """Kinds of records in a segment, and the chunk, which it never has."""
 
     HEADER = 0x01
     CHANNEL = 0x04
@@ -48,38 +49,38 @@ class Kind(IntEnum):
 
 
 class Record(NamedTuple):  # a frozen dataclass takes four times as long to make
-    """A whole record of a file."""
+    """A complete record of a file."""
 
     kind: int
-    """A `Kind`, or any other number in a damaged file."""
+    """Kind of the record, a `Kind` or, in a damaged file, any other number."""
     content: bytes
-    """All bytes after its length."""
+    """All bytes after the length of the record."""
 
 
 class SegmentFile:
     """An open segment; a context manager that closes it.
 
-    Raises InputError if it is no regular file, cannot be opened, or does not begin as MCAP does.
+    Raises InputError if it is not a regular file, cannot be opened, or does not begin like MCAP.
     """
 
     def __init__(self, path: Path) -> None:
-        # Its writer may have finished it since it was listed, and given it its last name.
+        # Its writer may have finished and renamed it since it was listed.
         self.path = path if os.path.lexists(path) else sealed_path(path)
         self._fd = open_regular(self.path, ADVICE)
         self.size = os.fstat(self._fd).st_size
-        """Size when it was opened, bytes; what is written later is not read."""
+        """Size when it was opened, bytes; data written later are not read."""
         self.stop = 0
-        """Offset behind the last whole record that was read."""
+        """Offset after the last complete record that was read."""
         self.why_stopped = ""
-        """Why `records` ended before the end of the file; empty if it did not."""
+        """Reason why `records` ended before the end of the file; empty if it did not."""
         start = self.read_at(0, len(MAGIC))
-        # A crash may leave a new file with zeros in place of its beginning.
+        # A crash may leave a new file with zeros instead of its beginning.
         if len(start) == len(MAGIC) and any(start) and start != MAGIC:
             self.close()
             raise InputError(str(path), "is not a journal", ADVICE)
 
     def read_at(self, offset: int, size: int) -> bytes:
-        """Return up to `size` bytes from `offset` on, fewer at the end and where the disk fails."""
+        """Return up to `size` bytes from `offset`; fewer at the end or if the disk fails."""
         parts = []
         while size > 0:
             try:
@@ -95,9 +96,9 @@ class SegmentFile:
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def records(self) -> Iterator[Record]:
-        """Yield the whole records in order, until the file ends or no record follows.
+        """Yield the complete records in order, until the file ends or no record follows.
 
-        Raises InputError at a chunk: the recorder writes none, and a small one may unpack to
+        Raises InputError at a chunk: the recorder never writes one, and a small chunk may unpack to
         gigabytes.
         """
         at = self.stop = len(MAGIC)
@@ -115,7 +116,7 @@ class SegmentFile:
             kind, length = unpack_head(block, at - first)
             stop = content + length
             if kind == length == 0:
-                self.why_stopped = f"are a hole: zeros from byte {at} on"
+                self.why_stopped = f"are a hole: zeros from byte {at}"
                 return
             if length > LARGEST_RECORD_BYTES or stop > size:
                 self.why_stopped = "torn"
@@ -146,7 +147,7 @@ class SegmentFile:
 
 
 def text_at(content: bytes, at: int) -> tuple[str, int]:
-    """Return a text with its length before it, and the offset behind it.
+    """Return a text that is stored after its length, and the offset after it.
 
     Raises ValueError if it does not fit into the content.
     """
@@ -160,7 +161,7 @@ def text_at(content: bytes, at: int) -> tuple[str, int]:
 def parse_metadata(content: bytes) -> tuple[str, dict[str, str]]:
     """Return name and entries of a metadata record.
 
-    Raises ValueError if it is not one, or goes on behind its entries.
+    Raises ValueError if it is not one, or has data after its entries.
     """
     name, at = text_at(content, 0)
     (length,) = _unpack(_TEXT, content, at)
@@ -179,7 +180,7 @@ def parse_attachment(content: bytes) -> tuple[str, bytes]:
 
     Raises ValueError if it is not one.
     """
-    name, at = text_at(content, 16)  # after two times
+    name, at = text_at(content, 16)  # after two time stamps
     _, at = text_at(content, at)
     (length,) = _unpack(_LONG, content, at)
     at += _LONG.size
@@ -193,12 +194,12 @@ def parse_channel(content: bytes) -> tuple[int, str]:
 
     Raises ValueError if it is not one.
     """
-    topic, _ = text_at(content, 4)  # after two numbers, the second of them the schema's
+    topic, _ = text_at(content, 4)  # after two numbers; the second is the schema's
     return int.from_bytes(content[:2], "little"), topic
 
 
 def _is_chunk(content: bytes) -> bool:
-    """Return whether this is a chunk, and not a block whose kind was changed by damage."""
+    """Return whether this is really a chunk, and not a block whose kind was changed by damage."""
     try:
         _, at = text_at(content, _CHUNK.size)
         (length,) = _unpack(_LONG, content, at)

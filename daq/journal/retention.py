@@ -1,8 +1,8 @@
 """Chooses the segments that may be deleted to make room, and deletes them.
 
-The oldest go first, and only sealed ones that are not needed: of a recording whose session file is
-complete, of one without a run, and of the open one those far from every run.  Where bench.toml says
-so, a segment goes only once a copier has left its receipt.
+The oldest are deleted first, and only sealed ones that are not needed: those of a recording whose
+session file is complete or that has no run, and in the open recording those far from every run.  If
+bench.toml says so, a segment is deleted only after a copier has left its receipt.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ REACH_NS = 1_200_000_000_000
 bench.toml allows for a run."""
 _LOG_CODES = frozenset(Code)
 _SCANS = 8
-"""Most old segments scanned in one call: a folder may have thousands."""
+"""Largest number of old segments scanned in one call: a folder may have thousands."""
 
 _log = logging.getLogger("recorder")
 
@@ -39,9 +39,9 @@ def expendable(
 ) -> tuple[SegmentInfo, ...]:
     """Return the segments that may be deleted, the oldest first.
 
-    `segments`: all segments of the folder but the one being written.  `open_recording`: identity of
-    the open recording.  `built`: recordings whose session file is complete.  `now_ns`: latest time
-    stamp of the open recording.
+    `segments`: all segments of the folder except the one being written.  `open_recording`: identity
+    of the open recording.  `built`: recordings whose session file is complete.  `now_ns`: latest
+    time stamp of the open recording, ns.
     """
     bumps: dict[str, list[int]] = {}
     for info in segments:
@@ -76,7 +76,7 @@ def parting_events(info: SegmentInfo, open_recording: str, t_ns: int) -> tuple[E
     """Return the events that must be written before a segment is deleted.
 
     They report its deletion, and again the gaps of the open recording that only this segment
-    reports, which would look like losses later.
+    reports, because these would later look like losses.
     """
     deleted = Gap(info.recording, info.first, info.stop, info.frames, info.path.name)
     events: list[Event] = []
@@ -101,17 +101,16 @@ def _has_log_events(info: SegmentInfo) -> bool:
 
 
 def _near(info: SegmentInfo, times_ns: Sequence[int]) -> bool:
-    """Return whether one of these times, in order, is within `REACH_NS` of a segment."""
+    """Return whether one of these sorted times is within `REACH_NS` of a segment."""
     after = bisect_left(times_ns, info.first_ns - REACH_NS)
     return after < len(times_ns) and times_ns[after] <= info.last_ns + REACH_NS
 
 
 class Retention:
-    """The segments in a folder except the one being written: their sizes, and which may go.
+    """The segments in a folder except the one being written: their sizes, and which may be deleted.
 
-    `recording`: identity of the open recording; changes with it.  `why_not`: reason for which the
-    rest was not chosen last.  Raises OSError if the folder
-    cannot be read.
+    `recording`: identity of the open recording; changes with it.  `why_not`: reason why the others
+    were not chosen in the last call.  Raises OSError if the folder cannot be read.
     """
 
     def __init__(self, folder: Path, recording: str) -> None:
@@ -122,13 +121,13 @@ class Retention:
             if is_regular(path):
                 self._sizes[path] = path.stat().st_size
             else:
-                _log.warning("%s: is no regular file, and is left alone (move it away)", path)
+                _log.warning("%s: is not a regular file and is ignored (move it away)", path)
         self._infos: dict[Path, SegmentInfo] = {}
         self.why_not = ""
 
     @property
     def bytes(self) -> int:
-        """Size of all of them."""
+        """Size of all segments, bytes."""
         return sum(self._sizes.values())
 
     def add(self, path: Path, size: int) -> None:
@@ -136,7 +135,7 @@ class Retention:
         self._sizes[path] = size
 
     def forget(self, path: Path) -> None:
-        """Remove a segment that is not there any more."""
+        """Remove a segment that no longer exists."""
         self._sizes.pop(path, None)
         self._infos.pop(path, None)
 
@@ -145,7 +144,7 @@ class Retention:
     ) -> tuple[SegmentInfo, ...] | None:
         """Return the segments to delete; None if not all segments have been scanned yet.
 
-        `copied`: only those that have a copier's receipt.
+        `copied`: True for only those that have a copier's receipt.
         """
         unknown = [path for path in self._sizes if path not in self._infos]
         for path in unknown[:_SCANS]:
@@ -154,7 +153,7 @@ class Retention:
             except (InputError, OSError):
                 info = None
             if info is None:
-                self._sizes.pop(path)  # of another program, or not there
+                self._sizes.pop(path)  # from another program, or it does not exist
             else:
                 self._infos[path] = info
         if len(unknown) > _SCANS:

@@ -24,7 +24,7 @@ class SegmentInfo:
     first_segment: int
     """Number of the first segment of its recording."""
     bytes: int
-    """Size of the file."""
+    """Size of the file, bytes."""
     first: int
     """Number of the first block."""
     stop: int
@@ -32,16 +32,16 @@ class SegmentInfo:
     frames: int
     """Number of frames in all its blocks."""
     first_ns: int
-    """Earliest time stamp (of older versions: that of the first frame); 0 if there is none."""
+    """Earliest time stamp (in older versions: that of the first frame), ns; 0 if there is none."""
     last_ns: int
-    """Latest time stamp; 0 if there is none."""
+    """Latest time stamp, ns; 0 if there is none."""
     events: tuple[tuple[int, Event], ...]
-    """In order, each with the number of its block."""
+    """Events in order, each with the number of its block."""
     sealed: bool
-    """True if it has its proper end."""
+    """True if it has a proper end."""
     blocks: tuple[tuple[int, int], ...] = ()
-    """Number and frames of each of its blocks of frames, if it has no proper end: the last of them
-    may be in the next segment as well."""
+    """Number and frame count of each of its blocks of frames, if it has no proper end: the last
+    blocks may also be in the next segment."""
 
 
 def read_head(path: Path) -> tuple[JournalHead, int] | None:
@@ -54,7 +54,7 @@ def read_head(path: Path) -> tuple[JournalHead, int] | None:
 
 
 def scan(path: Path) -> SegmentInfo | None:
-    """Return the content of a segment, None if it ends before its head does.
+    """Return the content of a segment, None if it ends within its head.
 
     A segment with its proper end has a summary, which makes this fast at any size.
 

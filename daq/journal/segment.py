@@ -1,8 +1,8 @@
 """Writes one file of the journal: an MCAP file without chunks, each write synced.
 
-When `Segment.write` returns, neither a kill nor a power cut loses the blocks.  After the first
-write error a file is not touched again: retrying in place leaves holes in data that were reported
-as written.
+After `Segment.write` has returned, neither a kill nor a power cut loses the blocks.  After the
+first write error a file is not touched again: a repeated write in the same file leaves holes in
+data that were reported as written.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class JournalFile(Protocol):
     """The operations of a file that a segment uses."""
 
     def write(self, data: memoryview, /) -> int | None:
-        """Write a part of `data` and return how much."""
+        """Write a part of `data` and return the number of bytes written."""
 
     def sync(self) -> None:
         """Return when all data written are on the disk."""
@@ -73,21 +73,21 @@ class Block:
     topic: str
     """`FRAMES_TOPIC` or `EVENTS_TOPIC`."""
     t_ns: int
-    """Latest time stamp up to it."""
+    """Latest time stamp up to the block, ns."""
     message: bytes
-    """As packed."""
+    """The packed message."""
     frames: int
     """Number of frames in it."""
     first_ns: int = 0
-    """Earliest time stamp in it; 0 without frames."""
+    """Earliest time stamp in it, ns; 0 without frames."""
 
 
 class Segment:
     """A file of the journal.
 
-    `file`: new and empty; closed here.  `path`: its name; deleted again if the head cannot be
-    written.  Once nothing more is written to it, it gets the name of `names.sealed_path`.
-    `record`: from `head_record`.  Raises OSError if the head cannot be written.
+    `file`: new and empty; closed here.  `path`: its path; deleted again if the head cannot be
+    written.  After the last write it is renamed to `names.sealed_path`.  `record`: from
+    `head_record`.  Raises OSError if the head cannot be written.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class Segment:
     def write(self, blocks: Sequence[Block]) -> None:
         """Write blocks through to the disk.
 
-        Raises OSError if that failed; nothing else may be written to this file then.
+        Raises OSError if the write failed; then nothing else may be written to this file.
         """
         for block in blocks:
             self._writer.add_message(
@@ -152,22 +152,22 @@ class Segment:
             self._settle()
 
     def abandon(self) -> None:
-        """Close the file as it is, and delete it if no block is in it."""
+        """Close the file as it is, and delete it if it has no block."""
         if self.first is None:
             self.discard()
         else:
             self._settle()
 
     def release(self) -> None:
-        """Close the file only: its name belongs to another file by now."""
+        """Only close the file, because its name now belongs to another file."""
         with suppress(OSError):
             self.file.close()
 
     def _settle(self) -> None:
-        """Close the file, and give it the name of those that never change again."""
+        """Close the file, and rename it as sealed."""
         with suppress(OSError):
             self.file.close()
-        with suppress(OSError):  # the next recorder does it
+        with suppress(OSError):  # the next recorder will rename it
             self.path = self.path.rename(sealed_path(self.path))
 
     def _note(self, block: Block) -> None:
@@ -205,7 +205,7 @@ class _Unbuffered:
 
     def write(self, data: bytes) -> int:
         rest = memoryview(data)
-        while rest:  # an almost full disk writes a part and reports no error
+        while rest:  # on an almost full disk a part is written without an error
             written = self._file.write(rest)
             if not written:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -1,4 +1,4 @@
-"""Reads one segment once, from its head over its blocks to where it ends."""
+"""Reads one segment once: its head, its blocks and its end."""
 
 from __future__ import annotations
 
@@ -34,22 +34,23 @@ from .records import (
 )
 
 _MESSAGE_BYTES = 22
-"""Bytes of a message before its block: channel, sequence and two times, which are not used here."""
+"""Number of bytes of a message before its block: channel, sequence and two times, which are not
+used."""
 
 
 @dataclass(frozen=True, slots=True)
 class CorruptBlock:
-    """A record between blocks that is not one, or a block whose content was changed."""
+    """A record between blocks that is not a block, or a block whose content was changed."""
 
     text: str
     """The fault in words."""
 
 
 class SegmentReader:
-    """An open segment, read as far as its head; a context manager that closes it.
+    """An open segment, read up to the end of its head; a context manager that closes it.
 
     `path`: the file.  `head`: head and number of the segment, None if it has no complete head.
-    `sealed`: True once `blocks` has come to the segment's proper end.  Raises InputError as
+    `sealed`: True after `blocks` has reached the segment's proper end.  Raises InputError as
     `SegmentFile`, and if the file was written by another program.
     """
 
@@ -72,9 +73,9 @@ class SegmentReader:
         self.file.close()
 
     def blocks(self) -> Iterator[FrameBlock | EventBlock | CorruptBlock]:
-        """Yield what stands between head and end, in order; to be called once, if there is a head.
+        """Yield the blocks between head and end in order; to be called once, if there is a head.
 
-        A segment that was not sealed ends with its last whole block.
+        A segment that was not sealed ends with its last complete block.
         """
         damaged = False
         message, end = int(Kind.MESSAGE), int(Kind.DATA_END)
@@ -89,7 +90,7 @@ class SegmentReader:
             if kind == message:
                 yield self._block(content)
             elif kind == Kind.METADATA:
-                # Without a block behind it, it is the segment's own summary, and no block is lost.
+                # If no block follows, it is the segment's own summary, and no block is lost.
                 damaged = not _is_metadata(record)
             else:
                 yield CorruptBlock("its kind was changed")
@@ -100,7 +101,7 @@ class SegmentReader:
 
     @property
     def bytes_cut(self) -> int:
-        """Bytes behind the last whole record; 0 if only a part of the segment's end is missing."""
+        """Bytes after the last complete record; 0 if only part of the segment's end is missing."""
         file = self.file
         if self.sealed or file.read_at(file.stop, 1) in (_METADATA, _DATA_END):
             return 0

@@ -1,7 +1,7 @@
 """Writes and reads the last record of a sealed segment, a summary of its content.
 
-A recorder that is restarted needs the state of its recording, which after some weeks has a hundred
-gigabytes: walking through them takes minutes, reading the summaries takes no time.
+A restarted recorder needs the state of its recording, which has a hundred gigabytes after some
+weeks: reading all of it takes minutes, reading the summaries takes almost no time.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from .records import MAGIC, Kind, SegmentFile, parse_metadata
 SUMMARY_RECORD = "bumpbench_summary"
 
 _RECORD = struct.Struct("<BQ")  # kind, length
-_FOOTER = struct.Struct("<BQQQI8s")  # kind, length, start of MCAP's index, offsets, crc, magic
+_FOOTER = struct.Struct("<BQQQI8s")  # kind, length, start of MCAP's index, offsets, CRC, magic
 _INDEX = struct.Struct("<QQI")  # offset, length, length of the name
 _FOOTER_KIND, _INDEX_KIND = 0x02, 0x0D
 _LARGEST_BYTES = 1 << 16
-"""Largest summary section of MCAP that is read, bytes: of a file without chunks it has channels,
-statistics and two entries of an index."""
+"""Largest summary section of MCAP that is read, bytes: in a file without chunks it has channels,
+statistics and two index entries."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Summary:
     first_ns: int
     last_ns: int
     events: tuple[tuple[int, Event], ...]
-    """In order, each with the number of its block."""
+    """Events in order, each with the number of its block."""
 
 
 def pack_summary(summary: Summary) -> dict[str, str]:
@@ -61,7 +61,7 @@ def read_summary(file: SegmentFile) -> Summary | None:
                 return None
             content = file.read_at(offset + _RECORD.size, length)
             return _parsed(parse_metadata(content)[1])
-    except Exception:  # a foreign or torn file is walked through
+    except Exception:  # a foreign or damaged file is read in full
         return None
     return None
 

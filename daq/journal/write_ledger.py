@@ -1,4 +1,4 @@
-"""Records which blocks are in which file, so that the loss of a file is reported exactly."""
+"""Records the blocks in each file, so that the loss of a file is reported exactly."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ class WriteLedger:
         self._spans.pop(path, None)
 
     def take_gone(self, also: Path | None) -> dict[Path, Gap]:
-        """Remove the segments that are not there any more; return their gaps by path.
+        """Remove the segments that no longer exist; return their gaps by path.
 
-        `also`: a segment that another file has replaced.
+        `also`: a segment that was replaced by another file.
         """
         gone = {p: s for p, s in self._spans.items() if p == also or not p.is_file()}
         for path in gone:

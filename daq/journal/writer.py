@@ -1,11 +1,12 @@
-"""Writes the journal to the disk for weeks, through every fault of the disk.
+"""Writes the journal to the disk for weeks, and survives every fault of the disk.
 
 The journal begins and ends with the process.  Campaigns, and the times between them, are recordings
-in it: one ends and the next begins between two segments, without a frame left out.
+in it: one ends and the next begins between two segments, without losing a frame.
 
-Segments end by size and by age, and at the first write error: the block goes into a new one.  While
-the disk refuses everything, blocks wait in memory and are tried again each second; the frames that
-do not fit there are counted, and an event reports them.  After its constructor nothing raises.
+A segment ends at a given size or age, and at the first write error; the block is then written to a
+new segment.  While the disk refuses everything, blocks wait in memory, and the write is repeated
+each second; frames that do not fit into the memory are counted, and an event reports them.  Only
+the constructor raises errors.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ from .segment import Block, JournalFile, Segment, SyncedFile
 from .write_ledger import WriteLedger
 
 CHECK_S = 1.0
-"""Seconds between two checks of the disk, each with another attempt to write to it."""
+"""Time, s, between two checks of the disk, each with another attempt to write to it."""
 _CHECK_BYTES = 16_000_000
-"""Bytes written after which the room is measured earlier than that."""
+"""Number of bytes written after which the free space is measured earlier than after `CHECK_S`."""
 _BATCH_BYTES = 4_000_000
-"""Size up to which blocks that waited are synced together, bytes."""
+"""Size up to which waiting blocks are synced together, bytes."""
 _WARNING_S = 60.0
-"""Seconds for which there is a warning of a file that failed or was taken away."""
+"""Time, s, for which a warning on a failed or removed file is shown."""
 _USUAL_LIMITS = RecorderConfig()
 _TRANSIENT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 
@@ -51,17 +52,17 @@ class JournalError(BumpbenchError, OSError):
 
 
 class JournalWriter:
-    """Writes one recording after the other; a context manager that closes the journal.
+    """Writes recordings one after another; a context manager that closes the journal.
 
-    `folder`: created if it is not there.  Segment numbers go on from those in it: a wrong clock
-    must not decide on names.  `head`: written into every segment of the first recording.  With
-    `resume`, its `recording` is that of the tail.  `limits`: when segments end, when old ones are
-    deleted, room left free; may be changed at any time.  `resume`: state of the recording that is
-    resumed.  Raises JournalError if the folder cannot be written at all.  For a disk that is full
-    or fails, blocks wait.
+    `folder`: created if it does not exist.  Segment numbers continue those in the folder, because a
+    wrong clock must not affect names.  `head`: written into every segment of the first recording.
+    With `resume`, its `recording` is that of the tail.  `limits`: when segments end, when old ones
+    are deleted, space left free; may be changed at any time.  `resume`: state of the recording that
+    is resumed.  Raises JournalError if the folder cannot be written at all.  If the disk is full or
+    fails, blocks wait.
 
     `head`, `ledger`: those of the present recording.  `stored_frames`: number of frames of all
-    recordings that this writer has put on the disk.
+    recordings that this writer has stored on the disk.
     """
 
     def __init__(
@@ -101,13 +102,14 @@ class JournalWriter:
                     "choose another folder",
                 ) from error
             self._failed = _reason(error)
-            # It may well work a second later, before anybody is there to read the status.
+            # It may work a second later, before anyone reads the status.
             self._warning = f"the first file could not be written: {self._failed}"
 
     def begin(self, head: JournalHead) -> bool:
-        """End the recording and begin the next one; return whether that could be done.
+        """End the recording and begin the next one; return whether this was possible.
 
-        It cannot while blocks wait in memory: they belong to the present recording, which goes on.
+        It is not possible while blocks wait in memory: they belong to the present recording, which
+        then continues.
 
         `head`: of the next recording; the number of its first segment is set here.
         """
@@ -123,10 +125,10 @@ class JournalWriter:
         return True
 
     def append(self, frames: FrameBatch, losses: HopLosses) -> None:
-        """Store a block of frames; `status.recorded_frames` counts those on the disk.
+        """Store a block of frames; `status.recorded_frames` counts frames on the disk.
 
         `frames`: empty if there are only losses to report.  `losses`: cumulative counts of this
-        process up to this block.  Frames that the writer itself has dropped are added to
+        process up to this block.  Frames that the writer itself dropped are added to
         `queue_dropped` in the journal.
         """
         first_ns = int(frames.t_ns.min()) if len(frames) else 0
@@ -140,7 +142,7 @@ class JournalWriter:
         self._put(EVENTS_TOPIC, pack_events(self._number, events), 0)
 
     def maintain(self, monotonic_s: float) -> None:
-        """Check disk and files; to be called with every block, and ten times a second if idle."""
+        """Check disk and files; to be called with every block, and ten times per second if idle."""
         if self._now_s is None:
             self._opened_s = self._warned_s = monotonic_s
             self._checked_s = monotonic_s - CHECK_S
@@ -185,16 +187,16 @@ class JournalWriter:
         return self._segment is not None and not len(self._backlog)
 
     def cut(self) -> None:
-        """Finish the open segment and begin the next: others may read everything up to here."""
+        """Finish the open segment and begin the next, so that all written blocks can be read."""
         self.flush()
         if self._segment is not None and self._segment.first is not None:
             self._seal()
             self._open_next()
 
     def close(self, ended: bool = False) -> None:
-        """Finish the file; what was recorded is safe without this, too.
+        """Finish the file; the recorded data are safe also without this.
 
-        `ended`: True if the present recording is over; else it may be resumed.
+        `ended`: True if the present recording is finished; else it may be resumed.
         """
         if len(self._backlog):
             self.flush()
@@ -216,8 +218,8 @@ class JournalWriter:
     # -- blocks ---------------------------------------------------------------------------------
 
     def _put(self, topic: str, message: bytes, frames: int, first_ns: int = 0) -> None:
-        # The number is used up here: a block that was tried and then dropped may be on the disk
-        # after all, and no other may have its number.
+        # The number is used in any case: a block that was tried and then dropped may nevertheless
+        # be on the disk, and no other block may have its number.
         block = Block(self._number, topic, self._t_ns, message, frames, first_ns)
         self._number += 1
         if self._segment is not None and not len(self._backlog) and self._store([block]):
@@ -225,7 +227,7 @@ class JournalWriter:
         self._backlog.put(block, self._now_s or 0.0)
 
     def _store(self, blocks: Sequence[Block]) -> bool:
-        """Write blocks into the open segment, or else a new one; return whether that worked."""
+        """Write blocks into the open segment, or else a new one; return whether this succeeded."""
         for _ in range(2):
             if self._segment is None and not self._open_next():
                 return False
@@ -245,7 +247,7 @@ class JournalWriter:
         return False
 
     def _drain(self) -> None:
-        """Write the blocks that wait until the disk refuses one."""
+        """Write waiting blocks until the disk refuses one."""
         if self._disk.stopped:
             return
         while len(self._backlog) and self._segment is not None:
@@ -282,7 +284,7 @@ class JournalWriter:
         return True
 
     def _leave(self, end: Callable[[Segment], None]) -> None:
-        """End the open segment by a method of it."""
+        """End the open segment by one of its methods."""
         segment, self._segment = self._segment, None
         if segment is None:
             return
@@ -304,7 +306,7 @@ class JournalWriter:
     def _rotate(self) -> None:
         segment, limits = self._segment, self.limits
         if segment is None or segment.first is None:
-            return  # a silent bus makes no files
+            return  # a silent bus creates no files
         age_s = (self._now_s or 0.0) - self._opened_s
         if segment.size >= limits.segment_bytes or age_s >= limits.segment_s:
             self._seal()
@@ -313,7 +315,7 @@ class JournalWriter:
     # -- the disk -------------------------------------------------------------------------------
 
     def _check_disk(self) -> None:
-        """Measure the room, and check that folder and file are still there."""
+        """Measure the free space, and check that folder and file still exist."""
         self._checked_bytes = self._size
         if self._warning and (self._now_s or 0.0) - self._warned_s > _WARNING_S:
             self._warning = ""
@@ -328,10 +330,10 @@ class JournalWriter:
             if not was_stopped:
                 self._seal()
             reserve = self.limits.reserve_bytes / 1e6
-            self._failed = f"the disk is full but for the reserve of {reserve:.0f} MB"
+            self._failed = f"the disk is full except for the reserve of {reserve:.0f} MB"
 
     def _check_file(self) -> None:
-        """Report and replace a file that was taken away."""
+        """Report and replace a file that was removed."""
         segment = self._segment
         text = self._disk.taken_text(segment)
         if not text:
@@ -343,7 +345,7 @@ class JournalWriter:
             self._retention.forget(path)
         frames = sum(gap.frames for gap in gone.values())
         self._recorded -= frames
-        self._warn(f"{text}: {frames} recorded frames are gone")
+        self._warn(f"{text}: {frames} recorded frames are lost")
         gaps = [gap_event(FILE_GONE, self._t_ns, gap) for gap in gone.values()]
         if self._open_next() and gaps:
             self.append_events(gaps)
@@ -353,7 +355,7 @@ class JournalWriter:
         self._warning = text
 
     def _make_room(self) -> None:
-        """Delete old segments if there is too much data or too little room."""
+        """Delete old segments if the journal is too large or the free space too small."""
         reserve = self.limits.reserve_bytes
         excess = self._retention.bytes + self._size - self.limits.keep_bytes
         if self._disk.room.free < 2 * reserve:

@@ -1,1 +1,1 @@
-"""The recorder: threads at the edge, pure folds within."""
+"""Runs the recorder: threads at the edge, pure folds inside."""

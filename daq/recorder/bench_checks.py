@@ -1,4 +1,4 @@
-"""Checks a bench.toml that is to replace the one in force during a recording."""
+"""Checks a bench.toml that will replace the present one during a recording."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .orders import OrderError
 
 
 def configured(old: Bench, text: str) -> Bench:
-    """Return the bench of a new bench.toml, with the buses and the DBC in force.
+    """Return the bench of a new bench.toml, with the present buses and DBC.
 
     Raises OrderError if it cannot be used, or needs another bus or DBC.
     """
@@ -22,7 +22,7 @@ def configured(old: Bench, text: str) -> Bench:
         before = parse_bench(old.text, "bench.toml", Path(), old.dbc_text)
     except InputError as error:
         raise OrderError(str(error)) from error
-    # The buses in force may be those of the command line, so the two files are compared.
+    # The present buses may come from the command line, so the two files are compared.
     if bench.buses != before.buses:
         raise OrderError("bench.toml names other buses: end the recorder and start it with them")
     if bench.dbc_name != before.dbc_name:

@@ -1,4 +1,4 @@
-"""Runs the bench check on the last seconds of frames, as the answer to a client."""
+"""Runs the bench check on the last seconds of frames, to answer a client."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from ..control.messages import CheckItem, Reply
 from .orders import OrderError
 
 MOST = 4
-"""Most checks that wait: each keeps the frames of some seconds in memory."""
+"""Largest number of waiting checks: each keeps the frames of some seconds in memory."""
 
 
 class Checks:
-    """Runs bench checks one after the other in a separate thread: they take a while."""
+    """Runs bench checks one after another in a separate thread, because they take some time."""
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(1, "check")
         self._waiting: list[Future[Reply]] = []
 
     def begin(self, bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
-        """Start a check; its end sets the answer.
+        """Start a check; the answer is set when it ends.
 
         Raises OrderError if too many wait already.
         """

@@ -17,11 +17,12 @@ from ..derive.build_session import DONE, DONE_WITH_LOSS
 from ..errors import printable
 
 PATIENCE_S = 600.0
-"""Seconds after which building a session file counts as hung, for an empty journal."""
+"""Time, s, after which building a session file counts as hung, for an empty journal."""
 SLOWEST_BYTES_PER_S = 1e6
-"""Rate of the journal for which more time is allowed, bytes/s; a hundred times that is usual."""
+"""Rate at which the allowed time grows with the journal, bytes/s; the usual rate is a hundred times
+higher."""
 _ENDING_S = 1.0
-"""Seconds that a process gets to end before it is killed."""
+"""Time, s, that a process gets to end before it is killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +37,7 @@ class _Job:
 
 
 class Derivation:
-    """Builds session files, one after the other; HDF5 never runs within the recorder."""
+    """Builds session files, one after another; HDF5 never runs within the recorder."""
 
     def __init__(self) -> None:
         self._jobs: deque[_Job] = deque()
@@ -50,7 +51,7 @@ class Derivation:
 
         `recording`: its identity.  `revision`: present revision of its run log.
         """
-        waiting = [job for job in self._jobs if job.target != target]  # the new one has all
+        waiting = [job for job in self._jobs if job.target != target]  # the new one has all runs
         job = _Job(target, tuple(segments), recording, revision)
         self._jobs = deque([*waiting, job])
         self.status = job.status(SessionState.BUILDING)
@@ -71,7 +72,7 @@ class Derivation:
             self._start(self._jobs.popleft())
 
     def close(self) -> None:
-        """End the process: a session file is complete or absent, and can be built at any time."""
+        """End the process; a session file is complete or absent, and can be built again later."""
         self._jobs.clear()
         if self._process is not None:
             self._process.terminate()
@@ -83,11 +84,11 @@ class Derivation:
             self._finish(self._process)
 
     def _end_if_it_hangs(self, process: subprocess.Popen[bytes]) -> None:
-        """Kill a process that takes too long; one that waits for a hung disk may end later."""
+        """Kill a process that takes too long; if it waits for a hung disk it may end later."""
         if time.monotonic() < self._deadline_s or self._hung:
             return
         process.kill()
-        self._hung = "it took too long and was ended: is the disk well?"
+        self._hung = "it took too long and was ended: check the disk"
         self._report(SessionState.FAILED, self._hung)
 
     def _start(self, job: _Job) -> None:
@@ -104,9 +105,9 @@ class Derivation:
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,  # a pipe has room for its output, so it is read at its end
+                stdout=subprocess.PIPE,  # its output fits a pipe: read at the end
                 stderr=subprocess.STDOUT,
-                process_group=0,  # a Ctrl-C at the terminal is not for it
+                process_group=0,  # not affected by Ctrl-C at the terminal
             )
         except OSError as error:
             self._finish_with(SessionState.FAILED, error.strerror or str(error))
@@ -126,7 +127,7 @@ class Derivation:
         self._process = self._job = None
 
     def _report(self, state: SessionState, text: str) -> None:
-        assert self._job is not None  # it was begun
+        assert self._job is not None  # the process was started
         if not self._jobs:
             self.status = self._job.status(state, text)
 

@@ -11,9 +11,9 @@ from ..runs import Event
 
 CONSUMER_FAILED = "consumer_failed"
 REPORT_S = 1.0
-"""Seconds between two events for a consumer that keeps failing."""
+"""Time, s, between two events for a consumer that keeps failing."""
 FORGOTTEN_S = 5.0
-"""Seconds without a failure after which a consumer counts as working again."""
+"""Time, s, without a failure after which a consumer counts as working again."""
 
 _T = TypeVar("_T")
 
@@ -34,13 +34,13 @@ class FaultBarrier:
         """Return the result of a consumer, or `otherwise` if it fails."""
         try:
             return consumer()
-        except Exception as error:  # any exception: the frames are stored, the recording goes on
+        except Exception as error:  # any exception: the frames are stored, the recording continues
             self._failed[name] = (now.monotonic_s, printable(repr(error)))
             self._failures[name] = self._failures.get(name, 0) + 1
             return otherwise
 
     def failed(self, now: Now) -> Mapping[str, str]:
-        """Return the consumers that fail, and why."""
+        """Return the failing consumers, with reasons."""
         return {
             name: text
             for name, (failed_s, text) in self._failed.items()
@@ -48,7 +48,7 @@ class FaultBarrier:
         }
 
     def events(self, now: Now, t_ns: int) -> tuple[Event, ...]:
-        """Return the events due: one a second for each failing consumer, with a count."""
+        """Return the due events: one per second for each failing consumer, with a count."""
         due = [
             name
             for name in self._failures

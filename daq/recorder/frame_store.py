@@ -1,4 +1,4 @@
-"""Stores of frames and events."""
+"""Defines the interface of a store of frames and events."""
 
 from __future__ import annotations
 

@@ -19,18 +19,18 @@ from .recent import RecentLosses, RecentSamples
 UNJUDGED: Sequence[Finding] = (
     Finding("unjudged", Severity.NOTE, "the recorder could not judge it"),
 )
-"""Findings of a run whose verdict fails: it is accepted, not lost."""
+"""Findings of a run if the verdict itself fails: the run is accepted, not lost."""
 LOOK_NS = 300_000_000
-"""Time between two computations of the motion that is left, ns."""
+"""Time between two computations of the remaining motion, ns."""
 
 
 def is_accepted(run: LoggedRun) -> bool:
-    """Return True if later runs have to repeat a run."""
+    """Return True if later runs are compared with this run."""
     return run.status is LoggedStatus.ACCEPTED
 
 
 def is_only_unlike(run: LoggedRun) -> bool:
-    """Return True if the recorder rejected a run only because it repeats no accepted one."""
+    """Return True if the recorder rejected a run only as unlike the accepted ones."""
     failed = {finding.code for finding in run.findings if not finding.passed}
     return run.status is LoggedStatus.REJECTED and not run.by and failed == {"not_repeatable"}
 
@@ -77,7 +77,7 @@ class Judge:
         return findings
 
     def peak_left(self, bump_ns: int, t_ns: int) -> float | None:
-        """Return the share of the motion that is left; None while it cannot be measured."""
+        """Return the ratio of the present motion to its peak; None while it cannot be measured."""
         before_bump_ns, seen_ns, left = self._left
         if before_bump_ns == bump_ns and 0 <= t_ns - seen_ns < LOOK_NS:
             return left

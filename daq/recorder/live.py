@@ -21,15 +21,16 @@ BIN_S = 0.02
 KEPT_S = 60.0
 """Length of the ring, s."""
 LATE_S = 0.1
-"""Seconds after its end when a bin counts as complete: buses do not deliver at the same moment."""
+"""Time, s, after its end at which a bin counts as complete: buses do not deliver at the same
+time."""
 MOST_SENT_S = 10.0
-"""Most seconds published at once, after a gap in time."""
+"""Longest time, s, that is published at once, after a gap in time."""
 _BIN_NS = round(BIN_S * 1e9)
 _BINS = round(KEPT_S / BIN_S)
 
 
 class LiveRing:
-    """The last minute of some channels."""
+    """The last minute of some channels, as an envelope."""
 
     def __init__(self, channels: Sequence[str]) -> None:
         self._row = {name: row for row, name in enumerate(channels)}
@@ -47,9 +48,9 @@ class LiveRing:
         last = max(int(t_ns[-1]) for _, t_ns, _ in pieces) // _BIN_NS
         first = min(int(t_ns[0]) for _, t_ns, _ in pieces) // _BIN_NS
         if self._end == 0 or last < self._end - _BINS or last - self._end > _BINS:
-            self._begin(first)  # the first data, or a clock that was set
+            self._begin(first)  # the first data, or after a clock was set
         self._advance(last + 1)
-        bins: dict[int, _Bins] = {}  # the channels of a message have one time
+        bins: dict[int, _Bins] = {}  # the channels of a message share their times
         for row, t_ns, value in pieces:
             if id(t_ns) not in bins:
                 bins[id(t_ns)] = self._bins(t_ns // _BIN_NS)
@@ -95,7 +96,7 @@ class LiveRing:
             if not good.any():
                 return
             bins, value = self._bins(bins.number[good]), value[good]
-        # A bin may begin in one block and end in the next, or come twice if stamps fall back.
+        # A bin may begin in one block and end in the next, or occur twice if time stamps go back.
         np.fmin.at(self._low[row], bins.place, np.minimum.reduceat(value, bins.starts))
         np.fmax.at(self._high[row], bins.place, np.maximum.reduceat(value, bins.starts))
 
@@ -108,14 +109,14 @@ class LiveRing:
 
 @dataclass(frozen=True, slots=True)
 class _Bins:
-    """Samples of a channel, n of them, grouped by the bins in which they lie."""
+    """The n samples of a channel, grouped by their bins."""
 
     number: NDArray[np.int64]
     """Bin of each sample, shape (n,)."""
     all_inside: bool
-    """True if the ring has all of these bins."""
+    """True if all of these bins are in the ring."""
     inside: NDArray[np.bool_]
-    """True where it has the sample's bin, shape (n,)."""
+    """True where the sample's bin is in the ring, shape (n,)."""
     starts: NDArray[np.intp]
     """First sample of each group of neighbours in one bin."""
     place: NDArray[np.int64]
@@ -123,5 +124,5 @@ class _Bins:
 
 
 def _plain(values: Sequence[float]) -> tuple[float | None, ...]:
-    """Return numbers that JSON can have, rounded to four digits: a terminal shows fewer."""
+    """Return numbers that JSON can represent, rounded to four digits: a terminal shows fewer."""
     return tuple([None if v != v else float(f"{v:.4g}") for v in values])

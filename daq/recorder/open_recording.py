@@ -1,6 +1,6 @@
-"""Begins a recording, or resumes one that a killed recorder had left open.
+"""Begins a recording, or resumes one that a killed recorder left open.
 
-A recording is a campaign, or what is on the bus between two campaigns; all go into one journal.
+A recording is a campaign, or the traffic between two campaigns; all are stored in one journal.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .recording import Recording
 
 CreateFile = Callable[[Path], JournalFile]
 OWN_BENCH = (
-    "the resumed recording goes on with its own bench.toml, not with the one in the file: reload "
+    "the resumed recording continues with its own bench.toml, not with the one in the file: reload "
     "to use that, or start a new recording"
 )
 NOT_RESUMED = "the last recording was not ended and cannot be resumed ({}): a new one is begun"
@@ -42,14 +42,14 @@ class OpenRecording:
     """A recording with the open journal."""
 
     head: JournalHead
-    """In every segment of it."""
+    """Head, which is stored in every segment."""
     writer: JournalWriter
-    """Writes the whole journal: the next recording has the same one."""
+    """Writer of the journal; the next recording uses the same one."""
     ledger: WriteLedger
-    """Its segments written by this recorder."""
+    """Ledger of its segments that were written by this recorder."""
     recording: Recording
     session: Path
-    """Its session file, if it is a campaign."""
+    """Path of its session file, if it is a campaign."""
     before: tuple[Path, ...] = ()
     """Segments written by earlier recorders."""
 
@@ -68,9 +68,9 @@ class OpenRecording:
     ) -> OpenRecording:
         """End this recording, and the run that is being recorded, and begin the next one.
 
-        `why`: the reason, for that run.  Raises InputError if bench.toml and DBC do not fit
-        together, and OrderError if the disk refuses the frames that wait in memory; this recording
-        goes on then.
+        `why`: the reason, for that run.  Raises InputError if bench.toml and DBC contradict each
+        other, and OrderError if the disk refuses the frames that wait in memory; this recording
+        then continues.
         """
         recording = Recording(bench, bench_codec(bench), self.writer, None, barrier)
         if self.writer.flush():
@@ -96,8 +96,8 @@ def open_journal(
 ) -> OpenRecording:
     """Open the journal and begin a campaign in it, or resume the one whose state is `tail`.
 
-    Raises InputError if bench.toml and DBC do not fit together.  Raises JournalError if the journal
-    cannot be written at all.
+    Raises InputError if bench.toml and DBC contradict each other.  Raises JournalError if the
+    journal cannot be written at all.
     """
     codec = bench_codec(bench)
     head = _head(bench, software, now, campaign=True)
@@ -130,9 +130,9 @@ def _head(bench: Bench, software: str, now: Now, *, campaign: bool) -> JournalHe
 def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | str:
     """Return the campaign in a folder that can be resumed, and its bench.
 
-    It goes on with its own bench.toml, which has the changes made during the recording, but with
-    the buses and limits given now.  With another DBC it cannot be resumed.  If there is one that
-    cannot be, the reason is logged and returned; empty if there is none.
+    It continues with its own bench.toml, which has the changes made during the recording, but with
+    the buses and limits given now.  With another DBC it cannot be resumed.  If a campaign cannot be
+    resumed, the reason is logged and returned; it is empty if there is none.
     """
     try:
         tail = last_recording(journal)
@@ -142,7 +142,7 @@ def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | str:
             return _not_resumed(f"its frames are {tail.head.origin}, not {bench.origin}")
         text = fold(tail.events).bench_text or tail.head.bench_text
         if tail.head.dbc_text != bench.dbc_text:
-            return _not_resumed("it is of another DBC")
+            return _not_resumed("it has another DBC")
         if text != bench.text:
             _log.warning(OWN_BENCH)
             recorded = parse_bench(text, "bench.toml in the journal", Path(), bench.dbc_text)
@@ -153,7 +153,7 @@ def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | str:
                 recorder=bench.recorder,
                 origin=bench.origin,
             )
-    except (BumpbenchError, OSError) as error:  # the old recording stays as it is
+    except (BumpbenchError, OSError) as error:  # the old recording is not changed
         return _not_resumed(error)
     return tail, bench
 
@@ -165,7 +165,7 @@ def _not_resumed(why: object) -> str:
 
 
 def unfinished(journal: Path) -> tuple[Path, JournalTail] | None:
-    """Return the last campaign in a folder and its session file, if that is still to be built."""
+    """Return the last campaign in a folder and its session file, if that must still be built."""
     try:
         tail = last_campaign(journal)
     except OSError:

@@ -1,4 +1,4 @@
-"""The orders that wait for the recorder's writer thread."""
+"""Queues the orders for the recorder's writer thread."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .orders import OrderError
 
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """An order, or a bench to go on with, and the future of its answer."""
+    """An order, or a bench to continue with, and the future of its answer."""
 
     order: Order | Bench
     by: str
@@ -48,11 +48,11 @@ class OrderQueue:
 
     @property
     def are_waiting(self) -> bool:
-        """True if there are orders that were not taken."""
+        """True if there are waiting orders."""
         return bool(self._orders)
 
     def take(self) -> PendingOrder | None:
-        """Return the oldest order that was not cancelled; None if there is none."""
+        """Remove and return the oldest order that was not cancelled; None if there is none."""
         while self._orders:
             pending = self._orders.popleft()
             if pending.answer.set_running_or_notify_cancel():

@@ -31,7 +31,7 @@ class OrderError(Exception):
 def checked_arm(order: Arm, due: Step | None, run_log: RunLog) -> None:
     """Check that a run is due, and that the sender has seen which weights are on the car.
 
-    Raises OrderError if not.
+    Raises OrderError otherwise.
     """
     if due is None:
         raise OrderError("the campaign is complete: choose a run first")
@@ -45,9 +45,10 @@ def checked_arm(order: Arm, due: Step | None, run_log: RunLog) -> None:
 
 
 def order_event(order: Order, by: str, t_ns: int, run_log: RunLog, bench: Bench) -> Event | None:
-    """Return the event of an order for the run log; None if it makes none.
+    """Return the event of an order for the run log; None if the order has no event.
 
-    `by`: name of its sender.  `t_ns`: data time.  Raises OrderError if it makes no sense now.
+    `by`: name of its sender.  `t_ns`: data time.  Raises OrderError if the order is not possible
+    now.
     """
     match order:
         case Accept():
@@ -55,14 +56,14 @@ def order_event(order: Order, by: str, t_ns: int, run_log: RunLog, bench: Bench)
             if run.status is LoggedStatus.OPEN:
                 raise OrderError(f"{run.label} is being recorded: wait for its end")
             if run.status is LoggedStatus.ACCEPTED:
-                raise OrderError(f"{run.label} is accepted already")
+                raise OrderError(f"{run.label} is already accepted")
             if not order.reason:
-                raise OrderError(f"{run.label} was rejected: say why it is to be used")
+                raise OrderError(f"{run.label} was rejected: give the reason why it should be used")
             return entry(Code.ACCEPT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
         case Reject():
             run = _found(run_log, order.label)
             if run.status is LoggedStatus.REJECTED:
-                raise OrderError(f"{run.label} is rejected already")
+                raise OrderError(f"{run.label} is already rejected")
             return entry(Code.REJECT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
         case Undo():
             if not run_log.done:
@@ -91,7 +92,7 @@ def order_event(order: Order, by: str, t_ns: int, run_log: RunLog, bench: Bench)
 def _choice(order: Choose, t_ns: int, run_log: RunLog, bench: Bench) -> Event:
     states = [state.name for state in bench.mass_states]
     if order.mass_state not in states:
-        raise OrderError(f"{order.mass_state!r} is no mass state: {', '.join(states)}")
+        raise OrderError(f"{order.mass_state!r} is not a mass state: {', '.join(states)}")
     if run_log.open is not None:
         raise OrderError(f"{run_log.open.label} is being recorded: wait for its end")
     kind = str(order.excitation)
@@ -101,13 +102,13 @@ def _choice(order: Choose, t_ns: int, run_log: RunLog, bench: Bench) -> Event:
 def _clean(text: str) -> str:
     """Return a person's text without control characters, line by line.
 
-    In terminals, reports and session files they would do harm or be refused.
+    Terminals, reports and session files would be disturbed by them or refuse them.
     """
     return "\n".join(printable(line, len(text) * 10) for line in text.split("\n"))
 
 
 def _found(run_log: RunLog, label: str) -> LoggedRun:
-    """Return the run of a label; without a label the one being recorded, or else the last."""
+    """Return the run of a label; without a label, the run being recorded, or else the last."""
     run = (
         run_log.run(label)
         if label

@@ -18,7 +18,7 @@ def proposed(bench: Bench, log: RunLog, measures: Mapping[str, RunMeasure]) -> t
     """Return the runs to leave out, of every kind that has more accepted runs than planned.
 
     Runs of the other side or axle are compared among themselves.  A run that a person has accepted
-    stays: it was decided.
+    is kept, because a person has decided on it.
     """
     kinds = dict.fromkeys((run.mass_state, run.excitation) for run in log.runs)
     found: list[LeftOut] = []
@@ -40,6 +40,6 @@ def left_out_event(found: tuple[LeftOut, ...], by: str, t_ns: int) -> Event:
     Raises OrderError if there is none.
     """
     if not found:
-        raise OrderError("no run is proposed to be left out")
+        raise OrderError("there is no proposal to leave runs out")
     reasons = {run.label: f"unlike the others: {run.text}" for run in found}
     return entry(Code.LEAVE_OUT, t_ns, reasons=reasons, by=by)

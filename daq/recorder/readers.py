@@ -1,7 +1,7 @@
-"""The reader threads, one for each bus, and the queue between them and the writer.
+"""Runs the reader threads, one for each bus, and the queue between them and the writer.
 
-Readers only read, stamp and put into the queue.  A delay of the writer (a slow disk, a long decode)
-fills the queue and loses no frames; if the queue is full, the frames that do not fit are counted.
+Readers only read, stamp and queue frames.  A delay of the writer (a slow disk, a long decode) fills
+the queue and loses no frames; if the queue is full, the frames that do not fit are counted.
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ from .storage_watch import StorageWatch
 READ_TIMEOUT_S = 0.1
 """Longest wait for frames, s, before the counts are checked."""
 DRAIN_S = 1.0
-"""Longest time, s, for which a halted reader reads what had arrived before."""
+"""Longest time, s, for which a halted reader reads frames that arrived before."""
 QUEUE_BLOCKS = 4096
-"""Most blocks in the queue; a block every 10 ms or 2048 frames makes that 10 s of four buses."""
+"""Largest number of blocks in the queue: 10 s of four buses, with a block every 10 ms or 2048
+frames."""
 QUEUE_BYTES = 128 << 20
-"""Most bytes in the queue."""
+"""Largest number of bytes in the queue."""
 _FRAME_BYTES = 16
 """Bytes of a frame in addition to its payload."""
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Frames of one reader, their time of arrival, and the counts including them."""
+    """Frames of one reader, their time of arrival, and the counts up to and including them."""
 
     reader: int
     frames: FrameBatch
@@ -49,7 +50,7 @@ class Piece:
 
     @property
     def size(self) -> int:
-        """Bytes of memory."""
+        """Memory of the piece, bytes."""
         return self.frames.data.nbytes + _FRAME_BYTES * len(self.frames)
 
 
@@ -88,7 +89,7 @@ class PieceQueue:
 
     @property
     def status(self) -> QueueStatus:
-        """Present, highest and largest number of blocks."""
+        """Present, highest and largest possible number of blocks."""
         return QueueStatus(len(self._pieces), self._high, self._most)
 
 
@@ -110,7 +111,7 @@ class Reader(threading.Thread):
         while not self._halt.is_set() or self._has_backlog(frames):
             frames = self.link.read(READ_TIMEOUT_S)
             if self._left.is_set():
-                break  # it hung: its bus may have another reader by now
+                break  # it hung: its bus may have another reader now
             self._watch.received(len(frames), time.monotonic())
             counts = (self.link.facts().losses, self.dropped)
             if len(frames) or counts != reported:
@@ -121,13 +122,13 @@ class Reader(threading.Thread):
         self.link.close()
 
     def halt(self) -> None:
-        """Make it end when it has read what is there."""
+        """Make it end when it has read the waiting frames."""
         self._halted_s = time.monotonic()
         self._halt.set()
         self.link.halt()
 
     def leave(self) -> None:
-        """Ignore its frames, should it ever go on."""
+        """Ignore its frames if it ever continues."""
         self._left.set()
 
     def counts(self) -> Piece:
@@ -143,7 +144,7 @@ class Reader(threading.Thread):
 
 
 class Readers:
-    """All readers of a recorder, which put into one queue, and the sum of their counts."""
+    """All readers of a recorder, which fill one queue, and the sum of their counts."""
 
     def __init__(self, pieces: PieceQueue, watch: StorageWatch | None = None) -> None:
         self._pieces, self._watch = pieces, watch or StorageWatch()
@@ -159,7 +160,7 @@ class Readers:
             reader.start()
 
     def halt(self, within_s: float) -> None:
-        """End all readers; one that hangs in its driver is ignored from then on."""
+        """End all readers; a reader that hangs in its driver is ignored from then on."""
         for reader in self._readers:
             reader.halt()
         deadline_s = time.monotonic() + within_s
@@ -168,13 +169,13 @@ class Readers:
             reader.leave()
 
     def take(self, frames: int) -> list[Piece]:
-        """Return the pieces read; `hops` has the counts up to them."""
+        """Return the pieces read; `hops` then has the counts up to them."""
         taken = self._pieces.take(frames)
         self._counts.update((piece.reader, piece.counts) for piece in taken)
         return taken
 
     def settle(self) -> None:
-        """Update the counts, once all readers are halted and all pieces taken."""
+        """Update the counts after all readers are halted and all pieces taken."""
         for reader in self._readers:
             self._counts[reader.number] = reader.counts().counts
         self._ended, self._counts, self._readers = self.hops(), {}, []

@@ -16,12 +16,12 @@ from ..samples.blocks import Column, SampleBlock
 CHECK_S = 10.0
 """Age up to which raw frames are kept, s."""
 MOST_BLOCKS = 20_000
-"""Most blocks kept, half an hour at ten a second: if the stamps of a bus do not advance, no block
-grows old."""
+"""Largest number of blocks kept, half an hour at ten per second, in case the stamps of a bus do not
+advance and no block grows old."""
 _SLACK_NS = 1_000_000_000
 """Time for which samples and losses are kept in addition to a run, ns."""
 _MOST_BYTES = 64 << 20
-"""Most bytes of raw frames kept."""
+"""Largest number of bytes of raw frames kept."""
 
 
 class RecentFrames:
@@ -37,7 +37,7 @@ class RecentFrames:
         self._batches.append((latest_ns, batch))
         self._bytes += _size(batch)
         horizon_ns = latest_ns - round(CHECK_S * 1e9)
-        # A block of a later time (the clock was set back) is dropped, too: it would never grow old.
+        # A block of a later time (the clock was set back) is also dropped: it would never grow old.
         while self._batches[0][0] < horizon_ns or self._bytes > _MOST_BYTES:
             self._bytes -= _size(self._batches.popleft()[1])
             if not self._batches:
@@ -55,7 +55,7 @@ class RecentFrames:
 
 
 class RecentSamples:
-    """Samples of all channels of the last `kept_s` and one second more."""
+    """Samples of all channels of the last `kept_s` + 1 s."""
 
     def __init__(self, kept_s: float) -> None:
         self._kept_ns = round(kept_s * 1e9) + _SLACK_NS
@@ -63,8 +63,8 @@ class RecentSamples:
 
     def add(self, t_ns: int, block: SampleBlock) -> None:
         """Add a block whose latest stamp is `t_ns`."""
-        # The first block after a pause of the bus may end a run that lies before the pause: the
-        # block before it decides which blocks are too old.
+        # The first block after a pause of the bus may end a run from before the pause: the previous
+        # block decides which blocks are too old.
         last_ns = self._blocks[-1][0] if self._blocks else t_ns
         while self._blocks and (
             last_ns - self._blocks[0][0] > self._kept_ns or self._blocks[0][0] - t_ns > _SLACK_NS
@@ -96,7 +96,7 @@ class _Counted:
 
 
 class RecentLosses:
-    """Losses counted up to each block of the last `kept_s` and one second more."""
+    """Losses counted up to each block of the last `kept_s` + 1 s."""
 
     def __init__(self, kept_s: float) -> None:
         self._kept_ns = round(kept_s * 1e9) + _SLACK_NS
@@ -113,10 +113,10 @@ class RecentLosses:
             self._blocks.popleft()
 
     def between(self, start_ns: int, stop_ns: int) -> Losses:
-        """Return the losses in a span, widened to whole blocks.
+        """Return the losses in a span, extended to complete blocks.
 
-        The first block after a pause of the bus has all losses of the pause: of these, the span
-        gets the share that it has of the pause.
+        The first block after a pause of the bus has all losses of the pause: the span gets the
+        share of these losses that corresponds to its share of the pause.
         """
         blocks = list(self._blocks)
         earlier = [k for k, block in enumerate(blocks) if block.last_ns < start_ns]

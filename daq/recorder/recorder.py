@@ -1,9 +1,9 @@
 """Runs a recorder: a reader thread for each bus, a bounded queue, one writer thread to the disk.
 
-Its journal is open as long as it runs: what is on the bus is on the disk, during a campaign and
-between two.  Ten times a second the writer, in the caller's thread, stores the frames that were
-read.  As often while a client is there, else three times, `Recording.look` follows and the status
-is published.  It ends by an order or a signal, never because of a bus or a disk.
+Its journal is open as long as it runs: all traffic is stored, during and between campaigns.  Ten
+times per second the writer, in the caller's thread, stores the frames that were read.  With a
+client ten times per second, else three times, it then calls `Recording.look` and publishes the
+status.  It ends by an order or a signal, never because of a bus or a disk.
 """
 
 from __future__ import annotations
@@ -60,16 +60,16 @@ from .status import Host
 from .storage_watch import StorageWatch
 
 BLOCK_S = 0.1
-"""Seconds between two blocks of the journal; a power cut loses the frames since the last one."""
+"""Time between two blocks of the journal, s; a power cut loses the frames since the last one."""
 UNWATCHED_S = 0.3
-"""Seconds between two looks at the frames while no client is there: a look costs three times as
-much as a block, and a bump or an alarm has the frames' own time stamps."""
+"""Time between two looks at the frames without a client, s: a look costs three times as much as a
+block, and a bump or an alarm has the time stamps of the frames in any case."""
 BLOCK_FRAMES = 65_536
-"""Frames after which a block is full: after a stall the journal gets several blocks at once."""
+"""Number of frames in a full block: after a stall the journal gets several blocks at once."""
 SETTLE_S = 0.3
-"""Seconds from the end of a run until its session is built: all buses have delivered by then."""
+"""Time from the end of a run until its session is built, s: all buses have then delivered."""
 HALT_S = 2.0
-"""Seconds to wait at the end for a reader that hangs in its driver."""
+"""Time to wait at the end for a reader that hangs in its driver, s."""
 JOURNAL_FOLDER = "journal"
 
 Publish = Callable[[Status, Live | None], None]
@@ -86,7 +86,7 @@ class Recorder:
     opens a bus, given its description and its number; may raise any exception.  `software`: name
     and version, for the journal.  `resume`: resume the newest campaign in the folder if it was not
     ended.  `create`: creates a file of the journal.  `pieces`: the queue between readers and
-    writer.  Raises InputError if bench.toml and DBC do not fit together.
+    writer.  Raises InputError if bench.toml and DBC contradict each other.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Recorder:
         self._barrier = FaultBarrier()
         self._derivation = Derivation()
         self._checks = Checks()
-        self._opened: OpenRecording  # since `run` has begun
+        self._opened: OpenRecording  # since `run` began
         self._hops_before = HopLosses()
         self._lag_s = 0.0
         self._begun = ""
@@ -132,7 +132,7 @@ class Recorder:
         return self._orders.put(order, by)
 
     def reload(self, bench: Bench) -> Future[Reply]:
-        """Queue a change to a bench that was checked: unlike `Configure` with its buses and DBC."""
+        """Queue a change to a checked bench with, unlike `Configure`, its buses and DBC."""
         return self._orders.put(bench, "reload")
 
     def heartbeats(self) -> Heartbeats:
@@ -140,7 +140,7 @@ class Recorder:
         return self._heartbeats
 
     def storage(self) -> StorageStatus:
-        """Return what arrives compared with what is stored; from any thread, never blocks."""
+        """Return the counts of received and stored frames; from any thread, never blocks."""
         return self._storage.status(time.monotonic())
 
     def run(
@@ -148,17 +148,16 @@ class Recorder:
     ) -> None:
         """Record until `stop` is set or an order to shut down comes.
 
-        On return the readers have ended, all frames that they read are in the journal, and its
-        file is sealed; a campaign that was not stopped can be resumed.  `publish` is called in this
-        thread after each look at the frames, ten times a second while `is_watched` says that
-        anybody sees it; neither may block.  Raises JournalError if the journal cannot be written at
-        all.
+        On return the readers have ended, all frames that they read are in the journal, and its file
+        is sealed; a campaign that was not stopped can be resumed.  `publish` is called in this
+        thread after each look at the frames, ten times per second while `is_watched` returns True;
+        neither may block.  Raises JournalError if the journal cannot be written at all.
         """
         try:
             self._resume_or_begin()
             try:
                 self._start_readers()
-                with loaded_is_kept():  # each frame of python-can is an object: many searches
+                with loaded_is_kept():  # python-can: one object per frame, many collections
                     self._cycle(publish, True)
                     while not (stop.is_set() or self._ended):
                         self._cycle(publish, is_watched())
@@ -173,12 +172,12 @@ class Recorder:
     # The writer's thread -----------------------------------------------------------------------
 
     def _cycle(self, publish: Publish, is_watched: bool) -> None:
-        """Wait for the next block and store it; at every look, carry out orders and publish."""
+        """Wait for the next block and store it; at every look, execute orders and publish."""
         if not self._pieces.status.blocks or self._next_s > time.monotonic():
             self._orders.arrived.wait(max(self._next_s - time.monotonic(), 0.0))
         self._orders.arrived.clear()
         self._next_s = max(self._next_s + BLOCK_S, time.monotonic())
-        # Half a block early: the cycles are not exactly as far apart as that.
+        # Half a block early, because the cycles are not exactly equidistant.
         is_due = time.monotonic() - self._looked_s >= UNWATCHED_S - BLOCK_S / 2
         if not (is_watched or is_due or self._orders.are_waiting):
             self._store()
@@ -192,7 +191,7 @@ class Recorder:
         self._publish(publish)
 
     def _look(self, links: Sequence[LinkFacts] | None = None) -> bool:
-        """Store a block, and look at all frames since the last look; return as `_store`."""
+        """Store a block, and look at all frames since the last look; return what `_store` does."""
         stored, now = self._store(), _now()
         facts, disk = links or self._readers.facts(), self._opened.writer.status
         storage = self._storage.status(now.monotonic_s)
@@ -243,14 +242,14 @@ class Recorder:
     def _carry_out(self, order: Order | Bench, by: str, answer: Future[Reply]) -> None:
         try:
             reply = self._answer(order, by, answer)
-        except Exception as error:  # any exception is reported to the client; the recording goes on
+        except Exception as error:  # any exception is reported; the recording continues
             answer.set_exception(error)
             return
         if reply is not None:
             answer.set_result(reply)
 
     def _answer(self, order: Order | Bench, by: str, answer: Future[Reply]) -> Reply | None:
-        """Carry out an order; None if the answer comes later."""
+        """Execute an order; return None if the answer comes later."""
         now = _now()
         match order:
             case Hello() | AskStatus():
@@ -302,7 +301,7 @@ class Recorder:
             self._begun = found
         else:
             tail, bench = found
-            self._begun = f"it was interrupted, and goes on with the {tail.frames:,} frames before"
+            self._begun = f"it was interrupted, and continues after {tail.frames:,} frames"
             STEADY_CLOCK.begin(tail.t_ns)
             opened = self._open_journal(bench, now, tail)
             forget_others(self._folder, [opened.session])
@@ -333,14 +332,14 @@ class Recorder:
         self._look()
         before = self._opened
         self._opened = before.next(bench, why, now, self._barrier, campaign=campaign)
-        STEADY_CLOCK.begin()  # only here: within a recording, setting a clock must not move time
+        STEADY_CLOCK.begin()  # only here, because within a recording a set clock must not move time
         self._bench, self._begun = bench, ""
         self._hops_before = self._readers.hops()  # earlier losses are not losses of this recording
         if before.campaign:
             self._derive(before)
 
     def _build(self, opened: OpenRecording) -> None:
-        """Start building the session file as of now, from files that do not change any more."""
+        """Start building the present session file, from files that no longer change."""
         opened.writer.cut()
         self._derive(opened)
 
@@ -378,7 +377,7 @@ class Recorder:
 
     def _stop_readers(self) -> None:
         """End the readers and store all frames that they have read."""
-        links = self._readers.facts()  # from before they end, which is not a fault
+        links = self._readers.facts()  # the state before they end, because their end is not a fault
         self._readers.halt(HALT_S)
         while self._look(links):
             pass

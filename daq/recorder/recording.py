@@ -1,8 +1,8 @@
-"""One recording: journal first, then decode, watch, find the bumps, judge them.
+"""Processes one recording: journal first, then decode, watch, find the bumps, judge them.
 
-`Recording.store` does the first for one block, `Recording.look` the others for all blocks since the
-last look, without threads and without a clock; `daq.recorder.recorder` calls them.  A failure after
-the journal costs no frame: the event `consumer_failed` reports it.
+`Recording.store` writes one block to the journal; `Recording.look` does the other steps for all
+blocks since the last look.  Both have no threads and no clock; `daq.recorder.recorder` calls them.
+A failure after the journal loses no frame: the event `consumer_failed` reports it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dbc import Codec
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 
-from ..alarms import AlarmState, Turn, acknowledged, reconfigured, watch
+from ..alarms import AlarmState, Cycle, acknowledged, reconfigured, watch
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
 from ..bus.source import HopLosses, LinkFacts
@@ -46,10 +46,10 @@ RESTAMPED = "restamped"
 
 
 class Recording:
-    """One recording: of a campaign, or of what is on the bus between two, where nothing is armed.
+    """One recording: of a campaign, or of the traffic between two campaigns, when nothing is armed.
 
-    `store`: for frames and events; the caller closes it.  `run_log`: of a recording that is
-    resumed.  Raises InputError if a channel and the DBC do not fit, or no channel can trigger.
+    `store`: for frames and events; the caller closes it.  `run_log`: run log of a resumed
+    recording.  Raises InputError if a channel contradicts the DBC, or no channel can trigger.
     """
 
     def __init__(
@@ -76,9 +76,9 @@ class Recording:
         self.adopt(bench, codec)
 
     def adopt(self, bench: Bench, codec: Codec) -> None:
-        """Go on with another bench.toml.
+        """Continue with another bench.toml.
 
-        Raises InputError as the constructor; nothing has changed then.
+        Raises InputError as the constructor; then nothing is changed.
         """
         mapped, triggers = bench_mapping(bench, codec)
         self._bench, self._codec, self._mapped, self._triggers = bench, codec, mapped, triggers
@@ -88,12 +88,12 @@ class Recording:
         self._counted: tuple[RunLog, Counts] | None = None
         self._compared: tuple[tuple[RunLog, int], tuple[LeftOut, ...]] | None = None
         self._alarms = reconfigured(self._alarms)
-        # If it was killed after the last run, or plans fewer runs now, it is complete.
+        # It is complete if it was killed after the last run, or now plans fewer runs.
         self._loop = run_loop.decided(self._loop, self._surroundings(self._t_ns))
 
     @property
     def bench(self) -> Bench:
-        """The bench in force."""
+        """The present bench."""
         return self._bench
 
     @property
@@ -103,7 +103,7 @@ class Recording:
 
     @property
     def running(self) -> str:
-        """Label of the run that is being recorded, also if it is rejected already; else empty."""
+        """Label of the run that is being recorded, also if it is already rejected; else empty."""
         return self._loop.label if self._loop.running else ""
 
     @property
@@ -130,8 +130,8 @@ class Recording:
         """Store one block of frames, and keep it for the next look.
 
         `batch`: in order of arrival; may be empty.  `hops`: cumulative counts up to this block,
-        since this recorder was started.  Raises JournalError if the store raises it; nothing else
-        is done with the block then.
+        since this recorder was started.  Raises JournalError if the store raises it; the block is
+        then not processed.
         """
         if len(batch) or hops != self._hops:
             self._store.append(batch, hops)
@@ -151,7 +151,7 @@ class Recording:
         queue: QueueStatus = NO_QUEUE,
         storage: StorageStatus = NO_STORAGE,
     ) -> tuple[Event, ...]:
-        """Look at all frames since the last look; called without frames, too, for the alarms.
+        """Process all frames since the last look; also called without frames, for the alarms.
 
         `links`, `disk`, `queue`, `storage`: their present state.  Returns the events stored: `bump`
         and `run_end` have the label of their run.
@@ -162,21 +162,21 @@ class Recording:
         if restamped:
             text = "time stamps of another epoch: frames are stamped on arrival"
             self._log_event(Event(self._t_ns, RESTAMPED, hops.restamped, text), events)
-        turn = Turn(now, batch, None, self._health, links, hops, disk, queue, storage)
-        turn = self._barrier.value("decode", now, turn, lambda: self._decoded(turn))
-        if turn.decoded is not None:
-            self._barrier.run("samples", now, lambda: self._take(turn, events))
+        cycle = Cycle(now, batch, None, self._health, links, hops, disk, queue, storage)
+        cycle = self._barrier.value("decode", now, cycle, lambda: self._decoded(cycle))
+        if cycle.decoded is not None:
+            self._barrier.run("samples", now, lambda: self._take(cycle, events))
         self._barrier.run("run loop", now, self._pass_time)
-        self._barrier.run("alarms", now, lambda: self._watch(turn, events))
+        self._barrier.run("alarms", now, lambda: self._watch(cycle, events))
         for event in self._barrier.events(now, self._t_ns or now.wall_ns):
             self._log_event(event, events)
         return tuple(events)
 
     def carry_out(self, order: Order, by: str, now: Now) -> None:
-        """Carry out an order of the run loop or of the run log; its event is stored first.
+        """Execute an order of the run loop or of the run log; its event is stored first.
 
-        `order`: not one that begins or ends a recording.  `by`: name of its sender.  Raises
-        OrderError if it makes no sense now; nothing has changed then.
+        `order`: any order except those that begin or end a recording.  `by`: name of its sender.
+        Raises OrderError if the order is not possible now; then nothing is changed.
         """
         t_ns = self._t_ns or now.wall_ns
         if isinstance(order, LeaveOut):
@@ -206,7 +206,7 @@ class Recording:
                 self._loop = run_loop.decided(self._loop, surroundings)
 
     def reconfigure(self, bench: Bench, now: Now) -> None:
-        """Go on with a bench that was checked, and store its text."""
+        """Continue with a checked bench, and store its text."""
         self.note(Code.BENCH, 0.0, bench.text, now)
         self.adopt(bench, bench_codec(bench))
 
@@ -259,7 +259,7 @@ class Recording:
 
     @property
     def _proposed(self) -> tuple[LeftOut, ...]:
-        # After a restart the measures come later than the runs.
+        # After a restart the measures arrive later than the runs.
         known = self._run_log, len(self.measures)
         if self._compared is None or self._compared[0] != known:
             self._compared = known, proposed(self._bench, self._run_log, self.measures)
@@ -290,22 +290,22 @@ class Recording:
             bench.procedure.accept_after_s,
         )
 
-    def _decoded(self, turn: Turn) -> Turn:
-        if not len(turn.batch):
-            return turn
-        decoded = self._codec.decode(turn.batch)
+    def _decoded(self, cycle: Cycle) -> Cycle:
+        if not len(cycle.batch):
+            return cycle
+        decoded = self._codec.decode(cycle.batch)
         self._health = health.advance(self._codec.messages, self._health, decoded)
-        return replace(turn, decoded=decoded, health=self._health)
+        return replace(cycle, decoded=decoded, health=self._health)
 
-    def _take(self, turn: Turn, events: list[Event]) -> None:
+    def _take(self, cycle: Cycle, events: list[Event]) -> None:
         """Keep the samples, and process the bumps found in them."""
-        assert turn.decoded is not None  # held by the caller
+        assert cycle.decoded is not None  # ensured by the caller
         block = {
             m.channel.name: (samples.t_ns, m.values(samples))
             for m in self._mapped
-            if (samples := turn.decoded.samples.get(m.channel.signal)) is not None
+            if (samples := cycle.decoded.samples.get(m.channel.signal)) is not None
         }
-        self._judge.add(int(turn.batch.t_ns.min()), self._t_ns, block, self.losses)
+        self._judge.add(int(cycle.batch.t_ns.min()), self._t_ns, block, self.losses)
         self._live.add(block)
         trigger_block = {name: piece for name, piece in block.items() if name in self._triggers}
         self._trigger, found = trigger.advance(self._bench.trigger, self._trigger, trigger_block)
@@ -314,15 +314,15 @@ class Recording:
                 case trigger.BUMP:
                     self._bumped(event, events)
                 case trigger.RUN_END:
-                    self._ended(event, turn, events)
+                    self._ended(event, cycle, events)
                 case _:
                     self._log_event(event, events)
                     if event.code == trigger.CLOCK_STEP:
                         self._first_ns = event.t_ns
-                        self.cut("the time stamps fell back")
+                        self.cut("the time stamps went back")
 
     def _bumped(self, event: Event, events: list[Event]) -> None:
-        surroundings = self._surroundings(event.t_ns, ready=True)  # as of the bump
+        surroundings = self._surroundings(event.t_ns, ready=True)  # the state at the bump
         self._loop = run_loop.turned(self._loop, surroundings)
         due = self._due
         if due is None or not self._loop.takes_bumps:
@@ -332,15 +332,17 @@ class Recording:
         self._loop = run_loop.bumped(self._loop, due.label, event.t_ns)
         self._bump_ns = event.t_ns
 
-    def _ended(self, event: Event, turn: Turn, events: list[Event]) -> None:
+    def _ended(self, event: Event, cycle: Cycle, events: list[Event]) -> None:
         if not self._loop.running:
             self._log_event(replace(event, code=trigger.UNPLANNED + event.code), events)
             return
         label = self._loop.label
         self._log_event(replace(event, text=label), events)
-        findings = self._barrier.value("verdict", turn.now, UNJUDGED, lambda: self._findings(label))
+        findings = self._barrier.value(
+            "verdict", cycle.now, UNJUDGED, lambda: self._findings(label)
+        )
         self._log_event(verdict_entry(event.t_ns, label, findings), events)
-        seen_ns = max(event.t_ns, int(turn.batch.t_ns[0]))  # a bus may have paused meanwhile
+        seen_ns = max(event.t_ns, int(cycle.batch.t_ns[0]))  # a bus may have paused in between
         self._loop = run_loop.judged(self._loop, self._surroundings(seen_ns))
 
     def _reject(self, finding: Finding, events: list[Event]) -> None:
@@ -350,7 +352,7 @@ class Recording:
 
     def _findings(self, label: str) -> Sequence[Finding]:
         step = parse_label(label)
-        assert step is not None  # the recorder gave it
+        assert step is not None  # given by the recorder
         return self._judge.verdict(step, self._bump_ns, self._run_log)
 
     def _peak_left(self) -> float | None:
@@ -361,10 +363,10 @@ class Recording:
     def _pass_time(self) -> None:
         self._loop = run_loop.turned(self._loop, self._surroundings(self._t_ns))
 
-    def _watch(self, turn: Turn, events: list[Event]) -> None:
-        turn = replace(turn, failed=self._barrier.failed(turn.now))
+    def _watch(self, cycle: Cycle, events: list[Event]) -> None:
+        cycle = replace(cycle, failed=self._barrier.failed(cycle.now))
         self._alarms, alarm_events = watch(
-            self._bench.recorder, self._codec, self._mapped, self._alarms, turn
+            self._bench.recorder, self._codec, self._mapped, self._alarms, cycle
         )
         at_end = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
         self._judge.saw_saturated(self._t_ns, at_end)

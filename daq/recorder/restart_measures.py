@@ -1,7 +1,7 @@
 """Measures the earlier runs of a resumed recording again, from its journal.
 
-Later runs are compared with them.  Reading may take seconds, in which the recorder must record
-already, so it is done in a separate thread.
+Later runs are compared with them.  Reading may take seconds, during which the recorder must already
+record, so it is done in a separate thread.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ def recall(tail: JournalTail, bench: Bench, pass_on: PassOn) -> threading.Thread
 def _recall(tail: JournalTail, bench: Bench, pass_on: PassOn) -> None:
     try:
         pass_on(remeasured(tail, bench, bench_codec(bench)))
-    except Exception as error:  # any exception: later runs are just not compared
+    except Exception as error:  # any exception: then later runs are not compared
         _log.warning("earlier runs cannot be measured again: %s", printable(str(error)))
 
 
 def remeasured(tail: JournalTail, bench: Bench, codec: Codec) -> Mapping[str, RunMeasure]:
-    """Return the measures of the runs that later ones are compared with, by label.
+    """Return the measures of the runs with which later ones are compared, by label.
 
-    Raises OSError or InputError if the journal cannot be read, or does not fit the bench.
+    Raises OSError or InputError if the journal cannot be read, or contradicts the bench.
     """
     runs = [run for run in fold(tail.events).runs if is_accepted(run) or is_only_unlike(run)]
     spans = [_span(bench, run) for run in runs]

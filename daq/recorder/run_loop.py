@@ -1,7 +1,7 @@
-"""The run loop: armed, bump, decay, verdict, and on to the next run, as a fold without a clock.
+"""Implements the run loop: armed, bump, decay, verdict, next run, as a fold without a clock.
 
-Time is that of the frames: a replay at twenty times the speed goes through the same phases.  The
-verdicts are in the run log; the loop has only its phase and the limit of the last order to arm.
+Time is that of the frames: a replay at twenty times the speed has the same phases.  The verdicts
+are in the run log; the loop has only its phase and the extent of the last order to arm.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ class LoopState:
 
     phase: Phase = Phase.IDLE
     since_ns: int = 0
-    """Data time at which the phase began."""
+    """Data time at which the phase began, ns."""
     until: Until | None = None
-    """Limit of the order to arm; None if it is reached."""
+    """Extent of the order to arm; None if it is completed."""
     kind: tuple[str, Excitation] | None = None
-    """Mass state and excitation that were due when it was armed."""
+    """Mass state and excitation that were due when the loop was armed."""
     runs_before: int = 0
-    """Number of runs when it was armed: earlier rejects do not halt it."""
+    """Number of runs when the loop was armed: earlier rejects do not halt it."""
     label: str = ""
-    """Label of the run being recorded, or just judged."""
+    """Label of the run being recorded, or judged last."""
     halted: str = ""
-    """Code of the finding for which it stopped; empty if it did not."""
+    """Code of the finding for which the loop stopped; empty if it did not."""
 
     @property
     def running(self) -> bool:
@@ -46,17 +46,17 @@ class LoopState:
 
     @property
     def takes_bumps(self) -> bool:
-        """True if the next bump is a run."""
+        """True if the next bump counts as a run."""
         return self.phase is Phase.ARMED
 
     def goes_on(self, due: Step | None) -> bool:
-        """Return True if the step that is due is one of those that it was armed for."""
+        """Return True if the due step is one of those for which the loop was armed."""
         if due is None or self.until in (None, Until.RUN):
             return False
         return self.until is Until.COMPLETE or (due.mass_state, due.excitation) == self.kind
 
     def countdown_s(self, t_ns: int, accept_after_s: float, due: Step | None) -> float | None:
-        """Return the time until the next run is armed; None if none will be."""
+        """Return the time until the next run is armed, s; None if no run will be armed."""
         if self.phase not in _JUDGED or not self.goes_on(due):
             return None
         return max(accept_after_s - (t_ns - self.since_ns) * 1e-9, 0.0)
@@ -64,19 +64,19 @@ class LoopState:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """State of the rest of the recorder that the loop depends on."""
+    """State of the recorder on which the loop depends."""
 
     t_ns: int
-    """Data time."""
+    """Data time, ns."""
     ready: bool
     """True if the car is at rest and the pre-trigger is full."""
     run_log: RunLog
     due: Step | None
     """Next step of the campaign; None if it is complete."""
     bump_s: float
-    """Duration of a bump."""
+    """Duration of a bump, s."""
     accept_after_s: float
-    """The operator's time to reject a run."""
+    """Time that the operator has to reject a run, s."""
 
 
 def armed(state: LoopState, until: Until, now: Surroundings) -> LoopState:
@@ -91,7 +91,7 @@ def armed(state: LoopState, until: Until, now: Surroundings) -> LoopState:
 
 
 def paused(state: LoopState, now: Surroundings) -> LoopState:
-    """Return the loop after an order to pause; a run that is being recorded comes to its end."""
+    """Return the loop after an order to pause; a run that is being recorded is completed."""
     state = replace(state, until=None, halted="")
     return state if state.running else _entered(state, Phase.PAUSED, now.t_ns)
 
@@ -104,7 +104,7 @@ def chosen(state: LoopState, now: Surroundings) -> LoopState:
 
 
 def turned(state: LoopState, now: Surroundings) -> LoopState:
-    """Return the loop once time has passed."""
+    """Return the loop after time has passed."""
     age_s = (now.t_ns - state.since_ns) * 1e-9
     if age_s < 0 and not state.running:  # the clock was set back
         state = replace(state, since_ns=now.t_ns)
@@ -137,10 +137,10 @@ def judged(state: LoopState, now: Surroundings) -> LoopState:
 
 
 def decided(state: LoopState, now: Surroundings) -> LoopState:
-    """Return the loop after a person's verdict, or one that was undone or redone.
+    """Return the loop after a person's verdict, or after undoing or redoing one.
 
-    A verdict on the run just judged restarts the countdown.  If the last run of a complete campaign
-    is rejected, the campaign is not complete any more.
+    A verdict on the last judged run restarts the countdown.  If the last run of a complete campaign
+    is rejected, the campaign is no longer complete.
     """
     run = now.run_log.run(state.label)
     if state.phase in _JUDGED and run is not None:
@@ -155,7 +155,7 @@ def decided(state: LoopState, now: Surroundings) -> LoopState:
 
 
 def like_rejects(runs: tuple[LoggedRun, ...]) -> str:
-    """Return the code for which the last three runs were rejected; empty if there is none."""
+    """Return the code for which the last three runs were all rejected; empty if there is none."""
     last = runs[-LIKE_REJECTS:]
     codes = {_failing(run) for run in last}
     return codes.pop() if len(last) == LIKE_REJECTS and len(codes) == 1 else ""
@@ -179,9 +179,9 @@ def _after(state: LoopState, now: Surroundings) -> LoopState:
 
 
 def _stopped_if_other_kind(state: LoopState, now: Surroundings) -> LoopState:
-    """Return the loop, stopped if another kind of bump is due than the one it was armed for.
+    """Return the loop, stopped if it was not armed for the kind of bump that is due.
 
-    A person has to move the boards first, and to arm again.
+    A person has to move the boards first, and then arm again.
     """
     kind = (now.due.mass_state, now.due.excitation) if now.due else None
     armed_for_all = state.until is Until.COMPLETE

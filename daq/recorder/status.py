@@ -31,7 +31,7 @@ NO_STORAGE = StorageStatus()
 
 @dataclass(frozen=True, slots=True)
 class Host:
-    """The part of a status that is not known to the recording itself."""
+    """The part of a status that the recording itself does not know."""
 
     recording: str
     """Identity of the campaign; empty between two campaigns."""
@@ -43,7 +43,7 @@ class Host:
     session: SessionStatus
     storage: StorageStatus
     begun: str = ""
-    """How the campaign follows on one that was cut; empty if it does not."""
+    """Relation of the campaign to an interrupted one; empty if there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +51,15 @@ class State:
     """The state of a recording, without its run log."""
 
     t_ns: int
-    """Time stamp of the latest frame; 0 before the first."""
+    """Time stamp of the latest frame, ns; 0 before the first."""
     bump_ns: int
-    """Time stamp of the last bump; 0 if there is none."""
+    """Time stamp of the last bump, ns; 0 if there is none."""
     bench_crc32: int
     loop: LoopState
     not_at_rest: tuple[str, ...]
     """Trigger channels that prevent arming."""
     peak_left: float | None
-    """Share of the motion's peak that is left."""
+    """Ratio of the present motion to its peak."""
     alarms: AlarmState
     losses: Losses
     proposed: tuple[LeftOut, ...]
@@ -67,12 +67,12 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Counts of the run log; with thousands of runs they are kept until the log changes."""
+    """Counts of the run log, kept until the log changes, because it may have thousands of runs."""
 
     due: Due | None
     """The next step; None when the campaign is complete."""
     tallies: tuple[Tally, ...]
-    """Numbers of runs of each kind, those of the campaign first."""
+    """Numbers of runs of each kind, with the kinds of the campaign first."""
 
 
 def build_status(

@@ -1,4 +1,4 @@
-"""Knows since when frames arrive and none is stored, whichever part of the recorder is at fault."""
+"""Measures how long frames arrive without being stored, whatever part of the recorder is faulty."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..control.messages import StorageStatus
 
 
 class StorageWatch:
-    """Compares what the readers receive with what is on the disk; any thread may call it."""
+    """Compares the received frames with those on the disk; any thread may call it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -23,11 +23,11 @@ class StorageWatch:
                 self._unstored_s = now_s
 
     def stored(self, total: int) -> None:
-        """Take in how many frames are on the disk."""
+        """Set the number of frames on the disk."""
         with self._lock:
             if total > self._stored:
                 self._stored = total
-                self._unstored_s = None  # the next frame that arrives has to be stored in time, too
+                self._unstored_s = None  # the next frame that arrives must also be stored in time
 
     def status(self, now_s: float) -> StorageStatus:
         """Return the counts, and for how long frames have arrived without one being stored."""

@@ -1,4 +1,4 @@
-"""Plays recorded frames, onto a bus or as a source."""
+"""Replays recorded frames, on a bus or as a source."""
 
 from typing import TYPE_CHECKING
 

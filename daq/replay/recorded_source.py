@@ -1,4 +1,4 @@
-"""Plays the frames of a recording as a bus, at their own distances or faster."""
+"""Replays the frames of a recording as a bus, at their original intervals or faster."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from ..sessions import Session
 from .replay import recorded_frames
 
 AROUND_NS = 2_000_000_000
-"""Time before the first and after the last run that is played, too, ns: the trigger needs the rest
-before a run, and the recorder ends a run at the first frame after it."""
+"""Time before the first and after the last run that is also replayed, ns: the trigger needs the
+rest before a run, and the recorder ends a run at the first frame after it."""
 START_S = 1.0
-"""Pause before the first frame, s: by then the recorder is armed, also for an early first bump."""
+"""Pause before the first frame, s, in which the recorder is armed, also for an early first bump."""
 LONGEST_GAP_S = 3.0
-"""Longest pause between two frames, s: longer ones lie between runs, and are shortened."""
+"""Longest pause between two frames, s: longer pauses are between runs, and are shortened."""
 
 
 def whole_frames(session: Session, path: Path) -> FrameBatch:
     """Return the frames of a session and those between its runs.
 
-    A session file has the runs only.  Without the frames between them the counters of the sensors
-    would report losses, which would count against the run before each gap.
+    A session file has only the runs.  Without the frames between them the counters of the sensors
+    would report losses, which would be attributed to the run before each gap.
 
-    `path`: its file; the journal that it was built from is in the folder `journal` in its folder.
-    Raises InputError if the journal is not there, or incomplete.
+    `path`: its file; the journal from which it was built is in the folder `journal` in its folder.
+    Raises InputError if the journal is missing or incomplete.
     """
     runs = FrameBatch.concatenate(list(recorded_frames(session)))
     if len(runs):
@@ -42,15 +42,15 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
             whole = read_journal(recording.segments, [span]).frames
             if len(whole) >= len(runs):
                 return whole
-    what = "cannot be played alone: it has the runs, but not the frames between them"
-    advice = "name a session next to its journal, or play it onto a bus with `bumpbench replay`"
+    what = "cannot be replayed alone: it has the runs, but not the frames between them"
+    advice = "name a session next to its journal, or replay it on a bus with `bumpbench replay`"
     raise InputError(str(path), what, advice)
 
 
 class RecordedSource:
     """A recording as a `daq.bus.source.FrameSource`.
 
-    Time stamps keep their distances; gaps longer than `LONGEST_GAP_S` are shortened to it.
+    Time stamps keep their intervals; gaps longer than `LONGEST_GAP_S` are shortened to it.
 
     `speed`: seconds of the recording that pass in one second.  `start_ns`: time stamp of the first
     frame, ns since 1970 UTC.
@@ -92,4 +92,4 @@ class RecordedSource:
         return SourceLosses()
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: no resource is held."""

@@ -1,4 +1,4 @@
-"""Send frames on a bus, at their own times or as fast as the bus takes them."""
+"""Sends frames on a bus, at their own times or as fast as the bus accepts them."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ..errors import BusError
 from ..sessions import Session
 
 BLOCK_FRAMES = 256
-"""Frames between two reports of progress, at which a caller can stop."""
+"""Number of frames between two reports of progress, at which a caller can stop."""
 FIRST_PAUSE_S = 0.0005
 """First pause after a refused frame, s; each pause is twice the one before."""
 PATIENCE_S = 2.0
-"""Seconds of refusal after which a bus is given up."""
+"""Time of refusals, s, after which the replay ends with an error."""
 LONGEST_GAP_S = 10.0
-"""Longest silence that is waited for, s: longer ones, and time stamps that fall back, lie between
-two runs of a session or two logs."""
+"""Longest silence that is replayed, s: longer ones, and time stamps that go back, are between two
+runs of a session or two logs."""
 
 
 def play(
@@ -30,14 +30,14 @@ def play(
     """Send frames in the order given.
 
     Frames are sent while the result is iterated; a caller stops by ending the iteration.  Error
-    frames are left out: no controller can be made to send one.
+    frames are left out, because no controller can be made to send one.
 
-    `batches`: blocks that are made quickly: no frame is sent while the next one is made.  `bus`
-    and `more`: any buses of python-can: a frame goes to that of its number, and to the first one
-    where there is none of that number.  Each message has its own time stamp, which a virtual bus
-    opened with ``preserve_timestamps=True`` passes on.  `speed`: 1 sends each frame at its own time
-    after the first one, 2 in half that time; None as fast as the bus takes them.  Yields the number
-    of frames sent.  Raises BusError if the bus refuses a frame for `PATIENCE_S`.
+    `batches`: blocks that are made quickly, because no frame is sent while the next one is made.
+    `bus` and `more`: any buses of python-can; a frame is sent on the bus of its number, or on the
+    first one if there is no bus of that number.  Each message has its own time stamp, which a
+    virtual bus opened with ``preserve_timestamps=True`` passes on.  `speed`: 1 sends each frame at
+    its own time after the first one, 2 in half that time; None as fast as the bus accepts them.
+    Yields the number of frames sent.  Raises BusError if the bus refuses a frame for `PATIENCE_S`.
     """
     buses = (bus, *more)
     pace = _Pace(speed) if speed else None
@@ -58,7 +58,8 @@ def play(
 def recorded_frames(session: Session) -> Iterator[FrameBatch]:
     """Yield the raw frames of a session run by run, in order of time.
 
-    Runs may overlap (the rest before a bump reaches into the run before it): each frame comes once.
+    Runs may overlap (the rest before a bump extends into the previous run); each frame is yielded
+    once.
     """
     end_ns: int | None = None
     for run in sorted(session.runs, key=lambda run: run.t0_ns):

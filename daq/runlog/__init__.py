@@ -1,4 +1,4 @@
-"""The log of runs: events of recording, judging, overriding and undoing, and their fold."""
+"""Keeps the log of runs: events of recording, judging, overriding and undoing, and their fold."""
 
 from .fold import fold
 from .runlog import LoggedRun, LoggedStatus

@@ -1,4 +1,4 @@
-"""Makes the events of which the run log is a fold."""
+"""Makes the events from which the run log is folded."""
 
 from __future__ import annotations
 

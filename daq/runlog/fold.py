@@ -1,7 +1,7 @@
 """Makes the run log as a fold over the events of the journal.
 
-The events are the truth.  The recorder keeps its log by this fold, a recorder that restarts makes
-it again by this fold, and so does the session builder: they cannot disagree.
+The events are the only source.  The recorder, a restarted recorder and the session builder all make
+the log with this fold, so they cannot disagree.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def fold(events: Iterable[Event], log: RunLog | None = None) -> RunLog:
 def advance(log: RunLog, event: Event) -> RunLog:
     """Return the log after one event.
 
-    Other events change nothing, nor do those that cannot be read: a journal of another version must
+    Other events, and events that cannot be read, change nothing: a journal of another version must
     not stop a recovery.
     """
     after = _advanced(log, event)
@@ -134,7 +134,7 @@ def _judged(
     """Return the log after the recorder's verdict."""
     if run.status is LoggedStatus.OPEN:
         return _decided(log, run, replace(run, status=status, findings=findings))
-    # A person was faster: the recorder's verdict is in force if that person's is undone.
+    # A person was faster: the recorder's verdict counts if that person's verdict is undone.
     beneath = replace(run, status=status, findings=findings, by="", reason="")
 
     def known(one: LoggedRun) -> LoggedRun:
@@ -153,8 +153,8 @@ def _stepped_back(log: RunLog) -> RunLog:
     if not log.done:
         return log
     change = log.done[-1]
-    # A run that has ended cannot be open again: undoing gives the other verdict.  One that a person
-    # has rejected while it is recorded is open again until the recorder judges it.
+    # A run that has ended cannot be open again: undoing gives the other verdict.  A run that a
+    # person rejected while it was recorded is open again until the recorder judges it.
     before = change.before
     if before.status is LoggedStatus.OPEN and not change.after.by:
         accepted = change.after.status is LoggedStatus.ACCEPTED

@@ -1,4 +1,4 @@
-"""The log of a recording's runs: which there are, and what was decided of each.
+"""Defines the log of a recording's runs, with the verdicts on each.
 
 Nothing is ever deleted: a rejected run is a run with a status, an undone verdict is one more event.
 The log is made from the events of the journal by `daq.runlog.fold`.
@@ -15,7 +15,7 @@ from .stored_finding import StoredFinding
 
 
 class Code(StrEnum):
-    """Codes of the events that the log is made of; the text of most is JSON (`entry`)."""
+    """Codes of the events from which the log is made; the text of most is JSON (`entry`)."""
 
     BUMP = "bump"
     """Text: the label of the run."""
@@ -37,9 +37,9 @@ class Code(StrEnum):
     OVERRIDE = "override"
     """`subject`, `reason`, `by`."""
     BENCH = "bench"
-    """Text: a new bench.toml in full; the last one is in force for the whole recording."""
+    """Text: a new bench.toml in full; the last one applies to the whole recording."""
     RESUMED = "resumed"
-    """A restarted recorder goes on with the recording; a run that was open is cut."""
+    """A restarted recorder continues the recording; an open run is cut."""
 
 
 class LoggedStatus(StrEnum):
@@ -56,12 +56,12 @@ class LoggedRun:
     """A run in the log."""
 
     label: str
-    """Unique in the recording: `repeat` counts attempts, accepted or not."""
+    """Label, unique in the recording: `repeat` counts attempts, accepted or not."""
     mass_state: str
     excitation: Excitation
     repeat: int
     t_ns: int
-    """Time stamp of the bump."""
+    """Time stamp of the bump, ns."""
     status: LoggedStatus = LoggedStatus.OPEN
     findings: tuple[StoredFinding, ...] = ()
     """The recorder's verdict; empty while it is open."""
@@ -87,7 +87,7 @@ class Remark:
     t_ns: int
     text: str
     label: str = ""
-    """Label of its run; empty if it is of no run."""
+    """Label of its run; empty if it belongs to no run."""
     by: str = ""
     revision: int = 0
     """Revision of the log when it was made."""
@@ -95,7 +95,7 @@ class Remark:
 
 @dataclass(frozen=True, slots=True)
 class Override:
-    """A warning of the bench check that a person has taken responsibility for."""
+    """A warning of the bench check for which a person has taken responsibility."""
 
     t_ns: int
     subject: str
@@ -105,12 +105,12 @@ class Override:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A verdict, as the run before and after it."""
+    """A change of a verdict: the run before and after it."""
 
     before: LoggedRun
     after: LoggedRun
     joined: bool = False
-    """True if it is undone and redone together with the one before it."""
+    """True if it is undone and redone together with the previous change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,17 +118,17 @@ class RunLog:
     """The state of the fold; the default is the empty log."""
 
     runs: tuple[LoggedRun, ...] = ()
-    """In order of their bumps."""
+    """Runs, in order of their bumps."""
     done: tuple[Change, ...] = ()
     """Verdicts that can be undone, the next one last."""
     undone: tuple[Change, ...] = ()
     """Verdicts that can be redone, the next one last."""
     chosen: tuple[str, Excitation] | None = None
-    """Mass state and excitation that a person wants next."""
+    """Mass state and excitation that a person has chosen for the next run."""
     notes: tuple[Remark, ...] = ()
     overrides: tuple[Override, ...] = ()
     bench_text: str = ""
-    """The last bench.toml of an event; empty if there is none."""
+    """The last bench.toml in an event; empty if there is none."""
     revision: int = 0
     """Number of changes of the content of the session file; notes and marks do not count."""
 

@@ -1,4 +1,4 @@
-"""A finding as journals, session files and status messages store it, and back."""
+"""Converts a finding to the form of journals, session files and status messages, and back."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dbc.finding import Finding, Severity
 
 
 def finding_record(finding: Finding) -> dict[str, Any]:
-    """Return a finding as a JSON object; a figure that is no finite number becomes 0."""
+    """Return a finding as a JSON object; a figure that is not finite becomes 0."""
     return {
         "code": finding.code,
         "passed": finding.passed,
@@ -28,7 +28,7 @@ def finding_record(finding: Finding) -> dict[str, Any]:
 def read_finding(record: Mapping[str, Any]) -> Finding:
     """Return the finding of a JSON object.
 
-    Raises KeyError or TypeError or ValueError if it is no such object.
+    Raises KeyError or TypeError or ValueError if it is not such an object.
     """
     return Finding(
         code=str(record["code"]),

@@ -1,1 +1,1 @@
-"""From frames to samples in SI on the sensors' own clocks, and to runs."""
+"""Converts frames to samples in SI on the sensors' own clocks, and finds runs."""

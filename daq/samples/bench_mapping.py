@@ -1,4 +1,4 @@
-"""The channels of a whole bench on the signals of its DBC, and those that trigger."""
+"""Maps the channels of a bench to the signals of its DBC, and finds those that trigger."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from .trigger import trigger_channels
 
 
 def mapped_channels(bench: Bench, codec: Codec) -> tuple[MappedChannel, ...]:
-    """Return the bench's channels on the signals of its DBC.
+    """Return the bench's channels, mapped to the signals of its DBC.
 
-    Raises InputError, with the line of bench.toml, if a channel and the DBC do not fit.
+    Raises InputError, with the line of bench.toml, if a channel contradicts the DBC.
     """
     mapped: list[MappedChannel] = []
     for channel in bench.channels:
@@ -30,10 +30,10 @@ def mapped_channels(bench: Bench, codec: Codec) -> tuple[MappedChannel, ...]:
 def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...], frozenset[str]]:
     """Return the bench's channels, and the names of those that trigger.
 
-    Raises InputError if a channel and the DBC do not fit, or no channel can trigger.
+    Raises InputError if a channel contradicts the DBC, or no channel can trigger.
     """
-    # All channels are mapped although only some trigger: what does not fit together is to be
-    # known before the first bump, not after the last.
+    # All channels are mapped although only some trigger, so that errors are found before the first
+    # bump and not after the last.
     mapped = mapped_channels(bench, codec)
     triggers = frozenset(c.name for c in trigger_channels(bench.channels, bench.procedure.method))
     if not triggers:

@@ -1,4 +1,4 @@
-"""The form in which samples of several channels are passed on."""
+"""Defines the form in which samples of several channels are passed on."""
 
 from __future__ import annotations
 

@@ -1,15 +1,15 @@
-"""The sensor's own clock, recovered from its rolling counter or from its time stamps.
+"""Recovers the sensor's own clock from its rolling counter or from its time stamps.
 
-A frame is stamped when it arrives, which is later than its sample by a delay that varies: other
-frames on the bus, the operating system, a reader that takes a whole block at one instant.  The
-sensor itself samples evenly.  Sample k was taken at ``a + r k``; its frame arrives at
-``t_k = a + r k + d_k`` with ``d_k >= 0``.  The line that lies below all points and has the least
-mean distance from them is the maximum-likelihood line for exponential delays, and it is right to
-about the smallest delay divided by the number of punctual frames whatever their distribution is,
-because it only asks that some frames are punctual.  Stalls do not move it.
+A frame is stamped when it arrives, which is later than its sample by a varying delay, from other
+frames on the bus, the operating system, or a reader that reads a whole block at one instant.  The
+sensor itself samples evenly.  Sample k was taken at ``a + r k``; its frame arrives at ``t_k = a + r
+k + d_k`` with ``d_k >= 0``.  The line that lies below all points and has the least mean distance
+from them is the maximum-likelihood line for exponential delays.  For any distribution, its error is
+about the smallest delay divided by the number of punctual frames, because it only requires that
+some frames are punctual.  Stalls do not move it.
 
-Where the scatter is so small that it is rather the noise of a hardware clock, which has two sides,
-least squares does better.
+If the scatter is so small that it is the noise of a hardware clock, which has two sides, least
+squares is better.
 """
 
 from __future__ import annotations
@@ -22,43 +22,49 @@ from numpy.typing import NDArray
 from .counter import FASTEST, counter_steps
 
 NOMINAL_TOLERANCE = 500e-6
-"""A quartz keeps the nominal cycle to this; more is believed only if the data show it clearly."""
+"""Largest usual relative deviation of a quartz from the nominal cycle; a larger one is accepted
+only if the data show it clearly."""
 
 LARGEST_TOLERANCE = 1 - FASTEST
 
 HARDWARE_SCATTER_S = 15e-6
-"""Quartiles closer than this are the noise of a stamping clock rather than delays."""
+"""Distance of quartiles, s, below which the scatter is the noise of a stamping clock and not
+delays."""
 
 _FEWEST = 20
 
 _LATEST_SHARE = 0.9
-"""Lateness of nearly all frames, in cycles, from which on a tick may be the next one."""
+"""Delay of nearly all frames, in cycles, from which a tick may be the next one."""
 _ROUNDING_S = 1e-12
-"""Heights above a line that differ by less than this are equal, s."""
+"""Difference, s, below which two heights above a line count as equal."""
 _EARLY_SHARE = 0.2
-"""Cycles by which a frame may come before its tick as far as that is known."""
+"""Cycles by which a frame may come before its tick, within the accuracy of the tick."""
 _PUNCTUAL_SHARE = 0.1
-"""Lateness, in cycles, below which a frame counts as punctual where frames come a cycle late."""
+"""Delay, in cycles, below which a frame counts as punctual if frames come up to a cycle late."""
 _MOST_AT_ONCE = 0.25
-"""Share of frames together with the one before them, from which on a reader takes blocks."""
+"""Share of frames at the same time as the previous one, from which the reader takes blocks."""
 _MOST_GAPS = 0.1
-"""Share of frames behind a gap from which on the clock may have been taken twice too fast."""
+"""Share of frames after a gap, from which the assumed clock may be twice too fast."""
 _FOLLOWED_SHARE = 0.25
-"""Lateness, in cycles, below which some of any frames in a row show that the clock is followed."""
+"""Delay, in cycles, that some frames of each stretch must not exceed if the frames follow the
+clock."""
 _NO_FRAME_MISSING = 1.5
-"""Median gaps below which no frame is missing between two."""
+"""Gap, in median gaps, below which no frame is missing between two frames."""
 _SHORTEST_DELAY_S = 1e-6
-"""Mean lateness that no stamp resolves, s."""
+"""Mean delay below the resolution of all stamps, s."""
 _UNSURE_END = 2
-"""Frames at the end of a run that are late rather than behind its only gap: none follows them."""
+"""Number of frames at the end of a run that count as late and not as after a gap, if no further
+frame follows."""
 _BELIEVED_RATE = (0.8, 1.25)
-"""Seconds of the bus per second of the sensor; outside, its unit or wrap is not what is stated."""
+"""Lowest and highest rate, seconds of the bus per second of the sensor; outside, the stated unit or
+wrap is wrong."""
 _JUMP_S = 0.05
 _JUMP_SHARE = 0.05
-"""Two frames whose stamps and arrivals differ by more than this much, and this share of the time
-between them, may lie on the two sides of a restart."""
+"""A restart may be between two frames whose stamps and arrivals differ by more than this time, and
+by more than this share of the time between them."""
 _WINDOW_S = 5.0
-"""Lateness before and after a suspected restart is compared over so long; no stall is."""
+"""Time, s, over which delays before and after a suspected restart are compared; longer than any
+stall."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,15 +72,15 @@ class SensorTimes:
     """Times of the samples of one message."""
 
     time_s: NDArray[np.float64]
-    """Time of each sample since the given origin, strictly increasing, shape (n,); NaN for repeated
-    ones."""
+    """Time of each sample since the given origin, s, strictly increasing, shape (n,); NaN for
+    repeated frames."""
     step: NDArray[np.int64]
-    """Samples taken since the frame before: 1 where none is missing, 0 for a repeated frame, which
-    is no new sample, shape (n,)."""
+    """Number of samples taken since the previous frame, shape (n,): 1 if none is missing, 0 for a
+    repeated frame, which is not a new sample."""
 
 
 def arrival_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
-    """Return the arrival times, made strictly increasing by nanoseconds where they are not."""
+    """Return the arrival times, s, made strictly increasing by nanoseconds where necessary."""
     time_s = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
     return SensorTimes(_increasing(time_s), np.ones(len(t_ns), np.int64))
 
@@ -86,7 +92,7 @@ def sensor_times(
     cycle_s: float,
     t0_ns: int,
 ) -> SensorTimes:
-    """Return when the samples were taken, up to the smallest delay of the way.
+    """Return the times at which the samples were taken, up to the smallest transmission delay.
 
     Parameters
     ----------
@@ -101,10 +107,9 @@ def sensor_times(
     t0_ns : int
         Origin of the result.
 
-    Notes
-    -----
-    Frames may be missing.  After a restart of the sensor the line is fitted anew.  Fewer than 20
-    frames, and a counter that mostly stands still, give the arrival times.
+    Notes ----- Frames may be missing.  After a restart of the sensor a new line is fitted.  The
+    arrival times are returned for fewer than 20 frames, and for a counter that mostly does not
+    change.
     """
     if len(t_ns) < _FEWEST:
         return arrival_times(t_ns, t0_ns)
@@ -125,11 +130,11 @@ def sensor_times(
 
 
 def even_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
-    """Return when the samples of a message without counter were taken, if it comes evenly.
+    """Return the times at which samples of a message without counter were taken, if it is periodic.
 
     Each frame belongs to a tick of an even clock that it follows by less than a cycle; the clock is
-    then fitted as with a counter.  Where frames come later than that, none may be missing: the run
-    then has a frame for each tick.  Frames that come when they like have their arrival times.
+    then fitted as with a counter.  If frames come later than that, none may be missing: the run
+    then has a frame for each tick.  Frames that are not periodic have their arrival times.
 
     `t_ns`, (n,) int64: arrival time stamps, in order of arrival.  `t0_ns`: origin of the result.
     """
@@ -150,7 +155,7 @@ class _Ticks:
     index: NDArray[np.float64]
     """Number of the tick of each frame, shape (n,)."""
     late_s: NDArray[np.float64]
-    """How long after its tick each frame came, shape (n,), s."""
+    """Delay of each frame after its tick, s, shape (n,)."""
     cycle_s: float
     """Time between two ticks, s."""
 
@@ -158,8 +163,8 @@ class _Ticks:
 def _possible_ticks(arrival: NDArray[np.float64]) -> list[_Ticks]:
     """Return the clocks that explain the arrivals of a run.
 
-    Where the frame of another sensor is in the way, the median gap may be that of a clock that is
-    a sixteenth too fast and of which each sixteenth frame is missing; the mean gap is not.
+    If frames of another sensor delay some frames, the median gap may belong to a clock that is a
+    sixteenth too fast and of which every sixteenth frame is missing; the mean gap does not.
     """
     gap = np.diff(arrival)
     median_s = float(np.median(gap))
@@ -171,10 +176,9 @@ def _possible_ticks(arrival: NDArray[np.float64]) -> list[_Ticks]:
 
 
 def _unlikeliness(found: _Ticks) -> float:
-    """Return how much speaks against a clock: late frames, and each gap with its place.
+    """Return the unlikeliness of a clock: from late frames, and from each gap with its place.
 
-    For delays that are exponential it is the negative logarithm of the likelihood, up to a
-    constant.
+    For exponential delays it is the negative logarithm of the likelihood, up to a constant.
     """
     n = len(found.index)
     mean_s = max(float(np.mean(found.late_s)), _SHORTEST_DELAY_S)
@@ -184,7 +188,7 @@ def _unlikeliness(found: _Ticks) -> float:
 def _punctual_ticks(arrival: NDArray[np.float64], cycle_s: float) -> _Ticks | None:
     """Return the tick of each frame, if frames come less than a cycle late.
 
-    `cycle_s`: the cycle of the first frames, roughly.
+    `cycle_s`: the approximate cycle of the first frames.
     """
     index, late_s, cycle_s = _ticks(arrival, cycle_s)
     late = np.quantile(late_s, 0.95) > _LATEST_SHARE * cycle_s
@@ -193,7 +197,7 @@ def _punctual_ticks(arrival: NDArray[np.float64], cycle_s: float) -> _Ticks | No
     if late or not follows or len(gaps) > _MOST_GAPS * len(index):
         return None
     if len(gaps) and gaps[0] >= len(index) - 1 - _UNSURE_END:
-        index = np.arange(len(index), dtype=np.float64)  # late rather than behind the only gap
+        index = np.arange(len(index), dtype=np.float64)  # late, and not after the only gap
     return _Ticks(index, late_s, cycle_s)
 
 
@@ -203,8 +207,8 @@ def _ticks(
     """Return the tick of an even clock that sent each frame, its lateness, and the cycle.
 
     The median gap is wrong by a part of the scatter, so the clock is fitted to the first frames and
-    followed over a quarter more each time.  A frame that seems to come after the next tick was sent
-    before it if a frame behind it was: frames of one message do not overtake each other.
+    then to a quarter more frames in each step.  A frame that seems to come after the next tick was
+    sent before this tick if a later frame was: frames of one message do not overtake each other.
     """
     n = _FEWEST
     since = arrival - arrival[0]
@@ -226,11 +230,11 @@ def _ticks(
 def _all_ticks(arrival: NDArray[np.float64]) -> _Ticks | None:
     """Return the tick of each frame and the cycle, if a frame for each tick explains the arrivals.
 
-    Then some of any 20 to 40 frames in a row are punctual.  Behind a frame that is missing all
-    would be late by a cycle.  A reader that takes blocks of frames makes even the first of a block
-    late, by as much in the whole run, which nothing shows.
+    Then some of any 20 to 40 consecutive frames are punctual; after a missing frame all would be
+    late by a cycle.  A reader that takes blocks of frames delays even the first frame of each
+    block, by the same time in the whole run, which cannot be detected.
     """
-    # The first and the last frame may be late by cycles: so far from the cycle is their distance.
+    # The first and the last frame may be late by several cycles, which changes their distance.
     rough_s = float(arrival[-1] - arrival[0]) / (len(arrival) - 1)
     if not rough_s > 0.0 or np.mean(np.diff(arrival) < _PUNCTUAL_SHARE * rough_s) > _MOST_AT_ONCE:
         return None
@@ -244,9 +248,9 @@ def _all_ticks(arrival: NDArray[np.float64]) -> _Ticks | None:
 
 
 def _latest_stretch_s(late_s: NDArray[np.float64]) -> float:
-    """Return how late the most punctual frame of 20 to 40 in a row is, where it is latest.
+    """Return the largest delay, s, of the most punctual of 20 to 40 consecutive frames.
 
-    If one frame has a wrong tick, all behind it have, and come later than those before.
+    If one frame has a wrong tick, all later frames have one too, and are later than those before.
     """
     parts = np.array_split(late_s, len(late_s) // _FEWEST)
     return max(float(part.min()) for part in parts)
@@ -255,7 +259,7 @@ def _latest_stretch_s(late_s: NDArray[np.float64]) -> float:
 def stamped_times(
     stamp_s: NDArray[np.float64], wrap_s: float, t_ns: NDArray[np.int64], t0_ns: int
 ) -> SensorTimes:
-    """Return when the samples were taken, from the time stamps that their sensor gave them.
+    """Return the times at which the samples were taken, from the time stamps of their sensor.
 
     Parameters
     ----------
@@ -268,11 +272,9 @@ def stamped_times(
     t0_ns : int
         Origin of the result.
 
-    Notes
-    -----
-    Samples need not be evenly spaced; `SensorTimes.step` counts in the most usual spacing.  After a
-    restart of the sensor the line is fitted anew.  Fewer than 20 frames, and stamps that do not
-    run with the time of the bus, give the arrival times.
+    Notes ----- Samples need not be evenly spaced; `SensorTimes.step` counts in the most usual
+    spacing.  After a restart of the sensor a new line is fitted.  The arrival times are returned
+    for fewer than 20 frames, and for stamps that do not run with the time of the bus.
     """
     arrival: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
     if len(t_ns) < _FEWEST:
@@ -304,9 +306,10 @@ def stamped_times(
 def _restarts(
     gap: NDArray[np.float64], elapsed: NDArray[np.float64], arrival: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return a mask of the neighbours between which the sensor began to count time anew.
+    """Return a mask of the neighbours between which the sensor began to count time again.
 
-    Late frames come back to the line that punctual ones lie on; after a restart none does.
+    After late frames the following frames return to the line of punctual ones; after a restart none
+    does.
     """
     restarted = np.zeros(len(gap), np.bool_)
     late = np.concatenate([[0.0], np.cumsum(elapsed - gap)])
@@ -331,7 +334,7 @@ def _fitted(
     origin = arrival[0]
     y = arrival - origin
     start, rate = lower_line(k, y, cycle_s, NOMINAL_TOLERANCE)
-    if abs(rate / cycle_s - 1) > 0.999 * NOMINAL_TOLERANCE:  # else the free line is the same
+    if abs(rate / cycle_s - 1) > 0.999 * NOMINAL_TOLERANCE:  # otherwise the free line is the same
         free_start, free_rate = lower_line(k, y, cycle_s, LARGEST_TOLERANCE)
         if np.mean(y) - start > 2 * (np.mean(y) - free_start):  # k has mean 0: the mean distances
             start, rate = free_start, free_rate
@@ -350,9 +353,10 @@ def lower_line(
 ) -> tuple[float, float]:
     """Return the line below all points with the least mean distance from them.
 
-    The mean distance is convex in the slope, and the best line is the edge of the lower convex
-    hull above the mean of k.  It is found by cutting planes: a chord between a point left and a
-    point right of the mean, replaced by the point furthest below it until there is none.
+    The mean distance is convex in the slope, and the best line is the edge of the lower convex hull
+    above the mean of k.  It is found by cutting planes: one end of a chord between a point left and
+    a point right of the mean is replaced by the point furthest below the chord, until there is none
+    below it.
 
     `k`, (n,) float64: abscissae with mean 0.  `y`, (n,) float64: ordinates.  `cycle_s` and
     `tolerance`: the slope is kept within ``cycle_s (1 +- tolerance)``.  Returns start and slope of
@@ -368,7 +372,7 @@ def lower_line(
         slope = float((y[right] - y[left]) / (k[right] - k[left]))
         height = y - slope * k
         lowest = int(np.argmin(height))
-        # Points of one line differ by rounding: each would be the lowest in turn, for ever.
+        # Points on one line differ by rounding, and each would in turn be the lowest, without end.
         if height[lowest] >= min(height[left], height[right]) - _ROUNDING_S:
             return float(height[lowest]), slope
         if k[lowest] < 0:

@@ -1,4 +1,4 @@
-"""Columns of numbers in files that are no bus logs, as their readers return them."""
+"""Defines columns of numbers in files that are not bus logs, as their readers return them."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ class Column:
     """A column of a file."""
 
     name: str
-    """Full name in the file; folders, groups and structs before it with a slash between."""
+    """Full name in the file, with folders, groups and structs before it, separated by slashes."""
     unit: str
-    """Unit as the file states it; empty if it states none."""
+    """Unit as stated in the file; empty if none is stated."""
     clock: str
-    """Name of what it shares its times with: a table, a group, a message."""
+    """Name of the clock that gives its times: a table, a group, a message."""
     values: NDArray[Any]
-    """Numbers, shape (n,): floating point with NaN where there is none, or whole."""
+    """Numbers, shape (n,): floating point with NaN for missing ones, or integers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +33,6 @@ class Columns:
     start_ns: int
     """UTC of the file's time zero, ns since 1970; 0 if it states none."""
     columns: Mapping[str, Column]
-    """By the name that was asked for."""
+    """Columns, by the requested name."""
     times_s: Mapping[str, NDArray[np.float64]]
-    """Times of the clocks for which the file has its own, s since its time zero."""
+    """Times of the clocks that have times in the file, s since its time zero."""

@@ -1,6 +1,6 @@
-"""Traces of a sensor's converter: tops cut at its range, values that stay, steps above the noise.
+"""Detects effects of a sensor's converter: cut tops, values that do not change, coarse steps.
 
-Bench check, alarms, verdict and identification all judge by these functions, so that they cannot
+Bench check, alarms, verdict and identification all use these functions, so that they cannot
 disagree about the same samples.
 """
 
@@ -12,24 +12,26 @@ from numpy.typing import NDArray
 from ..channels import TIME_DERIVATIVE, Quantity
 
 STEEP_STEPS = 4.5
-"""Converter steps by which a signal must jump into a flat top and out of it: a parabola that
-stays within one step for three samples leaves it by three steps, four with rounding."""
+"""Number of converter steps by which a signal must jump into a flat top and out of it: a parabola
+that stays within one step for three samples leaves it by three steps, four with rounding."""
 CHANCE = 1e-6
-"""Odds below which equal samples are not equal by chance: a campaign has some 10,000 extremes."""
+"""Probability below which equal samples are not equal by chance: a campaign has about 10,000
+extremes."""
 EXPECTED_CHANGES = 20.0
-"""Changes of value that a hold should have seen before its channel counts as stuck: where one
-sample in two changes, to see none of 20 has odds of 1 to 500 million or less."""
+"""Expected number of changes of value, during a hold, from which a channel counts as stuck.  If one
+sample in two changes, the probability that none of 20 expected changes occurs is below 1 to 500
+million."""
 RATE_SAMPLES = 20
-"""Fewest samples that show how often a channel changes its value."""
+"""Fewest samples from which the rate of changes of a channel is taken."""
 FINE_STEP = {"m/s2": 0.05, "rad/s": 0.01, "rad/s2": 0.05}
-"""Converter steps, SI by unit, below which the sensor's own noise changes every sample."""
+"""Converter steps by unit, SI, below which the sensor's own noise changes every sample."""
 
 
 def flat_tops(value: NDArray[np.float64]) -> tuple[tuple[int, int], ...]:
-    """Return the flat tops of a record, each as its first sample and the one behind its last.
+    """Return the flat tops of a record, each as its first sample and the one after its last.
 
-    A flat top stands at an extreme of the record, has a steep side on either end, and is longer
-    than noise makes it by chance.
+    A flat top is at an extreme of the record, has a steep side at each end, and is longer than
+    noise makes it by chance.
 
     `value`, (n,) float64: one channel of one run, evenly sampled, in any unit; finite.
     """
@@ -43,7 +45,7 @@ def flat_tops(value: NDArray[np.float64]) -> tuple[tuple[int, int], ...]:
     into, out = np.abs(value[first] - value[first - 1]), np.abs(value[stop] - value[stop - 1])
     samples = stop - first
     at_end = (value[first] == low) | (value[first] == high)
-    # How often a value that was reached by a steep step is repeated where nothing is cut.
+    # Rate at which a value that was reached by a steep step is repeated where nothing is cut.
     inner = (into > jump) & ~at_end
     repeats = (np.sum(samples[inner] > 1) + 1) / (np.sum(inner) + 2)
     unlikely = samples * repeats ** (samples - 1.0) < CHANCE
@@ -52,15 +54,15 @@ def flat_tops(value: NDArray[np.float64]) -> tuple[tuple[int, int], ...]:
 
 
 def share_changed(value: NDArray[np.float64]) -> float:
-    """Return the share of samples that differ from the one before; NaN for too few samples."""
+    """Return the share of samples that differ from the previous one; NaN for too few samples."""
     return float(np.mean(np.diff(value) != 0.0)) if len(value) >= RATE_SAMPLES else float("nan")
 
 
 def is_stuck(held: int, changes: float = 1.0) -> bool:
     """Return whether a value was held for too many samples.
 
-    `held`: equal samples in a row.  `changes`: share of the samples at which this channel changes
-    when it is sound, 0..1 (NaN: unknown); 1 for a sensor whose noise is above its steps.
+    `held`: number of consecutive equal samples.  `changes`: share of samples at which this channel
+    changes when it is healthy, 0..1 (NaN: unknown); 1 for a sensor whose noise is above its steps.
     """
     return bool(held * changes >= EXPECTED_CHANGES)
 
@@ -68,7 +70,8 @@ def is_stuck(held: int, changes: float = 1.0) -> bool:
 def is_fine(quantity: Quantity, unit: str, step: float) -> bool:
     """Return whether a sensor's noise is above its steps, so that it never holds a value.
 
-    `quantity` and `unit`: of the channel, SI.  Displacements have no such noise: a potentiometer
-    rests on one value.  `step`: of the converter, in `unit`; 0 for a signal of floating point.
+    `quantity` and `unit`: of the channel, SI.  Displacements do not have this noise: a
+    potentiometer rests on one value.  `step`: of the converter, in `unit`; 0 for a floating-point
+    signal.
     """
     return TIME_DERIVATIVE.get(quantity, 0) > 0 and step < FINE_STEP.get(unit, 0.0)

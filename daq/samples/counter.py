@@ -1,9 +1,9 @@
-"""Rolling counters: from a value that wraps to the number of frames sent.
+"""Converts rolling counters, which wrap, to the number of frames sent.
 
-A counter says how many frames were sent modulo its range; the time of arrival gives the number of
-whole turns.  A frame arrives when it was sent or later, and a stalled reader hands over a whole
-backlog at one instant, so an arrival alone proves little: what holds a frame's sending time is
-the arrival of those that followed it.
+A counter states the number of frames sent modulo its range; the time of arrival gives the number of
+complete wraps.  A frame arrives when it was sent or later, and a stalled reader delivers a whole
+backlog at one instant, so a single arrival proves little: a frame's sending time is limited by the
+arrival of the frames that followed it.
 """
 
 from __future__ import annotations
@@ -14,29 +14,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 FASTEST = 0.95
-"""A sensor's true cycle is at least this part of the one in the DBC (free-running oscillators)."""
+"""Least ratio of a sensor's true cycle to that in the DBC (free-running oscillators)."""
 
 _SLACK_FRAMES = 2.0
 _SILENCE_S = 1.0
-"""Time without a frame, s, from which a counter that goes on where it stopped is that of a sender
-that paused: that exactly a multiple of its range was lost is far less likely."""
+"""Time without a frame, s, from which a counter that continues where it stopped means that the
+sender paused: it is far less likely that exactly a multiple of its range was lost."""
 
 
 @dataclass(frozen=True, slots=True)
 class CounterSteps:
-    """Frames sent from each frame to the next."""
+    """Numbers of frames sent between neighbouring frames."""
 
     step: NDArray[np.int64]
-    """1 where nothing is missing, 0 for a frame that was repeated, shape (n - 1,)."""
+    """Number of frames sent, shape (n - 1,): 1 if none is missing, 0 for a repeated frame."""
     restarted: NDArray[np.bool_]
-    """The sensor began to count anew (more frames than can have been sent in the time), or paused,
-    shape (n - 1,).  The step there is what the time says, at least 1."""
+    """True where the sensor began to count again (more frames than can have been sent in the time),
+    or paused, shape (n - 1,).  `step` then follows from the time, and is at least 1."""
     late_s: float
-    """How late the last frame arrived, compared with the most punctual one; s."""
+    """Delay of the last frame compared with the most punctual one, s."""
 
     @property
     def missing(self) -> int:
-        """Frames that were sent and did not arrive; those around a restart are not known."""
+        """Number of frames that were sent and did not arrive; not known around a restart."""
         return int(np.maximum(self.step - 1, 0)[~self.restarted].sum())
 
 
@@ -47,22 +47,22 @@ def counter_steps(
     cycle_s: float | None,
     late_s: float = 0.0,
 ) -> CounterSteps:
-    """Return how many frames were sent between neighbours.
+    """Return the numbers of frames sent between neighbours.
 
     `counter`, (n,) int64, n > 0: values of the rolling counter, 0..modulus - 1.  `modulus`: its
     range.  `t_ns`, (n,) int64: arrival of the frames.  `cycle_s`: nominal time between two frames.
-    Without it no whole turns and no restarts are seen.  `late_s`: `CounterSteps.late_s` of the
+    Without it complete wraps and restarts are not detected.  `late_s`: `CounterSteps.late_s` of the
     block that ended with the first frame of this one.
     """
     step = (counter[1:] - counter[:-1]) % modulus
     if cycle_s is None or not len(step):
         return CounterSteps(step, np.zeros(len(step), bool), late_s)
     arrival = (t_ns - t_ns[0]) * 1e-9 / cycle_s  # in cycles
-    # The latest moment at which each can have been sent: those after it took a cycle each.
+    # The latest time at which each can have been sent: each later frame took one cycle.
     index = np.arange(len(arrival)) * FASTEST
     latest = np.minimum.accumulate((arrival - index)[::-1])[::-1] + index
     elapsed = latest[1:] - latest[:-1]
-    if step.min() == step.max() == 1 and elapsed.max() <= modulus / 2:  # as nearly always
+    if step.min() == step.max() == 1 and elapsed.max() <= modulus / 2:  # the usual case
         phase = latest - np.arange(len(latest))
         earliest = min(float(phase.min()), float(phase[0]) - late_s / cycle_s)
         whole = np.zeros(len(step), bool)

@@ -1,4 +1,4 @@
-"""Sample groups: the channels of a message, or of a set of messages, on one sensor clock."""
+"""Makes sample groups: the channels of a message, or of a set of messages, on one sensor clock."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from .mapping import MappedChannel
 from .sample_sets import bind, bind_counted
 
 _LONGEST_NAME = 64
-"""Bytes of the name of a group in a session file (`daq.session`)."""
+"""Largest length of a group's name in a session file (`daq.session`), bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Timekeeping:
-    """How the samples of a bench get their times."""
+    """The sources of the samples' times on a bench."""
 
     messages: Mapping[str, MessageLayout]
     """Messages of the bench's codec, by name."""
     clocks: Mapping[str, SensorClock]
-    """Messages with a time stamp."""
+    """Time stamp signals, by message."""
     sets: Sequence[SampleSet]
-    """Messages that carry a sample together."""
+    """Sets of messages that carry a sample together."""
 
 
 def sample_groups(
     mapped: Sequence[MappedChannel], decoded: Decoded, keeping: Timekeeping, t0_ns: int
 ) -> tuple[SampleGroup, ...]:
-    """Gather the channels by sample set or message.
+    """Group the channels by sample set or message.
 
-    Multiplexed ones stand alone, for they come less often.
+    Each multiplexed channel has its own group, because it comes less often.
 
     `t0_ns`: origin of the times.  No group is empty.
     """
@@ -69,7 +69,7 @@ def sample_groups(
 
 
 def group_names(names: Sequence[str]) -> dict[str, str]:
-    """Return a name for each of these that a session file can have: no dot, not too long."""
+    """Return a valid name in a session file for each name: without dots, not too long."""
     found: dict[str, str] = {}
     for name in dict.fromkeys(names):
         plain = name.replace(".", "_")
@@ -106,7 +106,7 @@ def _message_group(
 def _own_times(
     message: MessageLayout, decoded: Decoded, keeping: Timekeeping, t0_ns: int
 ) -> tuple[NDArray[np.intp], SensorTimes] | None:
-    """Return the frames whose clock can be read and their times, if the message has a clock."""
+    """Return the frames with a readable clock, and their times, if the message has a clock."""
     clock, counter = keeping.clocks.get(message.name), message.counter
     if clock is not None:
         samples = decoded[clock.signal]
@@ -130,14 +130,14 @@ def _good(samples: Samples) -> NDArray[np.intp]:
 def _between(
     good: NDArray[np.intp], times: SensorTimes
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.uint8]]:
-    """Return which frames are samples, when those were taken, and which come after a gap.
+    """Return the frames that are samples, the times of these, and those that come after a gap.
 
-    A frame whose checksum fails has no clock: its time is between those of its neighbours, and at
-    the edge of a run it is left out.  A repeated frame is no sample.
+    A frame with a wrong checksum has no clock: its time is interpolated between its neighbours, and
+    at the edge of a run it is left out.  A repeated frame is not a sample.
     """
     if not len(good):
         return good, np.zeros(0), np.zeros(0, np.uint8)
-    if good[-1] - good[0] == len(good) - 1 and np.all(times.step == 1):  # as nearly always
+    if good[-1] - good[0] == len(good) - 1 and np.all(times.step == 1):  # the usual case
         return good, times.time_s, np.zeros(len(good), np.uint8)
     fresh = times.step > 0
     sure, time_s, step = good[fresh], times.time_s[fresh], times.step[fresh]
@@ -158,10 +158,10 @@ def _set_group(
     keeping: Timekeeping,
     t0_ns: int,
 ) -> SampleGroup:
-    """Put the messages of a set side by side: row k is sample k, whichever of its frames came."""
+    """Align the messages of a set: row k is sample k, whichever of its frames came."""
     carrier, signal = sample_set.carrier
     times = _own_times(keeping.messages[carrier], decoded, keeping, t0_ns)
-    assert times is not None  # held by message_rules.check_sets
+    assert times is not None  # ensured by message_rules.check_sets
     good, clock = times
     good, time_s = good[clock.step > 0], clock.time_s[clock.step > 0]
     number = np.cumsum(clock.step)[clock.step > 0]
@@ -203,7 +203,7 @@ def _set_group(
 
 
 def timekeeping(bench: Bench, codec: Codec) -> Timekeeping:
-    """Return how the samples of a bench get their times."""
+    """Return the sources of the samples' times on a bench."""
     return Timekeeping(
         {message.name: message for message in codec.messages},
         sensor_clocks(codec, bench.message_rules),

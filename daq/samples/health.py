@@ -1,10 +1,10 @@
-"""Health of the sensors: a pure fold over decoded blocks that counts what did not become a sample.
+"""Counts the frames that did not become samples, as a pure fold over decoded blocks.
 
-Frames whose checksum fails have no counter that can be trusted: they are counted as `crc_bad`, and
-since the next good counter then skips them, they are taken off the frames that are missing.  A
-repeated counter is a repeated frame and no loss.  A counter that jumps further than the time
-allows is a sensor that restarted: what was lost there is not known and not counted (`restarts`
-says that it happened).
+Frames with a wrong checksum have no reliable counter: they are counted as `crc_bad`, and because
+the next good counter then skips them, they are subtracted from the missing frames.  A repeated
+counter means a repeated frame, not a loss.  A counter that jumps further than the time allows means
+that the sensor restarted: the losses are then not known and not counted (`restarts` counts these
+cases).
 """
 
 from __future__ import annotations
@@ -30,45 +30,45 @@ _LOSSES = attrgetter(*(each.name for each in fields(Losses)))
 
 @dataclass(frozen=True, slots=True)
 class CounterHealth:
-    """One message's counter so far."""
+    """History of one message's counter."""
 
     last: int
-    """Last counter value that can be trusted."""
+    """Last reliable counter value."""
     t_ns: int
-    """Time of its arrival."""
+    """Arrival time of that frame, ns."""
     late_s: float = 0.0
-    """How late it was (`daq.samples.counter`)."""
+    """Delay of that frame, s (`daq.samples.counter`)."""
     unreadable: int = 0
-    """Frames with a bad checksum since then."""
+    """Number of frames with a wrong checksum since then."""
     received: int = 0
-    """Frames with a good counter."""
+    """Number of frames with a good counter."""
     missing: int = 0
-    """Frames that were sent and never came."""
+    """Number of frames that were sent and did not arrive."""
     restarts: int = 0
-    """New starts of the sensor."""
+    """Number of restarts of the sensor."""
 
 
 @dataclass(frozen=True, slots=True)
 class HealthState:
-    """State of the fold; the default is the state before any data."""
+    """State of the fold; the default is the initial state."""
 
     counters: Mapping[str, CounterHealth] = field(default_factory=lambda: MappingProxyType({}))
-    """Messages with a counter that were seen."""
+    """Counters of the received messages that have one."""
     counts: DecodeCounts = NOTHING
-    """Frames that could not be decoded, in all."""
+    """Total numbers of frames that could not be decoded."""
 
     @property
     def losses(self) -> Losses:
-        """Totals so far; what was lost before decoding is the reader's to add."""
+        """Totals so far, without losses before decoding."""
         missing = sum(counter.missing for counter in self.counters.values())
         counts = zip(_COUNT_NAMES, _COUNTS(self.counts), strict=True)
         return Losses(counter_gaps=missing, **dict(counts))
 
 
 def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Decoded) -> HealthState:
-    """Take in one decoded block.
+    """Return the state after one decoded block.
 
-    `messages`: the codec's messages.  `state`: what the previous call returned; `HealthState()` at
+    `messages`: the codec's messages.  `state`: result of the previous call; `HealthState()` at
     first.  `decoded`: the block, frames in order of arrival.
     """
     counters = dict(state.counters)
@@ -81,7 +81,7 @@ def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Deco
 
 
 def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decoded) -> CounterHealth:
-    assert message.counter is not None  # held by the caller
+    assert message.counter is not None  # ensured by the caller
     samples = decoded[f"{message.name}.{message.counter.signal}"]
     good = (samples.quality & UNUSABLE) == 0
     unreadable = len(good) - int(np.count_nonzero(good))

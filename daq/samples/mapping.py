@@ -1,4 +1,4 @@
-"""From signals of the DBC to channels of the bench: units, polarity, scale and zero."""
+"""Maps signals of the DBC to channels of the bench: units, polarity, scale and zero."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from ..signal_names import message_of, signal_of
 
 @dataclass(frozen=True, slots=True)
 class MappedChannel:
-    """A channel and how its values follow from the signal."""
+    """A channel and the conversion of its signal."""
 
     channel: Channel
-    """With the unit filled in."""
+    """The channel, with the unit filled in."""
     message: MessageLayout
     """The message that carries it."""
     factor: float
     offset: float
-    """SI value = factor * signal + offset, before sign, scale and tare."""
+    """Offset of the SI value, which is factor * signal + offset, before sign, scale and tare."""
 
     @property
     def signal(self) -> SignalLayout:
@@ -42,7 +42,7 @@ class MappedChannel:
 
     @property
     def step(self) -> float:
-        """Step of the converter in the channel's unit; 0 for a signal of floating point."""
+        """Step of the converter in the channel's unit; 0 for a floating-point signal."""
         factor = 0.0 if self.signal.is_float else self.signal.factor
         return abs(self.factor * self.channel.scale * factor)
 
@@ -73,7 +73,7 @@ def map_channels(
     Raises
     ------
     InputError
-        If the DBC lacks a signal, or its unit is unknown or of another kind.
+        If a signal is not in the DBC, or its unit is unknown or of another quantity.
     """
     by_name = {message.name: message for message in messages}
     return tuple(_mapped(channel, by_name, dbc_name) for channel in channels)
@@ -96,10 +96,10 @@ def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) 
 
 
 def si_unit(channel: Channel, stated: str, source: str) -> SiUnit:
-    """Return how the signal of a channel becomes SI.
+    """Return the conversion of a channel's signal to SI.
 
     `stated`: unit of the signal in `source`, a DBC or a file.  A channel that is only recorded
-    keeps a unit that is not known.  Raises InputError if the unit does not fit the quantity.
+    keeps an unknown unit.  Raises InputError if the unit does not fit the quantity.
     """
     unit = channel.signal_unit or stated
     try:

@@ -1,4 +1,4 @@
-"""Which frames belong to one sample: binding by the order of arrival, and by counters."""
+"""Finds the frames that belong to one sample, by the order of arrival or by counters."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def bind(
     """Find the sample numbers of the frames of a message from the carrier frames around them.
 
     A sensor sends all frames of a sample in one burst, so a frame belongs to the carrier before it
-    or, for messages that are sent ahead of the carrier, to the one behind it; which of the two is
-    nearer in most cases says so.  Between carriers with lost ones in between, frames are
-    assigned by their count or, where some of them are lost too, by their time.
+    or, for messages that are sent ahead of the carrier, to the carrier after it: to the one that is
+    nearer in most cases.  If carriers are lost, the frames between the received carriers are
+    assigned by their number or, if frames are lost as well, by their time.
 
     `number`, (n,) int64: sample number of each carrier frame, increasing.  `carrier_ns`, (n,)
     int64: their arrival, in order.  `rows`, (m,) int: names of the frames, returned with their
     numbers.  `t_ns`, (m,) int64: arrival of the frames, in order.  Returns the frames that belong
-    to a known sample, one each, (k,), and their sample numbers, increasing, (k,).
+    to a known sample, one for each sample, (k,), and their sample numbers, increasing, (k,).
     """
     behind = np.searchsorted(carrier_ns, t_ns, "right") - 1
     ahead = np.searchsorted(carrier_ns, t_ns, "left")
@@ -34,7 +34,7 @@ def bind(
     after = t_ns[inside] - carrier_ns[behind[inside]]
     before = carrier_ns[ahead[inside]] - t_ns[inside]
     if len(after) and np.median(before) < np.median(after):
-        # The same with time running backwards.
+        # The same search with reversed time.
         mirrored_rows, mirrored = _bind_behind(
             -number[::-1], -carrier_ns[::-1], rows[::-1], -t_ns[::-1]
         )
@@ -50,7 +50,7 @@ def _bind_behind(
 ) -> Bound:
     place = np.searchsorted(carrier_ns, t_ns, "right") - 1
     rows, t_ns, place = rows[place >= 0], t_ns[place >= 0], place[place >= 0]
-    sent = np.append(np.diff(number), 1)[place]  # samples until the next carrier that came
+    sent = np.append(np.diff(number), 1)[place]  # samples until the next received carrier
     count = np.bincount(place, minlength=len(number))
     rank = np.arange(len(place)) - (np.cumsum(count) - count)[place]
     span = np.diff(carrier_ns)
@@ -69,11 +69,11 @@ def bind_counted(
     own: Samples,
     modulus: int,
 ) -> Bound:
-    """Find the sample numbers of a message that has the carrier's counter itself.
+    """Find the sample numbers of a message that also has the carrier's counter.
 
     `number`, `carrier_value`, `carrier_ns`, (n,) array: sample number, counter and arrival of the
-    carrier frames, in order.  `rows`, (m,) int: frames of the message whose counter can be read.
-    `own`: the counter in them.  `modulus`: its range.
+    carrier frames, in order.  `rows`, (m,) int: frames of the message with a readable counter.
+    `own`: their counter.  `modulus`: its range.
     """
     t_ns = own.t_ns[rows]
     near = np.clip(np.searchsorted(carrier_ns, t_ns), 1, max(len(carrier_ns) - 1, 1))

@@ -1,13 +1,13 @@
-"""Bump detection: a pure fold over blocks of the trigger channels.
+"""Detects bumps, as a pure fold over blocks of the trigger channels.
 
 Each channel has a level of rest (gravity and offset are in the signal), which is the mean over the
 last slot of data time.  A *slot* is `TriggerConfig.rest_s` long and aligned to the time stamps, so
-the outcome does not depend on how the data were cut into blocks.  Time comes from the frames only.
+the result does not depend on how the data were cut into blocks.  Only the frames give the time.
 
 The fold waits until every channel has rested for `rest_s`, is then armed, finds the onset of the
-bump, ends the run `post_s` later and waits again.  A channel that finds no rest for `GIVE_UP_S`
+bump, ends the run `post_s` later and waits again.  A channel that does not rest for `GIVE_UP_S`
 while another does (a broken sensor, a loose hub) is named in an event and left out until it rests,
-so that it cannot keep the bench from being armed.
+so that it cannot prevent arming.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ RUN_END = "run_end"
 RESTLESS = "trigger_restless"
 CLOCK_STEP = "clock_step"
 UNPLANNED = "unplanned_"
-"""Prefix of the code of a bump, and of its end, that no armed run was waiting for."""
+"""Prefix of the code of a bump, and of its end, for which no run was armed."""
 
 GIVE_UP_S = 10.0
 CLOCK_STEP_S = 1.0
-"""Time stamps that fall back by more than this are a clock set anew, not late frames."""
+"""Time, s, by which time stamps must go back to mean that a clock was set, and not late frames."""
 
 
 class TriggerPhase(StrEnum):
-    """Where the fold is in the life of a run."""
+    """Phase of the fold in the course of a run."""
 
     WAITING = "waiting"
     ARMED = "armed"
@@ -48,23 +48,23 @@ class TriggerPhase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ChannelRest:
-    """Level and rest of one trigger channel so far."""
+    """Level and rest of one trigger channel."""
 
     quiet_since_ns: int
-    """Time of the last sample away from rest (or of the first sample)."""
+    """Time of the last sample away from rest (or of the first sample), ns."""
     slot: int
     first: float
     level: float = float("nan")
     """Value at rest; NaN until a slot is complete."""
     total: float = 0.0
     count: int = 0
-    """The running slot: its index, sum and number of samples, and its first value."""
+    """The present slot: its index, sum and number of samples, and its first value."""
     side: int = 0
     """+1 or -1 if the last sample was above or below rest by more than the level, else 0."""
     side_ns: int = 0
-    """Time stamp of the last sample."""
+    """Time stamp of the last sample, ns."""
     given_up: bool = False
-    """Left out of arming because it does not come to rest."""
+    """True if the channel is ignored in arming because it does not come to rest."""
 
     def closed(self, slot: int) -> ChannelRest:
         """Return the channel at the start of a later `slot`: the mean becomes the level."""
@@ -79,24 +79,24 @@ class ChannelRest:
 
 @dataclass(frozen=True, slots=True)
 class TriggerState:
-    """State of the fold; the default is the state before any data."""
+    """State of the fold; the default is the initial state."""
 
     phase: TriggerPhase = TriggerPhase.WAITING
     """Waiting for rest, armed, or in a run."""
     since_ns: int = 0
-    """When the phase began; in a run, the time of the bump."""
+    """Time at which the phase began, ns; in a run, the time of the bump."""
     now_ns: int = 0
-    """Latest time stamp seen."""
+    """Latest time stamp so far, ns."""
     channels: Mapping[str, ChannelRest] = field(default_factory=lambda: MappingProxyType({}))
-    """The trigger channels seen so far."""
+    """The trigger channels received so far."""
 
 
 def trigger_channels(
     channels: tuple[Channel, ...], method: Method = Method.ROLL_OVER
 ) -> tuple[Channel, ...]:
-    """Return the channels that trigger: the hub accelerations, without them those of the body.
+    """Return the channels that trigger: the hub accelerations or, without these, those of the body.
 
-    A push moves the body and hardly the wheels: there those of the body come first.
+    A push moves the body and hardly the wheels: then those of the body have priority.
     """
     order = (Quantity.HUB_ACCELERATION, Quantity.BODY_ACCELERATION)
     for quantity in reversed(order) if method is Method.PUSH else order:
@@ -109,14 +109,14 @@ def trigger_channels(
 def advance(
     config: TriggerConfig, state: TriggerState, block: SampleBlock
 ) -> tuple[TriggerState, tuple[Event, ...]]:
-    """Take in one block of samples.
+    """Return the state after one block of samples, and events.
 
-    `state`: what the previous call returned; `TriggerState()` at first.  `block`: new samples of
-    each channel in order of arrival, SI.  Values that are not finite are skipped; the channels may
-    have different clocks and any of them may be absent.  Returns the state after the block, and
-    events: `bump` at the first of two samples running that leave rest on the same side; `run_end`
-    at ``t_bump + post_s`` once the data have passed it; `trigger_restless` with the name of a
-    channel that is left out; `clock_step` if the time stamps fell back.
+    `state`: result of the previous call; `TriggerState()` at first.  `block`: new samples of each
+    channel in order of arrival, SI.  Values that are not finite are skipped; the channels may have
+    different clocks and any of them may be absent.  Returns the state after the block, and events:
+    `bump` at the first of two consecutive samples that leave rest on the same side; `run_end` at
+    ``t_bump + post_s`` when the data have passed it; `trigger_restless` with the name of a channel
+    that is left out; `clock_step` if the time stamps went back.
     """
     finite = {name: _finite(t_ns, value) for name, (t_ns, value) in block.items()}
     pieces = {name: piece for name, piece in finite.items() if len(piece[0])}
@@ -142,9 +142,9 @@ def advance(
 
 
 def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
-    """Return the trigger channels that keep the fold from being armed now.
+    """Return the names of the trigger channels that now prevent arming.
 
-    `state`: from `advance`.  Returns names; empty in the other phases, and for channels that are
+    `state`: from `advance`.  Returns no names in the other phases, and none of channels that are
     left out.
     """
     if state.phase is not TriggerPhase.WAITING:
@@ -227,7 +227,7 @@ def _excursion(
 ) -> tuple[ChannelRest, int | None, float]:
     """Return the channel after these samples, and the first onset after `since_ns`, if any.
 
-    One sample away from rest is not motion yet (a spike); two on the same side are.
+    One sample away from rest is not yet motion (a spike); two on the same side are.
     """
     rest = channel.first if np.isnan(channel.level) else channel.level
     deviation = value - rest

@@ -1,8 +1,8 @@
-"""Session files: HDF5, schema v1.
+"""Reads and writes session files: HDF5, schema v1.
 
-A session is one bench campaign on one vehicle: every run with its raw frames and its samples in
-SI, what is known of sensors, loads and vehicle, and where it all comes from.  The file is public:
-any HDF5 reader opens it (xarray, netCDF-C, MATLAB's low-level functions, h5dump).
+A session is one bench campaign on one vehicle: every run with its raw frames and its samples in SI,
+the known facts on sensors, loads and vehicle, and the origin of the data.  The format is public:
+any HDF5 reader opens a file (xarray, netCDF-C, MATLAB's low-level functions, h5dump).
 
 Types: f8 float64, i8 int64, i4 int32, u4 u2 u1 unsigned, Sn text of at most n bytes UTF-8.
 Attributes are UTF-8 text, integers or floats.  No compound types, no arrays of variable length, no
@@ -55,10 +55,10 @@ channel, weight, frame, event), and every table of samples has `time`.  Units ar
                     frame and byte, padded with zeros
   /events           event; t_ns i8, code S32, value f8, text S160
 
-Columns and attributes may be added within v1: a reader takes the default where an older file lacks
-one (channels: all but name, quantity and unit), and leaves alone what it does not know.  What is
-there never changes its meaning.  Files are complete or absent: written beside their place, synced
-and moved there.  Raw frames are never changed or deleted.
+Columns and attributes may be added within v1: a reader uses the default if an older file lacks one
+(channels: all except name, quantity and unit), and ignores what it does not know.  Existing columns
+and attributes never change their meaning.  Files are complete or absent: written under a temporary
+name, synced and renamed.  Raw frames are never changed or deleted.
 """
 
 from typing import TYPE_CHECKING

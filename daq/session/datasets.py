@@ -1,7 +1,7 @@
 """Writes groups, datasets and attributes of a session file, by HDF5's own calls.
 
-A run has some 50 datasets and 190 attributes.  h5py's own objects look each one up by its name
-again and guess its type, which takes several times as long as writing it.
+A run has about 50 datasets and 190 attributes.  h5py's objects look each one up by name again and
+guess its type, which takes several times as long as writing it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def write_group(parent: GroupID, name: str) -> GroupID:
 
 
 def write_attributes(item: GroupID | DatasetID, values: Mapping[str, Any]) -> None:
-    """Write attributes that are not there yet: texts, numbers or arrays of numbers."""
+    """Write new attributes: texts, numbers or arrays of numbers."""
     for name, value in values.items():
         cell = _kept_cell(value) if isinstance(value, str | int) else _cell(np.asarray(value))
         made = h5a.create(item, _encoded(name), cell.stored, cell.space)
@@ -42,33 +42,33 @@ def write_column(group: GroupID, name: str, values: NDArray[Any]) -> DatasetID:
 
 
 def write_scale(group: GroupID, name: str, values: NDArray[Any]) -> DatasetID:
-    """Write a dataset that dates the rows of others, and return it."""
+    """Write a dataset with the times of other datasets' rows, and return it."""
     scale = write_column(group, name, values)
     h5ds.set_scale(scale, name.encode())
     return scale
 
 
 def write_count(group: GroupID, name: str, count: int) -> DatasetID:
-    """Write a dataset that counts the rows of others from 0, and return it."""
+    """Write a dataset that counts the rows of other datasets from 0, and return it."""
     scale = _column(group, name, (count,), _COUNTED, _counted(count))
     h5ds.set_scale(scale, name.encode())
     return scale
 
 
 def write_along(scale: DatasetID, group: GroupID, name: str, values: NDArray[Any]) -> DatasetID:
-    """Write a dataset whose rows are those of `scale`, and return it."""
+    """Write a dataset whose rows belong to those of `scale`, and return it."""
     column = write_column(group, name, values)
     attach(scale, column, 0)
     return column
 
 
 def attach(scale: DatasetID, column: DatasetID, axis: int) -> None:
-    """Make `scale` what counts or dates an axis of a dataset."""
+    """Attach `scale`, which counts or dates rows, to an axis of a dataset."""
     h5ds.attach_scale(column, scale, axis)
 
 
 class _Cell(NamedTuple):
-    """Value of an attribute with what HDF5 has to know of it."""
+    """Value of an attribute with its HDF5 types."""
 
     array: NDArray[Any]
     stored: h5t.TypeID
@@ -78,7 +78,7 @@ class _Cell(NamedTuple):
     space: h5s.SpaceID
 
 
-@lru_cache(1024, typed=True)  # most of them are those of the run before
+@lru_cache(1024, typed=True)  # most of them equal those of the previous run
 def _kept_cell(value: str | int) -> _Cell:
     return _cell(np.asarray(value, _TEXT if isinstance(value, str) else None))
 
@@ -107,7 +107,7 @@ def _column(
     return made
 
 
-@lru_cache(64)  # most runs have as many frames, samples or events as one before
+@lru_cache(64)  # most runs have as many frames, samples or events as an earlier one
 def _counted(count: int) -> tuple[tuple[tuple[int, ...], bytes], ...]:
     return tuple(packed_chunks(np.arange(count, dtype=_COUNTED)))
 
@@ -136,10 +136,10 @@ def _utf8() -> h5p.PropLCID:
 
 @cache
 def _packed(chunk: tuple[int, ...]) -> h5p.PropDCID:
-    """Return the properties of a dataset: no time of creation, so that equal files are equal."""
+    """Return the properties of a dataset, without time of creation: equal data give equal files."""
     properties = h5p.create(h5p.DATASET_CREATE)
     properties.set_obj_track_times(False)
-    if chunk[0]:  # HDF5 cannot chunk nothing
+    if chunk[0]:  # HDF5 has no chunks of size 0
         properties.set_chunk(chunk)
         properties.set_shuffle()
         properties.set_deflate(LEVEL)

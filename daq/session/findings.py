@@ -1,4 +1,4 @@
-"""Findings on a session file, made and in the form of `validate --json`."""
+"""Makes findings on a session file, and converts them to the form of `validate --json`."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from ..errors import printable
 
 
 def error(where: str, what: str) -> Finding:
-    """Return that the file is invalid: it breaks the schema, or contradicts itself."""
+    """Return the finding that a file is invalid: it breaks the schema, or contradicts itself."""
     return _finding("invalid", Severity.ERROR, where, what)
 
 
 def warning(where: str, what: str) -> Finding:
-    """Return that something in a usable file is hard to believe."""
+    """Return the finding that something in a usable file is implausible."""
     return _finding("implausible", Severity.WARNING, where, what)
 
 
 def note(where: str, what: str) -> Finding:
-    """Return what a reader of the file may want to know."""
+    """Return a finding for information."""
     return _finding("foreign", Severity.NOTE, where, what)
 
 

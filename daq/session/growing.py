@@ -1,7 +1,7 @@
-"""Writes a session file run by run, before what was decided on the runs is known.
+"""Writes a session file run by run, before the verdicts on the runs are known.
 
-What was measured in a run is written once and never changes, so that nothing of it has to be read
-or packed again when the next run is added.  A file that grew over hours and one that was written at
+The measured data of a run are written once and never change, so that they need not be read or
+packed again when the next run is added.  A file that grew over hours and one that was written at
 once are the same, byte for byte: both are made by the same steps.
 """
 
@@ -20,13 +20,14 @@ from ..sessions import Session
 from .write import check_names, write_head, write_provenance, write_run, write_verdict
 
 _SPARE_BYTES = 4 << 20
-"""Room on the disk beyond the size of what is written, bytes."""
+"""Free space required on the disk in addition to the written data, bytes."""
 _CACHE = {"rdcc_nslots": 1, "rdcc_nbytes": 0}
-"""No cache for chunks: they are packed here, and HDF5 would set up 64 KB for each dataset."""
+"""Settings without a cache for chunks: they are packed here, and HDF5 would allocate 64 KB for each
+dataset."""
 
 
 def begin_session(path: Path, session: Session) -> None:
-    """Write a new file with all of a session but its runs; one that is there is overwritten.
+    """Write a new file with a session without its runs; an existing file is overwritten.
 
     Raises OSError if the disk has no room or fails, and InputError as `write_session`.
     """
@@ -37,7 +38,7 @@ def begin_session(path: Path, session: Session) -> None:
 
 
 def add_run(path: Path, number: int, run: Run, session: Session) -> None:
-    """Write what was measured in a run; `number` counts from one.  Raises as `begin_session`."""
+    """Write the measured data of a run; `number` counts from one.  Raises as `begin_session`."""
     check_names(session, (run,))
     _check_room(path, _run_bytes(run))
     with h5py.File(path, "r+", **_CACHE) as file:
@@ -45,7 +46,7 @@ def add_run(path: Path, number: int, run: Run, session: Session) -> None:
 
 
 def finish_session(path: Path, runs: Sequence[Run], provenance: Mapping[str, str]) -> None:
-    """Write what was decided on each run, and the provenance.
+    """Write the verdict on each run, and the provenance.
 
     `runs`: in order; their groups, frames and events are not used.  Raises as `begin_session`.
     """
@@ -62,6 +63,6 @@ def _run_bytes(run: Run) -> int:
 
 
 def _check_room(path: Path, size: int) -> None:
-    """Raise OSError if the disk is full: HDF5 crashes the process if it finds that out itself."""
+    """Raise OSError if the disk is full, because HDF5 crashes the process in this case."""
     if shutil.disk_usage(path.parent).free < size + _SPARE_BYTES:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -1,8 +1,8 @@
-"""HDF5 to a tree of plain data.  The file may come from anywhere and be made to do harm.
+"""Reads HDF5 to a tree of plain data, from files of any origin, which may be hostile.
 
-What libhdf5 would follow out of the file (external and soft links, virtual datasets, external
-storage, filters from plugins) is refused, and sizes are added up before anything is unpacked.  A
-file that is made to crash or to hang libhdf5 itself is dealt with in `guard`.
+Everything that libhdf5 would follow out of the file is refused (external and soft links, virtual
+datasets, external storage, filters from plugins), and sizes are added up before anything is
+unpacked.  `guard` protects against files that crash or hang libhdf5 itself.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ ADVICE = "name a session file that bumpbench record or demo wrote"
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 _WHAT_H5PY_RAISES = (OSError, RuntimeError, LookupError, ValueError, TypeError, MemoryError)
 _OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
-"""Attributes by which HDF5 keeps dimension scales; they hold references, not data."""
+"""Attributes with which HDF5 stores dimension scales; they hold references, not data."""
 
 
 def load_tree(path: Path | str) -> Group:
-    """Read a session file whole.
+    """Read a complete session file.
 
-    `path`: HDF5, schema v1.  Returns its root.  Raises InputError if there is no such file, it is
-    no session, of a newer schema, or damaged.
+    `path`: HDF5, schema v1.  Returns its root.  Raises InputError if the file does not exist, is
+    not a session, has a newer schema, or is damaged.
     """
     path = Path(path)
     where = str(path)
@@ -60,9 +60,9 @@ def load_tree(path: Path | str) -> Group:
 
 @contextmanager
 def open_session(path: Path) -> Iterator[h5py.File]:
-    """Open a session file; nothing below its root has been looked at yet.
+    """Open a session file, and check only its root.
 
-    Raises InputError if there is no such file, it is no session, or of a newer schema.
+    Raises InputError if the file does not exist, is not a session, or has a newer schema.
     """
     where = str(path)
     if path.is_dir():
@@ -70,11 +70,11 @@ def open_session(path: Path) -> Iterator[h5py.File]:
     if not path.exists():
         raise InputError(where, "no such file", ADVICE)
     if not path.is_file():
-        raise InputError(where, "is no plain file", ADVICE)
+        raise InputError(where, "is not a regular file", ADVICE)
     try:
         file = h5py.File(path, "r")
     except PermissionError as error:
-        raise InputError(where, "may not be read", "ask for the right to read it") from error
+        raise InputError(where, "cannot be read: no permission", "get read permission") from error
     except (OSError, RuntimeError) as error:
         raise InputError(where, "is not an HDF5 file, or is cut off", ADVICE) from error
     with file:
@@ -89,7 +89,7 @@ def open_session(path: Path) -> Iterator[h5py.File]:
 
 
 class _Survey:
-    """Adds up what a file claims to hold, before anything is read."""
+    """Adds up the sizes that a file states, before anything is read."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
@@ -97,9 +97,9 @@ class _Survey:
         self._seen: set[int] = set()
 
     def visit(self, group: h5py.h5g.GroupID, where: str, depth: int) -> None:
-        """Check a group and all below it.
+        """Check a group and everything below it.
 
-        Raises ValueError if anything reaches outside the file, or claims too much.
+        Raises ValueError if anything refers to data outside the file, or states a too large size.
         """
         if depth > MAX_DEPTH:
             raise ValueError(f"its groups are nested more than {MAX_DEPTH} deep")
@@ -120,13 +120,13 @@ class _Survey:
     def _count(self, item: h5py.h5g.GroupID | h5py.h5d.DatasetID, where: str) -> None:
         address = h5py.h5o.get_info(item).addr
         if address in self._seen:
-            raise ValueError(f"{where} stands in it twice")
+            raise ValueError(f"{where} occurs in it twice")
         self._seen.add(address)
         if len(self._seen) > MAX_OBJECTS:
             raise ValueError(f"it holds more than {MAX_OBJECTS} objects")
 
     def _dataset(self, name: str, item: h5py.h5d.DatasetID) -> None:
-        # The type first: h5py makes a shape and a size only for types that it knows.
+        # The type is first, because h5py has a shape and a size only for types that it knows.
         dtype = item.dtype
         if dtype.kind not in "iufS" or dtype.hasobject or dtype.itemsize > 4096:
             raise ValueError(f"{name} has type {dtype}, which no session has")
@@ -137,10 +137,10 @@ class _Survey:
         layout = item.get_create_plist()
         kind = layout.get_layout()
         if kind == h5py.h5d.VIRTUAL or layout.get_external_count():
-            raise ValueError(f"{name} is no dataset of this file")
+            raise ValueError(f"{name} is not a dataset of this file")
         filters = {layout.get_filter(i)[0] for i in range(layout.get_nfilters())}
         if not filters <= _FILTERS:
-            raise ValueError(f"{name} is packed in a way that no session is")
+            raise ValueError(f"{name} is packed in a way that no session uses")
         size = prod(shape) * dtype.itemsize
         if size > MAX_BYTES:
             raise ValueError(f"{name} claims {size} bytes")
@@ -175,7 +175,7 @@ def _values(item: h5py.h5d.DatasetID) -> NDArray[Any]:
 def plain_attributes(
     item: h5py.h5g.GroupID | h5py.h5d.DatasetID | h5py.h5f.FileID,
 ) -> Mapping[str, Attribute]:
-    """Return the attributes of simple types; others are none of ours."""
+    """Return the attributes of simple types; sessions have no others."""
     result: dict[str, Attribute] = {}
     names: list[bytes] = []
     h5py.h5a.iterate(item, names.append)
@@ -195,7 +195,7 @@ def plain_attributes(
 
 
 def _plain(values: NDArray[Any]) -> Any:
-    """Return an attribute as Python has it: text, number, or a tuple of either."""
+    """Return an attribute as a Python value: text, number, or a tuple of either."""
     cells = [_text(v) if isinstance(v, bytes) else v for v in values.ravel().tolist()]
     return tuple(cells) if values.ndim else cells[0]
 

@@ -1,4 +1,4 @@
-"""Checks that a session agrees with itself, and with what can happen on a bench."""
+"""Checks that a session is consistent, and plausible for a bench."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .findings import error, warning
 
 _YEAR_2000_NS = 946_684_800_000_000_000
 _CAR_M = 30.0
-"""Nothing on a vehicle is further away, or longer."""
+"""Largest distance or length on a vehicle, m."""
 _STAMP_TOLERANCE_S = 0.5
 _LARGEST = {
     Quantity.BODY_ACCELERATION: 1e3,
@@ -33,11 +33,11 @@ _LARGEST = {
     Quantity.BODY_DISPLACEMENT: 5.0,
     Quantity.HUB_DISPLACEMENT: 5.0,
 }
-"""More than a bump test can give, SI: such a value has the wrong unit or scale."""
+"""Values, SI, that no bump test reaches: a larger value has the wrong unit or scale."""
 
 
 def check_session(session: Session) -> Iterator[Finding]:
-    """Yield what in a session contradicts itself or is hard to believe."""
+    """Yield findings on contradictions and implausible values in a session."""
     yield from _vehicle(session)
     yield from _channels(session)
     labels: set[str] = set()
@@ -45,7 +45,7 @@ def check_session(session: Session) -> Iterator[Finding]:
     for number, run in enumerate(session.runs, start=1):
         where = f"/runs/r{number:03d}_{run.label}"
         if run.label in labels:
-            yield error(where, "stands in the file twice")
+            yield error(where, "occurs in the file twice")
         labels.add(run.label)
         if run.mass_state not in states:
             yield error(where, f"mass state {run.mass_state} is not described")
@@ -80,7 +80,7 @@ def _vehicle(session: Session) -> Iterator[Finding]:
 def _channels(session: Session) -> Iterator[Finding]:
     names = [channel.name for channel in session.channels]
     for name in sorted({name for name in names if names.count(name) > 1}):
-        yield error("/channels", f"{name} stands in it twice")
+        yield error("/channels", f"{name} occurs in it twice")
     for channel in session.channels:
         where = f"/channels {channel.name}"
         unit = SI_UNITS.get(channel.quantity, channel.unit)
@@ -98,9 +98,9 @@ def _run(run: Run, where: str, session: Session) -> Iterator[Finding]:
     if any(count < 0 for count in asdict(run.losses).values()):
         yield error(where, "has negative losses")
     if run.status is RunStatus.ACCEPTED and not any(len(g.time_s) for g in run.groups):
-        yield error(where, "is accepted and has no sample")
+        yield error(where, "is accepted but has no sample")
     if run.status is RunStatus.REJECTED and not run.reasons:
-        yield warning(where, "is rejected, and nothing says why")
+        yield warning(where, "is rejected without a reason")
     channels = {channel.name: channel for channel in session.channels}
     for group in run.groups:
         yield from _samples(group, f"{where}/{group.name}", run, channels)

@@ -1,8 +1,8 @@
 """Reads the outlines of session files for a list: attributes only, in a process with limits.
 
-Run as ``python -I -m daq.session.preview FILE...``, it writes one line of JSON a file.  A file that
-makes libhdf5 crash or hang ends the child; the parent reports that for this file and starts another
-child at the next one, so many sound files cost one start of Python.
+Run as ``python -I -m daq.session.preview FILE...``, it writes one line of JSON for each file.  If a
+file makes libhdf5 crash or hang, the child ends; the parent reports this for the file and starts
+another child at the next file, so that many valid files need only one start of Python.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .load import open_session, plain_attributes
 from .schema import DAMAGED_ADVICE
 
 _FILE_S = 4
-"""For one file, by the clock."""
+"""Longest wall-clock time for one file, s."""
 _BYTES = 1 << 30
 _MAX_RUNS = 10_000
 
@@ -38,19 +38,19 @@ class Glance:
 
     path: str
     vehicle: str
-    """Name of the vehicle as the file says; foreign text."""
+    """Name of the vehicle as stated in the file; foreign text."""
     created: str
-    """Time of its making as the file says; foreign text."""
+    """Time of creation as stated in the file; foreign text."""
     accepted: int
     """Number of accepted runs."""
     rejected: int
     """Number of rejected runs."""
     notes: str = ""
-    """Notes on the session, one a line."""
+    """Notes on the session, one per line."""
 
 
 def glances(paths: Sequence[Path]) -> Iterator[Glance | InputError]:
-    """Yield the outline of each file in turn, or why there is none."""
+    """Yield the outline of each file in order, or the reason why there is none."""
     left = [str(path) for path in paths]
     while left:
         with subprocess.Popen(
@@ -76,7 +76,7 @@ def glances(paths: Sequence[Path]) -> Iterator[Glance | InputError]:
 def glance(path: Path) -> Glance:
     """Read the outline of a session file in this process.
 
-    Raises InputError if it is no session.
+    Raises InputError if it is not a session.
     """
     with open_session(path) as file:
         about = plain_attributes(_member(file, "session").id)
@@ -94,7 +94,7 @@ def glance(path: Path) -> Glance:
 
 
 def _member(group: h5py.Group, name: str) -> h5py.Group:
-    """Return a group in this very file: a link could lead to any other."""
+    """Return a group that is in this file, because a link could lead to another file."""
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         raise ValueError(f"{name} is absent or a link")
     return group[name]
@@ -115,7 +115,7 @@ def _main(paths: Sequence[str]) -> None:
             body = asdict(glance(Path(path)))
         except InputError as error:
             body = {"error": [error.where, error.what, error.advice]}
-        except Exception as error:  # h5py raises what it likes on a damaged file
+        except Exception as error:  # h5py raises many kinds of errors on a damaged file
             body = {"error": [path, f"is damaged: {type(error).__name__}", DAMAGED_ADVICE]}
         sys.stdout.write(json.dumps(body) + "\n")
         sys.stdout.flush()

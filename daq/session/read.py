@@ -1,4 +1,4 @@
-"""From the tree of a session file to the session: everything is checked once more."""
+"""Builds a session from the tree of a session file, and checks everything once more."""
 
 from __future__ import annotations
 
@@ -50,23 +50,22 @@ def read_session(path: Path | str) -> Session:
     Returns
     -------
     Session
-        Everything in it, raw frames included.
+        The whole session, including raw frames.
 
     Raises
     ------
     InputError
-        If there is no such file, it is no session, of a newer schema, or damaged.
+        If the file does not exist, is not a session, has a newer schema, or is damaged.
     """
-    from .load import load_tree  # with h5py, which only the child needs for a foreign session
+    from .load import load_tree  # imports h5py, which only the child needs for a foreign session
 
     return session_of(load_tree(path), str(path))
 
 
 def read_foreign_session(path: Path | str) -> Session:
-    """Read a session file that may come from anywhere; as `read_session`, in a process with limits.
+    """Read a session file of any origin; as `read_session`, but in a process with limits.
 
-    A file that is made to crash libhdf5, to let it hang or to fill the memory ends that process,
-    not this one.
+    A file that crashes libhdf5, makes it hang or fills the memory ends that process, not this one.
 
     Raises
     ------
@@ -105,7 +104,7 @@ def _session(file: Group) -> Session:
     measured = {name for run in runs for group in run.groups for name in group.values}
     unknown = measured - {channel.name for channel in channels}
     if unknown:
-        raise ValueError(f"{min(unknown)} is no channel of /channels")
+        raise ValueError(f"{min(unknown)} is not a channel of /channels")
     return Session(
         vehicle=_vehicle(file.group("session")),
         channels=channels,
@@ -117,13 +116,13 @@ def _session(file: Group) -> Session:
 
 def _int(value: Attribute) -> int:
     if not isinstance(value, int) or not -(2**63) <= value < 2**63:
-        raise ValueError(f"{value!r} is no whole number of 64 bits")
+        raise ValueError(f"{value!r} is not a whole number of 64 bits")
     return value
 
 
 def _float(value: Attribute) -> float:
     if not isinstance(value, int | float):
-        raise ValueError(f"{value!r} is no number")
+        raise ValueError(f"{value!r} is not a number")
     return float(value)
 
 
@@ -211,7 +210,7 @@ def _frames(group: Group) -> FrameBatch:
 
 
 def _rows(group: Group, columns: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the rows of a table; a column that an older file lacks keeps its default."""
+    """Return the rows of a table; a column that is missing in an older file gets its default."""
     cells = {
         name: _column(group, name, dtype)
         for name, dtype in columns.items()
@@ -221,7 +220,7 @@ def _rows(group: Group, columns: Mapping[str, str]) -> list[dict[str, Any]]:
 
 
 def _column(group: Group, name: str, dtype: str) -> list[Any]:
-    """Return the cells of a column as Python has them."""
+    """Return the cells of a column as Python values."""
     values = group.values(name)
     if values.ndim != 1 or (values.dtype.kind == "S") != dtype.startswith("S"):
         raise ValueError(f"column {name} has shape {values.shape} and type {values.dtype}")

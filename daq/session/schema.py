@@ -1,4 +1,4 @@
-"""Names and limits of schema v1 that writer and reader share."""
+"""Defines the names and limits of schema v1 that writer and reader share."""
 
 from __future__ import annotations
 
@@ -9,28 +9,29 @@ VERSION = 1
 DAMAGED_ADVICE = "build it again from its journal"
 """Advice if a session file is damaged."""
 MAX_BYTES = 2 << 30
-"""No dataset of a run is larger; one that claims to be is refused before it is read."""
+"""Largest size of a dataset, bytes; one that states more is refused before it is read."""
 MAX_TOTAL_BYTES = 8 << 30
-"""Nor is a session: zeros pack a thousandfold, so many datasets of a small file could be large."""
+"""Largest size of a session, bytes: zeros pack a thousandfold, so a small file could have many
+large datasets."""
 MAX_CHUNK_BYTES = 64 << 20
 MAX_DEPTH = 6
 MAX_OBJECTS = 200_000
 MAX_ATTRIBUTE = 4096
-"""Items of an attribute that is an array."""
+"""Largest number of items of an attribute that is an array."""
 
 
 def max_total_bytes(file_bytes: int) -> int:
-    """Return how much a file of this size may unpack to: what measurements pack to, and room."""
+    """Return the largest unpacked size of a file, bytes: that of measurements, plus a margin."""
     return min(MAX_TOTAL_BYTES, (128 << 20) + 64 * file_bytes)
 
 
 TEXTS = ("dbc", "bench_toml", "channel_map")
-"""Items of the provenance that are whole files and go to /config."""
+"""Items of the provenance that are complete files and are stored in /config."""
 
 RESERVED_IN_GROUP = {"time", "t_ns", "quality"}
-"""Datasets of a sample group that are no channels."""
+"""Datasets of a sample group that are not channels."""
 RESERVED_IN_RUN = ("raw_bus", "events")
-"""Prefixes of the groups in a run that are no sample groups."""
+"""Prefixes of the groups in a run that are not sample groups."""
 
 CHANNEL_COLUMNS = {
     "name": "S64",

@@ -1,4 +1,4 @@
-"""Checks that a tree has the structure of schema v1, and that its hashes fit."""
+"""Checks that a tree has the structure of schema v1, and that its hashes match."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _RUN_ATTRIBUTES: Mapping[str, type] = {
     "sample_groups": str,
 }
 _REQUIRED_OF_CHANNEL = {"name", "quantity", "unit"}
-"""The other columns have defaults, for files older than they are."""
+"""Required columns; the others have defaults, for older files without them."""
 
 
 def check_structure(root: Group) -> Iterator[Finding]:
-    """Yield what in a file breaks schema v1 (see `daq.session`)."""
+    """Yield findings on violations of schema v1 (see `daq.session`)."""
     yield from _members(root, "/", {"session", "config", "channels", "mass_states", "runs"}, set())
     default = str(root.attributes.get("default", ""))
     if default and not _reaches(root, default):
@@ -86,21 +86,21 @@ def _hashes(config: Group) -> Iterator[Finding]:
     for name, text in config.datasets.items():
         where = f"/config/{name}"
         if text.values.dtype != np.uint8 or text.values.ndim != 1:
-            yield error(where, "is no row of bytes")
+            yield error(where, "is not a row of bytes")
         elif "sha256" not in text.attributes:
             yield error(where, "attribute sha256 is absent")
         elif text.attributes["sha256"] != sha256(text.values.tobytes()).hexdigest():
-            yield error(where, "has not the SHA-256 that stands beside it: it was changed")
+            yield error(where, "does not match its attribute sha256: it was changed")
 
 
 def _mass_state(group: Group, where: str) -> Iterator[Finding]:
     yield from _typed(group, where, {"order": int})
     extra = {"delta_mass", "row", "column"}
-    required = set(WEIGHT_COLUMNS) - {"position_sigma_m"}  # files of 2026 were written without
+    required = set(WEIGHT_COLUMNS) - {"position_sigma_m"}  # files of 2026 do not have it
     yield from _table(group, where, WEIGHT_COLUMNS, required, "weight", extra)
     matrix = group.datasets.get("delta_mass")
     if matrix is None or matrix.values.shape != (7, 7) or matrix.values.dtype.kind != "f":
-        yield error(where, "delta_mass is no 7 x 7 matrix of numbers")
+        yield error(where, "delta_mass is not a 7 x 7 matrix of numbers")
 
 
 def _run(group: Group, where: str) -> Iterator[Finding]:
@@ -146,7 +146,7 @@ def _frames(group: Group, where: str) -> Iterator[Finding]:
             (rows, 64),
         )
     ):
-        yield error(where, f"data is no table of {rows} rows of 8 or 64 bytes")
+        yield error(where, f"data is not a table of {rows} rows of 8 or 64 bytes")
 
 
 def _table(
@@ -157,7 +157,7 @@ def _table(
     scale: str,
     extra: Iterable[str] = (),
 ) -> Iterator[Finding]:
-    """Yield what is wrong with a table: columns absent, of another type, of unequal length."""
+    """Yield findings on a table: columns that are absent, of another type, of unequal length."""
     lengths = set()
     for name, dtype in columns.items():
         if name not in group.datasets:
@@ -183,11 +183,11 @@ def _typed(group: Group, where: str, kinds: Mapping[str, type]) -> Iterator[Find
         if value is None:
             yield error(where, f"attribute {name} is absent")
         elif not isinstance(value, (int, float) if kind is float else kind):
-            yield error(where, f"attribute {name} is {value!r}, no {kind.__name__}")
+            yield error(where, f"attribute {name} is {value!r}, not of type {kind.__name__}")
 
 
 def _members(group: Group, where: str, required: set[str], allowed: set[str]) -> Iterator[Finding]:
-    """Yield which groups are absent, and which are none of ours."""
+    """Yield findings on groups that are absent or not part of the schema."""
     for name in sorted(required - set(group.groups)):
         yield error(where, f"group {name} is absent")
     for name in sorted(set(group.groups) - required - allowed):

@@ -1,4 +1,4 @@
-"""A session file as plain data: groups, attributes and arrays, with nothing of HDF5 left."""
+"""Defines a session file as plain data: groups, attributes and arrays, without HDF5 objects."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ class Dataset:
     """One dataset."""
 
     values: NDArray[Any]
-    """Integers, floats or fixed bytes."""
+    """Values: integers, floats or byte strings of fixed length."""
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
-    """Those of a simple type."""
+    """Attributes of simple types."""
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """One group, with all that is in it."""
+    """One group with its content."""
 
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
-    """Those of a simple type."""
+    """Attributes of simple types."""
     groups: Mapping[str, Group] = field(default_factory=dict)
-    """The groups in it, in order of their names."""
+    """Groups in it, in order of their names."""
     datasets: Mapping[str, Dataset] = field(default_factory=dict)
-    """The datasets in it, in order of their names."""
+    """Datasets in it, in order of their names."""
 
     def group(self, name: str) -> Group:
-        """Return a group in this one.
+        """Return a subgroup.
 
         Raises ValueError if it is absent.
         """

@@ -15,17 +15,17 @@ from .structure import check_structure
 
 
 def validate_session(path: Path | str) -> tuple[Finding, ...]:
-    """Return what is wrong with a session file; it is read in a process with limits.
+    """Return findings on a session file, which is read in a process with limits.
 
     Parameters
     ----------
     path : Path or str
-        May come from anywhere.
+        A file of any origin.
 
     Returns
     -------
     tuple of Finding
-        Errors first; the file is valid if there is none among them.
+        The findings, errors first; the file is valid if there are no errors.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Session to file: written beside its place, synced, then moved there."""
+"""Writes a session file: under a temporary name, synced, then renamed."""
 
 from __future__ import annotations
 
@@ -47,26 +47,26 @@ from .schema import (
 
 
 def write_session(path: Path | str, session: Session) -> None:
-    """Write a session file; it is complete or absent whatever happens.
+    """Write a session file; after any failure it is complete or absent.
 
     Parameters
     ----------
     path : Path or str
         Replaced if it exists.
     session : Session
-        What to write.
+        The session to write.
 
     Raises
     ------
     InputError
-        If the file cannot be written (no such folder, no right, no space), or a name in the
-        session cannot be one in HDF5.
+        If the file cannot be written (no folder, no permission, no space), or a name in the session
+        is not possible in HDF5.
     """
     path = Path(path)
     check_names(session, session.runs)
     try:
-        # HDF5 never sees the disk: after a write that failed for want of room it crashes the
-        # process at its end.
+        # HDF5 never accesses the disk: after a write that failed because the disk was full it
+        # crashes the process at its end.
         image = BytesIO()
         with h5py.File(image, "w") as file:
             _fill(file, session)
@@ -90,7 +90,7 @@ def check_names(session: Session, runs: Sequence[Run]) -> None:
             raise InputError("session", what, "use 1 to 64 printable bytes without / and .")
     taken = (channels & RESERVED_IN_GROUP) | {n for n in groups if n.startswith(RESERVED_IN_RUN)}
     if taken:
-        what = f"name {min(taken)!r} means something else in a session file"
+        what = f"name {min(taken)!r} has another meaning in a session file"
         raise InputError("session", what, "choose another name")
 
 
@@ -103,7 +103,7 @@ def _fill(file: h5py.File, session: Session) -> None:
 
 
 def write_head(file: h5py.File, session: Session) -> None:
-    """Write all of a session but its runs and the short texts of its provenance."""
+    """Write a session without its runs and the short texts of its provenance."""
     root = file["/"].id
     write_attributes(
         root,
@@ -165,7 +165,7 @@ def _mass_state(group: GroupID, state: MassState) -> None:
 
 
 def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel]) -> None:
-    """Write what was measured in a run, and the events in it; `number` counts from one."""
+    """Write the measured data of a run, and its events; `number` counts from one."""
     group = write_group(file["runs"].id, _name(number, run))
     facts = {
         "NX_class": "NXentry",
@@ -191,7 +191,7 @@ def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel
 
 
 def write_verdict(file: h5py.File, number: int, run: Run) -> None:
-    """Write what was decided on a run that was written; nothing else of `run` is used."""
+    """Write the verdict on a run that was written before; nothing else of `run` is used."""
     group = file["runs"][_name(number, run)].id
     write_attributes(group, {"status": str(run.status), "reasons": "\n".join(run.reasons)})
 
@@ -237,7 +237,7 @@ def _events(group: GroupID, events: Sequence[Event]) -> None:
 def _table(
     group: GroupID, dimension: str, columns: Mapping[str, str], rows: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Write rows as one dataset a column."""
+    """Write rows as one dataset per column."""
     scale = write_count(group, dimension, len(rows))
     for name, dtype in columns.items():
         cells = [_cell(row[name], dtype) for row in rows]

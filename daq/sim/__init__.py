@@ -1,4 +1,4 @@
-"""A simulated car on a simulated bench: written from forces, an independent truth."""
+"""Simulates a car on a bench, from forces, as a truth that is independent of the identification."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Acts of the simulated bench: rest, bumps as they are due, spoilt ones, pushes on a corner."""
+"""Computes the acts of the simulated bench: rest, due bumps, spoilt bumps, pushes on a corner."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ from .sensors import true_reading
 from .spoils import SECOND_BUMP_S, WEAK_LEVELS, Fault, mixed_up
 
 LEAD_S = 0.1
-"""Rest at the beginning of an act, longer than any sensor is late."""
+"""Rest at the beginning of an act, s, longer than the delay of any sensor."""
 SWING_S = 6.0
-"""After so long a car with a damping of 0.15 at 1 Hz is at rest to a three-hundredth."""
+"""Time, s, after which the motion of a car with a damping of 0.15 at 1 Hz has decayed to 1/300."""
 PUSH_N, PUSH_S = 400.0, 1.2
-"""A person on a corner, who lets go gently."""
+"""Force and duration of a push by a person on a corner, who lets go gently."""
 KICK_M, KICK_S = 0.001, 0.04
-"""How far and how long a kick against the tyre lifts the wheel: 12 m/s2 on its hub."""
+"""Lift of the wheel by a kick against the tyre, and its duration: 12 m/s2 on the hub."""
 _MARGIN_S = 0.2
-"""An act ends with the piece that is being sampled."""
+"""Margin at the end of an act, s, because an act ends with the piece that is being sampled."""
 _SEEN_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Act:
-    """Something that the car does."""
+    """One motion of the car with its duration."""
 
     scene: Scene
     """Its motion, beginning at 0."""
     length_s: float
-    """After which the car is at rest."""
+    """Time after which the car is at rest, s."""
     bump_s: float
-    """When the bump comes."""
+    """Time of the bump, s."""
     limits: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    """Sensors that saturate, SI."""
+    """Limits of sensors that saturate, SI."""
 
 
 class Acts:
-    """The acts of one bench; each is computed once, in a thread of its own, before it is due."""
+    """The acts of one bench; each is computed once, in a separate thread, before it is due."""
 
     def __init__(self, bench: Bench, rig: Rig) -> None:
         self._bench = bench
@@ -64,11 +64,11 @@ class Acts:
         self._known: dict[tuple[str, Excitation, Fault | None], Future[Act]] = {}
 
     def close(self) -> None:
-        """Forget what is not yet computed."""
+        """Cancel the computations that have not begun."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def rest(self, mass_state: str) -> Act:
-        """Return a car that stands still for good."""
+        """Return the act of a car that remains at rest."""
         pose = static_pose(self._rig.plants[mass_state])
         return Act(scene_of(self._rig, Push(pose, np.zeros((7, 1)), 1.0), 0.0, 0.0), np.inf, np.inf)
 
@@ -85,7 +85,7 @@ class Acts:
         return Act(scene_of(self._rig, kick, 0.0, KICK_S), KICK_S, np.inf)
 
     def prepare(self, step: Step, fault: Fault | None) -> Future[Act]:
-        """Begin to compute a bump, if that has not been done, and return what it will be."""
+        """Begin to compute a bump, if this has not been done, and return its future."""
         kind = (step.mass_state, step.excitation, fault)
         if kind not in self._known:
             self._known[kind] = self._pool.submit(self._made, *kind)
@@ -113,7 +113,7 @@ class Acts:
             end_s = LEAD_S + PUSHED_S + SWING_S
             push = pushed_down(plant, excitation, height_m, LEAD_S, end_s + _MARGIN_S)
             return self._act(push, end_s)
-        lead_s = LEAD_S + self._bench.trigger.pre_s  # it stands on the blocks before they go
+        lead_s = LEAD_S + self._bench.trigger.pre_s  # it is on the blocks before they are removed
         end_s = lead_s + SWING_S
         drop = dropped(plant, excitation, height_m, lead_s, end_s + _MARGIN_S)
         return self._act(drop, end_s, lead_s)
@@ -135,7 +135,7 @@ class Acts:
         return Act(scene_of(self._rig, motion, 0.0, length_s + _MARGIN_S), length_s, lead_s)
 
     def _peak(self, act: Act) -> float:
-        """Return what the trigger sees at most, m/s2 from rest."""
+        """Return the largest deviation from rest of the trigger channels, m/s2."""
         return max(float(np.max(np.abs(self._moved(act, c)))) for c in self._triggers())
 
     def _low_limit(self, act: Act) -> Mapping[str, float]:
@@ -149,7 +149,7 @@ class Acts:
         return trigger_channels(self._bench.channels, self._bench.procedure.method)
 
     def _moved(self, act: Act, channel: Channel) -> Array:
-        """Return what an accelerometer shows of an act beside gravity, every millisecond."""
+        """Return the reading of an accelerometer in an act without gravity, every millisecond."""
         sensor = self._rig.drawn.sensors[channel.name]
         t_s = np.arange(0.0, LEAD_S + 1.0, _SEEN_S)
         motion = act.scene.motion.at(t_s)
@@ -158,7 +158,7 @@ class Acts:
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """A hand that presses the body down or kicks a wheel up, and lets go again.
+    """A person who presses the body down or kicks a wheel up, and lets go.
 
     A press is so slow that every spring follows.
     """
@@ -166,9 +166,9 @@ class Push:
     rest: Array
     """(7, 1) The pose before and after."""
     sink: Array
-    """(7, 1) What is added to it at the lowest point."""
+    """(7, 1) The change of the pose at the lowest point."""
     length_s: float
-    """How long it takes, s."""
+    """Duration, s."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s; at rest outside the push."""

@@ -1,4 +1,4 @@
-"""A simulated bench as a bus: it rests and is bumped when the recorder waits for it."""
+"""Simulates a bench as a bus: the car rests, and is bumped when the recorder waits for it."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ from .spoils import LOST_S, SPOILT_BUMP, UNPLUG_AFTER_S, UNPLUGGED_S, Fault
 __all__ = ["Fault", "SimulatedBench"]
 
 PIECE_S = 0.2
-"""The car is sampled in pieces of at most this length, s: each costs some milliseconds, however
-short it is, and the recorder decides no later than this."""
+"""Longest piece in which the car is sampled, s: each piece takes some milliseconds, however short
+it is, and the recorder decides within this time."""
 BLOCK_S = 0.02
-"""Host time between blocks, s: each costs some milliseconds, however short it is."""
+"""Host time between blocks, s: each block takes some milliseconds, however short it is."""
 PATIENCE_S = (1.0, 1.6)
-"""After arming somebody bumps the car between so early and so late."""
+"""Shortest and longest time from arming to the bump, s."""
 
 
 class SimulatedBench:
-    """A bench whose car is bumped as the campaign says, as a `daq.bus.source.FrameSource`.
+    """A bench whose car is bumped as in the campaign, as a `daq.bus.source.FrameSource`.
 
-    Frames carry the car's own time, which runs `speed` times as fast as the host's.  Counters,
-    clocks and noise run on through everything that happens, also between reads.
+    Frames have the car's own time, which runs `speed` times as fast as the host's.  Counters,
+    clocks and noise always continue, also between reads.
 
-    `bench`: campaign, weights, channels, trigger and bit rate.  `seed`: decides every draw and all
-    noise.  `speed`: of the car's time; infinite: `read` waits for nothing and returns piece after
-    piece.  `wish`: returns the recorder's status: the car is bumped when it is armed, as the step
-    that is due says.  None leaves the car alone.  `fault`: spoils the second bump, and none after
-    it.  `start_ns`: time stamp of the start, ns since 1970 UTC.  Raises InputError as
-    `daq.sim.ecu.campaign_frames`.
+    `bench`: campaign, weights, channels, trigger and bit rate.  `seed`: determines every draw and
+    all noise.  `speed`: speed of the car's time; infinite: `read` does not wait and returns piece
+    after piece.  `wish`: function that returns the recorder's status; the car is bumped when the
+    recorder is armed, with the bump that is due.  None: the car is not bumped.  `fault`: spoils
+    only the second bump.  `start_ns`: time stamp of the start, ns since 1970 UTC.  Raises
+    InputError as `daq.sim.ecu.campaign_frames`.
     """
 
     def __init__(
@@ -72,15 +72,15 @@ class SimulatedBench:
         self._rng = np.random.default_rng([seed, 2])
         self._mass_state = BASELINE
         self._act = self._acts.rest(BASELINE)
-        self._begun_s = 0.0  # the act
-        self._done_s = 0.0  # sampled until then
-        self._due_s = np.inf  # the next bump
+        self._begun_s = 0.0  # the present act
+        self._done_s = 0.0  # time up to which it is sampled
+        self._due_s = np.inf  # the future of the next bump
         self._bumps = 0
         self._gap_s = (np.inf, np.inf)
         self._unplug_s = np.inf
         self._plugged_s = 0.0  # again
         self._asked: deque[Corner] = deque()
-        self._notes: int | None = None  # of the recording, seen
+        self._notes: int | None = None  # notes of the recording, already seen
         self._others: dict[int, deque[FrameBatch]] = {}
         self._host_s = time.monotonic()
 
@@ -94,12 +94,12 @@ class SimulatedBench:
         self._asked.append(corner)
 
     def other(self, number: int) -> OtherBus:
-        """Return a further bus, from now on the only source of its frames."""
+        """Return a further bus, which from now on is the only source of its frames."""
         self._others[number] = deque()
         return OtherBus(f"simulated bench, bus {number}", self._others[number])
 
     def open(self) -> SimulatedBench:
-        """Return the bench, its time gone on, as a bus that is opened again.
+        """Return the bench, whose time has continued, as a bus that is opened again.
 
         Raises BusError while the adapter is unplugged.
         """
@@ -109,7 +109,7 @@ class SimulatedBench:
         return self
 
     def read(self, timeout_s: float) -> FrameBatch:
-        """Return the frames of the car's time that has passed, at most `PIECE_S` of it.
+        """Return the frames of the car's elapsed time, at most `PIECE_S`.
 
         Raises BusError while the adapter is unplugged.
         """
@@ -126,11 +126,11 @@ class SimulatedBench:
         return self._sampled(stop_s)
 
     def losses(self) -> SourceLosses:
-        """Return nothing: the counters in the frames show what this bus loses."""
+        """Return no losses: the counters in the frames show the losses of this bus."""
         return SourceLosses()
 
     def close(self) -> None:
-        """Leave the bus; the car stays where it is."""
+        """Leave the bus; the car is not changed."""
 
     def dismantle(self) -> None:
         """End the thread that computes motions in advance."""
@@ -143,12 +143,12 @@ class SimulatedBench:
 
     def _check_plug(self) -> None:
         if self._done_s < self._plugged_s:
-            self._done_s = min(self._now_s(), self._plugged_s)  # what is sent now is lost
+            self._done_s = min(self._now_s(), self._plugged_s)  # frames sent now are lost
             where, what = self.name, "the adapter is gone (a fault of the demo)"
             raise BusError(where, what, "wait: it is plugged in again after 3 s")
 
     def _choose(self, status: Status | None) -> None:
-        """Decide what the car does from now on."""
+        """Choose the next act of the car."""
         if self._done_s >= self._begun_s + self._act.length_s:
             self._begin(self._acts.rest(self._mass_state))
         if status is None or self._act.length_s < np.inf:

@@ -1,9 +1,9 @@
-"""A whole campaign of a simulated car as a session, without frames and bus: for Monte Carlo.
+"""Simulates a complete campaign as a session, without frames and bus, for Monte Carlo studies.
 
-Everything is as on the simulated bench, but for the wire: the car is driven over its bumps, the
-sensors see it late, through their low-pass, with bias and noise, each message at its own instants.
-What the session states of weights, places and lateness differs from the truth by what it states of
-their uncertainty.
+Everything except the wire is as on the simulated bench: the car is driven over its bumps; the
+sensors measure with delay, low-pass, bias and noise, each message at its own times.  The weights,
+positions and delays stated in the session differ from the truth by errors of the stated
+uncertainty.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .plant import Array, Plant
 from .sensors import Installation, install, measured, true_reading
 
 FINE_S = 1e-4
-"""Step at which a run is read before the sensors sample it: that of the simulation."""
+"""Time step, s, at which a run is read before the sensors sample it: that of the simulation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,57 +41,58 @@ class PlannedBump:
     mass_state: str
     """Name of the mass state."""
     excitation: Excitation
-    """Which wheels meet the bump."""
+    """Kind of bump."""
     height_m: float = 0.05
-    """Height of the bump."""
+    """Height of the bump, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The bumps and the channels, as the session states them."""
+    """The bumps and the channels of a campaign, as stated in the session."""
 
     bumps: tuple[PlannedBump, ...]
-    """The runs, in their order; each is driven anew."""
+    """The runs, in order; each is simulated separately."""
     channels: tuple[Channel, ...]
-    """The sensors; those whose signals name the same message share a clock."""
+    """The sensors; sensors whose signals are in the same message share a clock."""
     mass_states: tuple[MassState, ...] = (MassState(BASELINE),)
-    """The weights as the scales and the tape show them."""
+    """The weights, as measured by scales and tape."""
     vehicle: Vehicle = field(default_factory=lambda: Vehicle("simulated car"))
-    """Structure and facts that the identification is given."""
+    """The structure and facts that are given to the identification."""
     rates_hz: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    """Samples a second of each message; 200 where it is not named."""
+    """Sample rate of each message, Hz; 200 for messages that are not named."""
     bump_s: float = 0.2
-    """How long the wheels are on the bump, s."""
+    """Duration of the bump, s."""
     rest_s: float = 0.6
-    """Rest that is recorded before the bump, s."""
+    """Recorded rest before the bump, s."""
     decay_s: float = 2.2
-    """Time that is recorded after the bump, s."""
+    """Recorded time after the bump, s."""
     from_decay: bool = False
-    """Records begin with the free decay: the first sample of each sensor sees the car after the
-    bump.  Else they begin at rest."""
+    """True if records begin with the free decay: the first sample of each sensor is after the bump.
+    Else they begin at rest."""
     stuck: float = 0.0
-    """Share of its friction up to which each corner may carry load before a bump."""
+    """Largest load that the friction of each corner carries before a bump, as a share of its
+    friction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """A session, and what it does not say."""
+    """A simulated session, with the truth."""
 
     session: Session
     """The recorded session."""
     truth: Truth
-    """The true values drawn for it."""
+    """The drawn true values."""
     motions: tuple[Motion, ...]
-    """How the car moved in each run."""
+    """The motion of the car in each run."""
 
 
 def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
     """Simulate a campaign.
 
-    `car`: what is driven; its bump height, lead and tail are not used.  `plan`: runs, sensors and
-    weights.  `seed`: decides every draw and all noise.  Raises ValueError if the weights would tip
-    the car over, or a bump names no mass state of the plan.  Raises InputError if a fault is
-    declared for no channel of the plan, or two for the same one.
+    `car`: the simulated car; its bump height, lead and tail are not used.  `plan`: runs, sensors
+    and weights.  `seed`: determines every draw and all noise.  Raises ValueError if the weights
+    would tip the car over, or a bump names no mass state of the plan.  Raises InputError if a fault
+    is declared for no channel of the plan, or two for the same one.
     """
     drawn = draw(plan.channels, plan.mass_states, car, seed)
     plants = {
@@ -105,7 +106,7 @@ def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
 def recorded(
     car: SimulatedCar, plan: Plan, drawn: Truth, motions: Sequence[Motion], seed: int
 ) -> Session:
-    """Record given motions, one a run of the plan, with the sensors and clocks that were drawn."""
+    """Record given motions, one per run of the plan, with the drawn sensors and clocks."""
     unloaded = load_car(car.parameters, MassState(BASELINE).added, car.imperfections)
     installation = install(unloaded, car)
     repeats: dict[tuple[str, Excitation], int] = {}
@@ -141,7 +142,7 @@ def _sampled(
     motion: Motion,
     rng: np.random.Generator,
 ) -> tuple[SampleGroup, ...]:
-    """Return what the sensors say of a run."""
+    """Return the readings of the sensors in a run."""
     length_s = plan.rest_s + plan.bump_s + plan.decay_s
     off_s = motion.bump.end_s if plan.from_decay else -inf
     latest_s = max(sensor.delay_s for sensor in drawn.sensors.values())
@@ -175,7 +176,7 @@ def _reading(
     seen: Kinematics,
     tick_s: Array,
 ) -> Array:
-    """Return what a sensor without noise says at its instants."""
+    """Return the readings of a sensor without noise at its sample times."""
     reading = true_reading(channel, sensor, installation, seen)
     if sensor.low_pass_hz:
         reading = low_pass(reading, FINE_S, sensor.low_pass_hz, sensor.low_pass_order)

@@ -1,9 +1,9 @@
-"""The simulated car and its sensors, and the errors drawn once for a whole campaign.
+"""Defines the simulated car and its sensors, and draws the errors of a complete campaign.
 
-A bench knows its sensors as far as a person can measure: a position to a centimetre, a delay as the
-data sheet states it, a weight as the scales show it.  The simulated bench differs from that by
-errors drawn from the very uncertainties that bench.toml states, so that an interval computed from
-them can be tested.
+A bench describes its sensors with the accuracy of a person's measurements: a position to a
+centimetre, a delay from the data sheet, a weight from the scales.  The simulated bench differs from
+this description by errors drawn from the uncertainties stated in bench.toml, so that an interval
+computed from them can be tested.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Spread:
     rate_rad_s: float
     """Gyroscopes."""
     angular_acceleration_rad_s2: float
-    """Angular accelerometers, where there are any."""
+    """Angular accelerometers, if there are any."""
     displacement_m: float
     """Suspension travel and other displacements."""
 
@@ -55,27 +55,27 @@ class Spread:
 
 
 NOISE = Spread(0.03, 0.15, math.radians(0.1), 0.02, 0.0002)
-"""White noise of each sample: an automotive IMU, rugged hub accelerometers, string pots."""
+"""White noise of each sample, for an automotive IMU, rugged hub accelerometers, string pots."""
 BIAS = Spread(0.05, 0.2, math.radians(0.2), 0.02, 0.005)
-"""Constant error of each sensor; for a displacement, how well its zero was set."""
+"""Constant error of each sensor; for a displacement, the error of its zero."""
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatedCar:
-    """A car, its bump and its bench, as they are in truth or up to a draw."""
+    """The true car, bump and bench; some values are standard deviations of a draw."""
 
     parameters: VehicleParameters = FORD_GRANADA
     """The unloaded car."""
     bump_height_m: float = 0.05
-    """Height of the half-sine bump."""
+    """Height of the half-sine bump, m."""
     noise: Spread = NOISE
-    """Noise of the sensors, beyond the errors that bench.toml states."""
+    """Noise of the sensors, in addition to the errors stated in bench.toml."""
     bias: Spread = BIAS
-    """Constant errors of the sensors, beyond those that bench.toml states."""
+    """Constant errors of the sensors, in addition to those stated in bench.toml."""
     clock_error: float = 10e-6
     """Standard deviation of the relative rate error of each message's clock."""
     jitter_s: float = 50e-6
-    """Mean time by which a frame is released late (exponential), s."""
+    """Mean delay of the release of a frame (exponential), s."""
     lead_s: float = 1.3
     """Rest before the bump, s."""
     tail_s: float = 2.8
@@ -83,7 +83,7 @@ class SimulatedCar:
     imperfections: Imperfections = NONE
     """Effects that the 15 parameters do not describe."""
     faults: tuple[SensorFault, ...] = ()
-    """Faults of sensors, at most one entry a channel."""
+    """Faults of sensors, at most one entry per channel."""
 
     @property
     def run_s(self) -> float:
@@ -93,24 +93,24 @@ class SimulatedCar:
 
 @dataclass(frozen=True, slots=True)
 class SensorTruth:
-    """A sensor as it really is mounted."""
+    """The true mounting and errors of a sensor."""
 
     x_m: float
-    """True position, forward from the middle of the front axle; NaN where there is none."""
+    """True position, forward from the middle of the front axle, m; NaN if it has none."""
     y_m: float
-    """True position, to the left; NaN where there is none."""
+    """True position, to the left, m; NaN if it has none."""
     delay_s: float
-    """True lateness: a frame released at t carries the value at t - delay_s."""
+    """True delay, s: a frame released at t carries the value at t - delay_s."""
     bias: float
     """Constant error in the channel's SI unit, before gain, sign and tare."""
     low_pass_hz: float = 0.0
-    """Cut-off (-3 dB) of its Butterworth low-pass; 0 means none."""
+    """Cut-off frequency (-3 dB) of its Butterworth low-pass, Hz; 0 means none."""
     low_pass_order: int = 2
     """Order of that low-pass."""
     gain: float = 1.0
-    """Factor between what it measures and what it says, 1 for a sound one."""
+    """Ratio of the reading to the measured value, 1 for a healthy sensor."""
     limit: float = math.inf
-    """It saturates at plus and minus this, SI."""
+    """Magnitude, SI, at which it saturates in both directions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +125,12 @@ class ClockTruth:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """All that was drawn for one campaign: what the identification never sees."""
+    """All drawn values of one campaign, which are hidden from the identification."""
 
     parameters: VehicleParameters
     """The unloaded car."""
     mass_states: Mapping[str, AddedMass]
-    """The weights as they really are."""
+    """The true weights."""
     sensors: Mapping[str, SensorTruth]
     """True position, delay and errors, by channel."""
     clocks: Mapping[str, ClockTruth]
@@ -138,7 +138,7 @@ class Truth:
 
 
 def truth(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
-    """Draw what differs between a bench as described and as it is; errors are those of `draw`."""
+    """Draw the differences of a true bench from its description; raises as `draw`."""
     return draw(bench.channels, bench.mass_states, car, seed)
 
 
@@ -148,7 +148,7 @@ def draw(
     car: SimulatedCar,
     seed: int,
 ) -> Truth:
-    """Draw what differs between sensors and weights as described and as they are.
+    """Draw the differences of true sensors and weights from their description.
 
     `channels` and `mass_states`: the description; its sigmas are the spreads of the draw.  `car`:
     the car and the spreads that the description does not state.  `seed`: the same seed gives the
@@ -158,7 +158,7 @@ def draw(
     faults = _by_channel(car.faults, [channel.name for channel in channels])
     rng = np.random.default_rng([seed, 0])
     messages = dict.fromkeys(message_of(channel.signal) for channel in channels)
-    # One message is one device: what delays one of its signals delays them all.
+    # One message is one device: a delay of one of its signals is a delay of all.
     lateness = {message: rng.standard_normal() for message in messages}
     clocks = {
         message: ClockTruth(rng.uniform(), car.clock_error * rng.standard_normal())
@@ -175,7 +175,7 @@ def draw(
         sensor = SensorTruth(
             x_m=x_m + slip[0] if on_body else math.nan,
             y_m=y_m + slip[1] if on_body else math.nan,
-            # No sensor foresees: a draw below zero is a sensor without delay.
+            # A sensor cannot be early: a draw below zero gives a sensor without delay.
             delay_s=max(0.0, channel.delay_s + channel.delay_sigma_s * late),
             bias=bias,
             low_pass_hz=channel.low_pass_hz,
@@ -189,7 +189,7 @@ def draw(
 
 
 def _true_gain(channel: Channel, rng: np.random.Generator) -> float:
-    """Return how far a motion ratio is from what is stated, as a factor."""
+    """Return the ratio of the true to the stated motion ratio."""
     if not channel.motion_ratio_sigma:
         return 1.0
     return 1.0 + channel.motion_ratio_sigma / channel.motion_ratio * float(rng.standard_normal())
@@ -223,7 +223,7 @@ def _by_channel(faults: tuple[SensorFault, ...], channels: list[str]) -> dict[st
 
 
 def _as_loaded(added: AddedMass, rng: np.random.Generator) -> AddedMass:
-    """Return the weights as they are, beside what scales and tape showed of them."""
+    """Return the true weights for the weights as measured by scales and tape."""
     weighed = [
         replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
         for weight in added.weights

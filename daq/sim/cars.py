@@ -1,4 +1,4 @@
-"""Real cars by name, with their sources: parameter sets of public data, worn ones beside them."""
+"""Lists real cars by name, with sources: parameter sets from public data, and worn versions."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from .dampers import Branch, DamperCurve, Digressive, Straight, Table, scaled, s
 from .imperfections import ALIKE, NONE, Friction, Imperfections, PerAxle
 
 GRANADA = "granada"
-"""The paper's car: linear, without any imperfection."""
+"""The paper's car: linear, without imperfections."""
 
 
 @dataclass(frozen=True, slots=True)
 class NamedCar:
-    """A car that can be asked for by its name."""
+    """A car with a name."""
 
     name: str
-    """For the command line."""
+    """Name, for the command line."""
     title: str
-    """For people."""
+    """Title, for people."""
     source: str
-    """Where its figures come from, and what is assumed."""
+    """Source of its figures, and assumptions."""
     parameters: VehicleParameters
     """Its 15 parameters; c_s is the secant of the damper curve of an axle without wear."""
     imperfections: Imperfections
     """Effects that the parameters do not describe."""
 
     def simulated(self, **changes: Any) -> SimulatedCar:
-        """Return it for a simulated bench; `changes` are fields of `SimulatedCar`."""
+        """Return the car for a simulated bench; `changes` are fields of `SimulatedCar`."""
         made = SimulatedCar(parameters=self.parameters, imperfections=self.imperfections)
         return replace(made, **changes)
 

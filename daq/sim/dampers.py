@@ -1,8 +1,8 @@
-"""Force of a damper against the speed at which it closes; compression is positive.
+"""Computes the force of a damper from its closing speed; compression is positive.
 
-A curve describes one damper.  A `DamperLaw` holds the curves of all corners as arrays, so that
-four corners of several cars are evaluated in one go: straight lines, what a tanh adds to them, and
-what bends them at given speeds.
+A curve describes one damper.  A `DamperLaw` holds the curves of all corners as arrays, so that four
+corners of several cars are evaluated together: straight lines, tanh terms, and changes of slope at
+given speeds.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 SECANT_M_S = 0.1
-"""Speed up to which c_s is counted, either way: the slope of the straight line between the forces
-at minus and plus this, m/s."""
+"""Speed that defines c_s, m/s: c_s is the slope of the straight line between the forces at minus
+and plus this speed."""
 
 
 class Branch(NamedTuple):
@@ -28,7 +28,7 @@ class Branch(NamedTuple):
     low_ns_m: float
     """Slope at standstill, N s/m."""
     high_ns_m: float
-    """Slope far beyond the knee, N s/m."""
+    """Slope far above the knee, N s/m."""
     knee_m_s: float
     """Speed of the knee, m/s; the force is ``high v + (low - high) knee tanh(v / knee)``."""
 
@@ -52,19 +52,19 @@ class Digressive:
     """A damper with a soft knee in each direction."""
 
     compression: Branch
-    """As the wheel approaches the body."""
+    """Branch while the wheel approaches the body."""
     rebound: Branch
-    """As the wheel leaves it."""
+    """Branch while the wheel leaves the body."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A damper as a test rig prints it: straight between its points and beyond the last one."""
+    """A damper as a table of a test rig: straight between its points and after the last one."""
 
     compression: tuple[tuple[float, float], ...]
-    """Speed (m/s) and force (N), both positive, rising; the origin is understood."""
+    """Speed (m/s) and force (N), both positive, rising; the origin is implied."""
     rebound: tuple[tuple[float, float], ...]
-    """The same of the other direction, positive too."""
+    """Speed and force of the other direction, also positive."""
 
 
 DamperCurve = Straight | Digressive | Table
@@ -75,7 +75,7 @@ class Bends:
     """A soft knee of each corner and direction, (4, 1) each."""
 
     compression_n: Array
-    """Force that the knee adds far beyond it, N."""
+    """Force that the knee adds far above it, N."""
     compression_m_s: Array
     """Speed of the knee, m/s."""
     rebound_n: Array
@@ -84,7 +84,7 @@ class Bends:
     """Speed of the knee, m/s."""
 
     def toward(self, ahead: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return speed and force of the knees of each corner, by whether it closes."""
+        """Return speed and force of the knees of each corner, for its direction of motion."""
         speed = np.where(ahead, self.compression_m_s, self.rebound_m_s)
         return speed, np.where(ahead, self.compression_n, self.rebound_n)
 
@@ -94,11 +94,11 @@ class Hinges:
     """Changes of slope at given speeds, (J, 4, 1) each; a padded corner has changes of zero."""
 
     speed_m_s: Array
-    """Where the slope changes, m/s; not negative for compression, negative for rebound."""
+    """Speed at which the slope changes, m/s; not negative for compression, negative for rebound."""
     toward: Array
-    """+1 where the change acts above the speed, -1 where it acts below."""
+    """+1 if the change acts above the speed, -1 if it acts below."""
     change_ns_m: Array
-    """By how much, N s/m."""
+    """Change of the slope, N s/m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,17 +106,17 @@ class DamperLaw:
     """The dampers of four corners."""
 
     compression_ns_m: Array
-    """(4, 1) Slope of the straight part as the wheel approaches the body."""
+    """(4, 1) Slope of the straight part while the wheel approaches the body, N s/m."""
     rebound_ns_m: Array
-    """(4, 1) The same as it leaves it."""
+    """(4, 1) Slope of the straight part while the wheel leaves the body, N s/m."""
     bends: Bends | None
-    """Soft knees, where there are any."""
+    """Soft knees, if there are any."""
     hinges: Hinges | None
-    """Hard ones."""
+    """Changes of slope, if there are any."""
 
     @property
     def straight(self) -> bool:
-        """True if force is proportional to speed, in both directions alike."""
+        """True if force is proportional to speed, with the same slope in both directions."""
         alike = np.array_equal(self.compression_ns_m, self.rebound_ns_m)
         return alike and self.bends is None and self.hinges is None
 
@@ -134,7 +134,7 @@ class DamperLaw:
         return force
 
     def slope(self, closing: Array) -> Array:
-        """Return by how much the force grows with the speed, N s/m; arguments of `force`."""
+        """Return the derivative of the force by the speed, N s/m; arguments of `force`."""
         ahead = closing > 0.0
         slope = np.where(ahead, self.compression_ns_m, self.rebound_ns_m)
         if self.bends is not None:
@@ -160,7 +160,7 @@ def damper_law(curves: Sequence[DamperCurve], factors: Sequence[float]) -> Dampe
 
 
 def secant_ns_m(curve: DamperCurve) -> float:
-    """Return the slope of a curve between minus and plus `SECANT_M_S`: what c_s is of it."""
+    """Return the slope of a curve between minus and plus `SECANT_M_S`, which is its c_s."""
     speeds = np.array([[-SECANT_M_S, SECANT_M_S]])
     below, above = damper_law([curve], [1.0]).force(speeds)[0]
     return float((above - below) / (2.0 * SECANT_M_S))
@@ -184,7 +184,7 @@ def _sides(curve: DamperCurve) -> tuple[float, float]:
 
 
 def _slopes(points: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:
-    """Return where each segment of a table begins, m/s, and its slope, N s/m."""
+    """Return the begin of each segment of a table, m/s, and its slope, N s/m."""
     return [(v0, (f1 - f0) / (v1 - v0)) for (v0, f0), (v1, f1) in pairwise(((0.0, 0.0), *points))]
 
 

@@ -1,4 +1,4 @@
-"""The simulated sensors' controllers: each message has its own clock, all share one bus."""
+"""Simulates the sensors' controllers: each message has its own clock, all share one bus."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ class Sender:
     message: MessageLayout
     """The message that is sent."""
     cycle_s: float
-    """Its cycle time as the DBC states it, s."""
+    """Its cycle time as stated in the DBC, s."""
     clock: ClockTruth
     """Phase and rate error of its clock."""
     channels: tuple[Channel, ...]
-    """Its signals, as far as they are channels."""
+    """Its signals that are channels."""
 
     def ticks(self, start_s: float, end_s: float) -> tuple[int, NDArray[np.float64]]:
-        """Return the number of the first tick in start_s..end_s, and the times of all of them."""
+        """Return the number of the first tick in start_s..end_s, and the times of all its ticks."""
         period_s = self.cycle_s * (1.0 + self.clock.error)
         phase_s = self.clock.phase * self.cycle_s
         first, last = np.ceil((np.array([start_s, end_s]) - phase_s) / period_s).astype(int)
@@ -50,17 +50,17 @@ class Sender:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """The parts of a bench that stay the same through a campaign."""
+    """The parts of a bench that do not change during a campaign."""
 
     codec: Codec
     """The bench's DBC."""
     car: SimulatedCar
     drawn: Truth
-    """The car and what was drawn for it."""
+    """The true values drawn for the car."""
     installation: Installation
-    """How the sensors were put on it."""
+    """The installation of the sensors."""
     senders: tuple[Sender, ...]
-    """Who sends what."""
+    """The messages with their channels and clocks."""
     plants: Mapping[str, Plant]
     """The car in each state of loading."""
 
@@ -70,9 +70,9 @@ class Scene:
     """Motion of the car over a stretch of time."""
 
     motion: Moving
-    """Its motion."""
+    """The motion."""
     begins_s: float
-    """When the motion's time 0 is, s since the start of the campaign."""
+    """Time of the motion's time 0, s since the start of the campaign."""
     low_passed: Mapping[str, tuple[Array, Array]]
     """Outputs of the sensors with a low-pass, on the motion's time (`sensors.low_passed`)."""
 
@@ -91,13 +91,13 @@ def campaign_frames(
 ) -> Iterator[FrameBatch]:
     """Simulate a campaign, as a recorder would see it on the bus.
 
-    `seed`: decides every draw (`car.truth`) and all noise.  `start_ns`: time stamp of the start, ns
-    since 1970 UTC.  Yields one block a run, in the order of `bench.campaign.steps`: `car.lead_s` of
-    rest, the bump and the free decay.  Time and counters run on from run to run; stamps are taken
-    at the end of each transmission.  Messages that carry no channel are not sent.  Raises
-    InputError if a channel's signal is not in the DBC, its message has no cycle time or is too long
-    for classic CAN, its unit does not fit, a fault has no channel, or the weights would tip the car
-    over.
+    `seed`: determines every draw (`car.truth`) and all noise.  `start_ns`: time stamp of the start,
+    ns since 1970 UTC.  Yields one block per run, in the order of `bench.campaign.steps`:
+    `car.lead_s` of rest, the bump and the free decay.  Time and counters continue from run to run;
+    stamps are taken at the end of each transmission.  Messages that carry no channel are not sent.
+    Raises InputError if a channel's signal is not in the DBC, its message has no cycle time or is
+    too long for classic CAN, its unit does not fit, a fault has no channel, or the weights would
+    tip the car over.
     """
     rig = rig_of(bench, codec, car, seed)
     motions = _motions(bench, rig)
@@ -172,7 +172,7 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
 
 
 def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
-    """Put a drawn car on a bench; errors are those of `campaign_frames`."""
+    """Put a drawn car on a bench; raises as `campaign_frames`."""
     drawn = truth(bench, car, seed)
     plants = {
         name: load_car(car.parameters, added, car.imperfections)
@@ -183,7 +183,7 @@ def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
 
 
 def scene_of(rig: Rig, motion: Moving, begins_s: float, length_s: float) -> Scene:
-    """Return a motion as it is sampled from `begins_s` on, for `length_s`."""
+    """Return a motion for sampling from `begins_s`, for `length_s`."""
     smooth = {}
     for channel in (channel for sender in rig.senders for channel in sender.channels):
         sensor = rig.drawn.sensors[channel.name]
@@ -203,9 +203,9 @@ def sample(
 ) -> Burst:
     """Sample, encode and release the frames of one message in a span of time.
 
-    `rig`, `sender`, `scene`: who samples what.  `span_s`: begin and end, s since the start of the
-    campaign; spans that meet lose and repeat nothing.  `limits`: where a sensor saturates, if not
-    where its truth says.
+    `rig`, `sender`, `scene`: bench, message and motion.  `span_s`: begin and end, s since the start
+    of the campaign; adjacent spans lose and repeat nothing.  `limits`: limits at which sensors
+    saturate, if other than their true ones.
     """
     counter, tick_s = sender.ticks(*span_s)
     sensors = {
@@ -226,7 +226,7 @@ def sample(
             reading = true_reading(channel, sensor, rig.installation, seen[sensor.delay_s])
         values[signal.name] = signal_values(channel, signal, sensor, rig.car.noise, reading, rng)
     payload = rig.codec.encode(sender.message.name, values, counter)
-    # Less than half a cycle late, or frames of one message would overtake each other.
+    # Less than half a cycle late, because frames of one message must not overtake each other.
     late_s = np.minimum(rng.exponential(rig.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
     return Burst(sender.message, tick_s + late_s, payload)
 
@@ -236,7 +236,7 @@ def on_the_buses(
 ) -> FrameBatch:
     """Merge the frames of all messages as their buses carry them.
 
-    `free_ns`: when each bus is free again; kept up to date here.
+    `free_ns`: time at which each bus is free again; updated here.
     """
     batches = []
     for number, bus in enumerate(buses):

@@ -1,4 +1,4 @@
-"""The road: half-sine bumps under chosen wheels (Eq. 34)."""
+"""Computes the road: half-sine bumps under chosen wheels (Eq. 34)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from ..bumps import BUMPS
 from ..runs import Excitation
 
 _SHARE = {excitation: np.array(bump.shares)[:, None] for excitation, bump in BUMPS.items()}
-"""1 for each wheel that is lifted, else 0, (4, 1); the integration asks thousands of times."""
+"""1 for each wheel that is lifted, else 0, (4, 1); stored, because the integration needs it
+often."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,17 +20,17 @@ class Bump:
     """A half-sine bump that the chosen wheels pass at the same time."""
 
     excitation: Excitation
-    """Which wheels (`daq.bumps.BUMPS`)."""
+    """Kind of bump (`daq.bumps.BUMPS`)."""
     height_m: float
-    """Height of the bump."""
+    """Height of the bump, m."""
     start_s: float
-    """Time when the wheels meet the bump."""
+    """Time at which the wheels meet the bump, s."""
     duration_s: float
-    """Time that the wheels are on the bump."""
+    """Time for which the wheels are on the bump, s."""
 
     @property
     def end_s(self) -> float:
-        """When the wheels have left the bump and the free decay starts."""
+        """Time at which the wheels have left the bump and the free decay starts, s."""
         return self.start_s + self.duration_s
 
     @property
@@ -49,7 +50,7 @@ def road_height(bump: Bump, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def road_speed(bump: Bump, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how fast the road rises under each wheel, (4, n), m/s; arguments of `road_height`.
+    """Return the vertical speed of the road under each wheel, (4, n), m/s; as `road_height`.
 
     It jumps where the bump begins and ends; those two instants count as on the bump.
     """

@@ -1,7 +1,7 @@
-"""A fleet of plausible real cars, each with its bench and its campaign, drawn from measured facts.
+"""Draws a fleet of plausible real cars, each with its bench and its campaign.
 
-`fleet.toml` holds the ranges and their sources.  Every draw is uniform within its range, those of
-the inertias within the 5 to 95 % of measured vehicles.
+`fleet.toml` holds the measured ranges and their sources.  Every draw is uniform within its range;
+that of an inertia is the range of 5 to 95 % of measured vehicles.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ Range = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class FleetCar:
-    """One car of the fleet, and what is done with it."""
+    """One car of the fleet with its campaign."""
 
     number: int
-    """Its place in the fleet, from 0."""
+    """Its number in the fleet, from 0."""
     kind: str
     """Its class: city, suv, van, formula, solid axles."""
     car: SimulatedCar
@@ -46,7 +46,7 @@ class FleetCar:
     """Seed of the campaign's noise."""
 
     def simulate(self) -> Simulated:
-        """Return its session; the same each time."""
+        """Return its session, the same at each call."""
         return simulate(self.car, self.plan, self.seed)
 
 
@@ -60,9 +60,9 @@ def fleet_facts() -> Facts:
 def fleet_car(number: int, seed: int, facts: bool = False, travels: bool = True) -> FleetCar:
     """Draw a car of a fleet.
 
-    `number`: which car; the classes take turns.  `seed`: of the fleet.  `facts`: corner scales and
-    a tape measure take the place of added mass.  `travels`: suspension travels are measured beside
-    the inertial unit and the hubs.
+    `number`: number of the car; the classes alternate.  `seed`: seed of the fleet.  `facts`: True
+    for corner scales and a tape measure instead of added mass.  `travels`: True if suspension
+    travels are measured in addition to the inertial unit and the hubs.
     """
     ranges = fleet_facts()
     kind = ranges["class"][number % len(ranges["class"])]
@@ -80,7 +80,7 @@ def fleet_car(number: int, seed: int, facts: bool = False, travels: bool = True)
 def drawn_car(
     kind: Facts, ranges: Facts, rng: np.random.Generator
 ) -> tuple[VehicleParameters, Imperfections]:
-    """Draw the parameters of a car and what distinguishes it from them."""
+    """Draw the parameters and the imperfections of a car."""
     p = _parameters(kind, ranges, rng)
     i = _imperfections(kind, ranges, p, rng)
     curves = [curve for curve in (i.damper_front, i.damper_rear) if curve is not None]
@@ -89,7 +89,7 @@ def drawn_car(
 
 
 def _parameters(kind: Facts, ranges: Facts, rng: np.random.Generator) -> VehicleParameters:
-    """Draw a car of a class; its dampers are straight yet."""
+    """Draw a car of a class, still with linear dampers."""
 
     def of(name: str) -> float:
         return float(rng.uniform(*kind[name]))
@@ -176,7 +176,7 @@ def _imperfections(
 
 
 def _sides(most: float, rng: np.random.Generator) -> PerCorner:
-    """Draw factors of the corners; the mean of each axle is 1, so that its parameter is true."""
+    """Draw factors of the corners; the mean of each axle is 1, so that its parameter stays true."""
     front, rear = rng.uniform(-most, most, 2).tolist()
     return 1.0 + front, 1.0 - front, 1.0 + rear, 1.0 - rear
 
@@ -195,7 +195,7 @@ def _damper(secant: float, ranges: Facts, rng: np.random.Generator) -> Digressiv
 
 
 def _printed(curve: Digressive) -> Table:
-    """Return a curve as a test rig prints it: a few speeds, straight in between."""
+    """Return a curve as a table of a test rig: a few speeds, straight between them."""
     bump = np.array([curve.compression.knee_m_s, 0.3, 0.6])
     rebound = np.array([curve.rebound.knee_m_s, 0.3, 0.6])
     law = damper_law([curve], [1.0])
@@ -207,7 +207,7 @@ def _printed(curve: Digressive) -> Table:
 
 
 def elements(fleet_car: FleetCar, simulated: Simulated) -> dict[str, dict[str, float]]:
-    """Return the force elements that this car has and its runs met, with their true sizes, SI.
+    """Return the force elements that this car has and its runs excite, with their true sizes, SI.
 
     Names are those of `[vehicle.structure]`, with `damper_curve` for both elements of the dampers;
     sizes have the names under which an identification reports them (`F_cf`: friction of a front
@@ -246,12 +246,12 @@ def _both(kind: str, sizes: Sequence[float]) -> dict[str, float]:
 
 
 def _unequal(sides: PerCorner) -> tuple[float, float]:
-    """Return half of what the left has more than the right, front and rear."""
+    """Return half of the difference of left minus right, front and rear."""
     return 0.5 * (sides[0] - sides[1]), 0.5 * (sides[2] - sides[3])
 
 
 def _met_stops(fleet_car: FleetCar, simulated: Simulated) -> tuple[bool, bool]:
-    """Return whether a front and a rear stop were touched after the wheels had left the bump."""
+    """Return whether a front and a rear stop were touched after the wheels left the bump."""
     i, p = fleet_car.car.imperfections, fleet_car.car.parameters
     bare = load_car(p, AddedMass(), i).progression
     met = np.zeros(4, dtype=bool)

@@ -1,4 +1,4 @@
-"""The bench of a car of the fleet: sensors with their faults stated, weights, runs, scales."""
+"""Draws the bench of a car of the fleet: sensors with stated errors, weights, runs, scales."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ from .load import load_car
 from .masses import GRAVITY_M_S2
 
 _SCALE_KG, _WHEELBASE_M, _TRACK_M = 0.5, 0.002, 0.004
-"""Sigma of a corner's scales, and of the tape measure along the car and across it."""
+"""Standard uncertainty of a corner's scales, kg, and of the tape measure along the car and across
+it, m."""
 _THREE = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
 _FURTHER = (*_THREE, Excitation.WARP)
 _CORNER_FACTS = (
@@ -56,10 +57,10 @@ def fitted_plan(
     messages: tuple[str, ...],
     weights: bool,
 ) -> Plan:
-    """Draw sensors and runs for a car: six to eight, half of them with weights where there are any.
+    """Draw sensors and runs for a car: six to eight runs, half of them with any weights.
 
-    `p`: the car.  `ranges`: of `fleet.toml`.  `messages`: devices that are fitted.  `weights`: runs
-    with added mass, too.
+    `p`: the car.  `ranges`: ranges of `fleet.toml`.  `messages`: fitted devices.  `weights`: True
+    for additional runs with added mass.
     """
     sensors = ranges["sensors"]
     fitting = Fitting(
@@ -95,7 +96,7 @@ def fitted_plan(
 def _weights(
     p: VehicleParameters, limits: Mapping[str, Any], rng: np.random.Generator
 ) -> AddedMass:
-    """Draw weights over the axles, the heavier one in front to the left, and on the hubs."""
+    """Draw weights over the axles, with the heavier one at the front left, and on the hubs."""
     sigma_kg = limits["mass_kg"] / sqrt(3.0)
     total = p.m_s * float(rng.uniform(*limits["share"]))
     placed = ((0.35, 0.1, 0.6), (0.15, 0.1, -0.6), (0.15, -1.0, 0.6), (0.35, -1.0, -0.6))
@@ -118,7 +119,7 @@ def _weights(
 
 
 def facts_of(car: SimulatedCar, rng: np.random.Generator) -> tuple[Fact, ...]:
-    """Return what corner scales and a tape measure say of a car."""
+    """Return the facts that corner scales and a tape measure show of a car."""
     p = car.parameters
     plant = load_car(p, AddedMass(), car.imperfections)
     still, flat = np.zeros((7, 1)), np.zeros((4, 1))

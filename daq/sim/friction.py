@@ -1,14 +1,14 @@
-"""Dry friction that sticks: the law of Dahl, and that of Canudas de Wit and others (LuGre).
+"""Computes dry friction that sticks: laws of Dahl, and of Canudas de Wit and others (LuGre).
 
 The rubber and the seals of a corner yield before it slides.  Their deflection, as a share of the
-one at which sliding begins, is the memory of the law::
+deflection at which sliding begins, is the memory of the law::
 
     share' = (w - |w| share / s(w)) / d          F = F_c share
     s(w) = 1 + (static ratio - 1) exp(-(w / v_s)^2)
 
 with the closing speed w, the pre-sliding length d and sliding friction F_c.  A static ratio of 1 is
-Dahl's law.  The small damping of the bristles, which LuGre may have, is left out: every corner has
-a damper beside it.
+Dahl's law.  The small damping of the bristles, which LuGre may have, is left out, because every
+corner has a damper in parallel.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class FrictionLaw:
     force_n: Array
     """(4, 1) Sliding friction, N."""
     presliding_m: Array
-    """(4, 1) Length over which it builds up, m."""
+    """(4, 1) Length over which friction builds up, m."""
     surplus: Array | None
-    """(4, 1) By what share static friction exceeds sliding friction; None for Dahl's law."""
+    """(4, 1) Relative excess of static friction over sliding friction; None for Dahl's law."""
     stribeck_m_s: Array
-    """(4, 1) Speed over which that surplus falls off, m/s."""
+    """(4, 1) Speed over which that excess decreases, m/s."""
 
     @property
     def present(self) -> bool:
@@ -52,7 +52,7 @@ class FrictionLaw:
         """Return the shares after a time at constant speeds; the law is solved exactly.
 
         `share`, (4, n) float64: before.  `closing`, (4, n) float64: speed of each corner, m/s.
-        `time_s`: how long, s.
+        `time_s`: duration, s.
         """
         limit = self.sliding_share(closing)
         travel = np.abs(closing) * time_s

@@ -1,4 +1,4 @@
-"""Sensors to put on any car: an inertial unit, hub accelerometers, suspension travels."""
+"""Defines sensors for any car: an inertial unit, hub accelerometers, suspension travels."""
 
 from __future__ import annotations
 
@@ -21,20 +21,21 @@ MESSAGES = (IMU, *HUBS, *TRAVELS)
 
 @dataclass(frozen=True, slots=True)
 class Fitting:
-    """How sensors are fitted, as far as a data sheet and a tape measure know it."""
+    """The fitting of sensors, as known from data sheets and a tape measure."""
 
     messages: tuple[str, ...] = MESSAGES
-    """Which devices there are, of `MESSAGES`."""
+    """The fitted devices, of `MESSAGES`."""
     imu_m: tuple[float, float] = (-1.05, 0.12)
-    """Place of the inertial unit from the middle of the front axle: forward, left."""
+    """Position of the inertial unit from the middle of the front axle: forward, left, m."""
     place_sigma_m: float = 0.0
-    """Standard uncertainty of that place, m."""
+    """Standard uncertainty of that position, m."""
     delay_s: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    """Lateness of each device as stated, s; 0 where it is not named."""
+    """Stated delay of each device, s; 0 for devices that are not named."""
     delay_sigma_s: float = 0.0
-    """Standard uncertainty of that, s."""
+    """Standard uncertainty of that delay, s."""
     low_pass_hz: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    """Second-order Butterworth low-pass of each device, Hz; none where it is not named."""
+    """Cut-off frequency of each device's second-order Butterworth low-pass, Hz; none for devices
+    that are not named."""
 
 
 def channels(fitting: Fitting) -> tuple[Channel, ...]:

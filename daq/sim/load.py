@@ -1,4 +1,4 @@
-"""A car with masses on it, as a plant: parameters and imperfections, corner by corner."""
+"""Makes a plant of a car with masses: parameters and imperfections, corner by corner."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def load_car(
     """Put the added masses on a car.
 
     `parameters`: the unloaded car.  `added`: weights, which have gravity and inertia; a matrix
-    given directly has inertia only.  `imperfections`: what the car has beyond its parameters.
+    given directly has only inertia.  `imperfections`: effects in addition to the parameters.
     """
     p, i = parameters, imperfections
     inertia = -inertia_forces(p, added, i, np.eye(7))
@@ -65,7 +65,7 @@ def _mounts(i: Imperfections) -> Mounts | None:
 
 
 def _progression(p: VehicleParameters, i: Imperfections, plant: Plant) -> Progression | None:
-    """Return what is progressive in a car, None where nothing is."""
+    """Return the progressive elements of a car, None if there are none."""
     bent = (i.quadratic_n_m2, i.cubic_n_m3, i.stop_n_m, i.tyre_progression_per_m)
     if not any(any(pair) for pair in bent):
         return None

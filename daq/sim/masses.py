@@ -1,4 +1,4 @@
-"""Inertia and weight of the masses of the car."""
+"""Computes inertia and weight of the masses of the car."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 def per_corner(front: float, rear: float, factor: PerCorner = ALIKE) -> Array:
-    """Return a figure of each corner, (4, 1): that of its axle times its factor."""
+    """Return a value for each corner, (4, 1): that of its axle times its factor."""
     return np.array([[(front if c.front else rear) * factor[c.position]] for c in Corner])
 
 
@@ -26,10 +26,10 @@ def inertia_forces(
 ) -> Array:
     """Return the forces with which every mass resists an acceleration (d'Alembert).
 
-    `parameters`: body and wheels.  `added`: each weight on the body is a point that the body
-    carries along.  `imperfections`: unequal wheels; the offset of the CG, about which the body
-    turns.  `acceleration`, (7, n) float64: of the degrees of freedom.  Returns (7, n) float64:
-    forces, N, and moments about the CG of the baseline body, N m.
+    `parameters`: body and wheels.  `added`: each weight on the body is a point that moves with the
+    body.  `imperfections`: unequal wheels; the offset of the CG, about which the body turns.
+    `acceleration`, (7, n) float64: of the degrees of freedom.  Returns (7, n) float64: forces, N,
+    and moments about the CG of the baseline body, N m.
     """
     p, i = parameters, imperfections
     heave, pitch, roll = acceleration[:3]

@@ -1,4 +1,4 @@
-"""The simulated car over a bump: the plant integrated in time, to be read at any instant.
+"""Simulates the car over a bump: integrates the plant in time, to be read at any instant.
 
 Arrays have the layout of `plant`: axis 0 is the degree of freedom, axis 1 is time.
 """
@@ -19,17 +19,17 @@ from .stepping import State, Steps, step_all
 
 
 class Tolerance(NamedTuple):
-    """Tolerance of one integration step: share of the state, and in m, rad and their rates."""
+    """Tolerances of an integration step: relative, and absolute in m, rad and their rates."""
 
     relative: float
     absolute: float
 
 
 SMOOTH = Tolerance(1e-10, 1e-12)
-"""A ten-millionth of the finest sensor's resolution."""
+"""Tolerance of a ten-millionth of the finest sensor's resolution."""
 KINKED = Tolerance(1e-7, 1e-9)
-"""For dampers that turn round at standstill, where each kink costs many short steps: accelerations
-stay true to 1e-4 m/s2 (measured), a hundredth of the quietest sensor's noise."""
+"""Tolerance for dampers with a kink at standstill, where each kink needs many short steps:
+accelerations are accurate to 1e-4 m/s2 (measured), a hundredth of the quietest sensor's noise."""
 
 Solution = Callable[[Array], Array]
 """State, (14, n): pose and velocity at times (n,)."""
@@ -40,15 +40,15 @@ class Kinematics:
     """The motion at chosen instants, each (7, n) in the order `daq.vehicle.DOF`."""
 
     pose: Array
-    """Counted from free springs (`plant`), m and rad."""
+    """Pose, counted from free springs (`plant`), m and rad."""
     velocity: Array
-    """Its rate of change."""
+    """Rate of change of the pose."""
     acceleration: Array
-    """And that of the velocity, from the balance of forces."""
+    """Rate of change of the velocity, from the balance of forces."""
 
 
 class Moving(Protocol):
-    """Any motion of the car, as it can be sampled."""
+    """Any motion of the car that can be sampled."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s; at rest before 0."""
@@ -63,7 +63,7 @@ class Motion(Moving, Protocol):
 
     @property
     def bump(self) -> Bump:
-        """Why it moves."""
+        """The bump."""
 
     def states(self, t_s: Array) -> State:
         """Return the state at the times `t_s`, (n,) ascending, s."""
@@ -76,13 +76,13 @@ class SmoothMotion:
     plant: Plant
     """The car that moves."""
     bump: Bump
-    """Why it moves."""
+    """The bump."""
     rest: Array
     """(7, 1) The pose before the bump."""
     on_bump: Solution
     """The state on the bump."""
     decay: Solution
-    """The state after it."""
+    """The state after the bump."""
 
     def states(self, t_s: Array) -> State:
         """Return the state at the times `t_s`, (n,) ascending, s."""
@@ -93,7 +93,7 @@ class SmoothMotion:
             (self.on_bump, slice(first, last)),
             (self.decay, slice(last, None)),
         ):
-            if len(t_s[part]):  # a dense output of scipy takes no empty array
+            if len(t_s[part]):  # a dense output of SciPy does not accept an empty array
                 state[:, part] = solution(t_s[part])
         return State(state[:7], state[7:], blank_memory(len(t_s)))
 
@@ -110,18 +110,18 @@ class SmoothMotion:
 
 @dataclass(frozen=True, slots=True)
 class SteppedMotion:
-    """A run of a car whose forces remember their past, read between fine steps."""
+    """A run of a car whose forces remember their past, interpolated between fine steps."""
 
     plant: Plant
     """The car that moves."""
     bump: Bump
-    """Why it moves."""
+    """The bump."""
     rest: State
-    """Before the first step."""
+    """State before the first step."""
     steps: Steps
-    """The steps of this run and of those that were driven beside it."""
+    """The steps of this run and of those that were computed together with it."""
     column: int
-    """Which of them it is."""
+    """Position of this run among them."""
 
     def states(self, t_s: Array) -> State:
         """Return the state at the times `t_s`, (n,) ascending, s."""
@@ -145,7 +145,7 @@ class SteppedMotion:
         )
 
     def _middle(self, values: Array, rest: Array, t_s: Array) -> Array:
-        """Return what is known in the middle of the steps, straight in between."""
+        """Return values that are known in the middle of the steps, linearly interpolated."""
         return self._between(values, rest, t_s, 0.5)
 
     def _ends(self, t_s: Array) -> Array:
@@ -166,9 +166,9 @@ class TwoBumps:
     """A car that meets a second bump before it has come to rest."""
 
     first: Motion
-    """Up to the second bump."""
+    """Motion up to the second bump."""
     second: Motion
-    """From then on, on the same axis of time."""
+    """Motion from the second bump, on the same axis of time."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
@@ -185,7 +185,7 @@ def standing(plant: Plant, stuck: Array | None = None) -> State:
     """Return the state of a car at rest.
 
     `stuck`, (4, 1) float64: share of its friction that each corner carries; without it the car has
-    settled free of friction.  Raises ValueError if the car does not stand on four wheels
+    settled without friction.  Raises ValueError if the car does not stand on four wheels
     (`static_pose`).
     """
     memory = blank_memory(1)
@@ -197,8 +197,8 @@ def standing(plant: Plant, stuck: Array | None = None) -> State:
 def drive(plant: Plant, bump: Bump, end_s: float, start: State | None = None) -> Motion:
     """Drive a car over a bump.
 
-    `bump`: the road; it must begin at or after time 0.  `end_s`: until when the free decay is
-    followed, s.  `start`: at the beginning of the bump; without it the car stands still.  Raises
+    `bump`: the road; it must begin at or after time 0.  `end_s`: end of the simulated free decay,
+    s.  `start`: state at the beginning of the bump; without it the car is at rest.  Raises
     ValueError if the car does not stand on four wheels (`static_pose`).
     """
     return drive_all([plant], [bump], end_s, [start])[0]
@@ -212,10 +212,10 @@ def drive_all(
 ) -> list[Motion]:
     """Drive several cars over a bump each; arguments as for `drive`.
 
-    Cars whose forces remember their past move together, which takes hardly longer than one of them
-    alone.
+    Cars whose forces remember their past are computed together, which takes hardly longer than a
+    single one.
 
-    Raises ValueError as `drive`; and if cars with a memory are not built alike
+    Raises ValueError as `drive`; and if cars with a memory have different elements
     (`plant.side_by_side`).
     """
     given = [None] * len(plants) if starts is None else starts
@@ -268,8 +268,8 @@ def _solved(plant: Plant, bump: Bump, end_s: float, start: State | None) -> Smoo
         )
         return solution.sol, solution.y[:, -1]
 
-    # The road has corners where the bump begins and ends; a step across one loses its order, and so
-    # does one that ends at it and already feels the other side.
+    # The road has corners where the bump begins and ends.  A step across a corner loses its order
+    # of accuracy, and so does a step that ends at the corner but already uses the other side.
     state = standing(plant) if start is None else start
     from_then = np.concatenate([state.pose[:, 0], state.velocity[:, 0]])
     on_bump, off_bump = solve(bumpy, bump.start_s, bump.end_s, from_then)

@@ -1,4 +1,4 @@
-"""Nonlinear elements of a simulated car, by the names that the identification uses."""
+"""Lists the nonlinear elements of a simulated car, by the names used in the identification."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ _SPEEDS_M_S = np.linspace(-1.0, 1.0, 401)
 
 @dataclass(frozen=True, slots=True)
 class TrueElements:
-    """Elements that a car has beyond its linear parameters, with their true values."""
+    """Elements of a car in addition to its linear parameters, with their true values."""
 
     groups: tuple[str, ...]
-    """As in `[vehicle.structure]`; empty for a linear car."""
+    """Names as in `[vehicle.structure]`; empty for a linear car."""
     values: Mapping[str, float]
-    """SI, the axle at the end of the name: `F_cf` is the friction of a front corner."""
+    """Values, SI, with the axle at the end of the name: `F_cf` is the friction of a front
+    corner."""
     curves: tuple[tuple[Array, Array], tuple[Array, Array]]
     """Speeds, m/s, compression positive, and forces, N, of a front and of a rear damper."""
 
@@ -71,11 +72,11 @@ def _curve(damper: DamperCurve) -> tuple[Array, Array]:
 
 
 def _half_differences(factors: PerCorner) -> PerAxle:
-    """Return half of left less right, front and rear."""
+    """Return half of left minus right, front and rear."""
     return 0.5 * (factors[0] - factors[1]), 0.5 * (factors[2] - factors[3])
 
 
 def _shares(factors: PerCorner) -> PerAxle:
-    """Return the same over the mean of an axle."""
+    """Return half of left minus right relative to the mean, front and rear."""
     front, rear = _half_differences(factors)
     return front / (0.5 * (factors[0] + factors[1])), rear / (0.5 * (factors[2] + factors[3]))

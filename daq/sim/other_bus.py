@@ -1,4 +1,4 @@
-"""A further bus of the simulated bench: it hands on what the reader of the first one sampled."""
+"""Simulates a further bus of the bench: delivers frames that the first bus's reader sampled."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LOOK_S = 0.01
 class OtherBus:
     """The frames of one bus of a simulated bench, as a `daq.bus.source.FrameSource`.
 
-    `name`: of the bus.  `waiting`: its frames, which the bench puts here from another thread.
+    `name`: name of the bus.  `waiting`: its frames, which the bench adds from another thread.
     """
 
     def __init__(self, name: str, waiting: deque[FrameBatch]) -> None:
@@ -35,8 +35,8 @@ class OtherBus:
         return FrameBatch.concatenate(batches)
 
     def losses(self) -> SourceLosses:
-        """Return nothing: the counters in the frames show what this bus loses."""
+        """Return no losses: the counters in the frames show the losses of this bus."""
         return SourceLosses()
 
     def close(self) -> None:
-        """Leave the bus; the car stays where it is."""
+        """Leave the bus; the car is not changed."""

@@ -1,11 +1,11 @@
-"""The simulated car: seven degrees of freedom by force balance, spring by spring.
+"""Defines the simulated car: seven degrees of freedom with a force balance, spring by spring.
 
-Nothing here is a matrix of Eqs. 3-10; those are assembled in `identify.model.matrices`, and a test
-holds that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.  Displacements are
-counted from the pose in which every spring and tyre has its free length, so the loads under gravity
-come out of the balance instead of being put in.  Rotations are small: lever arms are those of the
-level car.  A tyre can only push: where it would have to pull, the wheel is off the ground.
-Friction, damper curves, bars, stops and other departures from the linear car are those of
+The matrices of Eqs. 3-10 are not used here; they are assembled in `identify.model.matrices`, and a
+test ensures that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.
+Displacements are counted from the pose in which every spring and tyre has its free length, so the
+loads under gravity follow from the balance and are not given.  Rotations are small: lever arms are
+those of the level car.  A tyre can only push: where it would have to pull, the wheel is off the
+ground.  Friction, damper curves, bars, stops and other deviations from the linear car are those of
 `imperfections`.
 
 Within the arrays of the balance axis 0 is the degree of freedom or the corner and axis 1 is time or
@@ -29,39 +29,39 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Progression:
-    """Springs, stops and tyres that are not straight, by deflections from the bare car's rest.
+    """Nonlinear springs, stops and tyres, by deflections from the unloaded car's rest.
 
-    Arrays are (4, 1) where not said otherwise, and have n columns for several cars.
+    Arrays are (4, 1) unless stated otherwise, and have n columns for several cars.
     """
 
     pose: Array
-    """(7, 1) Where the bare car rests, from the free length of all springs."""
+    """(7, 1) Pose of the unloaded car at rest, from the free length of all springs."""
     ride_m: Array
-    """Compression of each suspension from its free length there, m."""
+    """Compression of each suspension from its free length in that pose, m."""
     squash_m: Array
-    """The same of each tyre, m."""
+    """Compression of each tyre from its free length in that pose, m."""
     quadratic_n_m2: Array
-    """Force of the spring by the square of the compression beyond `ride_m`, N/m2."""
+    """Force of the spring per square of the compression above `ride_m`, N/m2."""
     cubic_n_m3: Array
-    """The same by the cube, N/m3."""
+    """Force of the spring per cube of that compression, N/m3."""
     stop_gap_m: Array
-    """Compression beyond `ride_m` at which the bump stop is touched, m."""
+    """Compression above `ride_m` at which the bump stop is touched, m."""
     stop_n_m: Array
     """Stiffness of the stop, N/m."""
     tyre_n_m2: Array
-    """Force of the tyre by the square of the squash beyond `squash_m`, N/m2."""
+    """Force of the tyre per square of the squash above `squash_m`, N/m2."""
     tyre_turn_m: Array
-    """Squash beyond `squash_m` below which that square acts no more, m: a tyre that grows softer as
-    it is relieved grows no harder again."""
+    """Squash relative to `squash_m` below which the square term has no effect, m: a tyre that
+    becomes softer as it is relieved does not become stiffer again."""
 
     def suspension_n(self, compression: Array) -> Array:
-        """Return what springs and stops add to straight springs, (4, n)."""
+        """Return the force of springs and stops in addition to linear springs, N, (4, n)."""
         u = compression - self.ride_m
         bent = (self.quadratic_n_m2 + self.cubic_n_m3 * u) * u * u
         return np.asarray(bent + self.stop_n_m * np.maximum(u - self.stop_gap_m, 0.0))
 
     def tyre_n(self, squash: Array) -> Array:
-        """Return what tyres add to straight springs, (4, n)."""
+        """Return the force of tyres in addition to linear springs, N, (4, n)."""
         beyond = np.maximum(squash - self.squash_m, self.tyre_turn_m)
         return np.asarray(self.tyre_n_m2 * beyond * beyond)
 
@@ -71,9 +71,9 @@ class Mounts:
     """Rubber between dampers and body, in series with the damper; (4, 1) each."""
 
     stiffness_n_m: Array
-    """Stiffness of each mount, N/m; zero where the damper is bolted to the body."""
+    """Stiffness of each mount, N/m; zero if the damper is bolted to the body."""
     elastic: NDArray[np.bool_]
-    """True if the corner has a mount."""
+    """True for corners with a mount."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +81,10 @@ class Plant:
     """A car in one state of loading, ready for the force balance; or several, side by side."""
 
     corner_x_m: Array
-    """(4, 1) Where suspension and body meet, forward of the CG of the baseline body."""
+    """(4, 1) Position at which suspension and body meet, forward of the CG of the baseline body,
+    m."""
     corner_y_m: Array
-    """(4, 1) The same to the left of it."""
+    """(4, 1) Position at which suspension and body meet, to the left of that CG, m."""
     suspension_n_m: Array
     """(4, 1) Stiffness of each corner's spring, N/m."""
     bar_n_m: Array
@@ -109,12 +110,12 @@ class Plant:
 
     @property
     def smooth(self) -> bool:
-        """True if no force turns round with the direction of travel, or sets in at a gap."""
+        """True if no force has a kink at standstill or at a gap."""
         return self.damper.straight and self.progression is None and not self.remembers
 
     @property
     def remembers(self) -> bool:
-        """True if forces depend on the past: friction and mounts have a deflection of their own."""
+        """True if forces depend on the past: friction and mounts have their own deflections."""
         return self.friction.present or self.mounts is not None
 
     def accelerated(self, total_n: Array) -> Array:
@@ -129,13 +130,13 @@ class Memory:
     """State of friction and mounts at each corner, (4, n) each."""
 
     friction: Array
-    """Deflection of rubber and seals, as a share of the one at which the corner slides."""
+    """Deflection of rubber and seals, relative to the deflection at which the corner slides."""
     mount_m: Array
-    """Deflection of the damper's mount, positive as its damper pushes body and wheel apart, m."""
+    """Deflection of the damper's mount, m, positive when its damper pushes body and wheel apart."""
 
 
 def blank_memory(n: int) -> Memory:
-    """Return the memory of `n` cars that have none, or carry no friction."""
+    """Return the memory of `n` cars without memory, or with unloaded friction."""
     return Memory(np.zeros((4, n)), np.zeros((4, n)))
 
 
@@ -145,9 +146,9 @@ def corner_motion(plant: Plant, body: Array) -> Array:
 
 
 def side_by_side(plants: Sequence[Plant]) -> Plant:
-    """Return several cars as one plant with a column for each, to be moved at the same time.
+    """Return several cars as one plant with a column for each, to be computed together.
 
-    Raises ValueError if some have knees or progressive springs and others have not.
+    Raises ValueError if some have knees or progressive springs and others do not.
     """
     joined: dict[str, Any] = {
         f.name: _joined([getattr(plant, f.name) for plant in plants])
@@ -160,10 +161,10 @@ def side_by_side(plants: Sequence[Plant]) -> Plant:
 
 
 def _joined(parts: Sequence[Any]) -> Any:
-    """Return arrays, or dataclasses of arrays, one beside the other."""
+    """Return arrays, or dataclasses of arrays, joined as columns."""
     first = parts[0]
     if any(type(part) is not type(first) for part in parts):
-        raise ValueError("these cars are not built alike")
+        raise ValueError("these cars have different elements")
     if first is None:
         return None
     if isinstance(first, np.ndarray):

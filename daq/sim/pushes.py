@@ -1,4 +1,4 @@
-"""A simulated car whose corners are pushed by hand one after the other, for `check --propose`."""
+"""Simulates a car whose corners are pushed by hand one after another, for `check --propose`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .ecu import on_the_buses, rig_of, sample
 _PAUSE_S = 0.8
 """Rest after a push and after a kick, s."""
 PUSHES_S = len(ORDER) * (PUSH_S + KICK_S + 2 * _PAUSE_S)
-"""How long all pushes and kicks take, s."""
+"""Duration of all pushes and kicks, s."""
 _PIECE_S = 0.5
 """Length of the blocks, s."""
 
@@ -27,9 +27,9 @@ _PIECE_S = 0.5
 def push_frames(
     bench: Bench, codec: Codec, car: SimulatedCar, seed: int, start_ns: int, rest_s: float
 ) -> Iterator[FrameBatch]:
-    """Yield the frames of a car that stands still, is pushed at each corner, and stands still.
+    """Yield the frames of a car that is at rest, is pushed at each corner, and is at rest again.
 
-    After each push its tyre is kicked.  The car then stands still for good: the caller ends the
+    After each push the corner's tyre is kicked.  The car then remains at rest: the caller ends the
     iteration.  Arguments and errors are those of `daq.sim.ecu.campaign_frames`; `rest_s`: time
     before the first push, s.  A block is half a second.
     """

@@ -1,4 +1,4 @@
-"""A car that is let go: off blocks under its wheels, or after a push by hand on its body."""
+"""Simulates a car that is released: off blocks under its wheels, or after a push by hand."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from .stepping import State
 PRESS_S = 0.5
 """Time that hands take to push the body down, s."""
 _HELD_S = 0.1
-"""Time that they hold it there, s."""
+"""Time for which they hold it there, s."""
 PUSHED_S = PRESS_S + _HELD_S
-"""Time from the beginning of a push until it lets go, s."""
+"""Time from the beginning of a push until the release, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Release:
-    """A car that is brought out of its rest, held, and let go."""
+    """A car that is moved from its rest, held, and released."""
 
     rest: Array
-    """(7, 1) Pose before it is brought out of it; that in which it is held if blocks hold it."""
+    """(7, 1) Pose before the push; with blocks, the pose in which it is held."""
     held: Array
-    """(7, 1) Pose in which it is let go."""
+    """(7, 1) Pose in which it is released."""
     start_s: float
-    """When the hands begin; the blocks are there from the beginning."""
+    """Time at which the push begins, s; the blocks are there from the beginning."""
     go_s: float
-    """When it is let go."""
+    """Time of the release, s."""
     decay: Moving
-    """The motion from then on."""
+    """The motion after the release."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
@@ -54,7 +54,7 @@ class Release:
 def dropped(
     plant: Plant, excitation: Excitation, height_m: float, go_s: float, end_s: float
 ) -> Release:
-    """Drop a car off blocks of a height, which stand under the wheels that the bump lifts."""
+    """Drop a car off blocks of a given height under the wheels that the bump lifts."""
     road = height_m * np.array(BUMPS[excitation].shares)[:, None]
     held = _balanced(plant, road, np.zeros((7, 1)))
     return _released(plant, held, held, go_s, go_s, end_s)
@@ -63,7 +63,7 @@ def dropped(
 def pushed_down(
     plant: Plant, excitation: Excitation, depth_m: float, start_s: float, end_s: float
 ) -> Release:
-    """Push the body of a car down where the bump asks for it, hold it, and let go.
+    """Push the body of a car down at the place for the bump, hold it, and release it.
 
     Raises ValueError if a push cannot make that bump.
     """

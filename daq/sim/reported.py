@@ -1,4 +1,4 @@
-"""Values that an identification of a simulated car should report, by the names that it uses."""
+"""Returns the values that an identification of a simulated car should report, by its names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .imperfections import PerCorner
 
 
 def true_parameters(car: SimulatedCar) -> dict[str, float]:
-    """Return the true parameters: of an axle with unequal corners the mean of both.
+    """Return the true parameters; for an axle with unequal corners, the mean of both.
 
     The 15 first; c_s is the secant of the damper's curve between minus and plus 0.1 m/s.  Then
     `k_af k_ar` anti-roll bars, `c_tf c_tr` tyre damping, `y_s` the CG off the middle, `F_cf F_cr`
@@ -52,6 +52,6 @@ def _means(factors: PerCorner) -> tuple[float, float]:
 
 
 def present_parameters(car: SimulatedCar) -> dict[str, float]:
-    """Return the true parameters without those beyond the 15 that the car has not."""
+    """Return the true parameters, without those beyond the 15 that the car does not have."""
     truth = true_parameters(car)
     return {name: truth[name] for name in truth if name in PARAMETER_NAMES or truth[name] != 0.0}

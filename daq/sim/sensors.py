@@ -1,4 +1,4 @@
-"""Sensors: from the motion of the car to the values that they report, in the units of the DBC."""
+"""Simulates sensors: from the motion of the car to reported values in the units of the DBC."""
 
 from __future__ import annotations
 
@@ -20,26 +20,27 @@ from .motion import Kinematics, Moving
 from .plant import Array, Plant, corner_motion
 
 _FINE_S = 1e-4
-"""Step at which a low-pass sees the motion: wheel accelerations then come out to 1e-4 m/s2."""
+"""Time step of the motion at the input of a low-pass, s: wheel accelerations are then accurate to
+1e-4 m/s2."""
 
 
 @dataclass(frozen=True, slots=True)
 class Installation:
-    """The car as the sensors were put on it."""
+    """The car on which the sensors are installed."""
 
     plant: Plant
-    """Where its corners are."""
+    """The plant, with the positions of its corners."""
     a_m: float
-    """Distance from the CG to the front axle, from which positions are counted."""
+    """Distance from the CG to the front axle, from which positions are counted, m."""
     design_pose: Array
     """The pose in which the IMU was levelled and the displacements were zeroed: the unloaded car at
-    rest, shape (7, 1).  Any other loading therefore shows as a constant offset."""
+    rest, shape (7, 1).  Any other loading therefore gives a constant offset."""
     cg_y_m: float = 0.0
-    """How far the CG lies to the left of the middle, from which positions are counted."""
+    """Distance of the CG to the left of the middle, from which positions are counted, m."""
 
 
 def install(unloaded: Plant, car: SimulatedCar) -> Installation:
-    """Return the sensors' car, levelled and zeroed unloaded."""
+    """Return the installation, with sensors levelled and zeroed on the unloaded car."""
     pose = static_pose(unloaded)
     return Installation(unloaded, car.parameters.a, pose, car.imperfections.cg_offset_m)
 
@@ -65,11 +66,11 @@ _SPARE: dict[str, tuple[Quantity, Callable[[Array], Array]]] = {
     "IMU_Rate.rate_z": (Quantity.PITCH_RATE, _yaw_rate),
 }
 """Signals of the shipped IMU that the method does not use: the kind of sensor, for its errors, and
-the reading from the pose against the design pose."""
+the reading from the pose relative to the design pose."""
 
 
 def kind(channel: Channel) -> Quantity:
-    """Return what the sensor behind a channel senses, be it used or not."""
+    """Return the quantity that a channel's sensor measures, also if the channel is not used."""
     if channel.quantity is Quantity.UNUSED and channel.signal in _SPARE:
         return _SPARE[channel.signal][0]
     return channel.quantity
@@ -78,12 +79,12 @@ def kind(channel: Channel) -> Quantity:
 def true_reading(
     channel: Channel, sensor: SensorTruth, car: Installation, motion: Kinematics
 ) -> Array:
-    """Return what a perfect sensor in the true place would measure.
+    """Return the reading of a perfect sensor in the true position.
 
     Rotations are small, as in the plant: an accelerometer's share of gravity is 1 g on z, and
     the tilt angle times 1 g on x and y.
 
-    `sensor`: where the sensor really sits.  `motion`: n instants.  Returns (n,) float64: in the
+    `sensor`: true position of the sensor.  `motion`: n instants.  Returns (n,) float64: in the
     channel's SI unit.  An unused channel that the simulator does not know reads 0.
     """
     moved = motion.pose - car.design_pose
@@ -115,7 +116,7 @@ def true_reading(
 
 
 def _body_point(motion: Array, x_m: float, y_m: float) -> Array:
-    """Vertical motion of a point of the rigid body at (x, y) from the CG."""
+    """Return the vertical motion of a point of the rigid body at (x, y) from the CG."""
     return np.asarray(motion[0] - x_m * motion[1] + y_m * motion[2])
 
 
@@ -126,11 +127,11 @@ def low_passed(
     motion: Moving,
     span_s: tuple[float, float],
 ) -> tuple[Array, Array]:
-    """Return what the electronics of a sensor with a low-pass make of a motion.
+    """Return the output of a sensor's low-pass for a motion.
 
-    `channel`, `sensor`, `car`: as in `true_reading`.  `span_s`: the part that is asked for; it
-    begins at rest, and so does the filter.  Returns times and values, (n,): close enough to be read
-    in between by straight lines; later by the filter but not by the sensor's delay.
+    `channel`, `sensor`, `car`: as in `true_reading`.  `span_s`: the requested time span; it begins
+    at rest, and so does the filter.  Returns times and values, (n,), close enough for linear
+    interpolation; they include the delay of the filter but not the sensor's delay.
     """
     fine_s = np.arange(span_s[0], span_s[1] + _FINE_S, _FINE_S)
     reading = true_reading(channel, sensor, car, motion.at(fine_s))
@@ -146,7 +147,7 @@ def measured(
 ) -> Array:
     """Return true readings with bias, white noise, saturation and gain of their sensor, SI, (n,).
 
-    The noise is that of the digitising, behind any low-pass; the arguments are those of
+    The noise is that of the digitising, after any low-pass; the arguments are those of
     `signal_values`.
     """
     noisy = reading + sensor.bias + noise.of(kind(channel)) * rng.standard_normal(len(reading))
@@ -161,11 +162,11 @@ def signal_values(
     reading: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Turn true readings into what the sensor puts into its frames.
+    """Convert true readings to the values that the sensor puts into its frames.
 
     `channel`: sign, scale and tare: the recorder computes ``sign * scale * SI(signal) - tare``.
-    `signal`: unit and range of the signal.  `sensor`: its bias and whatever else is wrong with it.
-    `noise`: standard deviation of the white noise.  `reading`, (n,) float64: from `true_reading` or
+    `signal`: unit and range of the signal.  `sensor`: its bias and its other errors.  `noise`:
+    standard deviation of the white noise.  `reading`, (n,) float64: from `true_reading` or
     `low_passed`.  Returns (n,) float64: in the DBC's unit, limited to what the signal's bits can
     express, as a sensor saturates.  Raises InputError if the signal's unit does not measure the
     channel's quantity.

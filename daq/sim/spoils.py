@@ -1,4 +1,4 @@
-"""Faults of one bump of the simulated bench, on request."""
+"""Defines faults of one bump of the simulated bench, on request."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ class Fault(StrEnum):
 
     DOUBLE_BUMP = "double-bump"
     OVERLOAD = "overload"
-    """A sensor saturates at half of what it should show."""
+    """A sensor saturates at half of its true reading."""
     LOST_FRAMES = "lost-frames"
-    """For a moment no frame arrives."""
+    """For a short time no frame arrives."""
     WEAK = "weak"
-    """The bump just triggers."""
+    """The bump only just triggers."""
     WRONG_MODE = "wrong-mode"
     """Another kind of bump than the one that is due."""
     UNPLUG = "unplug"
-    """The adapter is gone for some seconds."""
+    """The adapter is unplugged for some seconds."""
 
 
 SPOILT_BUMP = 2
-"""Which bump of the campaign it is: one good run comes first."""
+"""Number of the spoilt bump of the campaign: one good run comes first."""
 SECOND_BUMP_S = 0.84
 LOST_S = (0.3, 0.42)
-"""When no frame arrives, since the bump: more than the few that cost nothing, and shorter than the
-silence of a sensor that stopped."""
+"""Begin and end of the time without frames, s since the bump: more frames than the few that are
+harmless, and shorter than the silence of a sensor that stopped."""
 WEAK_LEVELS = 1.4
-"""Peak over the trigger's level: above it in spite of noise, below what a good bump shows."""
+"""Ratio of the peak to the trigger's level: above 1 in spite of noise, below that of a good
+bump."""
 UNPLUGGED_S = 3.0
 """Time without the adapter, s of the host's time."""
 UNPLUG_AFTER_S = 0.5

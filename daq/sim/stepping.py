@@ -1,8 +1,8 @@
-"""Several runs at once, in fine steps of time: for cars whose forces remember their past.
+"""Integrates several runs together in fine time steps, for cars whose forces remember their past.
 
-Friction and mounts are not smooth, and a solver that looks for every kink takes minutes for a
-campaign.  Here all runs move together, one column each, in steps a hundred times finer than the
-fastest motion.  Deflections (pose, friction, mounts) are known in the middle of each step and
+Friction and mounts are not smooth, and a solver that searches for every kink takes minutes for a
+campaign.  Here all runs are computed together, one column each, in steps a hundred times finer than
+the fastest motion.  Deflections (pose, friction, mounts) are known in the middle of each step and
 velocities at its ends, so every step needs the forces once, and the error falls with the square of
 the step.  Friction and mounts are solved exactly for the speed within the step, so that neither a
 short pre-sliding length nor a stiff mount limits it.
@@ -20,19 +20,19 @@ from .excitation import Bump, road_height, road_speed
 from .plant import Array, Memory, Plant, corner_motion
 
 STEP_S = 1e-4
-"""Step of time, s: a wheel at 15 Hz moves by a hundredth of its cycle in ten of them."""
+"""Time step, s: a wheel at 15 Hz moves by a hundredth of its cycle in ten steps."""
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Where the car is, at one or several instants."""
+    """The state of the car at one or several instants."""
 
     pose: Array
-    """(7, n) From the free length of all springs."""
+    """(7, n) Pose, from the free length of all springs."""
     velocity: Array
-    """(7, n) Its rate of change."""
+    """(7, n) Rate of change of the pose."""
     memory: Memory
-    """State of friction and mounts; zero where they have none."""
+    """State of friction and mounts; zero for corners without."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,24 +40,24 @@ class Steps:
     """The runs, step by step; axis 0 is time, the last axis the run."""
 
     begin_s: float
-    """When the first step begins, s."""
+    """Time at which the first step begins, s."""
     step_s: float
     """Length of a step, s."""
     pose: Array
-    """(m, 7, n) In the middle of each step."""
+    """(m, 7, n) Pose in the middle of each step."""
     acceleration: Array
-    """(m, 7, n) There too, from the balance of forces."""
+    """(m, 7, n) Acceleration in the middle of each step, from the balance of forces."""
     velocity: Array
-    """(m + 1, 7, n) At the ends of the steps."""
+    """(m + 1, 7, n) Velocity at the ends of the steps."""
     friction: Array
     """(m, 4, n) Share of sliding friction, in the middle of each step."""
     mount_m: Array
-    """(m, 4, n) Deflection of the mounts there."""
+    """(m, 4, n) Deflection of the mounts in the middle of each step, m."""
 
 
 @dataclass(slots=True)
 class _Yielding:
-    """The mounts of the dampers, as they yield."""
+    """The yielding mounts of the dampers."""
 
     plant: Plant
     stiffness_n_m: Array
@@ -66,16 +66,16 @@ class _Yielding:
     """Speed in the damper, which is not that of the corner."""
 
     def advance(self, closing: Array, change: Array, time_s: float) -> None:
-        """Let the corners close for a time.
+        """Advance the mounts while the corners close.
 
-        The mount yields by what the damper does not follow.  With the damper straight around its
-        speed that is an exponential approach, solved exactly.
+        The mount yields by the motion that the damper does not follow.  With the damper linearised
+        at its speed this is an exponential approach, solved exactly.
 
-        `closing`, (4, n) float64: speed of the corners halfway through, m/s.  `change`, (4, n)
-        float64: by how much it changes on the way, m/s.  `time_s`: how long, s.
+        `closing`, (4, n) float64: speed of the corners at half time, m/s.  `change`, (4, n)
+        float64: change of that speed, m/s.  `time_s`: duration, s.
         """
         held, damper = self.stiffness_n_m * self.deflection_m, self.plant.damper
-        for _ in range(2):  # Newton: the speed at which the damper carries what the mount holds
+        for _ in range(2):  # Newton: the speed at which damper and mount have the same force
             slope = damper.slope(self.damper_m_s)
             self.damper_m_s = self.damper_m_s + (held - damper.force(self.damper_m_s)) / slope
         rate = self.stiffness_n_m / slope
@@ -88,7 +88,7 @@ class _Yielding:
 def _yielding(plant: Plant, deflection_m: Array) -> _Yielding | None:
     if plant.mounts is None:
         return None
-    # Where there is no mount, any stiffness will do: its deflection is not used.
+    # Without a mount any stiffness is valid, because its deflection is not used.
     stiffness = np.where(plant.mounts.elastic, plant.mounts.stiffness_n_m, 1.0)
     return _Yielding(plant, stiffness, deflection_m, np.zeros(deflection_m.shape))
 
@@ -98,9 +98,9 @@ def step_all(
 ) -> Steps:
     """Drive the cars of a plant over their bumps.
 
-    `plant`: one column for each run (`plant.side_by_side`).  `end_s`: until when the decays are
-    followed, s.  `start`: of each run as the first bump begins, with its memory.  `step_s`: length
-    of a step, s.
+    `plant`: one column for each run (`plant.side_by_side`).  `end_s`: end of the simulated decays,
+    s.  `start`: state of each run at the beginning of the first bump, with its memory.  `step_s`:
+    length of a step, s.
     """
     begin_s = min(bump.start_s for bump in bumps)
     m = int(np.ceil((end_s - begin_s) / step_s)) + 1
@@ -121,7 +121,7 @@ def step_all(
     for k in range(m):
         memory = Memory(share, mount)
         under = (road[:, k], rising[:, k]) if k < bumpy else (flat, flat)
-        # Half a step on, to second order, by how the velocity changed in the step before.
+        # Half a step ahead, to second order, from the velocity change in the previous step.
         halfway = 1.5 * velocity - 0.5 * before
         acceleration = plant.accelerated(forces(plant, pose, halfway, *under, memory))
         poses[k], accelerations[k] = pose, acceleration

@@ -1,4 +1,4 @@
-"""The simulated wire: frames take turns by priority, and each takes its time."""
+"""Simulates the wire: frames are sent by priority, and each takes its transmission time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def frame_time_ns(message: MessageLayout, bitrate: int) -> int:
 
 
 def priority(message: MessageLayout) -> int:
-    """Return the message's rank in arbitration; the lowest wins."""
+    """Return the message's rank in arbitration; the lowest rank wins."""
     # The 11 leading bits are compared first; a 29-bit identifier loses against an equal 11-bit one.
     return 2 * message.can_id + 1 if message.is_extended else (2 * message.can_id) << 18
 
@@ -36,10 +36,10 @@ def transmit(
 ) -> NDArray[np.int64]:
     """Send frames over a bus that carries one at a time.
 
-    `release_ns`, (n,) int64: when each frame is ready to be sent.  `rank`, (n,) int64: its rank in
-    arbitration; equal ranks go in order of release.  `duration_ns`, (n,) int64: how long it
-    occupies the bus.  `free_ns`: the bus is busy until then.  Returns (n,) int64: when each frame
-    has been received, at the end of its transmission.
+    `release_ns`, (n,) int64: time at which each frame is ready to be sent.  `rank`, (n,) int64: its
+    rank in arbitration; equal ranks are sent in order of release.  `duration_ns`, (n,) int64: time
+    for which it occupies the bus.  `free_ns`: time until which the bus is busy.  Returns (n,)
+    int64: time at which each frame has been received, at the end of its transmission.
     """
     n = len(release_ns)
     order = np.argsort(release_ns, kind="stable")

@@ -1,4 +1,4 @@
-"""The recorder's verdict on a run, at once and in plain words."""
+"""Judges a run immediately after its end, in plain words."""
 
 from .judge import judge
 from .motion import peak_left

@@ -1,4 +1,4 @@
-"""The kind of a bump by the motion of the body, where no sensor shows the wheels."""
+"""Finds the kind of a bump from the motion of the body, if no sensor shows the wheels."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ from .strikes import TOGETHER, Corners, Pattern, likeness_of, shares_of
 from .window import Trace
 
 BODY_PURITY = 0.65
-"""Likeness that is due by the body alone, whose motions mix: its pitch goes with heave, its roll
-too.  Simulated cars show 0.86 and more if bumped right, 0.53 and less if not."""
+"""Least likeness from the body alone, whose motions mix: pitch and roll come with heave.  Simulated
+cars show 0.86 and more for the right bump, 0.53 and less for a wrong one."""
 STRIKE_S = 0.1
 """Time after the bump that belongs to the strike, s: the wheels' first swing."""
 _GRID_S = 0.002
 """Spacing of the body's speeds, s."""
 _HALF_WHEELBASE_M, _HALF_TRACK_M = 1.35, 0.75
-"""Half lengths of a usual car, m, where bench.toml states none: only their ratios count."""
+"""Half lengths of a usual car, m, if bench.toml states none: only their ratios count."""
 _TURN = 0.9
-"""Turning over heave from which on the body does not bounce."""
+"""Ratio of turning to heave from which the body does not bounce."""
 
 
 class Body(NamedTuple):
-    """Largest motion of the body in the strike, as what it is at the corners; one unit for all."""
+    """Largest motion of the body in the strike, as motion at the corners, all in one unit."""
 
     heave: float
     pitch: float
     roll: float
     front: float
-    """At the front axle."""
+    """Motion at the front axle."""
     rear: float
-    """At the rear axle."""
+    """Motion at the rear axle."""
     left: float
-    """At the left wheels."""
+    """Motion at the left wheels."""
     right: float
-    """At the right wheels."""
+    """Motion at the right wheels."""
 
 
 def body_pattern(bench: Bench, seen: tuple[Trace, ...]) -> Pattern | None:
-    """Return how the car was bumped by accelerometers and gyros; None without enough of them."""
+    """Return the pattern of a bump from accelerometers and gyroscopes; None with too few."""
     body = _moved_body(bench, seen)
     if body is None:
         return None
@@ -55,7 +55,7 @@ def body_pattern(bench: Bench, seen: tuple[Trace, ...]) -> Pattern | None:
 
 
 def pushed_pattern(bench: Bench, four: tuple[Trace, ...]) -> Pattern:
-    """Return how the body was pushed, by the four travels, all of which it moves."""
+    """Return the pattern of a push from the four travels, which the body moves all."""
     motion = _moved_corners(four)
     shares = shares_of(motion)
     heave, pitch, roll = (float(np.sqrt(shares[name])) for name in ("bounce", "pitch", "roll"))
@@ -68,11 +68,11 @@ def pushed_pattern(bench: Bench, four: tuple[Trace, ...]) -> Pattern:
 def of_body(
     planned: tuple[Excitation, ...], body: Body, shares: Mapping[str, float], by: str
 ) -> Pattern:
-    """Judge by heave, pitch and roll alone; warp moves the body but little more than bounce does.
+    """Judge by heave, pitch and roll alone; warp moves the body hardly more than bounce does.
 
-    A pitch bump heaves the body as much as it turns it: the likeness counts each turning against
-    heave alone, and only what clearly belongs to another kind is refused.  Of the two axles, and
-    of the two sides, the one that is struck moves more.
+    A pitch bump heaves the body as much as it turns it: the likeness compares each turning with
+    heave alone, and only motion that clearly belongs to another kind is refused.  The struck axle
+    moves more than the other, and the struck side more than the other.
 
     `planned`: the kinds of the campaign.  `body`: the motion.  `shares`: shares of the motion, for
     the text.  `by`: the sensors, in words.
@@ -108,13 +108,13 @@ def of_body(
 
 
 def _turned(own: float, heave: float, other: float) -> float:
-    """Return how much of a turn it is: by its share of both turns, if it turns at all."""
+    """Return the likeness to a turn: from its share of both turns, if the body turns at all."""
     turning = min(own / max(heave, 1e-12) / 0.4, 1.0)
     return turning * own**2 / max(own**2 + other**2, 1e-24)
 
 
 def _moved_corners(four: tuple[Trace, ...]) -> Corners:
-    """Return how the corners move together, (4,): the strongest pattern of their records."""
+    """Return the common motion of the corners, (4,): the strongest pattern of their records."""
     grid = np.arange(0.0, min(trace.time_s[-1] for trace in four), 0.01)
     rows = np.array([np.interp(grid, trace.time_s, trace.value) for trace in four])
     u, _, _ = np.linalg.svd(rows, full_matrices=False)
@@ -132,7 +132,7 @@ def _moved_body(bench: Bench, seen: tuple[Trace, ...]) -> Body | None:
         return None
     values = np.array([_speed(trace, grid) for trace in points])
     ahead_m = np.array([-length_m if t.channel.at_cg else t.channel.x_m for t in points])
-    middle_m = float(np.mean(ahead_m))  # from the front axle; the CG is not known
+    middle_m = float(np.mean(ahead_m))  # from the front axle, because the CG is not known
     pitch = _turning(seen, (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION), grid)
     roll = _turning(seen, (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION), grid)
     if pitch is not None and roll is not None:
@@ -158,14 +158,14 @@ def _moved_body(bench: Bench, seen: tuple[Trace, ...]) -> Body | None:
 def _turning(
     seen: Iterable[Trace], quantities: tuple[Quantity, ...], grid: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Return how fast the body turns, rad/s, by the first sensor of these quantities."""
+    """Return the angular speed of the body, rad/s, from the first sensor of these quantities."""
     found = (t for quantity in quantities for t in seen if t.channel.quantity is quantity)
     first = next(found, None)
     return None if first is None else _speed(first, grid)
 
 
 def _speed(trace: Trace, grid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the speed since rest; of a rate the rate itself."""
+    """Return the speed since rest; for a rate, the rate itself."""
     value = np.interp(grid, trace.time_s, trace.value, right=0.0)
     if trace.channel.quantity in (Quantity.PITCH_RATE, Quantity.ROLL_RATE):
         return np.asarray(value)

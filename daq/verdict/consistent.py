@@ -1,8 +1,8 @@
-"""The runs of a kind that belong together, where more were accepted than planned.
+"""Finds the runs of a kind that belong together, if more were accepted than planned.
 
-A run that passed its verdict may still be of another car: a foot on the sill, a hand on the roof, a
-weight that slipped.  Height and timing of a bump do not matter here: the run that the others show,
-scaled and shifted in time, is taken out of the free decay first.
+A run that passed its verdict may still be that of a changed car: a foot on the sill, a hand on the
+roof, a weight that slipped.  Height and timing of a bump do not matter here: the usual run of the
+others, scaled and shifted in time, is first subtracted from the free decay.
 """
 
 from __future__ import annotations
@@ -21,34 +21,36 @@ from .repeats import MAIN, after
 from .window import ANGULAR, RunMeasure
 
 FEWEST = 3
-"""Runs of a kind that stay at least: of two, no one can say which is odd."""
+"""Least number of runs of a kind that are kept: of two runs, it is not known which one is odd."""
 UNUSUAL = 3.0
-"""Ratio of a difference to the usual one among these runs, from which on a run is odd."""
+"""Ratio of a difference to the usual difference among these runs, from which a run is odd."""
 UNLIKE = 1.9
-"""The same for the course, as RMS over all channels: good runs reach 1.5, without travels 1.8 (753
-measured); with 30 N of friction 1.9, but 2.4 to 2.9 where the bump was a tenth higher (3 of 60:
-friction damps it less); a hand on a wing that moves begins at 2.2."""
+"""Ratio, as `UNUSUAL`, for the course, as RMS over all channels: good runs reach 1.5, without
+travels 1.8 (753 measured); with 30 N of friction 1.9, but 2.4 to 2.9 if the bump was a tenth higher
+(3 of 60: friction damps it less); a hand on a wing that moves begins at 2.2."""
 GUARD_S = 0.08
-"""Time after the bump at which the decay is compared from, s: half of the average that the course
-is made of, and a bump that takes a tenth longer."""
+"""Time after the bump from which the decay is compared, s: half of the averaging time of the
+course, plus the time for a bump that takes a tenth longer."""
 _SLOW_COSINES = 10
-"""Cosines over the length of the decay in which courses are compared, from the mean to 3.7 Hz: the
-body moves no quicker, and five sixths of the noise lie beyond."""
+"""Number of cosines over the length of the decay by which courses are compared, from the mean to
+3.7 Hz: the body does not move faster, and five sixths of the noise are above."""
 _FINEST = 1e-3
-"""Roughness below this share of the peak is none: steps of the sensor's output come and go."""
+"""Roughness, as a share of the peak, below which it is ignored: steps of the sensor's output come
+and go."""
 _NOTABLE = 0.02
-"""Least difference of a frequency, as a share, that is named."""
+"""Least relative difference of a frequency that is named."""
 
 
 class Sort(StrEnum):
-    """A way in which a run may differ from the others."""
+    """Kinds of difference of a run from the others."""
 
     LEVEL = "level"
-    """Level of a travel before the bump, over the largest peak of its quantity."""
+    """Level of a travel before the bump, relative to the largest peak of its quantity."""
     COURSE = "course"
-    """RMS of what scale and shift leave of a channel's slow decay, over the largest RMS."""
+    """RMS of the remainder of a channel's slow decay after scale and shift, relative to the largest
+    RMS."""
     PEAK = "peak"
-    """Logarithm of the ratio of peaks, the height of the bump taken out."""
+    """Logarithm of the ratio of peaks, without the effect of the bump's height."""
     ROUGH = "rough"
     """Logarithm of the ratio of roughness."""
 
@@ -59,17 +61,17 @@ LEAST: Mapping[Sort, float] = {
     Sort.PEAK: 0.1,
     Sort.ROUGH: 0.6,
 }
-"""Least difference that counts, however alike the others are; of the course: least usual one.  Good
-runs of cars without friction differ by half of it in level, which friction lets differ more, and by
-0.095 and 0.59 in peak and roughness (74 measured, hubs at 200 Hz)."""
+"""Least difference that counts, however similar the others are; for the course, the least usual
+difference.  Good runs of cars without friction differ by half of it in level (with friction by
+more), and by 0.095 and 0.59 in peak and roughness (74 measured, hubs at 200 Hz)."""
 
 Differences = Mapping[tuple[Sort, str], float]
-"""By sort and channel, signed where it has a sign."""
+"""Differences by sort and channel, with a sign where they have one."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Usual:
-    """The median of some runs, of what each of them has."""
+    """Medians of the measures of some runs."""
 
     waves: Mapping[str, NDArray[np.float64]]
     """Free decay, by channel."""
@@ -82,16 +84,16 @@ class _Usual:
     largest: Mapping[str, float]
     """Largest peak of the channel's quantity, by channel."""
     frequency_hz: float | None
-    """None if a run shows none."""
+    """Natural frequency, Hz; None if a run shows none."""
 
 
 def left_out(
     channels: Sequence[Channel], bump_s: float, measures: Mapping[str, RunMeasure], planned: int
 ) -> dict[str, str]:
-    """Return the runs that the most consistent set leaves out, each with what it differs in.
+    """Return the runs that the most consistent set leaves out, each with its difference in words.
 
-    `bump_s`: duration of the bump.  `measures`: of the accepted runs of one kind, by label.
-    `planned`: number of runs of the campaign; never fewer stay, nor fewer than `FEWEST`.
+    `bump_s`: duration of the bump, s.  `measures`: measures of the accepted runs of one kind, by
+    label.  `planned`: number of runs in the campaign; at least this number and `FEWEST` are kept.
     """
     kept = {label: after(m, bump_s + GUARD_S) for label, m in measures.items() if m.peaks}
     out = {}
@@ -110,7 +112,7 @@ def left_out(
 def _compared(
     channels: Sequence[Channel], kept: Mapping[str, RunMeasure], asked: Mapping[str, RunMeasure]
 ) -> dict[str, tuple[float, str]]:
-    """Return the largest difference of each run asked for over its limit, and it in words."""
+    """Return the largest difference of each requested run relative to its limit, and its text."""
     usual = _usual(channels, list(kept.values()))
     among = [_differences(usual, run) for run in kept.values()]
     common = {key: median(abs(found.get(key, 0.0)) for found in among) for key in among[0]}
@@ -163,7 +165,7 @@ def _usual(channels: Sequence[Channel], runs: Sequence[RunMeasure]) -> _Usual:
 
 
 def _differences(usual: _Usual, own: RunMeasure) -> Differences:
-    """Return what a run differs in from the usual one."""
+    """Return the differences of a run from the usual one."""
     largest = usual.largest
     scale, course = _course(usual, own)
     found = {(Sort.COURSE, name): size for name, size in course.items()}
@@ -180,7 +182,7 @@ def _differences(usual: _Usual, own: RunMeasure) -> Differences:
 
 
 def _course(usual: _Usual, own: RunMeasure) -> tuple[float, dict[str, float]]:
-    """Return the size of the motion over the usual one, and what scale and shift leave of it."""
+    """Return the ratio of the motion to the usual one, and the remainder after scale and shift."""
     names = [n for n in usual.waves if n in own.waves and n in usual.largest]
     if not names:
         return 1.0, {}
@@ -196,7 +198,7 @@ def _course(usual: _Usual, own: RunMeasure) -> tuple[float, dict[str, float]]:
 
 @cache
 def _cosines(count: int) -> NDArray[np.float64]:
-    """Return the slowest orthonormal cosines over some samples, one a row (DCT-II)."""
+    """Return the slowest orthonormal cosines over some samples, one per row (DCT-II)."""
     numbers = np.arange(min(_SLOW_COSINES, count))
     rows = np.cos(np.pi * np.outer(numbers, np.arange(count) + 0.5) / count)
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))

@@ -1,4 +1,4 @@
-"""The verdict on one run: every check in the order of cause and effect."""
+"""Judges one run: all checks in the order of cause and effect."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def judge(
 ) -> tuple[tuple[Finding, ...], RunMeasure]:
     """Judge one run.
 
-    `step`: the mass state and the kind of bump that were due.  `accepted`: of the accepted runs of
-    the same mass state and excitation, so far.  `unlike`: of those that were rejected only as not
-    repeatable.  Returns every check with value and limit, also
-    those that passed, and the measures, to judge later runs by; the run is good if all passed. The
-    first that failed is the likeliest cause of the others.  A check that the sensors do not allow
-    is left out.
+    `step`: the mass state and the kind of bump that were due.  `accepted`: measures of the runs
+    accepted so far with the same mass state and excitation.  `unlike`: measures of the runs that
+    were rejected only as not repeatable.  Returns every check with value and limit, also those that
+    passed, and the measures, for the comparison with later runs; the run is good if all checks
+    passed.  The first failed check is the likeliest cause of the others.  A check that the sensors
+    do not allow is left out.
     """
     seen = traces(bench.channels, window)
     if not seen:

@@ -18,37 +18,46 @@ from .window import RunWindow, Trace, kin, traces
 from .words import finding
 
 REST_NOISE = 3.0
-"""RMS before the bump over the sensor's own noise: below that no motion can be detected."""
+"""Ratio of the RMS before the bump to the sensor's own noise, below which no motion can be
+detected."""
 REST_SHARE = 0.03
-"""RMS before the bump over the peak: what moves less changes no amplitude by more than 4 %."""
+"""Ratio of the RMS before the bump to the peak: less motion changes no amplitude by more than 4
+%."""
 WEAK_LEVELS = 2.0
-"""Peak over the trigger's level: a bump that just reaches it may as well have been a touch."""
+"""Least ratio of the peak to the trigger's level: a bump that only just reaches the level may have
+been a touch."""
 WEAK_NOISE = 10.0
-"""Peak over the noise of the best channel, 20 dB: as the desk asks of each mode."""
+"""Least ratio of the peak to the noise of the best channel, 20 dB: as the identification requires
+of each mode."""
 STRONG_HEIGHTS = 1.5
-"""Travel of the suspension over the planned height of a bump: bumps of that height move it by 0.8
-to 1.0 times as much, and one that moves it by half more meets bump stops and lifts wheels."""
+"""Largest ratio of the suspension's travel to the planned height of a bump: bumps of that height
+move it by 0.8 to 1.0 times the height, and one that moves it by half more reaches bump stops and
+lifts wheels."""
 LEFT_SHARE = 0.15
-"""Largest motion at the end over the peak: with more left, the desk would fit a wave that was cut
-in the middle."""
+"""Largest ratio of the motion at the end to the peak: with more motion left, the identification
+would fit a wave that was cut in the middle."""
 END_S = 0.5
-"""Time over which the motion left is taken, s: half a period of a body at 1 Hz."""
+"""Time over which the remaining motion is taken, s: half a period of a body at 1 Hz."""
 STIFF_SHARE = 0.15
-"""Change of the rest position over the peak of the travel: friction that holds so much is no small
-departure from a linear car."""
+"""Largest ratio of the change of the rest position to the peak of the travel: friction that holds
+more is not a small deviation from a linear car."""
 STRUCK_S = 0.1
-"""Time over which the energy of a strike is taken, s: a period of the wheels."""
+"""Time over which the energy of a strike is taken, s: one period of the wheels."""
 STRUCK_RISE = 3.0
-"""Envelope over its lowest value since the first strike ended: free wheels only decay."""
+"""Ratio of the envelope to its lowest value since the end of the first strike: free wheels only
+decay."""
 STRUCK_SHARE = 0.25
-"""Envelope of a second strike over that of the first: the body's swing shows less on the hubs."""
+"""Ratio of the envelope of a second strike to that of the first: the body's swing shows less on the
+hubs."""
 STRUCK_GUARD_S = 0.25
-"""Time after the bump that belongs to the same strike, s: a wheel that was in the air lands."""
+"""Time after the bump that belongs to the same strike, s: a wheel that was in the air lands in
+it."""
 PUSH_GUARD_S = 1.0
-"""The same after a push by hand, s: it goes down before it lets go, and both are one strike."""
+"""Time after a push by hand that belongs to the same strike, s: the push down and the release are
+one strike."""
 _GRID_S = 0.005
 _FINEST = 1e-3
-"""Least noise over the peak that is assumed of any sensor."""
+"""Least ratio of noise to peak that is assumed for any sensor."""
 
 _SLOW = (
     Quantity.SUSPENSION_TRAVEL,
@@ -114,8 +123,8 @@ def too_weak(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterat
 def double_bump(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find a wheel (without hub sensors: the car) that was struck again.
 
-    Each hub is watched by itself, so that a rear axle that passes the board after the front one
-    is struck once.
+    Each hub is judged separately, so that a rear axle that passes the board after the front one is
+    struck once.
     """
     struck = [t for t in seen if t.channel.quantity is Quantity.HUB_ACCELERATION]
     struck = struck or [t for t in seen if t.channel.quantity is Quantity.BODY_ACCELERATION]
@@ -140,7 +149,7 @@ def double_bump(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Ite
 
 
 def too_strong(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Compare the travel of the suspension with the height of the bump that was planned."""
+    """Compare the travel of the suspension with the planned height of the bump."""
     travels = [t for t in seen if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
     if not travels:
         return
@@ -155,7 +164,7 @@ def too_strong(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iter
 
 
 def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
-    """Return the height of a second strike over the first, and its time; 0 if there is none."""
+    """Return the ratio of a second strike to the first, and its time, s; 0 if there is none."""
     grid = np.arange(0.0, trace.time_s[-1], _GRID_S)
     if len(grid) * _GRID_S < guard_s + 2 * STRUCK_S:
         return 0.0, 0.0
@@ -173,7 +182,7 @@ def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     if not risen.any():
         return 0.0, 0.0
     share = float(risen.max() / first)
-    # The envelope looks ahead; the strike itself is where the signal is half as high as it gets.
+    # The envelope looks ahead; the strike itself is where the signal reaches half of its maximum.
     onset_s, highest_s = grid[first_stop + np.array([np.argmax(risen > 0.0), np.argmax(risen)])]
     near = (trace.time_s > onset_s - STRUCK_S) & (trace.time_s < highest_s + STRUCK_S)
     high = np.where(near, np.abs(quick), 0.0)
@@ -181,7 +190,7 @@ def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
 
 
 def _quick(trace: Trace) -> NDArray[np.float64]:
-    """Return what is faster than the body: the signal less its running mean over 0.15 s."""
+    """Return the motion faster than the body: the signal minus its running mean over 0.15 s."""
     period_s = max(float(np.median(np.diff(trace.time_s))), 1e-4)
     n = max(round(0.15 / period_s), 1)
     if n < 3:
@@ -202,7 +211,7 @@ def _rms_envelope(
 
 
 def not_decayed(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Compare what moves at the end of the run with the peak."""
+    """Compare the motion at the end of the run with the peak."""
     end_s = bench.trigger.post_s
     left = _left(seen, end_s)
     if left is None:
@@ -213,9 +222,10 @@ def not_decayed(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Ite
 
 
 def _left(seen: tuple[Trace, ...], now_s: float) -> tuple[float, str] | None:
-    """Return the share of the motion that is left, and the channel that moves most.
+    """Return the ratio of the remaining motion to the peak, and the channel that moves most.
 
-    All channels count in units of their noise: one that this bump hardly moves says little.
+    All channels count in units of their noise, so that one that this bump hardly moves has little
+    weight.
     """
     slow = tuple(trace for trace in seen if trace.channel.quantity in _SLOW) or seen
     unit = {t.channel.name: max(t.noise, _FINEST * max(o.peak for o in kin(t, slow))) for t in slow}
@@ -229,11 +239,11 @@ def _left(seen: tuple[Trace, ...], now_s: float) -> tuple[float, str] | None:
 
 
 def _amplitude(trace: Trace, now_s: float) -> float:
-    """Return the amplitude of the last half period, about where the car has come to stand."""
+    """Return the amplitude of the last half period, relative to the final position of the car."""
     part = trace.part(now_s - END_S, now_s)
     if not len(part):
         return 0.0
-    # Early in the run a mean over a period still holds the bump.
+    # Early in the run a mean over a period still includes the bump.
     level = float(np.mean(trace.part(now_s - 2 * END_S, now_s))) if now_s > 4 * END_S else 0.0
     power = float(np.mean((part - level) ** 2)) - trace.noise**2
     return float(np.sqrt(2.0 * max(power, 0.0)))
@@ -242,10 +252,10 @@ def _amplitude(trace: Trace, now_s: float) -> float:
 def peak_left(
     channels: tuple[Channel, ...], bump_ns: int, columns: SampleBlock, now_ns: int
 ) -> float | None:
-    """Return the share of the motion's peak that is left now.
+    """Return the ratio of the present motion to its peak.
 
     `bump_ns` and `now_ns`: time stamps of the bump and of the latest frame.  `columns`: samples
-    from before the bump until now, SI.  Returns 0..1; None as long as it is not known.
+    from before the bump until now, SI.  Returns 0..1; None while it is not known.
     """
     seen = traces(channels, RunWindow(bump_ns, columns))
     left = _left(seen, (now_ns - bump_ns) * 1e-9) if seen else None
@@ -253,7 +263,7 @@ def peak_left(
 
 
 def rest_changed(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Compare where the suspension stands before and after, unless it stood on blocks before."""
+    """Compare the rest positions before and after a run, unless it began on blocks."""
     if bench.procedure.method is Method.DROP:
         return
     travels = [t for t in seen if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
@@ -276,7 +286,7 @@ def rest_changed(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> It
 
 
 def sized(value: float, unit: str) -> str:
-    """Return a value in words: lengths in mm, angles in degrees."""
+    """Return a value as text: lengths in mm, angles in degrees."""
     if unit == "m":
         return f"{value * 1e3:.2g} mm"
     if unit.startswith("rad"):

@@ -1,4 +1,4 @@
-"""The kind of a bump (`daq.bumps`) by the wheels that were struck, or by the body's motion."""
+"""Finds the kind of a bump (`daq.bumps`) from the struck wheels, or from the body's motion."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from .window import Trace
 from .words import finding
 
 PURITY = 0.8
-"""Likeness to the pattern that is due: wheels that stand still show a tenth of the struck ones
-through body and anti-roll bars, and the struck ones differ by a third at most."""
+"""Least likeness to the pattern that is due: wheels at rest show a tenth of the motion of struck
+ones through body and anti-roll bars, and the struck ones differ by a third at most."""
 MIRRORED = 1.25
-"""Likeness to the other side or axle over that to the one that is due, from which on it is the
+"""Ratio of the likeness to the other side or axle to that of the one due, from which it is the
 other."""
 _AXLES_S = 2.5
-"""Time after the front axle at which the rear one has met a board at walking pace, s."""
+"""Time from the front axle until the rear axle has met a board at walking pace, s."""
 
 
 def patterns(bench: Bench, seen: tuple[Trace, ...]) -> tuple[Pattern, ...]:
-    """Return how the car was bumped: by four hubs, else by four travels and by the body.
+    """Return the patterns of a bump: from four hubs, else from four travels and from the body.
 
-    Travels alone may be misled by stiff anti-roll bars, which move one wheel with the other.
+    Travels alone may be misleading with stiff anti-roll bars, which move one wheel with the other.
     """
     found: list[Pattern] = []
     pushed = bench.procedure.method is Method.PUSH
@@ -62,10 +62,10 @@ def _four(seen: tuple[Trace, ...], quantity: Quantity) -> tuple[Trace, ...] | No
 
 
 def _of_wheels(bench: Bench, four: tuple[Trace, ...], by: str, quick: bool) -> Pattern:
-    """Compare the strikes; by the hubs' energies, which need not come at the same time."""
+    """Compare the strikes, from the hubs' energies, which need not come at the same time."""
     if quick:
         size = np.array([trace.rms(-STRIKE_S / 2, _AXLES_S) for trace in four])
-    else:  # a wheel on the board goes up, and the body, which rises after it, draws the others down
+    else:  # a wheel on the board goes up; the body rises after it and pulls the other wheels down
         way = -1.0 if bench.procedure.method is Method.DROP else 1.0
         parts = [way * trace.part(0.0, bench.bump_s) for trace in four]
         size = np.array([np.max(part, initial=0.0) for part in parts])
@@ -82,7 +82,7 @@ def _of_wheels(bench: Bench, four: tuple[Trace, ...], by: str, quick: bool) -> P
 
 
 def struck(due: Excitation, found: Pattern) -> Wheels | None:
-    """Return the wheels of a bump of the kind that is due, or their mirror image; else None."""
+    """Return the struck wheels, if they are of the kind due or its mirror image; else None."""
     if found.likeness[due] < found.limit:
         return None
     own = BUMPS[due].wheels
@@ -92,15 +92,15 @@ def struck(due: Excitation, found: Pattern) -> Wheels | None:
 
 
 def mirrored(due: Excitation, found: Pattern) -> Iterator[Finding]:
-    """Report a bump of the other side or axle than the one that is due; both count."""
+    """Report a bump of another side or axle than the one that is due; both count."""
     wheels, own = struck(due, found), BUMPS[due].wheels
     if wheels is not None and wheels != own:
-        text = f"{in_words(wheels)}, where {in_words(own)} were due: counted as it is"
+        text = f"{in_words(wheels)}, but {in_words(own)} were due: it still counts"
         yield finding("mirrored", True, found.strikes[wheels], found.limit, "", text)
 
 
 def wrong_mode(due: Excitation, found: Pattern) -> Iterator[Finding]:
-    """Compare with the kind of bump that is due."""
+    """Compare the bump with the kind that is due."""
     like, limit = found.likeness[due], found.limit
     shares = ", ".join(f"{name} {share:.0%}" for name, share in found.shares.items())
     if like >= limit:

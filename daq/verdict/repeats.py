@@ -1,4 +1,4 @@
-"""The comparison of a run with the accepted ones of its kind."""
+"""Compares a run with the accepted runs of its kind."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from .window import RunMeasure, Trace, kin
 from .words import finding
 
 PEAK_RATIO = 1.4
-"""Largest ratio of a peak to the median of the accepted runs, either way: beyond it the bump had
-another speed or height."""
+"""Largest ratio of a peak to the median of the accepted runs, in either direction: above it the
+bump had another speed or height."""
 LIKENESS = 0.85
-"""Least correlation of the slow motion with the median: below it, it is another motion."""
+"""Least correlation of the slow motion with the median: below it, the motion is another one."""
 MAIN = 0.3
-"""Share of the largest peak of its kind that a channel must exceed to count: what moves little
-differs much."""
+"""Share of the largest peak of its kind that a channel must exceed to count, because small motions
+differ much."""
 _START_S, _STEP_S, _LENGTH_S, _BIN_S = 0.1, 0.02, 1.5, 0.06
 _SWING_S = 0.05, 0.55
-"""Span since the bump in which a sensor's roughness is measured, s."""
+"""Times since the bump between which a sensor's roughness is measured, s."""
 
 
 def waves(seen: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
-    """Return the slow motion after the bump, averaged so that no trigger's luck shows in it."""
+    """Return the slow motion after the bump, averaged against the jitter of the trigger."""
     grid = np.arange(_START_S, _LENGTH_S, _STEP_S)
     result = {}
     for trace in seen:
@@ -42,7 +42,7 @@ def waves(seen: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
 
 
 def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the integral up to some times of the straight lines between the samples."""
+    """Return the integral, up to given times, of the straight lines between the samples."""
     time_s, value = trace.time_s, trace.value
     steps = np.diff(time_s) * (value[1:] + value[:-1]) / 2.0
     before = np.clip(np.searchsorted(time_s, t_s) - 1, 0, len(time_s) - 1)
@@ -52,7 +52,7 @@ def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def after(measure: RunMeasure, start_s: float) -> RunMeasure:
-    """Return a measure whose waves begin at a time since the bump."""
+    """Return a measure with waves that begin at a given time since the bump."""
     first = max(0, math.ceil((start_s - _START_S) / _STEP_S))
     return replace(measure, waves={name: wave[first:] for name, wave in measure.waves.items()})
 
@@ -64,7 +64,7 @@ def levels(seen: tuple[Trace, ...]) -> Mapping[str, float]:
 
 
 def roughness(seen: tuple[Trace, ...]) -> Mapping[str, float]:
-    """Return the RMS of what no swing of a wheel explains, by channel."""
+    """Return the RMS of the part that no swing of a wheel explains, by channel."""
     result = {}
     for trace in seen:
         bend = np.diff(trace.part(*_SWING_S), 4)
@@ -79,11 +79,12 @@ def not_repeatable(
     accepted: Sequence[RunMeasure],
     unlike: Sequence[RunMeasure] = (),
 ) -> Iterator[Finding]:
-    """Compare peaks and course with the median of the accepted runs; none with the first.
+    """Compare peaks and course with the median of the accepted runs; not for the first run.
 
-    `unlike`: of the runs that were rejected only because they do not repeat the accepted ones.  A
-    run that is like at least as many of all these as it is unlike accepted ones is repeatable: else
-    a first run with a hand on the car would have every good one after it rejected.
+    `unlike`: measures of the runs rejected only because they do not repeat the accepted ones.  A
+    run is repeatable if it is like at least as many of all these runs as it is unlike accepted
+    ones.  Otherwise, a first run with a hand on the car would cause the rejection of all good runs
+    after it.
     """
     if not accepted:
         return
@@ -92,9 +93,7 @@ def not_repeatable(
         same = [_repeats(seen, own, other) for other in accepted]
         like = sum(same) + sum(_repeats(seen, own, other) for other in unlike)
         if like >= len(same) - sum(same):
-            text = (
-                f"like {like} of {len(accepted) + len(unlike)} runs, though not the accepted ones"
-            )
+            text = f"like {like} of {len(accepted) + len(unlike)} runs, but not the accepted ones"
             found = [finding("not_repeatable", True, like, len(same) - sum(same), "", text)]
     yield from found
 
@@ -127,14 +126,14 @@ def _by_peak(seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMea
     for channel in _main(seen, accepted):
         usual = float(np.median([measure.peaks[channel] for measure in accepted]))
         ratio = max(own.peaks[channel], 1e-12) / max(usual, 1e-12)
-        # Half as much and twice as much are equally far.
+        # Half and twice the size are equally far from equal.
         if abs(np.log(ratio)) > abs(np.log(worst)):
             worst, name = ratio, channel
     near = 1.0 / PEAK_RATIO <= worst <= PEAK_RATIO
     limit = PEAK_RATIO if worst > 1.0 else 1.0 / PEAK_RATIO
     text = (
         f"peak of {name or 'every channel'} is {worst:.2f} times that of the accepted runs "
-        f"({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} will do)"
+        f"({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} is allowed)"
     )
     return finding("not_repeatable", near, worst, limit, "", text, name)
 

@@ -1,4 +1,4 @@
-"""The wheels that may be struck together, and the likeness of a motion to each kind of bump."""
+"""Lists the wheels that may be struck together; gives the likeness of a motion to each bump."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..runs import Excitation
 from ..vehicle import Corner
 
 Corners = NDArray[np.float64]
-"""One figure for each corner, (4,), in the order of `Corner`."""
+"""Values of the four corners, (4,), in the order of `Corner`."""
 
 PATTERNS: Mapping[str, Corners] = MappingProxyType(
     {
@@ -25,7 +25,7 @@ PATTERNS: Mapping[str, Corners] = MappingProxyType(
         "warp": np.array([1.0, -1.0, -1.0, 1.0]) / 2,
     }
 )
-"""Any motion of four corners is a sum of these; they are orthonormal."""
+"""Orthonormal patterns, of which any motion of four corners is a sum."""
 
 _FL, _FR, _RL, _RR = Corner
 TOGETHER: Mapping[Wheels, str] = MappingProxyType(
@@ -39,9 +39,9 @@ TOGETHER: Mapping[Wheels, str] = MappingProxyType(
         Wheels({_FR, _RL}): "front right and rear left",
     }
 )
-"""Wheels that a board or a block may lift together, in words."""
+"""Sets of wheels that boards or blocks may lift together, with names."""
 STRIKES = tuple(Wheels(some) for n in (4, 2, 1, 3) for some in combinations(Corner, n))
-"""All wheels that may be struck at once."""
+"""All sets of wheels that may be struck together."""
 
 
 class Pattern(NamedTuple):
@@ -51,7 +51,7 @@ class Pattern(NamedTuple):
     """Shares of bounce, pitch, roll and warp in the motion, 0..1; empty if unknown."""
     likeness: Mapping[Excitation, float]
     """Likeness to each kind of bump, 0..1; equal for kinds that these sensors cannot separate, or
-    that the campaign does not distinguish."""
+    the campaign does not distinguish."""
     words: str
     """The motion in words."""
     by: str
@@ -78,7 +78,7 @@ def shares_of(size: Corners) -> Mapping[str, float]:
 def likeness_of(
     like: Mapping[Wheels, float], planned: tuple[Excitation, ...]
 ) -> Mapping[Excitation, float]:
-    """Return the likeness to each kind of bump, by that to each strike.
+    """Return the likeness to each kind of bump, from the likeness to each strike.
 
     `like`: likeness to a strike of these wheels, 0..1.  `planned`: the kinds of the campaign.
     """

@@ -1,4 +1,4 @@
-"""Checks that all that the sensors sent has arrived, and within their range."""
+"""Checks that all sensor data have arrived, and are within the sensors' range."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .window import RunWindow, Trace
 from .words import finding
 
 STALE_S = 0.25
-"""Longest silence of a sensor that has not stopped, s: a quarter of a body's period."""
+"""Longest allowed silence of a sensor, s: a quarter of a body's period."""
 STALE_CYCLES = 10.0
-"""The same for a slow message, in its cycles."""
+"""Longest allowed silence of a slow message, in its cycles."""
 LOST_SHARE = 0.02
 """Largest share of lost frames: a loose plug loses most while the car moves most, and another bump
 costs only a minute."""
@@ -29,9 +29,10 @@ WHEEL_MOTION_S = 0.2
 GAP_S = 0.02
 """Longest gap while the wheels move, s: a quarter of their period."""
 GAP_CYCLES = 3.5
-"""The same in cycles of the message: two lost samples in a row are no gap, however slow it is."""
+"""Longest gap in cycles of the message: two consecutive lost samples are not a gap, however slow it
+is."""
 _SPOKEN = 0.9
-"""Share of the samples of a message that each of its channels has, if it is sound."""
+"""Least share of a message's samples that each healthy channel has."""
 
 
 def stale(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
@@ -86,7 +87,7 @@ def _messages(channels: tuple[Channel, ...], window: RunWindow) -> dict[str, NDA
 def _poor(
     channels: tuple[Channel, ...], window: RunWindow, messages: Mapping[str, NDArray[np.int64]]
 ) -> dict[str, NDArray[np.int64]]:
-    """Return the time stamps of channels that say nothing in frames which come."""
+    """Return the time stamps of channels that have no values although their frames come."""
     used = [channel for channel in channels if channel.quantity is not Quantity.UNUSED]
     times = {
         channel.name: (_good(channel, window), messages[_message(channel)]) for channel in used
@@ -104,7 +105,7 @@ def _good(channel: Channel, window: RunWindow) -> NDArray[np.int64]:
 
 
 def lost_frames(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Compare what is missing with what came; a gap in the wheels' motion counts by itself."""
+    """Compare missing with received frames; judge a gap in the wheels' motion separately."""
     lost = window.losses.measured
     came = sum(len(t_ns) for t_ns in _messages(bench.channels, window).values())
     share = lost / max(lost + came, 1)
@@ -136,10 +137,10 @@ def _early_gap(window: RunWindow, seen: tuple[Trace, ...]) -> tuple[float, float
 
 
 def _sent_by(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return when each frame was sent at the latest: those that came after it took a cycle each.
+    """Return the latest time at which each frame can have been sent: each later frame took a cycle.
 
-    A reader that is held up hands over a bunch of frames at one instant.  That is late, but the
-    gap before it is as long as the bunch; where frames are missing, the bunch is too short.
+    A delayed reader delivers several frames at one instant.  They are late, but as many as fit into
+    the gap before them; if frames are missing, there are too few.
     """
     cycle_s = FASTEST * (time_s[-1] - time_s[0]) / (len(time_s) - 1)
     sent_s = np.arange(len(time_s)) * cycle_s
@@ -147,7 +148,7 @@ def _sent_by(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def overload(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Find tops that were cut; on the bump itself they do no harm."""
+    """Find tops that were cut; on the bump itself they are harmless."""
     free_s = bench.bump_s
     cut = _cut_tops(window, seen)
     late = {name: times[times > free_s] for name, times in cut.items() if (times > free_s).any()}
@@ -165,7 +166,7 @@ def overload(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterat
 
 
 def _cut_tops(window: RunWindow, seen: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
-    """Return when each channel was at the end of its range, s since the bump."""
+    """Return the times at which each channel was at the end of its range, s since the bump."""
     result = {}
     for trace in seen:
         flat = np.zeros(len(trace.value), bool)

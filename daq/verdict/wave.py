@@ -1,4 +1,4 @@
-"""One damped wave through the body's motion, for the operator's eyes."""
+"""Fits one damped wave to the body's motion, for display to the operator."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _STEP_S = 0.02
 _FREQUENCY_HZ = (0.4, 5.0)
 _DAMPING = (0.01, 0.7)
 _TURNS = 3
-"""Number of searches, each on the two cells of the grid around the best point of the last."""
+"""Number of searches, each on the two grid cells around the best point of the previous one."""
 _CLEAR = 5.0
-"""Least peak over noise at which a wave is searched for."""
+"""Least ratio of peak to noise at which a wave is searched for."""
 
 
 def body_wave(seen: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
@@ -45,7 +45,7 @@ def _finer(grid: NDArray[np.float64], place: int) -> NDArray[np.float64]:
 
 
 def _record(seen: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] | None:
-    """Return the clearest record of the body, (1, n), on an even grid."""
+    """Return the clearest record of the body, (1, n), on an equidistant grid."""
     for quantities in (
         (Quantity.SUSPENSION_TRAVEL,),
         (Quantity.PITCH_RATE, Quantity.ROLL_RATE, Quantity.BODY_ACCELERATION),
@@ -82,7 +82,7 @@ def _misfit(
     frequencies: NDArray[np.float64],
     dampings: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the squares left by each wave with the best amplitude, phase and level."""
+    """Return the residual sum of squares of each wave with the best amplitude, phase and level."""
     omega = 2 * np.pi * frequencies[:, None]
     rate = omega * dampings
     turn = omega * np.sqrt(1.0 - dampings**2)

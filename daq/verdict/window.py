@@ -1,4 +1,4 @@
-"""The data by which a run is judged, and the measures that are kept of it."""
+"""Defines the data from which a run is judged, and the measures that are kept."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from ..runs import Losses
 from ..samples.blocks import SampleBlock
 
 BEFORE_S = 0.03
-"""End of the rest before the trigger that is left out, s: a slow bump begins below the level."""
+"""Time directly before the trigger that is left out of the rest, s: a slow bump begins below the
+level."""
 _FEWEST = 8
 """Least number of samples of a channel that is judged."""
 
@@ -33,35 +34,34 @@ ANGULAR = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class RunWindow:
-    """A run as it was received: `pre_s` before to `post_s` after the bump."""
+    """A run as received, from `pre_s` before to `post_s` after the bump."""
 
     bump_ns: int
-    """Time stamp of the bump."""
+    """Time stamp of the bump, ns."""
     channels: SampleBlock
-    """SI, NaN where a sample cannot be used, each shape (t_ns (n,); channels may be empty or absent
-    (value (n,) float64))."""
+    """Samples of each channel: t_ns (n,) and value (n,) float64, SI, NaN where a sample cannot be
+    used; channels may be empty or absent."""
     losses: Losses = field(default_factory=Losses)
     """Frames lost within the run."""
     stale: tuple[str, ...] = ()
-    """Messages that were silent for long during it, where that is known otherwise than by the
-    samples."""
+    """Messages with a long silence during the run, as known from other sources than the samples."""
     saturated: tuple[str, ...] = ()
-    """Channels of which samples touched the end of the signal's range."""
+    """Channels with samples at the end of the signal's range."""
     timed: frozenset[str] = frozenset()
-    """Messages whose counter or time stamp gives the time of a sample: their frames may come late,
-    in a bunch, and nothing is lost."""
+    """Messages whose counter or time stamp gives the time of a sample: their frames may arrive late
+    and together without a loss."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunMeasure:
-    """The measures of a run: for the operator's eyes, and to compare later runs with."""
+    """The measures of a run, for display to the operator and for comparison with later runs."""
 
     peak_m_s2: float | None = None
-    """Largest deviation from rest of any acceleration; None without one."""
+    """Largest deviation from rest of any acceleration, m/s2; None without one."""
     peak_m: float | None = None
-    """Largest deviation from rest of any displacement; None without one."""
+    """Largest deviation from rest of any displacement, m; None without one."""
     frequency_hz: float | None = None
-    """Natural frequency of the body's motion after the bump, taken as one damped wave; None if the
+    """Natural frequency of the body's motion after the bump, from one damped wave, Hz; None if the
     motion shows none."""
     damping: float | None = None
     """Damping ratio of the same wave."""
@@ -70,8 +70,8 @@ class RunMeasure:
     purity: float | None = None
     """Likeness of the corners' motion to the excitation that was due, 0..1; None if unknown."""
     wheels: Wheels | None = None
-    """The wheels that were struck, of the kind that was due or its mirror image; None if they are
-    others, or unknown."""
+    """The struck wheels, if they are those of the kind due or its mirror image; None otherwise, or
+    if unknown."""
     peaks: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     """Largest deviation from rest of each channel, SI."""
     waves: Mapping[str, NDArray[np.float64]] = field(default_factory=lambda: MappingProxyType({}))
@@ -80,7 +80,7 @@ class RunMeasure:
     levels: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     """Level of each suspension travel before the bump, m."""
     roughness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    """RMS of what no swing of a wheel explains, of each channel, SI: rattle and noise."""
+    """RMS of the part that no swing of a wheel explains, of each channel, SI: rattle and noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,14 +90,14 @@ class Trace:
     channel: Channel
     """The channel."""
     time_s: NDArray[np.float64]
-    """Time since the bump, shape (n,)."""
+    """Time since the bump, s, shape (n,)."""
     value: NDArray[np.float64]
     """Deviation from the level before the bump, SI, shape (n,)."""
     noise: float
-    """Standard deviation of white noise, by the differences of neighbouring samples before the
-    bump: slow motion does not show in it."""
+    """Standard deviation of white noise, from the differences of neighbouring samples before the
+    bump, which slow motion does not affect."""
     moved: float
-    """RMS before the bump."""
+    """RMS before the bump, SI."""
     level: float
     """Level before the bump, SI."""
 
@@ -107,20 +107,20 @@ class Trace:
         return self.value[first:last]
 
     def rms(self, start_s: float, stop_s: float) -> float:
-        """Return the RMS between two times, less the noise; 0 without samples."""
+        """Return the RMS between two times, without the noise; 0 if there are no samples."""
         part = self.part(start_s, stop_s)
         power = float(np.mean(part**2)) if len(part) else 0.0
         return float(np.sqrt(max(power - self.noise**2, 0.0)))
 
     @property
     def peak(self) -> float:
-        """Largest deviation from the bump on."""
+        """Largest deviation after the bump."""
         after = self.part(0.0, np.inf)
         return float(np.max(np.abs(after))) if len(after) else 0.0
 
 
 def traces(channels: tuple[Channel, ...], window: RunWindow) -> tuple[Trace, ...]:
-    """Return the channels that say something about a run, those that are not used left out."""
+    """Return the channels that can be judged in a run, without unused ones."""
     return tuple(_traces(channels, window))
 
 

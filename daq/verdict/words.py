@@ -1,4 +1,4 @@
-"""The meaning of each finding and its remedy: one table for terminal, report and manual."""
+"""Defines the meaning of each finding and its remedy, for terminal, report and manual."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Words(NamedTuple):
     """A finding in plain words."""
 
     title: str
-    """Its name."""
+    """Name of the finding."""
     meaning: str
     """The fault of the run, and why it matters."""
     advice: str
@@ -36,7 +36,7 @@ WORDS: Mapping[str, Words] = MappingProxyType(
         "overload": Words(
             "overload",
             "A sensor reached the end of its range while the car swung freely: the tops are cut "
-            "off, and the true motion was larger. On the bump itself that does no harm.",
+            "off, and the true motion was larger. On the bump itself this is harmless.",
             "use a lower bump or a sensor with a wider range",
         ),
         "not_at_rest": Words(
@@ -46,38 +46,38 @@ WORDS: Mapping[str, Words] = MappingProxyType(
         ),
         "too_weak": Words(
             "too weak",
-            "The bump hardly stands out of the noise, or barely reached the trigger's level. "
+            "The bump is hardly above the noise, or barely reached the trigger's level. "
             "Frequencies and damping cannot be identified well from it.",
             "use a higher bump, or take it faster",
         ),
         "double_bump": Words(
             "bumped twice",
-            "A wheel was struck again while the car was to swing freely. The decay after a bump "
-            "must be left alone.",
+            "A wheel was struck again while the car should swing freely. The decay after a bump "
+            "must not be disturbed.",
             "bump once, then keep off the car until the run has ended",
         ),
         "too_strong": Words(
             "too strong",
             "The suspension moved much farther than a bump of the planned height moves it: it "
-            "meets its stops, wheels leave the road, and friction and curves count for more.",
+            "reaches its stops, wheels leave the road, and friction and curves have more effect.",
             "use a lower bump, or state its height in bench.toml (bump_height_mm)",
         ),
         "wrong_mode": Words(
             "wrong bump",
-            "The wheels or the body moved as another kind of bump moves them.",
-            "check which wheels stand before the boards, then bump again",
+            "The wheels or the body moved as in another kind of bump.",
+            "check which wheels are before the boards, then bump again",
         ),
         "mirrored": Words(
             "other side",
             "The wheels of the other side or axle were struck. The run counts, because the "
             "identification finds which wheels it was; it is compared with runs of its side only.",
-            "bump the wheels of the sketch if all runs are to be alike",
+            "bump the wheels of the sketch if all runs should be alike",
         ),
         "not_decayed": Words(
             "not decayed",
             "Much of the motion was left when the run ended: somebody kept the car moving, or the "
             "run is too short for this car.",
-            "keep off the car; if it stays so, set a longer post_s in bench.toml",
+            "keep off the car; if that does not help, set a longer post_s in bench.toml",
         ),
         "not_repeatable": Words(
             "unlike the others",
@@ -86,13 +86,12 @@ WORDS: Mapping[str, Words] = MappingProxyType(
         ),
         "rest_changed": Words(
             "rest position changed",
-            "The car stood differently after the run than before: friction held it, or a weight "
-            "slipped.",
+            "The car came to rest in another position: friction held it, or a weight slipped.",
             "rock the car and let it settle; check that every weight is bolted",
         ),
         "motion": Words(
             "motion",
-            "Size, frequency and damping of what was seen, for the eye.",
+            "Size, frequency and damping of the motion, for information.",
             "",
         ),
         "no_data": Words(
@@ -102,17 +101,17 @@ WORDS: Mapping[str, Words] = MappingProxyType(
         ),
         "bus_lost": Words(
             "bus lost",
-            "No frame came any more in mid-run: the bus was unplugged or its power was off.",
+            "No more frames came during the run: the bus was unplugged or its power was off.",
             "plug the bus in, check the power of the sensors, then bump again",
         ),
         "cut": Words(
             "cut",
-            "The recorder was stopped in mid-run.",
+            "The recorder was stopped during the run.",
             "bump again",
         ),
     }
 )
-"""By code of the finding, in the order in which they are judged: causes before what they cause."""
+"""Words by code of the finding, in the order of judging: causes before their effects."""
 
 
 def finding(
@@ -124,7 +123,7 @@ def finding(
     text: str,
     subject: str = "",
 ) -> Finding:
-    """Return a finding; one that failed has the table's advice."""
+    """Return a finding; a failed one has the table's advice."""
     return Finding(
         code,
         Severity.NOTE if passed else Severity.ERROR,

@@ -1,1 +1,1 @@
-"""Database files read into layouts: DBC by our own grammar, KCD, SYM and ARXML by cantools."""
+"""Reads database files into layouts: DBC by our own grammar; KCD, SYM and ARXML by cantools."""

@@ -1,4 +1,4 @@
-"""Messages that cantools logs while it reads a database, collected in place of printed."""
+"""Collects the messages that cantools logs while it reads a database, instead of printing them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 _HARMLESS = "Signal scaling is currently only supported for positive scaling factors"
-"""Of a negative factor cantools exchanges the limits alone, which `foreign` puts right."""
+"""Message on a negative factor: cantools then only exchanges the limits, which `foreign`
+corrects."""
 _UNKNOWN_METHOD = "Compu method category"
-"""Begins what is logged for debugging only, although the values are then raw ones."""
+"""Beginning of a message that cantools logs at debug level, although the values are then raw
+values."""
 
 
 class _Collector(logging.Handler):
@@ -28,7 +30,7 @@ class _Collector(logging.Handler):
 
 @contextmanager
 def complaints() -> Iterator[dict[str, None]]:
-    """Collect what cantools logs that concerns values, as the keys; nothing is printed."""
+    """Collect the logged messages of cantools that concern values, as keys; nothing is printed."""
     logger, collector = logging.getLogger("cantools"), _Collector()
     before = logger.level, logger.propagate
     logger.addHandler(collector)

@@ -1,4 +1,4 @@
-"""A DBC's statements to message layouts: names, selectors, value tables, roles."""
+"""Composes message layouts from a DBC's statements: names, selectors, value tables, roles."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _J1939 = "J1939PG"
 def compose(document: Document, block: Block) -> MessageLayout:
     """Put together all that a DBC says about one message.
 
-    `block` is the message; its head is understood.  The layout is not checked yet, see
-    `dbc.reader.lint`.  Raises FaultError if its parts contradict each other.
+    `block` is the message; its first line is understood.  The layout is not checked yet, see
+    `dbc.reader.lint`.  Raises FaultError if parts of the message contradict each other.
     """
     head = block.head
     assert head is not None
@@ -104,7 +104,7 @@ def _selection(
 ) -> tuple[str | None, tuple[tuple[int, int], ...]]:
     """Return the selector of a signal and the values for which it is in a frame.
 
-    `SG_MUL_VAL_` says so by name; without it the mark `m3` is a value of the only selector.
+    `SG_MUL_VAL_` names the selector; without it, the mark `m3` is a value of the only selector.
     """
     listed = document.selections.get(key)
     first = whole(marker[1:].rstrip("M")) if marker.startswith("m") else None
@@ -125,12 +125,12 @@ def _role(document: Document, key: SignalKey) -> str:
     value = document.attributes.get((ROLE_ATTRIBUTE, key), VALUE_ROLE)
     choices = document.choices.get(ROLE_ATTRIBUTE, ())
     if isinstance(value, int) and 0 <= value < len(choices):
-        return choices[value]  # an ENUM has the index, a STRING the text
+        return choices[value]  # an ENUM stores the index, a STRING the text
     return str(value)
 
 
 def _roles(document: Document, identifier: int, signals: Sequence[SignalLayout]) -> dict[str, str]:
-    """Return the names of the signals that have a role other than to carry a value, by role."""
+    """Return the names of the signals that are counters or checksums, by role."""
     found: dict[str, str] = {}
     for signal in signals:
         role = _role(document, (identifier, signal.name))
@@ -139,20 +139,20 @@ def _roles(document: Document, identifier: int, signals: Sequence[SignalLayout])
         if role != COUNTER_ROLE and role not in CRC_RULES:
             raise FaultError(signal.name, f"has the {ROLE_ATTRIBUTE} {role}, which is unknown")
         if role in found or (role in CRC_RULES and not CRC_RULES.keys().isdisjoint(found)):
-            raise FaultError(signal.name, f"has the {ROLE_ATTRIBUTE} {role}, which is there twice")
+            raise FaultError(signal.name, f"has the {ROLE_ATTRIBUTE} {role}, defined twice")
         found[role] = signal.name
     return found
 
 
 def _cycle_s(document: Document, identifier: int) -> float | None:
-    """Return the time between two frames, s; attributes have it in ms."""
+    """Return the time between two frames, s; the attributes state it in ms."""
     default = document.defaults.get("GenMsgCycleTime")
     value = document.attributes.get(("GenMsgCycleTime", identifier), default)
     return value / 1000 if isinstance(value, int | float) and 0 < value < 1e12 else None
 
 
 def _frame_format(document: Document, identifier: int) -> str:
-    """Return the label of `VFrameFormat`, which attributes have as a number or as a text."""
+    """Return the label of `VFrameFormat`, which the attributes state as a number or as a text."""
     name = "VFrameFormat"
     value = document.attributes.get((name, identifier), document.defaults.get(name, ""))
     labels = document.choices.get(name, ())

@@ -1,7 +1,7 @@
-"""A DBC's statements, sorted by the message that they are about.
+"""Sorts a DBC's statements by the message that they are about.
 
-A statement that is not understood takes with it every message that it may be about: without it
-that message might be decoded wrongly.  The others stay.
+If a statement is not understood, every message that it may be about is left out, because it might
+be decoded wrongly without the statement.  The other messages are kept.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from .limits import MAX_FAULTS, MAX_MESSAGES, PICK_DBC
 from .source import Source
 
 ORPHANS = "VECTOR__INDEPENDENT_SIG_MSG"
-"""The name under which editors keep signals that belong to no message."""
+"""Name of the message under which editors keep signals that belong to no message."""
 EXTENDED_BIT = 1 << 31
 
 _MEANING = frozenset(("BO_", "SG_", "VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_", "BA_", "BO_TX_BU_"))
 _HARMLESS = re.compile(r"(?:BA_DEF|BU_|CM_|NS_|BS_|EV_|VERSION|VAL_TABLE_|SIG_GROUP_|CAT_)")
 _ENDED = frozenset(("BO_", "SG_", "VERSION", "NS_", "BS_", "BU_"))
-"""Statements that end with their line; the others need a semicolon."""
+"""Statements that end at the end of the line; the others need a semicolon."""
 _BLANK_LINE = re.compile(r"\n\s*\n")
 _DIGITS = re.compile(r"[0-9]+")
 _RANGE = re.compile(r"([0-9]+)\s*-\s*([0-9]+)")
@@ -37,25 +37,26 @@ class Block:
     """A `BO_` with its `SG_` lines."""
 
     position: int
-    """Where it begins in the text."""
+    """Position in the text at which the block begins."""
     head: re.Match[str] | None
-    """Its first line; None if that is not understood."""
+    """Its first line; None if it is not understood."""
     signals: list[Statement] = field(default_factory=list)
     """Its `SG_` lines."""
     fault: tuple[int, str] | None = None
-    """Where and why it cannot be used."""
+    """Position of a fault and the reason why the message cannot be used."""
 
 
 @dataclass(slots=True)
 class Document:
-    """All that a DBC says about frames.  Identifiers are as written, with bit 31 for extended."""
+    """All that a DBC states about frames.  Identifiers are as written, with bit 31 for extended."""
 
     blocks: list[Block] = field(default_factory=list)
     """The messages, in the order of the text."""
     faults: dict[int, tuple[int, str]] = field(default_factory=dict)
-    """Where and why a message cannot be used, by what is said outside its block."""
+    """Position and reason of faults outside a message's block that make it unusable, by
+    identifier."""
     loose: list[tuple[int, str]] = field(default_factory=list)
-    """Where and what is not understood, whichever message it may be about."""
+    """Position and text of each statement that is not understood."""
     float_types: dict[SignalKey, int] = field(default_factory=dict)
     """`SIG_VALTYPE_`."""
     selections: dict[SignalKey, tuple[str, tuple[tuple[int, int], ...]]] = field(
@@ -73,16 +74,16 @@ class Document:
     senders: dict[int, list[str]] = field(default_factory=lambda: defaultdict(list))
     """`BO_TX_BU_`."""
     positions: dict[SignalKey, int] = field(default_factory=dict)
-    """Where a `VAL_`, `SIG_VALTYPE_` or `SG_MUL_VAL_` of the signal is."""
+    """Position of a `VAL_`, `SIG_VALTYPE_` or `SG_MUL_VAL_` of the signal."""
 
 
 def whole(text: str) -> int:
-    """Return a whole number; one of absurd length is as good as any that fits nowhere."""
+    """Return a whole number; one with too many digits becomes a number that fits nowhere."""
     return int(text) if len(text) < 25 else 10**24
 
 
 def number(text: str) -> int | float:
-    """Return a number, whole if it is written so."""
+    """Return a number; an `int` if it is written as a whole number."""
     try:
         return int(text)
     except ValueError:
@@ -92,8 +93,8 @@ def number(text: str) -> int | float:
 def read_document(text: str, source: Source) -> Document:
     """Sort the statements of a DBC.
 
-    `source` is the same text, for line numbers.  Raises InputError if it is cut off within a
-    statement, or is no DBC.
+    `source` gives the line numbers of the same text.  Raises InputError if the text ends within a
+    statement, or is not a DBC.
     """
     text = readable(text)
     document = Document()
@@ -127,7 +128,7 @@ def read_document(text: str, source: Source) -> Document:
 
 
 def _check_end(statement: Statement, text: str, source: Source, has_messages: bool) -> None:
-    """Refuse a text that ends within a statement: what it would have said next is not known."""
+    """Refuse a text that ends within a statement, because its remainder is not known."""
     if statement.stop < len(text):
         return
     known = statement.keyword in _MEANING or _HARMLESS.match(statement.keyword)
@@ -156,12 +157,12 @@ def _misread(
     apart = _BLANK_LINE.search(text, statement.before, statement.start) and re.search("[:;]", line)
     if current is not None and current.fault is None and ("|" in line or not apart):
         current.fault = fault
-    # What follows may be the signals of a message whose head this was.
+    # The next lines may be the signals of a message of which this is the first line.
     return current if statement.keyword == "SG_" else Block(statement.start, None, fault=fault)
 
 
 def _sort_in(document: Document, statement: Statement) -> None:
-    """Add a statement that is understood and is no part of a block."""
+    """Add a statement that is understood and not part of a block."""
     body = statement.body
     assert body is not None
     match statement.keyword:
@@ -217,7 +218,7 @@ def _value(text: str) -> str | float:
 
 
 def joined(pairs: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
-    """Return inclusive ranges in order, those that meet made one; empty ones are left out."""
+    """Return inclusive ranges in order, with adjacent ranges merged and empty ranges left out."""
     result: list[tuple[int, int]] = []
     for low, high in sorted(pair for pair in pairs if pair[0] <= pair[1]):
         if result and low <= result[-1][1] + 1:

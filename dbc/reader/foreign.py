@@ -1,6 +1,6 @@
-"""KCD, SYM and ARXML databases, read by cantools, under the same limits and checks as a DBC.
+"""Reads KCD, SYM and ARXML databases with cantools, with the same limits and checks as for a DBC.
 
-Such a file has no line numbers by the time that it can be judged; messages name the file.
+Line numbers are lost when cantools has read such a file, so messages name only the file.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MAX_LIMIT = int(sys.float_info.max)
 """Largest number of float64."""
 
 _HEAD = 4096
-"""Characters in which a database says what it is."""
+"""Number of characters at the beginning of a database from which its format is recognised."""
 
 _ROOT = re.compile(r"<(?:\w+:)?(NetworkDefinition|AUTOSAR|CANDELA)\b")
 _KINDS = {"NetworkDefinition": "kcd", "AUTOSAR": "arxml", "CANDELA": "cdd"}
@@ -47,7 +47,7 @@ _SYM_HEAD = re.compile(r"\s*(?://[^\n]*\n\s*)*FormatVersion\s*=")
 
 
 def foreign_kind(text: str, name: str) -> str:
-    """Return the format of a database by its content, else its suffix: "" for a DBC."""
+    """Return the format of a database, from its content or else its suffix; "" for a DBC."""
     if text.lstrip("\ufeff \t\r\n")[:1] == "<" and (root := _ROOT.search(text[:_HEAD])):
         return _KINDS[root[1]]
     if _SYM_HEAD.match(text[:_HEAD]):
@@ -60,7 +60,7 @@ def parse_foreign(text: str, name: str) -> Codec:
     """Compile the text of a KCD, SYM or ARXML file.
 
     `foreign_kind` decides the format.  Messages that cannot be used are in `left_out`.  Raises
-    InputError if it is no such file, or none of its messages can be used.
+    InputError if it is not such a file, or if none of its messages can be used.
     """
     kind = foreign_kind(text, name)
     if kind == "cdd":
@@ -83,7 +83,7 @@ def parse_foreign(text: str, name: str) -> Codec:
             what = f"{found.name}.{fault.signal}" if fault.signal else f"message {found.name}"
             left_out.append(unusable(name, what, fault.reason))
         else:
-            # Passed on from one bus to another, a message means the same on both.
+            # A message that is passed on from one bus to another means the same on both.
             meaning = replace(message, senders=(), cycle_s=None)
             if meaning in meanings:
                 continue
@@ -108,21 +108,22 @@ def parse_foreign(text: str, name: str) -> Codec:
         for message, pairs in shared
         if pairs
     ]
-    notes += [odd(name, "the text", f"is odd to cantools: {each}") for each in complained]
+    notes += [odd(name, "the text", f"cantools reports: {each}") for each in complained]
     return Codec(kept, tuple(left_out), tuple(notes))
 
 
 def _parse(text: str, name: str, kind: str) -> tuple[Sequence[Any], Collection[str]]:
-    """Return the messages as cantools has them, and what it complained of."""
+    """Return the messages as cantools reads them, and its complaints."""
     from cantools.database.can.formats import arxml, kcd, sym
 
     load = {"kcd": kcd.load_string, "sym": sym.load_string, "arxml": arxml.load_string}[kind]
     try:
         with complaints() as complained:
-            # Without the last line's end, each // in it would be looked at to the end of the text.
+            # Without a line feed at the end, cantools would search from each // to the end of the
+            # text.
             return tuple(load(f"{text}\n", strict=False).messages), complained
     except Exception as error:
-        # cantools raises whatever comes up: ValueError, KeyError, its own, the XML parser's.
+        # cantools raises many kinds of errors: ValueError, KeyError, its own, the XML parser's.
         what = str(error).split("\n", 1)[0] or type(error).__name__
         place = re.search(r"\bline (\d+)", what)
         where = f"{name}:{place[1]}" if place else name
@@ -149,13 +150,13 @@ def _message(message: Any) -> MessageLayout:
 
 
 def _limits(signal: Any) -> tuple[float | None, float | None]:
-    """Return the lowest and the highest value; a limit beyond float64 limits nothing."""
+    """Return the lowest and the highest value; a limit beyond float64 is set to its end."""
     low, high = (
         None if limit is None else min(max(limit, -MAX_LIMIT), MAX_LIMIT)
         for limit in (signal.minimum, signal.maximum)
     )
     if signal.conversion.scale < 0 and low is not None and high is not None and low > high:
-        low, high = high, low  # of an ARXML: the limits of the raw values, each made physical
+        low, high = high, low  # in an ARXML: converted from the limits of the raw values
     return None if low is None else float(low), None if high is None else float(high)
 
 

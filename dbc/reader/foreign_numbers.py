@@ -1,6 +1,6 @@
 """Refuses KCD, SYM and ARXML texts whose numbers would keep cantools busy or fill memory.
 
-It builds a message as wide as its numbers say, so they are judged before it sees them.
+cantools builds a message as long as the numbers state, so they are checked before it reads them.
 """
 
 from __future__ import annotations
@@ -12,17 +12,18 @@ from ..errors import InputError, printable
 from .limits import MAX_PAYLOAD_BYTES
 
 MAX_CHARACTERS = {"kcd": 1_000_000, "sym": 1_000_000, "arxml": 5_000_000}
-"""Longest text: cantools takes about 2 s for as much.  An ARXML says little in many words."""
+"""Longest text, characters: cantools takes about 2 s for it.  An ARXML needs many characters."""
 MAX_RANGE = 2000
-"""Identifiers in all ranges of a SYM: each costs a message with all signals, 5 ms if it has 50."""
+"""Number of identifiers in all ranges of a SYM: each makes a message with all signals, which takes
+5 ms for 50 signals."""
 
 _KCD_ATTRIBUTES = ("length", "offset", "count")
 _ARXML_ELEMENTS = ("LENGTH", "POSITION")
-"""Ends of the names of elements that hold such a number."""
+"""Endings of the names of elements that hold such a number."""
 _SMALL = re.compile(
     r"\s*(?:auto|true|false|-?[0-9]{1,4}(?:\.0*)?|0[xX][0-9A-Fa-f]{1,3}|0[bB][01]{1,10})?\s*"
 )
-# What follows a part that has begun is optional, so that nothing is looked at twice.
+# All that follows the first part of a match is optional, so that no character is read twice.
 _STRING = r"""(?:"(?:\\(?:.|\Z)|[^"\\])*("|\Z))"""
 _NUMBER = r"[-+]?\d[\w.]*(?![\w.])(?!\s*=)"
 _SYM_PARTS = re.compile(
@@ -68,7 +69,7 @@ def check_numbers(text: str, name: str, kind: str) -> None:
     parser.CharacterDataHandler = parts.append
     try:
         parser.Parse(text.encode(errors="replace"), True)
-    except expat.ExpatError:  # the reader says what is wrong, before it looks at any number
+    except expat.ExpatError:  # cantools reports what is wrong before it uses any number
         return
 
 
@@ -84,7 +85,7 @@ def _check_sym(text: str, name: str) -> None:
     for found in _SYM_RANGE.finditer(text):
         try:
             identifiers += max(int(found[2], 16) - int(found[1], 16), 0)
-        except ValueError:  # the reader refuses it, too
+        except ValueError:  # cantools refuses it as well
             continue
         if identifiers > MAX_RANGE:
             what = f"more than {MAX_RANGE} identifiers"
@@ -97,7 +98,7 @@ def _is_small(number: str) -> bool:
     digits = number.strip().partition(".")[0]
     if not digits[:1].isdecimal():
         return True
-    base = {"0x": 16, "0b": 2}.get(digits[:2].lower(), 10)  # 8 of 012 is less than 10 of it
+    base = {"0x": 16, "0b": 2}.get(digits[:2].lower(), 10)  # octal 012 is below decimal 12
     return int(digits, base) <= 8 * MAX_PAYLOAD_BYTES
 
 

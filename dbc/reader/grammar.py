@@ -1,9 +1,9 @@
-"""Cuts the text of a DBC into statements; what is not one is marked and passed over.
+"""Cuts the text of a DBC into statements; text that is not a statement is marked and skipped.
 
 No pattern here needs a possessive quantifier or an atomic group: Python 3.11.0 to 3.11.4 match
-those wrongly.  Each is written so that a text can fit it in one way only.  Whatever a quantifier
-gives back then fails at its next character, so that no file takes more than time in proportion to
-its length.
+those wrongly.  Each pattern is written so that a text can match it in only one way.  When a
+quantifier gives back a character, the match then fails at the next one, so that the time is at most
+proportional to the length of the file.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from itertools import groupby
 
 from .limits import MAX_ITEMS
 
-# A quantifier and what follows it share no character; where they may, `\b` or `(?!...)` ends it.
+# A quantifier shares no character with what follows it; if it could, `\b` or `(?!...)` ends it.
 _WHOLE = r"[0-9]+"
 # An empty branch, `(?:x|)`, is matched in less time than an optional group, `(?:x)?`.
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*|)|\.[0-9]+)(?:[eE][-+]?[0-9]+|)"
@@ -30,7 +30,7 @@ _NEXT = re.compile(r"[\s;]*(\w*)")
 # Each is matched right after its keyword.
 _BODIES = {
     "VERSION": rf"\s*{_STRING}",
-    # The names of all kinds of statements, each alone on its line.
+    # The names of all kinds of statements, one on each line.
     "NS_": rf"\s*:[^\n]*(?:\s*?\n[ \t]*[A-Z_]+[ \t\r]*(?=\n|\Z)){_MANY}",
     "BS_": r"\s*:[^\n]*",
     "BU_": rf"\s*:(?:\s*(?!KEYWORD\b)\w+){_MANY}",
@@ -72,7 +72,7 @@ _BODIES = {
         rf"|EV_\s+\w+\b\s*)?(?P<value>{_STRING}|{_NUMBER})\s*;"
     ),
 }
-# Statements that say nothing about frames; they may not swallow one that does.
+# Statements that say nothing about frames; a match must not include a statement that does.
 _OTHERS = (
     *("BA_DEF_DEF_REL_", "BA_DEF_REL_", "BA_DEF_SGTYPE_", "BA_REL_", "BA_SGTYPE_"),
     *("BU_BO_REL_", "BU_EV_REL_", "BU_SG_REL_", "CAT_", "CAT_DEF_", "ENVVAR_DATA_", "EV_"),
@@ -89,7 +89,7 @@ _KEYWORD = "|".join(
     f"{first}(?:{'|'.join(sorted((word[1:] for word in words), key=len, reverse=True))})"
     for first, words in groupby(sorted(KEYWORDS), lambda word: word[0])
 )
-"""All keywords; by their first letters, as most words have another one."""
+"""All keywords, grouped by first letter, because most words begin with another letter."""
 _PATTERNS = {
     word: re.compile(body.replace("KEYWORD", rf"(?:{_KEYWORD})"))
     for word, body in (_BODIES | dict.fromkeys(_OTHERS, _OTHER_BODY)).items()
@@ -99,10 +99,10 @@ _AT_LINE_START = re.compile(rf"^[ \t]*(?=(?:{_KEYWORD})\b)", re.MULTILINE)
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """One statement of a DBC, or a piece of text that is none."""
+    """One statement of a DBC, or a piece of text that is not a statement."""
 
     keyword: str
-    """Its first word; any word, or none, where the text is no statement."""
+    """Its first word; any word, or empty, if the text is not a statement."""
     before: int
     """End of the statement before it."""
     start: int
@@ -114,7 +114,7 @@ class Statement:
 def readable(text: str) -> str:
     r"""Return the text with `//` comments blanked and `\"` hidden; all positions stay the same.
 
-    A NUL takes the place of the quote, so that each `"` that is left begins or ends a string.
+    A NUL replaces the escaped quote, so that each remaining `"` begins or ends a string.
     """
     text = text.replace(_ESCAPED_QUOTE, _HIDDEN_QUOTE)
     if "//" not in text:
@@ -123,12 +123,12 @@ def readable(text: str) -> str:
 
 
 def as_written(text: str) -> str:
-    """Return a piece of a `readable` text as the file has it."""
+    """Return a piece of a `readable` text as it is in the file."""
     return text.replace(_HIDDEN_QUOTE, _ESCAPED_QUOTE)
 
 
 def unquoted(text: str) -> str:
-    """Return the inside of a string of a `readable` text without its escapes."""
+    """Return the content of a string of a `readable` text without its escapes."""
     return text.replace(_HIDDEN_QUOTE, '"')
 
 
@@ -141,7 +141,7 @@ def statements(text: str) -> Iterator[Statement]:
     position, end = 0, len(text)
     while True:
         head = _NEXT.match(text, position)
-        assert head is not None  # it matches nothing, too
+        assert head is not None  # it also matches the empty string
         start, word = head.start(1), head[1]
         if start == end:
             return

@@ -5,15 +5,14 @@ MAX_SIGNAL_BITS = 64
 MAX_PAYLOAD_BYTES = 64
 MAX_MESSAGES = 20_000
 MAX_SELECTIONS = 1024
-"""Ranges of selector values of one signal."""
+"""Number of ranges of selector values of one signal."""
 MAX_NESTING = 16
-"""Selectors above one signal."""
+"""Number of selectors above one signal."""
 MAX_ITEMS = 100_000
-"""Items of one list, as the names of a value table or the nodes that receive a signal.
-
-Each costs the matcher some 0.5 kB until the list ends.
+"""Number of items of one list, such as the names of a value table or the receivers of a signal.
+Each item takes the regular expression about 0.5 kB of memory until the list ends.
 """
 MAX_FAULTS = 1000
-"""Definitions that are not understood, in one file."""
+"""Number of definitions in one file that are not understood."""
 
 PICK_DBC = "give a CAN database in DBC format"

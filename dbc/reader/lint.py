@@ -1,7 +1,7 @@
 """Checks a message before frames are decoded with it.
 
-A wrong value is worse than none, so a signal that cannot be decoded, and a message that cannot be
-decoded in one way only, are left out, and said so.
+A wrong value is worse than no value.  So a signal that cannot be decoded, and a message that could
+be decoded in several ways, are left out and reported.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from .limits import MAX_NESTING, MAX_PAYLOAD_BYTES, MAX_SELECTIONS, MAX_SIGNAL_B
 
 MAX_COUNTER = 1 << 32
 STANDARD_BITS, EXTENDED_BITS = 11, 29
-TOO_LONG = "is marked as one of 11 bits, and its identifier has more: it is taken as one of 29"
+TOO_LONG = "is marked as 11-bit, but its identifier is longer: it is read as a 29-bit message"
 
 
 class FaultError(Exception):
-    """Why a message cannot be used.
+    """The reason why a message cannot be used.
 
-    `signal`: the signal at fault; None if it is the message.  `reason`: a sentence without its
-    subject.
+    `signal`: the faulty signal; None if the message itself is faulty.  `reason`: a sentence without
+    its subject.
     """
 
     def __init__(self, signal: str | None, reason: str) -> None:
@@ -34,9 +34,9 @@ class FaultError(Exception):
 
 
 def usable_part(message: MessageLayout) -> tuple[MessageLayout, list[tuple[str, str]]]:
-    """Return a message without the signals that cannot be decoded, and these with the reason.
+    """Return a message without the signals that cannot be decoded, and these signals with reasons.
 
-    Raises FaultError if it cannot be decoded at all, or not in one way only: so it is if none of
+    Raises FaultError if the message cannot be decoded, or could be decoded in several ways: none of
     its signals is left, or its counter or its checksum cannot be read.
     """
     _check_frame(message)
@@ -45,7 +45,7 @@ def usable_part(message: MessageLayout) -> tuple[MessageLayout, list[tuple[str, 
         fault = _signal_fault(message, signal)
         if fault:
             faults[signal.name] = fault
-    for _ in range(MAX_NESTING):  # what a signal that is left out selects cannot be read either
+    for _ in range(MAX_NESTING):  # a signal cannot be read if its selector is left out
         lost = {s.name: s.selector for s in message.signals if s.selector in faults}
         faults |= {
             name: f"has the selector {selector}, which is left out"
@@ -75,7 +75,7 @@ def _check_frame(message: MessageLayout) -> None:
     by_name: dict[str, SignalLayout] = {}
     for signal in message.signals:
         if signal.name in by_name:
-            raise FaultError(signal.name, "is there twice")
+            raise FaultError(signal.name, "is defined twice")
         by_name[signal.name] = signal
 
 
@@ -157,10 +157,10 @@ def _check_roles(message: MessageLayout) -> None:
 
 
 def overlaps(message: MessageLayout) -> list[tuple[str, str]]:
-    """Find signals that share bits; legal, and now and then a mistake.
+    """Find signals that share bits, which is legal but sometimes a mistake.
 
-    `message`: a message without faults.  Returns each signal that shares bits with an earlier one,
-    and that one.  Signals of different values of a selector may share theirs.
+    `message`: a message without faults.  Returns pairs: a signal and an earlier signal with which
+    it shares bits.  Signals of different selector values may share bits.
     """
     found = []
     taken: dict[object, dict[int, str]] = defaultdict(dict)
@@ -186,10 +186,10 @@ def _bits(signal: SignalLayout) -> range | list[int]:
 
 
 def ambiguous(messages: Sequence[MessageLayout]) -> dict[int, str]:
-    """Find messages that share their identifier with another.
+    """Find messages that share their identifier with another message.
 
-    `messages`: all of a DBC.  Returns reasons by position: none of them is known to be the right
-    one.
+    `messages`: all messages of a DBC.  Returns reasons by position, for every message of that
+    identifier, because it is not known which one is right.
     """
     found: dict[int, str] = {}
     keys: dict[tuple[int, bool], list[int]] = defaultdict(list)
@@ -202,10 +202,10 @@ def ambiguous(messages: Sequence[MessageLayout]) -> dict[int, str]:
 
 
 def with_own_names(messages: Sequence[MessageLayout]) -> list[MessageLayout]:
-    """Return messages of different identifiers, each under a name of its own.
+    """Return messages of different identifiers, each under a unique name.
 
-    Where several have one name, each gets its identifier behind it: ``Status_0x1A0``, with an x at
-    the end for one of 29 bits where another of 11 bits has the same number.
+    If several messages have one name, the identifier is appended to each: ``Status_0x1A0``, with an
+    x at the end for a 29-bit identifier if an 11-bit identifier has the same number.
     """
     names = Counter(message.name for message in messages)
     taken = set(names)
@@ -224,11 +224,12 @@ def with_own_names(messages: Sequence[MessageLayout]) -> list[MessageLayout]:
 def with_own_signal_names(
     signals: Sequence[SignalLayout], fixed: Collection[str] = ()
 ) -> tuple[SignalLayout, ...]:
-    """Return the signals of a message; of those of one name, each under a name of its own.
+    """Return the signals of a message; signals that share a name are renamed.
 
-    ``Limit`` with the selector value 3, and another with 4, are ``Limit_m3`` and ``Limit_m4``; two
-    that are always there, from the bits 8 and 10 on, are ``Limit_b8`` and ``Limit_b10``.  `fixed`:
-    names to which the database gives a role or a type, so that it is not known which one is meant.
+    Two signals ``Limit`` with the selector values 3 and 4 become ``Limit_m3`` and ``Limit_m4``; two
+    that are in every frame and start at the bits 8 and 10 become ``Limit_b8`` and ``Limit_b10``.
+    `fixed`: names that are not changed, because the database gives them a role or a type and it is
+    not known which signal is meant.
     """
     found = list(signals)
     for part in (_selector_part, _bit_part):
@@ -252,9 +253,9 @@ def _bit_part(signal: SignalLayout) -> str:
 
 
 def as_long_as_it_is(message: MessageLayout) -> MessageLayout:
-    """Return a message as one of 29 bits if it is marked as one of 11 that its identifier exceeds.
+    """Return a message as a 29-bit message if it is marked as 11-bit but its identifier is longer.
 
-    No other frame can have that identifier.
+    Only a 29-bit frame can have that identifier.
     """
     bits = message.can_id.bit_length()
     too_long = not message.is_extended and STANDARD_BITS < bits <= EXTENDED_BITS

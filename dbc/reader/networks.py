@@ -1,7 +1,7 @@
-"""Databases of several buses (KCD, ARXML), divided by bus.
+"""Divides databases of several buses (KCD, ARXML) by bus.
 
 ``car.kcd#Powertrain`` is the bus Powertrain of the file ``car.kcd``: its text without the other
-buses.  Whatever carries databases as texts then carries one in which identifiers are unique.
+buses.  So every stored text of a database has unique identifiers.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from xml.parsers import expat
 from ..errors import InputError
 
 MARK = "#"
-"""Stands between a file and a bus in it."""
+"""Separator between the name of a file and of a bus in it."""
 
 _ELEMENT = {"kcd": "Bus", "arxml": "CAN-CLUSTER"}
-"""Element that holds the messages of one bus, by kind of database."""
+"""Name of the element that holds the messages of one bus, by kind of database."""
 
 
 def network_names(text: str, kind: str) -> tuple[str, ...]:
-    """Return the names of the buses in a KCD or ARXML; none of another kind.
+    """Return the names of the buses in a KCD or ARXML; none for another kind.
 
     `kind`: as `foreign.foreign_kind` returns it.
     """
@@ -45,7 +45,7 @@ def one_network(text: str, kind: str, file: str, network: str) -> str:
 
 
 def _spans(content: bytes, kind: str) -> list[tuple[str, int, int]]:
-    """Return name, start and stop of each bus in a text of UTF-8; none if it is no sound XML."""
+    """Return name, start and stop of each bus in a UTF-8 text; none if it is not valid XML."""
     if kind not in _ELEMENT or b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         return []
     parser = expat.ParserCreate("utf-8")
@@ -55,14 +55,14 @@ def _spans(content: bytes, kind: str) -> list[tuple[str, int, int]]:
     parser.CharacterDataHandler = finder.read
     try:
         parser.Parse(content, True)
-    except expat.ExpatError:  # the reader of the database says what is wrong
+    except expat.ExpatError:  # cantools reports what is wrong
         return []
     return finder.spans
 
 
 @dataclass(slots=True)
 class _Finder:
-    """Notes the elements of buses, by the events of an XML parser."""
+    """Collects the positions of bus elements from the events of an XML parser."""
 
     element: str
     content: bytes
@@ -85,6 +85,6 @@ class _Finder:
     def close(self, tag: str) -> None:
         if self.path.pop() == self.element:
             stop = self.parser.CurrentByteIndex
-            if self.content.startswith(f"</{tag}".encode(), stop):  # not so where it is empty
+            if self.content.startswith(f"</{tag}".encode(), stop):  # except for an empty element
                 stop = self.content.index(b">", stop) + 1
             self.spans.append((self.name.strip(), self.start, stop))

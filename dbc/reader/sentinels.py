@@ -1,14 +1,14 @@
-"""Which raw values of a value table are no measurement: "error", "SNA", "not available" and such.
+"""Finds the raw values of a value table that are not measurements: "error", "SNA" and similar.
 
-The rule.  A raw value is a sentinel if the table's name for it says that there is no value, by the
-closed list below.  All other values, named or not, are numbers and scaled as usual.  In a table
-that names every value that the bits can hold, nothing is a sentinel: such a signal is an
-enumeration, and its error state is as much a state as the others.
+The rule.  A raw value is a sentinel if its name in the table says that there is no value, by the
+closed list below.  All other values, named or not, are numbers and scaled as usual.  A table that
+names every value that the bits can hold has no sentinels: its signal is an enumeration, and its
+error state is a state like the others.
 
-A name is judged by its words: camel case and everything that is no letter part them, case does not
-matter, and "signal", "value" and "sensor" say nothing.  A negated word ("no error", "not faulted")
-is no sentinel.  A table may give the raw value of a signed signal as an unsigned number or the
-other way round; what counts is the pattern of bits.
+A name is judged by its words.  Camel case and every character that is not a letter separate words;
+case does not matter; "signal", "value" and "sensor" are ignored.  A negated word ("no error", "not
+faulted") does not make a sentinel.  A table may state the raw value of a signed signal as an
+unsigned number or vice versa; only the bit pattern counts.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ _WORDS = {
         verbaut vorhanden installed supported used recognized received""",
 }
 _ABSENT = frozenset(_WORDS["absent"].split())
-"""Words that say by themselves that there is no value."""
+"""Words that always mean that there is no value."""
 _FAULTY = frozenset(_WORDS["faulty"].split())
-"""Words that say so unless they are negated."""
+"""Words that mean that there is no value unless they are negated."""
 _PRESENT = frozenset(_WORDS["present"].split())
-"""Words that say so only if they are negated."""
+"""Words that mean that there is no value only if they are negated."""
 
 
 def names_no_value(label: str) -> bool:
@@ -63,7 +63,7 @@ def names_no_value(label: str) -> bool:
 
 
 def sentinels(signal: SignalLayout, table: Mapping[int, str]) -> tuple[int, ...]:
-    """Return the raw values of a signal that are no measurements.
+    """Return the raw values of a signal that are not measurements.
 
     `table` is its value table: names by raw value.  The values are as the signal's bits are read:
     signed or not, or the number that a float is.

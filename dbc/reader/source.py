@@ -1,4 +1,4 @@
-"""Where in a file something is: `FILE:LINE` of a position in its text."""
+"""Converts a position in the text of a file to `FILE:LINE`."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A file's name and where its lines end."""
+    """The name of a file and the ends of its lines."""
 
     name: str
-    """For messages."""
+    """Name of the file, for messages."""
     line_ends: list[int]
     """Positions of the line feeds."""
 
     @classmethod
     def of(cls, text: str, name: str) -> Source:
-        """Return the source that `text` is."""
+        """Return the source for `text`."""
         return cls(name, [found.start() for found in re.finditer("\n", text)])
 
     def at(self, position: int) -> str:

@@ -1,1 +1,1 @@
-"""cantools reads the DBC too, in a process of its own; what it reads otherwise is reported."""
+"""Reads the DBC with cantools as well, in a separate process, and reports the differences."""

@@ -15,7 +15,7 @@ ORPHANS = "VECTOR__INDEPENDENT_SIG_MSG"
 
 
 def answer(question: dict[str, Any]) -> dict[str, Any]:
-    """Return what cantools reads out of a DBC and payloads.
+    """Return what cantools reads from a DBC and payloads.
 
     `question`: ``text`` of the DBC; ``payloads``, hexadecimal, by identifier (`key`).  Returns
     ``refusal``, the reason why cantools cannot read the DBC; or ``names`` of all messages by
@@ -25,7 +25,7 @@ def answer(question: dict[str, Any]) -> dict[str, Any]:
 
     try:
         loaded: Any = load_string(question["text"], "dbc", strict=False)
-    except Exception as error:  # cantools raises whatever comes up
+    except Exception as error:  # cantools raises many kinds of errors
         return {"refusal": str(error).split("\n", 1)[0] or type(error).__name__}
     messages = {key(m.frame_id, m.is_extended_frame): m for m in loaded.messages}
     names = {number: m.name for number, m in messages.items() if m.name != ORPHANS}
@@ -39,7 +39,7 @@ def answer(question: dict[str, Any]) -> dict[str, Any]:
 
 
 def key(can_id: int, is_extended: bool) -> str:
-    """Return a text that stands for one identifier."""
+    """Return the text form of an identifier."""
     return f"{can_id:X}{'x' if is_extended else ''}"
 
 
@@ -50,7 +50,7 @@ def _decoded(message: Any, payloads: list[bytes]) -> dict[str, Any]:
 
 
 def _signal(message: Any, signal: Any, payloads: list[bytes]) -> dict[str, Any]:
-    """Decode a signal alone: cantools loses its place where signals of a message overlap."""
+    """Decode one signal alone: cantools decodes wrongly where signals of a message overlap."""
     from cantools.database.can import Message
 
     alone = copy(signal)
@@ -90,7 +90,7 @@ def _limit(max_bytes: int, max_s: int) -> None:
     """Bound this process: memory, time, no file written, no core dumped."""
     try:
         import resource
-    except ModuleNotFoundError:  # Windows has none; there the parent's clock is the only limit
+    except ModuleNotFoundError:  # not on Windows; there the parent's time limit is the only one
         return
     resource.setrlimit(resource.RLIMIT_AS, (max_bytes, max_bytes))
     resource.setrlimit(resource.RLIMIT_CPU, (max_s, max_s + 1))

@@ -13,7 +13,8 @@ from ..extract import compile_reader
 from ..layout import MessageLayout, SignalLayout
 
 ROUNDING = 1e-12
-"""Share of |raw * factor| + |offset| by which two values may differ: some roundings of float64."""
+"""Largest difference of two values, relative to |raw * factor| + |offset|: a few float64
+roundings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,15 +24,15 @@ class Difference:
     message: str
     """Name of the message."""
     signal: str | None
-    """Name of the signal; None if it is the message."""
+    """Name of the signal; None if the difference is about the message."""
     ours: str
-    """The reading of our reader."""
+    """Result of our reader."""
     theirs: str
-    """The reading of cantools."""
+    """Result of cantools."""
 
     @property
     def reason(self) -> str:
-        """Return what differs, with both readings, in one line."""
+        """Return the difference, with both results, in one line."""
         what = f"signal {self.signal}: " if self.signal else ""
         return f"{what}our DBC reader has {self.ours}, cantools has {self.theirs}"
 
@@ -41,14 +42,14 @@ def message_differences(
 ) -> list[Difference]:
     """Compare one message; return at most one difference for each signal.
 
-    `message`: as our reader has it.  `payloads`: of the length of the message.  `theirs`: as
-    cantools has it (`child.answer`); None if it has no such message.
+    `message`: result of our reader.  `payloads`: of the length of the message.  `theirs`: result of
+    cantools (`child.answer`); None if it has no such message.
     """
     if theirs is None:
         return [Difference(message.name, None, f"{message.length} bytes", "no such message")]
     if theirs["length"] != message.length:
-        mine, other = f"{message.length} bytes", f"{theirs['length']} bytes"
-        return [Difference(message.name, None, mine, other)]
+        ours, other = f"{message.length} bytes", f"{theirs['length']} bytes"
+        return [Difference(message.name, None, ours, other)]
     signals: dict[str, Any] = theirs["signals"]
     found = [_signal_difference(message, s, payloads, signals.get(s.name)) for s in message.signals]
     own = {signal.name for signal in message.signals}
@@ -68,10 +69,10 @@ def _signal_difference(
 ) -> Difference | None:
     if theirs is None:
         return Difference(message.name, signal.name, "a signal", "no such signal")
-    mine = _chosen(signal.selector, signal.selected_by)
+    ours = _chosen(signal.selector, signal.selected_by)
     other = _chosen(theirs["selector"], theirs["chosen"])
-    if mine != other:
-        return Difference(message.name, signal.name, mine, other)
+    if ours != other:
+        return Difference(message.name, signal.name, ours, other)
     width = 8 if message.length <= 8 else 64
     block = np.zeros((len(payloads), width), np.uint8)
     for row, payload in zip(block, payloads, strict=True):
@@ -96,7 +97,7 @@ def _signal_difference(
 
 
 def _chosen(selector: str | None, ranges: Sequence[Sequence[int]]) -> str:
-    """Return in words in which frames a signal is."""
+    """Return a text that says in which frames a signal is."""
     if selector is None:
         return "in every frame"
     spans = ", ".join(f"{low}" if low == high else f"{low}-{high}" for low, high in ranges)

@@ -1,4 +1,4 @@
-"""Asks cantools to read the DBC as well, and compares message by message, signal by signal."""
+"""Reads the DBC with cantools as well, and compares each message and signal."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from .child import key
 from .compare import Difference, message_differences
 
 SAMPLE = 16
-"""Payloads of each message that both decode: ends of the range, and random ones."""
+"""Number of payloads of each message that both readers decode: ends of the range, and random
+ones."""
 MAX_CPU_S = 20
-"""Processor time of cantools.  The slowest of 191 public databases takes it 2 s."""
+"""Processor time for cantools, s.  The slowest of 191 public databases takes 2 s."""
 MAX_WAIT_S = 60
-"""Time by the clock, on a machine that has other work."""
+"""Wall-clock time, s, on a machine that has other work."""
 MAX_BYTES = 1 << 30
-"""Address space of the child."""
+"""Address space of the child, bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,21 +36,21 @@ class WitnessReport:
     """The differences between our reading of a DBC and cantools'."""
 
     differences: tuple[Difference, ...]
-    """Where it reads something else, the messages in use first."""
+    """Differences, with those of messages in use first."""
     refusal: str
-    """Why it says nothing; empty if it does, or if it is not asked."""
+    """Reason why cantools gave no answer; empty if it answered, or was not started."""
     compared: int = 0
     """Number of messages whose values were compared."""
 
 
 class Witness:
-    """A cantools at work on a DBC, in a process with limits: the DBC may be hostile."""
+    """A cantools process that reads a DBC, with limits because the DBC may be hostile."""
 
     def __init__(self, text: str, name: str, codec: Codec, used: Iterable[str]) -> None:
-        """Start.
+        """Start the process.
 
-        KCD, SYM and ARXML are read by cantools alone, so that nothing is compared.  `codec`: the
-        same, as our reader has it.  `used`: the messages whose values are compared.
+        KCD, SYM and ARXML are read only by cantools, so nothing is compared.  `codec`: result of
+        our reader for the same text.  `used`: the messages whose values are compared.
         """
         self._codec = codec
         self._sample = {name: payloads(codec.message(name)) for name in dict.fromkeys(used)}
@@ -63,7 +64,7 @@ class Witness:
         }
         question = json.dumps({"text": text, "payloads": by_key})
         command = [sys.executable, "-I", "-m", "dbc.witness.child", str(MAX_BYTES), str(MAX_CPU_S)]
-        one = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
         try:
             with TemporaryFile(
                 "w+", encoding="utf-8"
@@ -76,7 +77,7 @@ class Witness:
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,
                     encoding="utf-8",
-                    env=one,
+                    env=environment,
                 )
         except OSError as error:
             self._failure = f"no process for it ({error.strerror or error})"
@@ -91,7 +92,7 @@ class Witness:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End the child, whatever it does."""
+        """Kill the child, whatever its state."""
         if self._child is not None:
             self._child.kill()
             self._child.communicate()
@@ -102,15 +103,15 @@ class Witness:
         if child is None:
             return WitnessReport((), self._failure)
         try:
-            said, _ = child.communicate(timeout=MAX_WAIT_S)
+            answer, _ = child.communicate(timeout=MAX_WAIT_S)
         except subprocess.TimeoutExpired:
             return WitnessReport((), f"no answer for {MAX_WAIT_S} s")
         if child.returncode:
-            ended = child.returncode < 0  # by the limit of time
+            ended = child.returncode < 0  # killed at the time limit
             return WitnessReport(
-                (), f"it takes more than {MAX_CPU_S} s" if ended else "it breaks off"
+                (), f"it takes more than {MAX_CPU_S} s" if ended else "it stops with an error"
             )
-        found: dict[str, Any] = json.loads(said)
+        found: dict[str, Any] = json.loads(answer)
         if "refusal" in found:
             return WitnessReport((), printable(found["refusal"], 120))
         differences: list[Difference] = []
@@ -123,7 +124,7 @@ class Witness:
 
 
 def _kept(codec: Codec, message: str, theirs: dict[str, Any] | None) -> dict[str, Any] | None:
-    """Return what cantools has of a message, without the signals that our reader leaves out."""
+    """Return the result of cantools for a message, without the signals that we leave out."""
     lost = {each.subject.rpartition(".")[2] for each in codec.left_out if "." in each.subject}
     if theirs is None or not lost:
         return theirs
@@ -133,16 +134,16 @@ def _kept(codec: Codec, message: str, theirs: dict[str, Any] | None) -> dict[str
 
 
 def payloads(message: MessageLayout) -> tuple[bytes, ...]:
-    """Return the payloads that are compared, always the same ones."""
+    """Return the payloads for the comparison, the same ones in every run."""
     length, dice = message.length, Random(message.can_id)
     fixed = [bytes(length), b"\xff" * length, (b"\x80\x00" * length)[:length]]
     return (*fixed, *(dice.randbytes(length) for _ in range(SAMPLE - len(fixed))))
 
 
 def _unread(codec: Codec, names: dict[str, str]) -> Sequence[Difference]:
-    """Return the messages of cantools that our reader neither has nor names as left out."""
+    """Return the messages of cantools that our reader neither reads nor lists as left out."""
     left_out = {each.subject.removeprefix("message ").split(".")[0] for each in codec.left_out}
-    if "?" in left_out:  # a message whose name is not understood: any of them
+    if "?" in left_out:  # a message whose name is not understood may be any of them
         return []
     known = {key(message.can_id, message.is_extended) for message in codec.messages}
     return [

@@ -29,7 +29,7 @@ import numpy as np
 from can.interfaces.socketcan import SocketcanBus, socketcan
 from cantools.database import Database, load_string
 
-from daq.alarms import AlarmState, Turn, watch
+from daq.alarms import AlarmState, Cycle, watch
 from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
 from daq.bus.socketcan.reader import SocketCanSource
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
@@ -335,8 +335,8 @@ def _watch(
     assert isinstance(health, HealthState)
     decoded = codec.decode(block)
     health = advance(codec.messages, health, decoded)
-    turn = Turn(_now(k), block, decoded, health, _links(), HopLosses(), NO_DISK, NO_QUEUE)
-    states[:] = [watch(bench.recorder, codec, mapped, alarms, turn)[0], health]
+    cycle = Cycle(_now(k), block, decoded, health, _links(), HopLosses(), NO_DISK, NO_QUEUE)
+    states[:] = [watch(bench.recorder, codec, mapped, alarms, cycle)[0], health]
 
 
 def _us(blocks: Sequence[FrameBatch], hop: Callable[[int, FrameBatch], object]) -> float:

@@ -69,7 +69,7 @@ def take_away(folder: Path, how: Callable[[Path], object]) -> float:
     assert not writer.status.warning.startswith("journal")
     how(folder)
     k = 20
-    while "gone" not in writer.status.warning:
+    while "lost" not in writer.status.warning:
         writer.append(block(k * _FRAMES, _FRAMES), HopLosses())
         writer.maintain(0.1 * k)
         k += 1

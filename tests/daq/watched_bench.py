@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq.alarms import AlarmState, Turn, watch
+from daq.alarms import AlarmState, Cycle, watch
 from daq.bench.config import RecorderConfig, load_bench
 from daq.bus.error_frames import ErrorClass
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
@@ -154,7 +154,7 @@ class WatchedBench:
         self._health = advance(self._codec.messages, self._health, decoded)
         self.turns += 1
         now = Now(START_NS + self.turns * 100_000_000 + self.wall_step_ns, 5000.0 + self.now_s)
-        turn = Turn(now, batch, decoded, self._health, self.links, self.hops, ROOMY, IDLE)
+        turn = Cycle(now, batch, decoded, self._health, self.links, self.hops, ROOMY, IDLE)
         self.state, events = watch(
             RecorderConfig(),
             self._codec,

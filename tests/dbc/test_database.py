@@ -62,7 +62,7 @@ REFUSED = {
         "x.dbc:5: message M has the identifier 0x100 of another message",
     ),
     "same id again": (GOOD + f"\nBO_ 0256 N: 8 A\n{SIGNAL}", "x.dbc:5: message M has the ident"),
-    "same signal": (GOOD + SIGNAL, "M.s is there twice"),
+    "same signal": (GOOD + SIGNAL, "M.s is defined twice"),
     "standard id": (GOOD.replace("256", str(1 << 29)), "more than 11 bits"),
     "extended id": (GOOD.replace("256", str(0xA0000000)), "more than 29 bits"),
     "factor 0": (with_signal('s : 0|8@1+ (0,0) [0|0] ""'), "x.dbc:6: M.s has the factor 0"),
@@ -124,7 +124,7 @@ REFUSED = {
             's : 0|8@1+ (1,0) [0|0] "" B\n SG_ r : 8|8@1+ (1,0) [0|0] ""',
             ROLES + 'BA_ "SignalRole" SG_ 256 s 1;\nBA_ "SignalRole" SG_ 256 r 1;',
         ),
-        "there twice",
+        "defined twice",
     ),
 }
 

@@ -35,7 +35,7 @@ HOSTILE = {
     ),
     "one signal 45,000 times": (
         "HEAD + 'BO_ 1 M: 8 A\\n' + (' SG_ s' + LINE) * 45_000",
-        "M.s is there twice",
+        "M.s is defined twice",
     ),
     "selectors in selectors": (
         "HEAD + 'BO_ 1 M: 8 A\\n SG_ s0 M' + LINE"

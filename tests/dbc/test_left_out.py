@@ -279,7 +279,7 @@ def test_signals_of_one_name_are_kept_under_names_of_their_own() -> None:
     ],
 )
 def test_a_type_or_role_of_one_of_two_signals_of_a_name_is_of_neither(statement: str) -> None:
-    with pytest.raises(InputError, match=r"M\.lock .*is there twice"):
+    with pytest.raises(InputError, match=r"M\.lock .*defined twice"):
         parse_codec(TWINS + statement, "a.dbc")
 
 
@@ -293,6 +293,6 @@ def test_an_identifier_of_more_than_11_bits_is_one_of_29(
     codec = parse_codec(TWINS.replace("BO_ 100", f"BO_ {stated}"), "a.dbc")
     (message,) = codec.messages
     assert (message.can_id, message.is_extended) == (can_id, extended)
-    assert ["more: it is taken as one of 29" in note.text for note in codec.notes] == [
+    assert ["longer: it is read as a 29-bit message" in note.text for note in codec.notes] == [
         True
     ] * extended

@@ -154,7 +154,7 @@ def test_a_loss_in_the_log_is_reported_and_is_exit_code_3(
         ([], "names no log"),
         (["{log}", "--run", "baseline:bounce:{log}"], "names both"),
         (["--run", "baseline:{log}"], "not understood"),
-        (["{log}", "--runs", "baseline:jump"], "is no run"),
+        (["{log}", "--runs", "baseline:jump"], "is not a run"),
         (["{log}", "--runs", "loaded:bounce"], "not on this bench"),
         (["{log}", "--skip", "9"], "no bump is left"),
         (["{log}", "--bus", "3"], "none of its"),

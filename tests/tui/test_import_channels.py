@@ -79,7 +79,7 @@ def test_a_travel_against_its_hub_is_named(
     (recorded / "map.toml").write_text(f'{MAP}{pot}corner = "FL"\nsign = {sign}\n')
     one = ["--run", f"baseline:bounce:{recorded / 'drive.h5'}", "--out", str(recorded / "s.h5")]
     assert run(["import", *one, "--channels", str(recorded / "map.toml")]) == 0
-    remark = "pot moves against the hub accelerometers (turn the sign of these channels)\n"
+    remark = "pot moves against the hub accelerometers (change the sign of these channels)\n"
     assert (f"bumpbench: {remark}" in capsys.readouterr().err) == (sign < 0)
 
 
@@ -92,7 +92,7 @@ def test_a_question_that_is_left_in_the_map_is_named(
     assert run(["import", *files, "--out", str(recorded / "s.h5")]) == 0
     said = capsys.readouterr().err
     line = MAP.count("\n", 0, MAP.rindex("corner")) + 2
-    assert f"bumpbench: {channel_map}:{line}: asks: is it g? (find out" in said
+    assert f"bumpbench: {channel_map}:{line}: asks: is it g? (find the answer" in said
 
 
 def test_a_file_a_run(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -62,7 +62,7 @@ def test_the_suffix_tells_the_format_and_a_folder_the_place(
     [
         ([], "neither --format nor --out"),
         (["--format", "xls"], "xls"),
-        (["--out", "x.xls"], ".xls is no format"),
+        (["--out", "x.xls"], ".xls is not an export format"),
         (["--format", "mat", "--run", "warp"], "there is no run warp"),
         (["--format", "csv", "--separator", ",", "--decimal", ","], "--separator"),
         (["--format", "mat", "--modes"], "--modes"),

@@ -1,6 +1,7 @@
 """Reads CAN adapters on a serial line that speak the LAWICEL (slcan) protocol.
 
-python-can has them, too, but reads byte by byte: it cannot keep up with half a bus of 1 Mbit/s.
+python-can also supports them, but reads byte by byte: it cannot keep up with a bus of 1 Mbit/s at
+half load.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ BITRATE_CODES = {
 SERIAL_BAUD = 115_200
 SILENCE_S = 2.0
 """Silence after opening, s, after which the setup is sent again: some adapters reset when their
-line is opened, and miss it."""
+line is opened, and miss the setup."""
 _BLOCK_BYTES = BLOCK_FRAMES * 22  # standard frames of 8 bytes; FD frames make smaller blocks
 
 
@@ -97,7 +98,7 @@ class SlcanSource:
 
     def close(self) -> None:
         """Take the adapter off the bus and close the line."""
-        with contextlib.suppress(Exception):  # a lost line takes no command
+        with contextlib.suppress(Exception):  # a lost line accepts no command
             self._line.write(b"C\r")
         with contextlib.suppress(Exception):
             self._line.close()
@@ -120,7 +121,7 @@ class SlcanSource:
         stream = self._begun + b"".join(pieces)
         frames = parse_slcan(stream)
         self._garbled += frames.garbled
-        # Of a line that never ends only a character is kept with which no line begins: it counts as
+        # A line that is too long is replaced by a character with which no line begins: it counts as
         # one garbled line when it ends, and memory stays bounded.
         rest = stream[frames.used :]
         self._begun = rest if len(rest) <= LONGEST_LINE else b"?"

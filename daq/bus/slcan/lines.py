@@ -50,7 +50,7 @@ class SlcanFrames:
     flags: NDArray[np.uint16]
     length: NDArray[np.uint8]
     data: NDArray[np.uint8]
-    """Identifier, flags, length and payload are columns of a `FrameBatch`."""
+    """Payloads; identifier, flags, length and payload are columns of a `FrameBatch`."""
     garbled: int
     """Number of lines that are neither frames nor answers."""
     used: int
@@ -58,7 +58,7 @@ class SlcanFrames:
 
 
 def parse_slcan(stream: bytes) -> SlcanFrames:
-    """Decode all whole lines of an slcan byte stream.
+    """Decode all complete lines of an slcan byte stream.
 
     An adapter may append its own millisecond stamp (4 hex digits, command `Z1`): it wraps every
     minute and is not used.

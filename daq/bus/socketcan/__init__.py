@@ -1,1 +1,1 @@
-"""SocketCAN read in blocks."""
+"""Reads SocketCAN in blocks."""

@@ -1,4 +1,4 @@
-"""The memory layout in which the Linux kernel returns CAN frames.
+"""Defines the memory layout in which the Linux kernel returns CAN frames.
 
 Layouts and numbers of linux/can.h, linux/can/raw.h, linux/net_tstamp.h and asm-generic/socket.h on
 machines of 64 bits, and the buffers of `recvmmsg`, which fills many messages with one call.
@@ -28,10 +28,10 @@ FRAME = np.dtype(
         ("data", np.uint8, (64,)),
     ]
 )
-"""`struct canfd_frame`; a `struct can_frame` is its first 16 bytes."""
+"""`struct canfd_frame`; a `struct can_frame` equals its first 16 bytes."""
 
 ID_BITS = 0x1FFFFFFF
-"""Above them: bit 31 extended, bit 30 remote, bit 29 error frame."""
+"""Bits of the identifier; above them: bit 31 extended, bit 30 remote, bit 29 error frame."""
 BITRATE_SWITCH = 1
 ERROR_STATE = 2
 
@@ -70,11 +70,12 @@ _PIECE = np.dtype([("base", np.uintp), ("size", np.uintp)], align=True)
 
 _WORD = 8
 _CONTROL_WORDS = 16
-"""One stamp of the kernel (4 words), one of the hardware (8), one counter (3)."""
+"""Words for the control messages of a datagram: one stamp of the kernel (4), one of the hardware
+(8), one counter (3)."""
 
 
 def _kind(option: int) -> int:
-    """Return level and type of a control message as the word that they make in memory."""
+    """Return level and type of a control message as the word that they form in memory."""
     return int(np.array([socket.SOL_SOCKET, option], np.int32).view(np.int64)[0])
 
 
@@ -102,12 +103,12 @@ class Ancillary:
     """Time stamps and drop counter that the kernel adds to frames."""
 
     kernel_ns: NDArray[np.int64]
-    """Stamps of the kernel, shape (n,); 0 where there is none."""
+    """Stamps of the kernel, ns, shape (n,); 0 where there is none."""
     hardware_ns: NDArray[np.int64]
-    """Stamps of the adapter, shape (n,); 0 where there is none."""
+    """Stamps of the adapter, ns, shape (n,); 0 where there is none."""
     dropped: int | None = None
-    """The socket's counter of dropped frames, modulo 2^32, when the last frame that carries one was
-    queued; None if none does."""
+    """The socket's counter of dropped frames, modulo 2^32, as carried by the last frame that has
+    one; None if no frame has one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +116,11 @@ class Datagrams:
     """Datagrams read from a socket."""
 
     frames: NDArray[np.void]
-    """Only the first `size` bytes of each are new."""
+    """Frames; only the first `size` bytes of each are valid."""
     size: NDArray[np.uint32]
-    """Bytes of each, shape (n,)."""
+    """Number of bytes of each datagram, shape (n,)."""
     marks: NDArray[np.int32]
-    """`MSG_` flags of each, shape (n,)."""
+    """`MSG_` flags of each datagram, shape (n,)."""
     ancillary: Ancillary
 
 
@@ -141,7 +142,7 @@ class FrameBuffers:
         self._address = self._headers.ctypes.data
 
     def receive(self, descriptor: int) -> int:
-        """Fill the first rows with the datagrams that a socket has queued; return their number.
+        """Read the datagrams that a socket has queued into the first rows; return their number.
 
         Raises the kernel's OSError; BlockingIOError if nothing is queued.
         """
@@ -166,8 +167,8 @@ def parse_control(words: NDArray[np.int64], used: NDArray[np.uintp]) -> Ancillar
 
     Other kinds are skipped; a message that does not fit ends the control messages of its datagram.
 
-    `words`, (n, m) int64: control buffer of each datagram.  `used`, (n,) uintp: bytes that the
-    kernel wrote into it.
+    `words`, (n, m) int64: control buffer of each datagram.  `used`, (n,) uintp: number of bytes
+    that the kernel wrote into it.
     """
     if not (np.count_nonzero(used != _ONE_STAMP) or np.count_nonzero(words[:, 1] != _KERNEL_STAMP)):
         return Ancillary(_nanoseconds(words[:, 2], words[:, 3]), np.zeros(len(words), np.int64))
@@ -185,7 +186,7 @@ def _parse_mixed_control(words: NDArray[np.int64], used: NDArray[np.int64]) -> A
         fits = (size >= 2 * _WORD) & (size <= used[rows] - _WORD * at)
         for code, column, first in (
             (_KERNEL_STAMP, kernel_ns, 2),
-            (_STAMPS, hardware_ns, 6),  # software, (of old: transformed), hardware
+            (_STAMPS, hardware_ns, 6),  # software, (obsolete: transformed), hardware
         ):
             found = fits & (kind == code) & (size >= (first + 2) * _WORD)
             if found.any():
@@ -208,8 +209,8 @@ def _nanoseconds(seconds: NDArray[np.int64], nanoseconds: NDArray[np.int64]) -> 
 def drop_counter(sock: socket.socket) -> int | None:
     """Return a socket's counter of dropped frames, modulo 2^32; None if the kernel has none.
 
-    The counter that comes with a frame is that of the moment it was queued: without this function,
-    frames dropped at the end of a burst would stay unknown until the next frame.
+    The counter in a frame was read when the frame was queued: without this function, frames dropped
+    at the end of a burst would stay unknown until the next frame.
     """
     try:
         answer = sock.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, _MEMINFO.itemsize)

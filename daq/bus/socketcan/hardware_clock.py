@@ -2,9 +2,9 @@
 
 An adapter stamps frames when they are on the wire, to the microsecond, but with its own clock,
 which may count from when it was plugged in and be 50 ppm fast.  The kernel's stamp of the same
-frame is in the time of the host and late by a delay that varies.  The frame of each second with the
-least delay shows the difference of the two clocks, and the conversion is corrected by a part of it
-without a jump, as NTP steers the clock of the host.
+frame is in the time of the host, but late by a varying delay.  In each second, the frame with the
+least delay shows the difference of the two clocks.  The conversion is corrected by a part of this
+difference without a jump, as NTP steers the clock of the host.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 PERIOD_NS = 1_000_000_000
 """Time between two corrections, ns."""
 LARGEST_ERROR_NS = 50_000_000
-"""Difference of the clocks, ns, beyond which one was set or the adapter was restarted."""
+"""Difference of the clocks, ns, above which a clock was set or the adapter was restarted."""
 LARGEST_RATE = 1e-3
 """Largest rate difference that is corrected; crystals differ by less than 1e-4."""
 
 _PROPORTIONAL = 0.25e-9
 _INTEGRAL = 0.03e-9
-"""Gains of the correction, change of rate per ns of error in a period of 1 s; together they give a
-time constant of 8 s at a damping of 0.7."""
+"""Gains of the correction: change of rate per ns of error in a period of 1 s.  Together they give a
+time constant of 8 s at a damping ratio of 0.7."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +32,13 @@ class HardwareClock:
     """The relation of an adapter's clock to that of the host."""
 
     hardware_ns: int
-    """An instant in the adapter's clock."""
+    """An instant in the adapter's clock, ns."""
     host_ns: int
-    """The same instant in the host's clock."""
+    """The same instant in the host's clock, ns."""
     rate: float = 0.0
-    """Estimated rate by which the adapter's clock is slow."""
+    """Estimated relative rate by which the adapter's clock is slow."""
     steering: float = 0.0
-    """That rate and the proportional correction of the last error."""
+    """Sum of `rate` and the proportional correction of the last error."""
     error_ns: int | None = None
     """Least delay of the kernel's stamps after the converted ones since `hardware_ns`, ns."""
 
@@ -46,7 +46,7 @@ class HardwareClock:
 def advance(
     clock: HardwareClock | None, hardware_ns: NDArray[np.int64], kernel_ns: NDArray[np.int64]
 ) -> tuple[HardwareClock, NDArray[np.int64]]:
-    """Return the clock after the stamps of a block, and these stamps in the time of the host.
+    """Return the clock after a block, and the stamps of the block in the time of the host.
 
     `clock`: None before the first block.  `hardware_ns` and `kernel_ns`, (n,) int64, n > 0: both
     stamps of each frame.

@@ -41,9 +41,9 @@ def frame_columns(
 ) -> tuple[FrameBatch, NDArray[np.bool_]]:
     """Convert datagrams of a CAN_RAW socket to a batch.
 
-    `t_ns`, (n,) int64: their time stamps.  `bus`: number that the frames get.  Returns the
-    datagrams that are frames (right size, identifier within range, length allowed), and which they
-    are, (n,).
+    `t_ns`, (n,) int64: their time stamps.  `bus`: number of the bus for the frames.  Returns the
+    datagrams that are frames (right size, identifier within range, length allowed), and a mask of
+    them, (n,).
     """
     if _are_plain(datagrams):
         return _plain_columns(datagrams, t_ns, bus), np.ones(len(t_ns), bool)
@@ -64,7 +64,7 @@ def frame_columns(
     good = (fd | (datagrams.size == CLASSIC_BYTES)) & (datagrams.marks & socket.MSG_TRUNC == 0)
     good &= (can_id < _ID_LIMIT[top]) & LENGTH_ALLOWED[fd.view(np.uint8), length]
     good &= ~(fd & remote)
-    # Behind the payload are bytes that the sender, or an earlier frame, has left there.
+    # After the payload there are bytes left by the sender or by an earlier frame.
     width = 64 if any_fd else 8
     payload = np.where(remote, np.uint8(0), length)
     data = frames["data"][:, :width] * (_OCTET[:width] < payload[:, None])
@@ -75,8 +75,8 @@ def frame_columns(
 def _are_plain(datagrams: Datagrams) -> bool:
     """Return whether all are classic frames of other nodes with 11-bit identifier and 8 bytes.
 
-    Between two blocks other work has filled the processor's caches, so every operation costs five
-    times what it costs in a loop: this path leaves out what such frames do not need.
+    Between two blocks other work fills the processor's caches, so every operation takes five times
+    as long as in a loop.  This path leaves out operations that such frames do not need.
     """
     frames = datagrams.frames
     return not (
@@ -89,7 +89,7 @@ def _are_plain(datagrams: Datagrams) -> bool:
 
 def _plain_columns(datagrams: Datagrams, t_ns: NDArray[np.int64], bus: int) -> FrameBatch:
     n, frames = len(t_ns), datagrams.frames
-    # A field is a view of the buffer, and that of a single frame even a contiguous one.
+    # A field is a view of the buffer; that of a single frame is even contiguous.
     return FrameBatch(
         t_ns,
         frames["can_id"].copy(),

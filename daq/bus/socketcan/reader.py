@@ -1,7 +1,7 @@
 """Reads SocketCAN at full speed: many frames with one system call, directly into arrays.
 
 python-can reads one frame at a time and makes an object of it, leaves the socket's buffer at 31 ms
-of a full bus, and does not know how many frames did not fit.
+of a full bus, and does not count the frames that did not fit.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from . import hardware_clock
 from .messages import frame_columns
 
 RECEIVE_BUFFER_BYTES = 8 << 20
-"""Receive buffer asked of the kernel: about 21,900 frames, 2.4 s of a full bus of 1 Mbit/s."""
+"""Receive buffer requested from the kernel, bytes: about 21,900 frames, 2.4 s of a full bus of 1
+Mbit/s."""
 _ALL_ERRORS = 0x1FFFFFFF
 
 
@@ -37,29 +38,30 @@ class StampClock(StrEnum):
     """The clock that stamps the frames of a source."""
 
     UNKNOWN = "unknown"
-    """No frame has come yet."""
+    """No frame was received yet."""
     HARDWARE = "hardware"
-    """The adapter's, when the frame is on the wire; see `daq.bus.socketcan.hardware_clock`."""
+    """The adapter's clock, when the frame is on the wire; see
+    `daq.bus.socketcan.hardware_clock`."""
     KERNEL = "kernel"
-    """The kernel's, when the driver delivers the frame."""
+    """The kernel's clock, when the driver delivers the frame."""
     ARRIVAL = "arrival"
-    """This process's, when the block is read."""
+    """This process's clock, when the block is read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reception:
-    """The clock and the buffer with which a source receives."""
+    """The clock and the buffer of a source."""
 
     clock: StampClock
     """The clock of the latest stamps."""
     buffer_bytes: int
-    """Bytes that the kernel holds until they are read."""
+    """Size of the buffer, bytes."""
 
     @property
     def clipped(self) -> bool:
-        """True if the kernel grants less buffer than `RECEIVE_BUFFER_BYTES`.
+        """True if the kernel grants a smaller buffer than `RECEIVE_BUFFER_BYTES`.
 
-        More needs the privilege CAP_NET_ADMIN or a larger `net.core.rmem_max`.
+        A larger one needs the privilege CAP_NET_ADMIN or a larger `net.core.rmem_max`.
         """
         return self.buffer_bytes < RECEIVE_BUFFER_BYTES
 
@@ -68,8 +70,8 @@ class SocketCanSource:
     """An open CAN_RAW socket read in blocks.
 
     For some milliseconds after the first socket with stamps was opened, the kernel stamps frames
-    only when they are read.  Unlike other sources this one may be closed while another thread is
-    reading: that one returns at once.
+    only when they are read.  Unlike other sources it may be closed while another thread is reading;
+    `read` then returns at once.
 
     `sock`: bound to one interface; closed by `close`.  `name`: name of the bus in messages.
     `index`: number of the bus in its frames.  `steady_clock`: converts the kernel's stamps, and
@@ -108,7 +110,7 @@ class SocketCanSource:
     def read(self, timeout_s: float) -> FrameBatch:
         """Return a block of at most `BLOCK_FRAMES` frames; see `FrameSource`.
 
-        An interface that is taken down raises nothing: the socket receives again once it is up.
+        An interface that is taken down raises no error: the socket receives again once it is up.
         """
         with self._reading:
             if self._closed:
@@ -196,7 +198,7 @@ class SocketCanSource:
         return batch
 
     def _stamps(self, ancillary: abi.Ancillary) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the best stamp of each frame, and where it is not the time of reading."""
+        """Return the best stamp of each frame, and a mask of stamps from before the reading."""
         stamped = ancillary.kernel_ns != 0
         t_ns = self._steady_clock.from_wall(ancillary.kernel_ns)
         if np.count_nonzero(stamped) < len(stamped):
@@ -215,7 +217,8 @@ class SocketCanSource:
     def _count_drops(self, counter: int | None) -> None:
         """Add the advance of the socket's counter, which has 32 bits and wraps.
 
-        A counter that came with a frame is as old as that frame, so it may be behind the last one.
+        A counter that came with a frame is as old as that frame, so it may be lower than the last
+        one.
         """
         if counter is None:
             return

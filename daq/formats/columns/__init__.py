@@ -1,4 +1,4 @@
-"""Columns of numbers in files of other tools: data that are decoded already."""
+"""Reads columns of numbers from files of other tools, for data that are already decoded."""
 
 from __future__ import annotations
 

@@ -28,13 +28,14 @@ from .opened import MAX_VALUES, ColumnFile, Heading, bounded, found
 
 DAMAGED_ADVICE = "the file is damaged, cut off, or of another kind"
 _MAX_FILE_BYTES = 4096
-"""Size of a file that this process may write: asammdf tries out where temporary files could go."""
+"""Largest file that this process may write, bytes: asammdf tests where it can write temporary
+files."""
 _MOST_PROPOSED = 2000
-"""Columns of a file from which a map is proposed."""
+"""Largest number of columns of a file from which a map is proposed."""
 
 
 def main(out: BinaryIO, path: str, max_bytes: int, max_s: int, names: Sequence[str]) -> None:
-    """Read columns within limits and send them, or why that cannot be."""
+    """Read columns within limits and send them, or the reason of a failure."""
     limit(max_bytes, max_s, _MAX_FILE_BYTES)
     warnings.simplefilter("ignore")
     try:
@@ -46,14 +47,14 @@ def main(out: BinaryIO, path: str, max_bytes: int, max_s: int, names: Sequence[s
 
 
 def read_tree(path: str, names: Sequence[str]) -> Group:
-    """Return columns of a file as `columns_tree` does; raises InputError whatever happens."""
+    """Return columns of a file as `columns_tree` does; raises InputError for every failure."""
     try:
-        # asammdf prints what it stumbles over; stdout is for the columns.
+        # asammdf prints its problems; stdout is for the columns.
         with redirect_stdout(StringIO()), open_columns(Path(path)) as file:
             return columns_tree(file, names, path)
     except InputError:
         raise
-    except Exception as error:  # each library raises what it likes on a damaged file
+    except Exception as error:  # libraries raise many kinds of errors on a damaged file
         what = f"cannot be read: {_reason(error)}"
         raise InputError(path, what, DAMAGED_ADVICE) from error
 
@@ -99,7 +100,7 @@ def columns_tree(file: ColumnFile, names: Sequence[str], where: str) -> Group:
 
 def _dataset(values: NDArray[Any], heading: Heading, name: str) -> Dataset:
     if values.dtype.kind not in "iuf" or values.ndim != 1:
-        raise InputError(heading.name, "is no column of numbers", "name another")
+        raise InputError(heading.name, "is not a column of numbers", "name another")
     if len(values) > MAX_VALUES:
         raise InputError(heading.name, f"has {len(values)} values", "cut the file")
     about = {"asked": name, "name": heading.name, "unit": heading.unit, "clock": heading.clock}

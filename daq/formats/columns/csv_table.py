@@ -1,7 +1,8 @@
-"""Columns of text tables: any separator, decimal mark and head that spreadsheets and loggers write.
+"""Reads columns of text tables, with any separator, decimal mark and head of common tools.
 
-The head ends where numbers begin.  Its last line with as many cells has the names, the one below
-it the units if all its cells are units; a unit may also be behind a name, in brackets.
+The head ends where numbers begin.  The last line of the head with as many cells as the data has the
+names; the next line has the units if all its cells are units.  A unit may also follow a name, in
+brackets.
 """
 
 from __future__ import annotations
@@ -37,13 +38,13 @@ _ROWS = 1 << 17
 
 @dataclass(frozen=True, slots=True)
 class _Form:
-    """How a table is written."""
+    """The form of a table."""
 
     encoding: str
     separator: str
     decimal: str
     first: int
-    """Number of the line in which the numbers begin, from 0."""
+    """Number of the first line with numbers, from 0."""
     headings: tuple[Heading, ...]
     """All columns."""
 
@@ -68,7 +69,7 @@ def _form(path: Path) -> _Form:
     except UnicodeDecodeError:
         encoding, text = "cp1252", raw.decode("cp1252", "replace")
     if "\0" in text:
-        raise InputError(str(path), "is no table of numbers", "name a file of channels")
+        raise InputError(str(path), "is not a table of numbers", "name a file of channels")
     lines = text.splitlines()
     lines = lines[:-1] if len(raw) == _HEAD_BYTES else lines
     for separator in _SEPARATORS:
@@ -79,12 +80,12 @@ def _form(path: Path) -> _Form:
             is_comma = separator != "," and any(map(_COMMA.match, cells))
             names = _headings(rows[:first], rows[first])
             return _Form(encoding, separator, "," if is_comma else ".", first, names)
-    what = "is no table of numbers with ; tabulator or , between the columns"
+    what = "is not a table of numbers with ; tabulator or , between the columns"
     raise InputError(str(path), what, "name a file of channels, or export it with one of these")
 
 
 def _is_data(row: Sequence[str], separator: str) -> bool:
-    """Return whether a line has numbers in most of its cells, two at least."""
+    """Return whether a line has numbers in most of its cells and in at least two."""
     cells = [cell.strip() for cell in row]
     numbers = sum(bool(_NUMBER.match(c) and (separator != "," or "," not in c)) for c in cells)
     times = sum(bool(_DATE.match(cell)) for cell in cells)
@@ -93,7 +94,7 @@ def _is_data(row: Sequence[str], separator: str) -> bool:
 
 
 def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Heading, ...]:
-    """Return the columns by the lines of the head and the first line of data."""
+    """Return the columns from the lines of the head and the first line of data."""
     n = len(data)
     wide = [[cell.strip() for cell in row] for row in head if len(row) in (n, n - 1, n + 1)]
     names, units = [""] * n, [""] * n
@@ -123,7 +124,7 @@ def _is_unit(cell: str) -> bool:
 
 
 def _read(path: Path, form: _Form, wanted: Sequence[Heading]) -> dict[str, NDArray[Any]]:
-    """Read columns in pieces; what is no number is missing."""
+    """Read columns in pieces; cells that are not numbers are missing values."""
     pandas = optional("pandas", "data")
     numbers = [form.headings.index(each) for each in wanted]
     pieces: list[list[NDArray[Any]]] = [[] for _ in wanted]
@@ -165,7 +166,7 @@ def _numbers(pandas: Any, column: Any, decimal: str) -> NDArray[Any]:
 
 
 def _joined(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return the pieces as one array; dates as ns, the lowest where there is none."""
+    """Return the pieces as one array; dates as ns, with the lowest number for a missing one."""
     if not pieces:
         return np.zeros(0)
     whole = np.concatenate(pieces)

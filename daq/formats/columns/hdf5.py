@@ -1,6 +1,6 @@
-"""Datasets of HDF5 files of any make, MATLAB 7.3 among them.
+"""Reads datasets of any HDF5 file, including MATLAB 7.3.
 
-Only what lies in the file itself is read: no external and no virtual storage.
+Only data in the file itself are read: no external and no virtual storage.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .opened import ColumnFile, Heading
 
 _MAX_OBJECTS = 100_000
 _MOST_COLUMNS = 256
-"""Columns of a table in one dataset; one with more is an image."""
+"""Largest number of columns of a table in one dataset; a dataset with more is an image."""
 _UNIT_KEYS = ("units", "unit", "Unit", "Units")
 
 
@@ -50,7 +50,7 @@ def open_hdf5(path: Path) -> Iterator[ColumnFile]:
 
 
 def _datasets(file: Any, where: str) -> dict[str, Any]:
-    """Return the datasets of numbers with one dimension, or that are narrow tables."""
+    """Return the datasets of numbers that have one dimension or are narrow tables."""
     datasets: dict[str, Any] = {}
     seen = 0
 
@@ -86,7 +86,7 @@ def _unit(dataset: Any) -> str:
 
 
 def _clock(name: str, dataset: Any) -> str:
-    """Return the scale of the first dimension (netCDF), else the folder."""
+    """Return the clock of a dataset: the scale of the first dimension (netCDF), else the folder."""
     scales: Any = dataset.dims[0] if dataset.ndim == 1 and not dataset.is_scale else ()
     if len(scales):
         return str(scales[0].name).lstrip("/")

@@ -1,4 +1,4 @@
-"""Variables of MATLAB files before 7.3, by SciPy: arrays, structs, and structs in them."""
+"""Reads variables of MATLAB files before 7.3 with SciPy: arrays, structs, nested structs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NAMES = ("Name", "name")
 def open_matlab5(path: Path) -> Iterator[ColumnFile]:
     """Open a file: `struct/field`; a matrix of several columns is `name:1`, `name:2` and so on.
 
-    An element of an array of structs has its `Name`, if it has one, else its number.
+    An element of an array of structs is named by its `Name`, if it has one, else by its number.
     """
     from scipy.io import loadmat
 
@@ -65,7 +65,7 @@ def _collect_array(name: str, values: NDArray[Any], arrays: dict[str, NDArray[An
 
 
 def _with_unit(heading: Heading, held: Mapping[str, Any]) -> Heading:
-    """Return a heading with the unit beside it: `x/units/channel`, or the `unit` of its struct."""
+    """Return a heading with its unit: from `x/units/channel`, or the `unit` of its struct."""
     *folders, last = heading.name.split("/")
     beside: Any = held
     for folder in folders:

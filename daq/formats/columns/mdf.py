@@ -1,4 +1,4 @@
-"""Channels of MDF files (MF4, MDF 3), by asammdf."""
+"""Reads channels of MDF files (MF4, MDF 3) with asammdf."""
 
 from __future__ import annotations
 

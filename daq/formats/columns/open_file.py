@@ -1,4 +1,4 @@
-"""Opens a file of columns by what stands in it."""
+"""Opens a file of columns, in the format that its content shows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .parquet import open_parquet
 from .tdms import open_tdms
 
 NAMES = "CSV, MF4, MAT, TDMS, Parquet, HDF5"
-"""Formats as a message lists them."""
+"""Names of the formats, for messages."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAGIC: dict[bytes, Callable[[Path], AbstractContextManager[ColumnFile]]] = {
     b"PAR1": open_parquet,
@@ -36,7 +36,7 @@ def open_columns(path: Path) -> AbstractContextManager[ColumnFile]:
     """
     where = str(path)
     if not path.is_file():
-        what = "is no regular file" if path.exists() else "no such file"
+        what = "is not a regular file" if path.exists() else "no such file"
         raise InputError(where, what, f"name a file of channels: {NAMES}")
     try:
         with path.open("rb") as file:
@@ -45,13 +45,13 @@ def open_columns(path: Path) -> AbstractContextManager[ColumnFile]:
         what = f"cannot be read: {error.strerror or error}"
         raise InputError(where, what, "check rights and disk") from error
     if not head:
-        raise InputError(where, "is empty", "check that it is the file you mean")
+        raise InputError(where, "is empty", "check that it is the right file")
     if head.startswith(b"UnFinMF "):
         what = "was not finished by its logger"
         raise InputError(where, what, "finish it with the logger's tool, or import its bus log")
     for magic, opener in _MAGIC.items():
         if head.startswith(magic):
             return opener(path)
-    if _HDF5 in (head[512:520], head[1024:1032], head[2048:2056]):  # behind a head of its maker
+    if _HDF5 in (head[512:520], head[1024:1032], head[2048:2056]):  # after a head of its maker
         return open_hdf5(path)
     return open_csv(path)

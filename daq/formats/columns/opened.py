@@ -1,4 +1,4 @@
-"""An open file of columns: what each of its readers makes, and how a column is found in it."""
+"""Defines an open file of columns, which each reader returns, and finds columns in it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from dbc.errors import printable
 from ...errors import InputError
 
 MAX_VALUES = 1 << 26
-"""Numbers that are read from one file, 15 channels of 1 kHz for 75 minutes: half a gigabyte."""
+"""Largest number of values that are read from one file: 15 channels of 1 kHz for 75 minutes, half a
+gigabyte."""
 _NAMED = 4
 
 
@@ -26,11 +27,11 @@ class Heading:
     name: str
     """Full name in the file."""
     unit: str
-    """Unit as the file states it."""
+    """Unit as stated in the file."""
     clock: str
-    """Name of what it shares its times with."""
+    """Name of its clock; columns of one clock share their times."""
     samples: int = 0
-    """Number of values as far as it is known before reading."""
+    """Number of values, if it is known before reading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,15 +41,15 @@ class ColumnFile:
     headings: Sequence[Heading]
     """All columns of numbers."""
     read: Callable[[Sequence[Heading]], Mapping[str, NDArray[Any]]]
-    """Reads some columns; returns them by full name, each with one dimension."""
+    """Function that reads some columns and returns them by full name, each with one dimension."""
     times: Callable[[str], NDArray[np.float64] | None] = lambda _: None
-    """Returns the times that the file has for a clock, s since its time zero."""
+    """Function that returns the times of a clock in the file, s since its time zero."""
     start_ns: int = 0
-    """UTC of that zero; 0 if the file states none."""
+    """UTC of that zero, ns since 1970; 0 if the file states none."""
 
 
 def found(headings: Sequence[Heading], wanted: str, where: str) -> Heading:
-    """Return the column of a name, in full or from a slash on.
+    """Return the column of a name, given in full or from a slash to the end.
 
     Raises InputError if there is not exactly one.
     """

@@ -1,4 +1,4 @@
-"""Columns of Parquet tables, by pyarrow."""
+"""Reads columns of Parquet tables with pyarrow."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _UNIT_KEYS = (b"unit", b"units", b"Unit")
 
 @contextmanager
 def open_parquet(path: Path) -> Iterator[ColumnFile]:
-    """Open a table; units are in the metadata `unit` of a field, times of day are ns."""
+    """Open a table; units come from the metadata `unit` of a field; times of day are in ns."""
     pa = optional("pyarrow", "data")
     with optional("pyarrow.parquet", "data").ParquetFile(path) as file:
         rows = file.metadata.num_rows

@@ -11,13 +11,14 @@ from ...session.sandbox.guard import Reader, read_guarded
 from ...session.tree import Group
 
 _MAX_BYTES = 1 << 30
-"""Arrays that a child may send: the most values that are read from a file, and their times."""
+"""Largest size of the arrays that a child may send, bytes: the values of a file, and their
+times."""
 _MAX_FILE_BYTES = 2 << 30
-"""A file grants its child time by its size up to this."""
+"""File size, bytes, up to which the time limit of the child grows with the size of its file."""
 _READER = Reader(
     "daq.formats.columns.child",
     "the library of its format",
-    3 << 30,  # pandas, pyarrow and asammdf reserve much of it and use little
+    3 << 30,  # pandas, pyarrow and asammdf reserve much memory and use little
     20,
     "the file is damaged, cut off, or of another kind",
 )
@@ -26,8 +27,9 @@ _READER = Reader(
 def read_columns(path: Path, names: Sequence[str]) -> Columns:
     """Return columns of a CSV, MF4, MAT, TDMS, Parquet or HDF5 file.
 
-    `names`: in full, or from a slash on; empty for all columns of numbers.  Raises InputError if
-    the file cannot be read within limits, or a column is not there once.
+    `names`: in full, or from a slash to the end; empty for all columns of numbers.  Raises
+    InputError if the file cannot be read within limits, or does not have exactly one column of a
+    name.
     """
     size = min(path.stat().st_size, _MAX_FILE_BYTES) if path.is_file() else 0
     tree = read_guarded(_READER, str(path), [json.dumps(list(names))], size, _MAX_BYTES)

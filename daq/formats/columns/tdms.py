@@ -1,4 +1,4 @@
-"""Columns of TDMS files (LabVIEW, DIAdem), by npTDMS."""
+"""Reads columns of TDMS files (LabVIEW, DIAdem) with npTDMS."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _UNIT_KEYS = ("unit_string", "NI_UnitDescription", "unit")
 
 @contextmanager
 def open_tdms(path: Path) -> Iterator[ColumnFile]:
-    """Open a file; channels that are waveforms have times of their own."""
+    """Open a file; each channel that is a waveform has its own times."""
     nptdms = optional("nptdms", "tdms")
     with nptdms.TdmsFile.open(path) as file:
         channels = {

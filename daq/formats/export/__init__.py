@@ -1,4 +1,4 @@
-"""Sessions in the formats of other tools."""
+"""Exports sessions to the formats of other tools."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Raw frames as BLF and ASC, through python-can's writers, and as candump's log.
+"""Writes raw frames as BLF and ASC, with python-can's writers, and as candump's log.
 
-The first two count the time from a start that has whole milliseconds.  The writers are given times
-from that start, for seconds since 1970 in a float64 step by 238 ns.
+BLF and ASC count the time from a start in whole milliseconds.  The writers get times from that
+start, because seconds since 1970 in a float64 have steps of 238 ns.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from .raw_frames import has
 
 _NS_PER_MS, _NS_PER_US = 1_000_000, 1000
 _ERROR_BIT, _BRS, _ESI = 0x2000_0000, 1, 2
-"""Marks of candump: of an error frame in its identifier, and of an FD frame."""
+"""Marks of candump: error frame (a bit of the identifier), and properties of an FD frame."""
 
 
 def write_blf(frames: FrameBatch, path: Path) -> tuple[str, ...]:
     """Write a BLF log; time stamps exact to 1 ns.
 
-    `frames`, FrameBatch, not empty: in order of time.  Returns what the format cannot hold, of what
-    there is in `frames`.
+    `frames`, FrameBatch, not empty: in order of time.  Returns notes on the contents of `frames`
+    that the format cannot hold.
     """
     start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
     with can.BLFWriter(path) as writer:
@@ -36,7 +36,7 @@ def write_blf(frames: FrameBatch, path: Path) -> tuple[str, ...]:
         writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
     errors = has(frames, FrameFlag.ERROR)
     sent = errors & has(frames, FrameFlag.TRANSMITTED)
-    return (f"BLF does not say of {sent.sum()} error frames who sent them",) if sent.any() else ()
+    return (f"BLF does not store who sent {sent.sum()} error frames",) if sent.any() else ()
 
 
 def write_asc(frames: FrameBatch, path: Path) -> tuple[str, ...]:
@@ -44,7 +44,7 @@ def write_asc(frames: FrameBatch, path: Path) -> tuple[str, ...]:
     start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
     start = datetime.fromtimestamp(start_ns // _NS_PER_MS / 1000)
     with path.open("w", encoding="ascii", newline="\n") as stream, can.ASCWriter(stream) as writer:
-        # Its own head names the time of writing as the start of the measurement.
+        # The writer's own head states the time of writing as the start of the measurement.
         stream.seek(0)
         stream.truncate()
         day = f"{start:%a %b %d %H:%M:%S}.{start.microsecond // 1000:03d} {start:%Y}"
@@ -56,7 +56,7 @@ def write_asc(frames: FrameBatch, path: Path) -> tuple[str, ...]:
     notes = ["ASC rounds times to 1 µs"] if (frames.t_ns % _NS_PER_US).any() else []
     errors = has(frames, FrameFlag.ERROR)
     if errors.any():
-        notes.append(f"ASC keeps of {errors.sum()} error frames only that and when they were")
+        notes.append(f"ASC keeps only the times of {errors.sum()} error frames")
     return tuple(notes)
 
 
@@ -86,8 +86,8 @@ def write_candump(frames: FrameBatch, path: Path) -> tuple[str, ...]:
 
 
 def _messages(frames: FrameBatch, start_ns: int) -> Iterator[can.Message]:
-    """Yield frames as python-can has them, stamped from the start of the log."""
-    # Half a nanosecond more: the writer of BLF cuts off what the formats cannot hold.
+    """Yield frames as messages of python-can, stamped from the start of the log."""
+    # Half a nanosecond is added, because the BLF writer truncates digits instead of rounding.
     since_s = ((frames.t_ns - start_ns) + 0.5) * 1e-9
     columns = (since_s, frames.can_id, frames.flags, frames.bus, frames.length)
     rows = zip(*(column.tolist() for column in columns), strict=True)

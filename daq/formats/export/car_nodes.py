@@ -1,6 +1,6 @@
-"""The car as the nodes and lines that modal analysis programs draw.
+"""Describes the car as nodes and lines that modal analysis programs draw.
 
-Metres from the middle of the front axle: x forward, y left, z up.  The method knows no heights;
+Metres from the middle of the front axle: x forward, y left, z up.  The method does not use heights;
 hubs are drawn at 0 and the body at `BODY_HEIGHT_M`.
 """
 
@@ -24,7 +24,7 @@ X, Y, Z, ABOUT_X, ABOUT_Y = 1, 2, 3, 4, 5
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a channel measures: a node and a direction, and what it is taken against."""
+    """The place of a channel: a node, a direction, and the reference node of the motion."""
 
     node: int
     """Number of the node; 0 if it is not known."""
@@ -36,17 +36,17 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class CarNodes:
-    """Nodes of a car."""
+    """The nodes of a car."""
 
     labels: NDArray[np.int64]
     """1..4 the body over the wheels FL FR RL RR, 5 the CG, 11..14 the hubs, from 101 the sensors on
     the body, in the order of the channels, shape (n,)."""
     positions_m: NDArray[np.float64]
-    """x, y, z, shape (n, 3)."""
+    """Positions x, y, z, m, shape (n, 3)."""
 
 
 def wheel_places(vehicle: Vehicle) -> tuple[float, float, float, float] | None:
-    """Return a, wheelbase and the half tracks, m, if they are known; a is NaN without geometry."""
+    """Return `a`, wheelbase and half tracks, m, if they are known; `a` is NaN without geometry."""
     if vehicle.geometry is not None:
         g = vehicle.geometry
         return g.a, g.a + g.b, g.t_f, g.t_r
@@ -59,7 +59,7 @@ def wheel_places(vehicle: Vehicle) -> tuple[float, float, float, float] | None:
 
 
 def car_nodes(vehicle: Vehicle, channels: Sequence[Channel]) -> CarNodes | None:
-    """Return the nodes of a car and its sensors; None if the places of the wheels are not known."""
+    """Return the nodes of a car and its sensors; None if the wheel positions are not known."""
     known = wheel_places(vehicle)
     if known is None:
         return None
@@ -88,7 +88,7 @@ def car_lines() -> tuple[tuple[str, tuple[int, ...]], ...]:
 
 
 def place_of(number: int, channel: Channel) -> Place:
-    """Return where a channel measures.
+    """Return the place of a channel.
 
     `number`: its position among the channels of the session.
     """
@@ -108,11 +108,11 @@ def place_of(number: int, channel: Channel) -> Place:
 def vertical_motion(
     nodes: CarNodes, shapes: NDArray[np.complex128], geometry: VehicleGeometry
 ) -> NDArray[np.complex128]:
-    """Return how nodes move up and down when the degrees of freedom move.
+    """Return the vertical motion of nodes for motions of the degrees of freedom.
 
-    `nodes`: n nodes.  `shapes`, (7, m) complex128: motion of `daq.vehicle.DOF`, one column a mode.
-    `geometry`: where the CG is.  Returns (n, m) complex128: ``z_s - x theta + y phi`` with x and y
-    from the CG for the body, the wheels' own for hubs.
+    `nodes`: n nodes.  `shapes`, (7, m) complex128: motion of `daq.vehicle.DOF`, one column for each
+    mode.  `geometry`: states the position of the CG.  Returns (n, m) complex128: ``z_s - x theta +
+    y phi`` with x and y from the CG for the body, the wheels' heave for hubs.
     """
     motion = np.zeros((len(nodes.labels), shapes.shape[1]), complex)
     for i, (label, (x_m, y_m, _)) in enumerate(zip(nodes.labels, nodes.positions_m, strict=True)):

@@ -1,4 +1,4 @@
-"""CSV: one file a run and sample clock; the head names the channels and their units."""
+"""Writes CSV: one file per run and sample clock; the head names the channels and their units."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class CsvStyle:
     """
 
     separator: str = ","
-    """One character between columns."""
+    """Character between columns."""
     decimal: str = "."
-    """One character before the fraction."""
+    """Character before the fraction."""
 
     def __post_init__(self) -> None:
         if self.decimal not in (".", ","):
@@ -43,7 +43,7 @@ def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvS
     """Write the samples of one clock; a missing value is an empty cell.
 
     The columns are ``time_s``, the channels as ``name [unit]``, and ``quality``
-    (`dbc.samples.Quality`).  Numbers have as many digits as it takes to read them back exactly.
+    (`dbc.samples.Quality`).  Numbers have as many digits as are needed to read them back exactly.
     """
     columns = [_cells(group.time_s, style)]
     columns += [_cells(values, style) for values in group.values.values()]

@@ -1,4 +1,4 @@
-"""Samples at even times, for programs that take nothing else: by cubic splines, where asked."""
+"""Resamples at equidistant times, for programs that need them, by cubic splines."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ _MAX_SAMPLES = 1 << 24
 
 
 def with_even_times(session: Session, rate_hz: float) -> Session:
-    """Return a session with all samples at a rate, in the digits that universal files have.
+    """Return a session with all samples at a rate, at times with the digits of universal files.
 
-    Missing samples are filled by the spline; a channel with fewer than four is left out.  Raises
-    InputError if the rate is none, or gives more samples than a file should have.
+    Missing samples are filled by the spline; a channel with fewer than four samples is left out.
+    Raises InputError if the rate is invalid, or gives more samples than a file should have.
     """
     if not 0.0 < rate_hz < float("inf"):
-        raise InputError("--rate", f"{rate_hz:g} Hz is no rate", "give samples a second, as 200")
+        raise InputError("--rate", f"{rate_hz:g} Hz is not a rate", "give samples per second")
     return replace(session, runs=tuple(_run(run, rate_hz) for run in session.runs))
 
 
 def even_times(time_s: NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]:
-    """Return times from the first to the last; their start and step have six digits."""
+    """Return equidistant times from the first to the last; their start and step have six digits."""
     step = float(f"{1.0 / rate_hz:.5e}")
     first, last = float(time_s[0]), float(time_s[-1])
     start = float(f"{first:.5e}")

@@ -1,4 +1,4 @@
-"""Which writer a format has, and where its files go."""
+"""Exports a session: chooses the writer of a format and the places of its files."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ExportFormat(StrEnum):
 
     @property
     def suffix(self) -> str:
-        """Suffix of its files."""
+        """Suffix of the format's files."""
         return ".json" if self is ExportFormat.SEP005 else f".{self}"
 
 
@@ -61,19 +61,19 @@ class Exported:
 
 
 def format_of(path: Path) -> ExportFormat:
-    """Return the format that a file's name asks for.
+    """Return the format that a file's suffix means.
 
-    Raises InputError if it asks for none.
+    Raises InputError if it means none.
     """
     form = _SUFFIXES.get(path.suffix.lower())
     if form is None:
-        what = f"{path.suffix or 'no suffix'} is no format to export to"
+        what = f"{path.suffix or 'no suffix'} is not an export format"
         raise InputError(str(path), what, f"use {' '.join(_SUFFIXES)}, or name it with --format")
     return form
 
 
 def chosen_runs(session: Session, labels: Sequence[str]) -> Session:
-    """Return a session with only the runs of these labels; with all if there are none.
+    """Return a session with only the runs of these labels; with all runs if no label is given.
 
     Raises InputError if there is no such run.
     """
@@ -94,19 +94,19 @@ def export_session(
     modes: Sequence[ModeShapes] = (),
     force: bool = False,
 ) -> Exported:
-    """Write a session as other tools have it; files are complete or absent.
+    """Write a session in a format of other tools; files are complete or absent.
 
-    CSV is one file a run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.  Beside CSV,
-    UFF and logs is the description of the session (`daq.formats.description`), which MF4, MAT and
-    Parquet hold.  `force`: whether files that are there may be replaced.  Raises InputError if
-    there is nothing to write in this format, a file is there already or cannot be written, or a
+    CSV has one file per run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.  The
+    description of the session (`daq.formats.description`) is inside MF4, MAT and Parquet files, and
+    next to CSV, UFF and logs.  `force`: True if existing files may be replaced.  Raises InputError
+    if there is nothing to write in this format, a file exists already or cannot be written, or a
     library is missing.
     """
     try:
         return _exported(session, path, form, style, modes, force)
     except InputError:
         raise
-    except Exception as error:  # each library raises what it likes
+    except Exception as error:  # libraries raise many kinds of errors
         what = f"cannot be written: {str(error) or type(error).__name__}"
         advice = "check the session with bumpbench validate"
         raise InputError(str(path), what, advice) from error
@@ -154,7 +154,7 @@ def _export_csv(session: Session, path: Path, style: CsvStyle, force: bool) -> E
             )
             place = path.with_name(f"{path.stem}_{name}.csv")
             if place in groups:
-                raise InputError(str(place), "is the place of two runs", "choose with --run")
+                raise InputError(str(place), "would be the file of two runs", "choose with --run")
             groups[place] = group
             files[run.label, group.name] = place.name
     if not groups:
@@ -180,20 +180,20 @@ def _export_log(session: Session, path: Path, form: ExportFormat, force: bool) -
 
 @contextmanager
 def written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
-    """Let files be written beside their places; they are moved there when all are done.
+    """Write files under temporary names; move them to their targets when all are complete.
 
-    `targets`: where they shall be.  `force`: whether files that are there may be replaced.  Yields
-    the paths to write to: same folder, same suffix.  Raises InputError if one is there already, or
-    cannot be written.
+    `targets`: final paths.  `force`: True if existing files may be replaced.  Yields the paths to
+    write to: same folder, same suffix.  Raises InputError if a target exists already, or cannot be
+    written.
     """
     for target in targets:
         if not target.parent.is_dir():
-            raise InputError(str(target), "there is no such folder", "make it, or name another")
+            raise InputError(str(target), "there is no such folder", "create it, or name another")
         if target.is_dir():
             raise InputError(str(target), "is a directory", "name a file")
         if target.exists() and not force:
-            advice = "name another file with --out, or say --force"
-            raise InputError(str(target), "is there already", advice)
+            advice = "name another file with --out, or use --force"
+            raise InputError(str(target), "exists already", advice)
     try:
         with replaced(targets) as parts:
             yield parts

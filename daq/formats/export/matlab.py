@@ -1,4 +1,4 @@
-"""MATLAB v5: one struct of runs, in it one struct a sample clock, with times and units."""
+"""Writes MATLAB v5: a struct of runs, each with a struct per sample clock with times and units."""
 
 from __future__ import annotations
 
@@ -26,24 +26,25 @@ RUN_FIELDS = (
     "bump_s",
     "events",
 )
-"""Fields of a run that are no sample groups."""
+"""Fields of a run that are not sample groups."""
 SAMPLE_FIELDS = ("t", "t_ns", "quality", "units")
-"""Fields of a sample group that are no channels."""
+"""Fields of a sample group that are not channels."""
 _NAME_LENGTH = 63
 _MAX_BYTES = 2**31 - 1
-"""Bytes of one variable, the most that a file of this version can hold."""
+"""Largest size of one variable in a file of this version, bytes."""
 
 
 def write_mat(session: Session, path: Path) -> tuple[str, ...]:
     """Write a MAT file: ``runs.RUN.GROUP.CHANNEL``, with ``t`` in s and ``units.CHANNEL``.
 
-    Beside the channels of a group stand ``t_ns`` (int64, bus time) and ``quality`` (uint8); a run
-    has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons``, ``t0_ns``, ``bump_s``
-    and ``events``.  ``vehicle``, ``channels`` and ``mass_states`` say what was measured and where,
-    ``config`` has bench.toml and databases, ``bumpbench`` the description of the session.
+    In addition to its channels a group has ``t_ns`` (int64, bus time) and ``quality`` (uint8); a
+    run has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons``, ``t0_ns``,
+    ``bump_s`` and ``events``.  ``vehicle``, ``channels`` and ``mass_states`` describe the measured
+    quantities and their places, ``config`` has bench.toml and databases, ``bumpbench`` the
+    description of the session.
 
-    Returns what the format cannot hold, of what there is in the session.  Raises InputError if the
-    session is larger than such a file can be.
+    Returns notes on the contents of the session that the format cannot hold.  Raises InputError if
+    the session is too large for such a file.
     """
     from scipy.io import savemat
 
@@ -122,7 +123,7 @@ def _group(group: SampleGroup, units: dict[str, str]) -> dict[str, Any]:
 
 
 def fields_of(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> dict[str, Any]:
-    """Return items under names that MATLAB allows for fields, each once; `taken` has others."""
+    """Return items under different names that MATLAB allows for fields and that are not `taken`."""
     result: dict[str, Any] = {}
     for name, value in items:
         plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in name)

@@ -1,4 +1,4 @@
-"""MF4: decoded channels with units, and the raw frames as bus logging, in bulk."""
+"""Writes MF4: decoded channels with units, and the raw frames as bus logging."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ _DATA = [
 
 
 def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
-    """Write an MDF 4.10 file: one channel group a run and sample clock, then the bus log.
+    """Write an MDF 4.10 file: one channel group per run and sample clock, then the bus log.
 
-    All times count from the whole second in which the session begins, which the header names.  A
+    All times count from the whole second in which the session begins, which the header states.  A
     channel group is named ``run/group``; it has the flags of `dbc.samples.Quality` as `quality`,
-    and `time_s` and `t_ns` as the session has them.  Buses count from 1, as MDF has it.
-    bench.toml, the databases and the description of the session are attached.
+    and `time_s` and `t_ns` as in the session.  Buses count from 1, as MDF requires. bench.toml, the
+    databases and the description of the session are attached.
 
-    Returns what the format cannot hold, of what there is in the session: nothing.
+    Returns notes on the contents of the session that the format cannot hold: none.
     """
     asammdf = optional("asammdf", "mf4")
     raw = session_frames(session) if any(len(run.frames) for run in session.runs) else None
@@ -95,7 +95,7 @@ def _signals(
 
 
 def _append_bus_log(asammdf: Any, mdf: Any, frames: FrameBatch, start_ns: int) -> None:
-    """Append the frames as ASAM's bus logging has them: data, remote and error frames apart."""
+    """Append the frames as in ASAM's bus logging: data, remote and error frames separately."""
     source = asammdf.Source(
         name="CAN",
         path="CAN",

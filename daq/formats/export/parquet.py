@@ -1,4 +1,4 @@
-"""Parquet: the table of `Session.to_dataframe`, one file."""
+"""Writes Parquet: the table of `Session.to_dataframe` in one file."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from .raw_frames import frames_left_out
 
 
 def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
-    """Write one table: run, group, status, time_s, t_ns, quality, and a column a channel.
+    """Write one table: run, group, status, time_s, t_ns, quality, and a column for each channel.
 
     pandas finds the units in ``DataFrame.attrs["units"]``, other readers in the metadata ``unit``
     of each field.  A channel is null in the rows of other groups.  The metadata of the table have
     the description of the session as ``bumpbench``.
 
-    Returns what the format cannot hold, of what there is in the session.
+    Returns notes on the contents of the session that the format cannot hold.
     """
     pa = optional("pyarrow", "data")
     parquet = optional("pyarrow.parquet", "data")

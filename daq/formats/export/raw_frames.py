@@ -1,4 +1,4 @@
-"""The raw frames of a session's runs as one log."""
+"""Collects the raw frames of a session's runs to one log."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ..description import FrameSpan
 
 
 def session_frames(session: Session) -> FrameBatch:
-    """Return all raw frames of a session in order of time; those in two runs, once.
+    """Return all raw frames of a session in order of time; frames in two runs only once.
 
-    Raises InputError if it has none.
+    Raises InputError if the session has none.
     """
     batches = [run.frames for run in session.runs if len(run.frames)]
     if not batches:
@@ -33,7 +33,7 @@ def session_frames(session: Session) -> FrameBatch:
 
 
 def frame_spans(session: Session, frames: FrameBatch) -> Mapping[str, FrameSpan]:
-    """Return which of these frames are those of each run, by label; runs without frames are none.
+    """Return the span of each run in these frames, by label; without runs that have no frames.
 
     `frames`: as `session_frames` returns them.
     """
@@ -56,11 +56,11 @@ def _first_of_each(frames: FrameBatch) -> NDArray[np.intp]:
 
 
 def frames_left_out(session: Session) -> tuple[str, ...]:
-    """Return what to say where a format holds only decoded channels."""
+    """Return the note on raw frames for a format that holds only decoded channels."""
     count = sum(len(run.frames) for run in session.runs)
     return (f"{count} raw frames are left out: use mf4, blf or asc",) if count else ()
 
 
 def has(frames: FrameBatch, flag: FrameFlag) -> NDArray[np.bool_]:
-    """Return which frames have a flag, (n,)."""
+    """Return a mask of the frames that have a flag, (n,)."""
     return np.asarray(frames.flags & flag != 0, np.bool_)

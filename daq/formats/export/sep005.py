@@ -1,4 +1,4 @@
-"""SEP005: the list of channels that the packages of SDyPy exchange, as a JSON file."""
+"""Writes SEP005, the list of channels that the packages of SDyPy exchange, as a JSON file."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _LETTERS = "dva"
 
 
 def sep005_channels(session: Session) -> list[dict[str, Any]]:
-    """Return every channel of every run as SEP005 has it.
+    """Return every channel of every run in the form of SEP005.
 
     Each has `name` (``run/channel``), `data` (n,), `unit_str`, `time` (list, s from the start of
-    the run), `start_timestamp` (of the run, ISO 8601), `group` (``run/group``) and, where SEP005
-    has a letter for it, `quantity`.
+    the run), `start_timestamp` (of the run, ISO 8601), `group` (``run/group``) and, if SEP005 has a
+    letter for it, `quantity`.
     """
     channels = {channel.name: channel for channel in session.channels}
     result = []
@@ -48,7 +48,7 @@ def sep005_channels(session: Session) -> list[dict[str, Any]]:
 def write_sep005(session: Session, path: Path) -> tuple[str, ...]:
     """Write the channels as JSON; a missing value is null.
 
-    Returns what the format cannot hold, of what there is in the session.
+    Returns notes on the contents of the session that the format cannot hold.
     """
     document = [
         item | {"data": [value if isfinite(value) else None for value in item["data"].tolist()]}

@@ -1,7 +1,8 @@
-"""Universal files of modal analysis (UFF): units, nodes, lines, time records, mode shapes.
+"""Writes universal files of modal analysis (UFF): units, nodes, lines, time records, modes.
 
-Written after the formats that SDRC published; the layout of each record is given beside it.  Data
-are binary (58b, little-endian float64): the text form keeps 6 digits of a time.
+The formats are those that SDRC published; the docstring of each function states the layout of its
+records.  Data are binary (58b, little-endian float64), because the text form has only 6 digits of a
+time.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from .raw_frames import frames_left_out
 _BEGIN = "    -1"
 _TIME, _UNKNOWN = 17, 0
 _DATA_TYPE = {0: 8, 1: 11, 2: 12}
-"""Displacement, velocity, acceleration, by order of the time derivative."""
+"""Code of displacement, velocity, acceleration, by order of the time derivative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,19 +34,19 @@ class ModeShapes:
     """Modes of one state of loading."""
 
     state: str
-    """Its name."""
+    """Name of the state."""
     geometry: VehicleGeometry
     """Lengths of the identified vehicle."""
     poles: NDArray[np.complex128]
-    """rad/s, imaginary parts positive, shape (m,)."""
+    """Poles, rad/s, with positive imaginary parts, shape (m,)."""
     shapes: NDArray[np.complex128]
-    """In the order of `daq.vehicle.DOF`, one column a mode, shape (7, m)."""
+    """Mode shapes in the order of `daq.vehicle.DOF`, one column for each mode, shape (7, m)."""
 
 
 def write_uff(session: Session, modes: Sequence[ModeShapes], path: Path) -> tuple[str, ...]:
-    """Write datasets 164, 15, 82, one 58 a channel and run, and one 55 a mode.
+    """Write datasets 164, 15, 82, one 58 per channel and run, and one 55 per mode.
 
-    Returns what the format cannot hold, of what there is in the session.
+    Returns notes on the contents of the session that the format cannot hold.
     """
     notes = []
     vehicle = session.vehicle
@@ -115,7 +116,7 @@ def _line(number: int, name: str, nodes: Sequence[int]) -> bytes:
 def _records(
     run: Run, group: SampleGroup, channels: Sequence[Channel]
 ) -> Iterator[tuple[bytes, int]]:
-    """Yield dataset 58 of each channel of a group, and how many of its samples are missing."""
+    """Yield dataset 58 of each channel of a group, and the number of its missing samples."""
     numbered = {channel.name: (i, channel) for i, channel in enumerate(channels)}
     for name, values in group.values.items():
         number, channel = numbered[name]
@@ -140,7 +141,7 @@ def _record(
     4 x (I10,3I5,2(1X,20A1)), then the data.
     """
     start, step = time_s[0], (time_s[-1] - time_s[0]) / (len(time_s) - 1)
-    # The head keeps six digits; where those do not give the times, every sample has its own.
+    # The head has only six digits; if these do not give the times, every sample has its own.
     start, step = float(f"{start:13.5e}"), float(f"{step:13.5e}")
     even = int(np.array_equal(start + step * np.arange(len(time_s)), time_s))
     data = values if even else np.column_stack([time_s, values])

@@ -1,1 +1,1 @@
-"""Foreign session files read in a process with limits."""
+"""Reads foreign session files in a process with limits."""

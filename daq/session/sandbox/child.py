@@ -15,13 +15,13 @@ from .wire import send_error, send_tree
 
 
 def main(out: BinaryIO, path: str, max_bytes: int, max_s: int) -> None:
-    """Read a file within limits and send what is in it, or why that cannot be."""
+    """Read a file within limits and send its content, or the reason of a failure."""
     limit(max_bytes, max_s)
     try:
         tree = load_tree(path)
     except InputError as error:
         send_error(out, error)
-    except Exception as error:  # h5py raises what it likes on a damaged file
+    except Exception as error:  # h5py raises many kinds of errors on a damaged file
         what = f"is damaged: {type(error).__name__}"
         send_error(out, InputError(path, what, DAMAGED_ADVICE))
     else:
@@ -32,7 +32,7 @@ def limit(max_bytes: int, max_s: int, max_file_bytes: int = 0) -> None:
     """Bound this process: memory, time, size of files that it writes, no core dumped."""
     try:
         import resource
-    except ModuleNotFoundError:  # Windows has none; there the parent's clock is the only limit
+    except ModuleNotFoundError:  # not on Windows; there the parent's time limit is the only one
         return
     resource.setrlimit(resource.RLIMIT_AS, (max_bytes, max_bytes))
     resource.setrlimit(resource.RLIMIT_CPU, (max_s, max_s + 1))

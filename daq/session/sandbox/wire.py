@@ -1,6 +1,6 @@
-"""A tree as a stream of bytes: an outline in JSON, then the arrays one after the other.
+"""Sends a tree as a stream of bytes: an outline in JSON, then the arrays one after another.
 
-Not pickled: who reads such a stream need not trust who wrote it.
+It is not pickled, so that the reader need not trust the writer.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def send_tree(stream: IO[bytes], tree: Group) -> None:
 
 
 def send_error(stream: IO[bytes], error: InputError) -> None:
-    """Write why there is no tree."""
+    """Write the error instead of a tree."""
     _send_head(stream, {"error": [error.where, error.what, error.advice]})
     stream.flush()
 
@@ -39,9 +39,9 @@ def send_error(stream: IO[bytes], error: InputError) -> None:
 def receive(stream: IO[bytes], max_bytes: int) -> Group:
     """Read a tree.
 
-    `stream`: from `send_tree` or `send_error`.  `max_bytes`: more than this in arrays is not read.
-    Raises InputError: the one that was sent.  Raises ValueError or LookupError or TypeError if the
-    stream breaks off or is none of ours.
+    `stream`: from `send_tree` or `send_error`.  `max_bytes`: largest total size of the arrays.
+    Raises the InputError that was sent.  Raises ValueError or LookupError or TypeError if the
+    stream ends early or has another form.
     """
     size = int.from_bytes(_exactly(stream, _LENGTH_BYTES), "little")
     if size > _MAX_OUTLINE_BYTES:
@@ -83,7 +83,7 @@ def _send_head(stream: IO[bytes], document: Mapping[str, Any]) -> None:
 
 
 def _attributes(outline: Mapping[str, Any]) -> dict[str, Any]:
-    """Return attributes as they were: JSON makes lists of tuples."""
+    """Return attributes in their original form, because JSON converts tuples to lists."""
     return {
         str(name): tuple(value) if isinstance(value, list) else value
         for name, value in outline["attributes"].items()
@@ -108,5 +108,5 @@ def _outline(group: Group) -> dict[str, Any]:
 def _exactly(stream: IO[bytes], size: int) -> bytes:
     read = stream.read(size)
     if len(read) != size:
-        raise ValueError("reading it broke off")
+        raise ValueError("reading stopped early")
     return read

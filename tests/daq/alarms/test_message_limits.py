@@ -84,11 +84,11 @@ def test_a_sensor_that_never_came_is_late_after_a_second() -> None:
         assert [s.code for s in found] == ["stale"] * stale
         assert traffic({}, waited_s, (MESSAGE.name,), (False, False)) == []
     (late,) = traffic({}, 12.4, (MESSAGE.name,), (False, True))
-    assert late.text == "no frame since the recorder listens (12 s)"
+    assert late.text == "no frame since the recorder started to listen (12 s)"
     assert message_symptoms(MessagesWatch(), CODEC, (MESSAGE.name,), (), (True,), 9.0) == []
     assert traffic({}, 12.4, (MESSAGE.name,), began_s=11.5) == []
     (late,) = traffic({}, 12.6, (MESSAGE.name,), began_s=11.5)
-    assert late.text == "no frame since the recorder listens (1 s)"
+    assert late.text == "no frame since the recorder started to listen (1 s)"
 
 
 @pytest.mark.parametrize(

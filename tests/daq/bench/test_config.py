@@ -104,7 +104,7 @@ MISTAKES = {
     "crc rule": (_message("Acc", 'crc = "crc"', 'crc_rule = "md5"'), "is none of crc8_j1850"),
     "crc of a nibble": (_message("Acc", 'crc = "count"'), "count is not one whole byte"),
     "crc of two bytes": (_message("Slow", 'crc = "wide"'), "wide is not one whole byte"),
-    "time is no time": (_message("Slow", 'time_signal = "speed"'), "has the unit 'm/s', no time"),
+    "time is no time": (_message("Slow", 'time_signal = "speed"'), "the unit 'm/s', not of time"),
     "time unit": (
         _message("Acc", 'time_signal = "up"', 'time_unit = "fortnight"'),
         "unknown unit 'fortnight'",

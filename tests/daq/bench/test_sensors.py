@@ -99,7 +99,7 @@ def test_files_are_read_beside_the_bench(tmp_path: Path) -> None:
             "sensor.2: a sensor has either dbc or layout",
         ),
         (lambda t: 'dbc = "x.dbc"\n' + t, "dbc and [[sensor]] exclude each other"),
-        (lambda t: t.replace('"hubs.dbc"', '"other.dbc"'), "the database other.dbc is not at hand"),
+        (lambda t: t.replace('"hubs.dbc"', '"other.dbc"'), "the database other.dbc is missing"),
         (lambda t: t.replace("id_offset = 1", "id_offset = 0"), "pot_fl.TPDO1 and pot_fr.TPDO1"),
         (lambda t: t.replace("id_offset = 1", "id_offset = 1700"), "not one of 11 bits"),
         (lambda t: t.replace("id_offset = 1", "id_offset = -386"), "not one of 11 bits"),

@@ -214,7 +214,7 @@ def test_frames_lost_on_the_way() -> None:
     lost = rows[100:2000:100]
     line = _one(_rest().select(np.setdiff1d(np.arange(len(_rest())), lost)))
     assert line.severity is Severity.WARNING
-    assert line.text.startswith("19 frames are missing by the counter counter")
+    assert line.text.startswith("19 frames are missing according to the counter counter")
 
 
 def test_a_sensor_that_fell_silent() -> None:
@@ -229,7 +229,10 @@ def test_a_counter_that_stands_still() -> None:
         part[:, 4] = 7
 
     line = _one(_with_payload("HUB_Rear", stop))
-    assert (line.severity, line.text) == (Severity.ERROR, "the counter counter stands still at 7")
+    assert (line.severity, line.text) == (
+        Severity.ERROR,
+        "the counter counter does not change from 7",
+    )
 
 
 @pytest.mark.parametrize(("every", "verdict"), [(50, Severity.ERROR), (500, Severity.WARNING)])
@@ -239,16 +242,16 @@ def test_checksum_errors(every: int, verdict: Severity) -> None:
 
     bad = _bad(_check(_with_payload("SUSP_Rear", flip, crc_too=False)))
     assert bad[0].severity is verdict
-    assert "fail their checksum (crc8_j1850)" in bad[0].text
+    assert "have a wrong checksum (crc8_j1850)" in bad[0].text
     assert {line.subject for line in bad[1:]} == {"channel travel_rl", "channel travel_rr"}
-    assert all("the checksum fails" in line.text for line in bad[1:])
+    assert all("the checksum does not match" in line.text for line in bad[1:])
 
 
 def test_another_checksum_rule_is_found() -> None:
     message = replace(_codec().message("SUSP_Rear"), crc_rule="crc8_8h2f")
     others = (m for m in _codec().messages if m.name != "SUSP_Rear")
     bad = _bad(_check(_rest(), codec=Codec((*others, message))))
-    assert bad[0].advice == "crc8_j1850 fits: state it as crc_rule in [[message]]"
+    assert bad[0].advice == "state crc_rule = 'crc8_j1850', which matches"
 
 
 def test_frames_of_a_wrong_length() -> None:
@@ -315,7 +318,7 @@ def test_error_frames_and_foreign_traffic_are_warnings() -> None:
     ("day", "reason"),
     [
         ("2024-06-01", "calibrated on 2024-06-01, 730 days ago (serial number 17)"),
-        ("2027-01-01", "calibrated on 2027-01-01, which is to come (serial number 17)"),
+        ("2027-01-01", "calibrated on 2027-01-01, which is in the future (serial number 17)"),
     ],
 )
 def test_an_old_calibration_is_noted(day: str, reason: str) -> None:

@@ -105,4 +105,4 @@ def test_a_hub_sensor_that_shows_no_gravity_is_one_of_an_ac_coupled_sensor(
     guess = guess_bench([message], {}, seen, None)[name]
     assert (guess.quantity is Quantity.HUB_ACCELERATION) == is_hub
     assert (guess.corner is FL) == is_hub
-    assert ("is it AC coupled" in guess.ask) == (level_g == 0.09)
+    assert ("is it AC-coupled" in guess.ask) == (level_g == 0.09)

@@ -84,7 +84,7 @@ def test_without_pushes_what_is_not_sure_is_asked() -> None:
     bench, questions = bench_of(proposal(False)), proposal(False).questions
     assert "sensor imu_a_1: does the sensor's +x axis point forward?" in questions
     assert "sensor imu_a_2: does the sensor's -z axis point forward?" in questions
-    assert sum("its corner is by the order of sensors" in each for each in questions) == 4
+    assert sum("its corner is guessed from the order of sensors" in each for each in questions) == 4
     assert proposal(False).text.count("# ASK: ") >= 8
     travels = {c.signal: c.corner for c in bench.channels if c.corner and "pot" in c.signal}
     assert list(travels.values()) == [FL, FR, RL, RR]  # of which the truth is another
@@ -151,7 +151,7 @@ def test_no_four_pushes_are_asked_for_again() -> None:
     rest, pushes = rest_and_pushes()
     first = pushes.select(pushes.t_ns < pushes.t_ns[0] + 3_000_000_000)
     proposed = propose_sensors(DATABASES, (), rest, first)
-    assert proposed.questions[0].startswith("1 pushes were found, not one on each of four corners")
+    assert proposed.questions[0].startswith("1 pushes were found instead of one on each")
 
 
 @pytest.mark.parametrize(("offset", "is_found"), [(0x7F, True), (0x80, False)])

@@ -130,7 +130,7 @@ def test_swapped_plugs_are_named() -> None:
 def test_gyros_tell_a_push_on_another_corner_from_swapped_plugs() -> None:
     wiggle = _judge(Corner.FRONT_LEFT, _lanes(Corner.REAR_RIGHT, CHANNELS))
     assert not wiggle.passed
-    assert "not the front LEFT was pushed" in wiggle.text
+    assert "the front LEFT was not pushed" in wiggle.text
     travels = _only(Quantity.SUSPENSION_TRAVEL)
     wiggle = _judge(Corner.FRONT_LEFT, _lanes(Corner.REAR_RIGHT, travels), travels)
     assert "another corner was pushed" in wiggle.advice

@@ -48,11 +48,11 @@ def test_the_directory_is_private_and_ones_own(
     elsewhere = tmp_path / "link"
     elsewhere.symlink_to(tmp_path)
     monkeypatch.setenv("RUNTIME_DIRECTORY", str(elsewhere))
-    with pytest.raises(InputError, match="belongs to somebody else"):
+    with pytest.raises(InputError, match="belongs to another user"):
         control_address(tmp_path)
     monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
     monkeypatch.setattr(os, "getuid", lambda: tmp_path.stat().st_uid + 1)
-    with pytest.raises(InputError, match="belongs to somebody else"):
+    with pytest.raises(InputError, match="belongs to another user"):
         control_address(tmp_path)
 
 
@@ -84,7 +84,7 @@ def test_the_directory_is_that_of_the_user_and_never_a_shared_one(
     assert stat.S_IMODE(state.stat().st_mode) == 0o700
     state.rmdir()
     state.write_text("")
-    with pytest.raises(InputError, match="belongs to somebody else"):
+    with pytest.raises(InputError, match="belongs to another user"):
         control_address(tmp_path)
     state.unlink()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))  # after the last logout

@@ -71,9 +71,9 @@ WELL = Heartbeats((("can0", 100.0), ("can1", 0.0)), 100.0, 100.0)
     ("heartbeats", "now_s", "hanging"),
     [
         (WELL, 102.0, ""),
-        (WELL, 102.1, "the reader of can0 has not turned for 2.1 s"),
+        (WELL, 102.1, "the reader of can0 has had no cycle for 2.1 s"),
         (Heartbeats((), 100.0, 0.0), 102.0, ""),
-        (Heartbeats((), 100.0, 0.0), 102.1, "the writer has not turned for 2.1 s"),
+        (Heartbeats((), 100.0, 0.0), 102.1, "the writer has had no cycle for 2.1 s"),
         (Heartbeats((), 159.0, 100.0), 160.0, ""),
         (Heartbeats((), 159.0, 100.0), 160.6, "nothing has reached the disk for 61 s"),
         (Heartbeats((), 200.0, 0.0), 200.0, ""),  # nothing was stored yet

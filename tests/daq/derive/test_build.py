@@ -193,7 +193,7 @@ def test_losses_on_the_way_belong_to_the_run_in_which_they_happened() -> None:
 def test_a_bump_that_is_no_run_is_not_passed_over(label: str) -> None:
     bench = _bench(ACC_FL)
     stray = replace(BUMP, text=label)
-    with pytest.raises(InputError, match=f"a bump '{label}', which is no run"):
+    with pytest.raises(InputError, match=f"a bump '{label}', which is not a run"):
         build_session(bench, CODEC, _frames(CODEC, "HUB_Front"), (stray,), NO_HOPS, {})
 
 

@@ -220,7 +220,7 @@ def test_a_lost_sample_stays_in_its_group_and_a_slow_channel_has_its_own(tmp_pat
     ("text", "why"),
     [
         ("", r"channel hub_fl: fl has no times of its own .*state column or rate_hz"),
-        ('[time]\ncolumn = "fl"\n', "do not increase behind 0.999991 s"),
+        ('[time]\ncolumn = "fl"\n', "do not increase after 0.999991 s"),
         ('[time]\ncolumn = "t"\nunit = "g"\n', "its times t are in 'g'"),
         ('[time]\ncolumn = "u"\n', r"has no column 'u' .*it has, among 2: t, fl"),
         ('[time]\ncolumn = "t"\nrate_hz = 5\n', "either column or rate_hz"),
@@ -267,12 +267,12 @@ def _sparse(path: Path) -> None:
     ("make", "why"),
     [
         (lambda p: p.write_bytes(b""), "is empty"),
-        (lambda p: p.write_text("nothing but\nwords here\n"), "is no table of numbers"),
-        (lambda p: p.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(500)), "is no table of numbers"),
-        (_sparse, "is no table of numbers"),
+        (lambda p: p.write_text("nothing but\nwords here\n"), "is not a table of numbers"),
+        (lambda p: p.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(500)), "is not a table of numbers"),
+        (_sparse, "is not a table of numbers"),
         (lambda p: p.write_bytes(b"UnFinMF 4.10"), "was not finished by its logger"),
-        (lambda p: p.write_text("a\n1\n2\n"), "is no table of numbers"),
-        (lambda p: p.mkdir(), "is no regular file"),
+        (lambda p: p.write_text("a\n1\n2\n"), "is not a table of numbers"),
+        (lambda p: p.mkdir(), "is not a regular file"),
     ],
 )
 def test_what_is_no_table_is_refused(

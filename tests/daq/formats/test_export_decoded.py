@@ -254,7 +254,7 @@ def test_files_are_whole_or_absent_and_never_overwritten(
     path = tmp_path / f"car{form.suffix}"
     first = export_session(session, path, form).paths
     before = {place: place.read_bytes() for place in first}
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         export_session(session, path, form)
 
     def full(*_: object) -> None:
@@ -274,7 +274,7 @@ def test_nowhere_to_write(tmp_path: Path, session: Session) -> None:
         export_session(session, tmp_path / "absent" / "car.mat", ExportFormat.MAT)
     with pytest.raises(InputError, match="is a directory"):
         export_session(session, tmp_path, ExportFormat.MAT)
-    with pytest.raises(InputError, match=r"\.xls is no format"):
+    with pytest.raises(InputError, match=r"\.xls is not an export format"):
         format_of(Path("car.xls"))
 
 
@@ -282,7 +282,7 @@ def test_names_lead_to_no_other_folder(tmp_path: Path, session: Session) -> None
     run = replace(session.runs[0], mass_state="../../x\n", groups=session.runs[0].groups[1:])
     path, _ = _export(replace(session, runs=(run,)), tmp_path / "car.csv")
     assert path == tmp_path / "car_______x__roll_1_A_IMU.csv"
-    with pytest.raises(InputError, match="the place of two runs"):
+    with pytest.raises(InputError, match="the file of two runs"):
         _export(replace(session, runs=(run, replace(run, mass_state="..:..|x\t"))), path)
 
 

@@ -78,7 +78,7 @@ def test_blf(tmp_path: Path) -> None:
 def test_what_blf_cannot_hold_is_said(tmp_path: Path) -> None:
     notes = export_session(small_session(FRAMES), tmp_path / "a.blf", ExportFormat.BLF).notes
     sent = int(np.sum(ERROR & ((FRAMES.flags & FrameFlag.TRANSMITTED) != 0)))
-    assert notes == (f"BLF does not say of {sent} error frames who sent them",)
+    assert notes == (f"BLF does not store who sent {sent} error frames",)
     plain = FRAMES.select(~ERROR)
     assert not export_session(small_session(plain), tmp_path / "b.blf", ExportFormat.BLF).notes
 

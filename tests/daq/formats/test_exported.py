@@ -146,7 +146,7 @@ def test_a_universal_file_with_a_hole_behind_it_is_not_read_to_its_end(
     with path.open("r+b") as file:
         file.truncate(10 << 30)
     began_s = process_time()
-    with pytest.raises(InputError, match="holds what is no dataset"):
+    with pytest.raises(InputError, match="has content that is not a dataset"):
         exported_session(path)
     assert process_time() - began_s < 2.0
 

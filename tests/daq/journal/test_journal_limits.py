@@ -137,7 +137,7 @@ def test_a_file_that_was_deleted_replaced_or_cut_is_noticed(tmp_path: Path) -> N
     with path.open("rb") as file:
         opened = os.fstat(file.fileno())
         assert taken_away(path, opened, 3) == ""
-        assert taken_away(path, opened, 4) == "was cut short"
+        assert taken_away(path, opened, 4) == "was truncated"
         path.rename(tmp_path / "b")
         assert taken_away(path, os.fstat(file.fileno()), 3) == "was deleted"
         path.write_bytes(b"123")
@@ -151,9 +151,9 @@ def test_a_folder_that_was_replaced_is_noticed(tmp_path: Path) -> None:
     watch.settle()
     assert watch.taken_text(None) == ""
     folder.rename(tmp_path / "moved")
-    assert "journal was taken away" in watch.taken_text(None)
+    assert "journal was removed" in watch.taken_text(None)
     folder.mkdir()
-    assert "journal was taken away" in watch.taken_text(None)
+    assert "journal was removed" in watch.taken_text(None)
     watch.settle()
     assert watch.taken_text(None) == ""
 

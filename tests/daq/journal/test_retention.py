@@ -135,7 +135,7 @@ def test_hours_without_a_run_go_from_the_open_recording_and_are_no_loss(tmp_path
     assert len(read) < 60 * 100
     assert read[-1] == 3_840_000 * 59 + 99
     assert not contents.lost.any
-    assert "given up to make room" in contents.lost.text
+    assert "deleted to make room" in contents.lost.text
     # What the deleted files reported of files before them is reported still, and once.
     assert sum(event.value for event in contents.events) == 60 * 100 - len(read)
     assert {event.code for event in contents.events} == {"retention"}

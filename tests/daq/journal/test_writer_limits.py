@@ -105,7 +105,7 @@ def test_a_warning_of_a_lost_file_lasts_a_minute(tmp_path: Path) -> None:
         writer.append(block(0, 10), HopLosses())
         writer.paths[0].unlink()
         writer.maintain(1.0)
-        assert "was deleted: 10 recorded frames are gone" in writer.status.warning
+        assert "was deleted: 10 recorded frames are lost" in writer.status.warning
         assert writer.status.recorded_frames == 0
         writer.maintain(61.0)
         assert writer.status.warning != ""
@@ -129,7 +129,7 @@ def test_a_full_disk_stops_recording_and_frames_wait(tmp_path: Path) -> None:
         writer.maintain(0.0)
         disk.free = 199_000_000
         writer.maintain(1.0)
-        assert writer.status.failed == "the disk is full but for the reserve of 200 MB"
+        assert writer.status.failed == "the disk is full except for the reserve of 200 MB"
         writer.append(block(0, 10), HopLosses())
         writer.maintain(3.5)
         assert (writer.status.held_frames, writer.status.recorded_frames) == (10, 0)

@@ -52,7 +52,7 @@ def test_a_process_that_hangs_is_ended_and_the_next_one_has_its_turn(
         under_way.begin(first, segments_in(tmp_path), "one", 7)
     assert under_way.status == SessionStatus(SessionState.BUILDING, str(first), "", "one", 7)
     under_way.poll()
-    text = "it took too long and was ended: is the disk well?"
+    text = "it took too long and was ended: check the disk"
     assert under_way.status == SessionStatus(SessionState.FAILED, str(first), text, "one", 7)
     under_way.begin(second, segments_in(tmp_path), "one", 7)
     seen = [under_way.status]

@@ -66,7 +66,7 @@ def test_one_order_leaves_all_out_and_one_takes_them_back(
     assert left is not None
     assert left.reasons == (f"rejected by Ann: unlike the others: {text}",)
     assert status_of(recording).proposed == ()
-    with pytest.raises(OrderError, match="no run is proposed"):
+    with pytest.raises(OrderError, match="there is no proposal"):
         recording.carry_out(LeaveOut(), "Ann", now())
     recording.carry_out(Undo(), "Ann", now())
     assert _accepted(recording) == {*LABELS}

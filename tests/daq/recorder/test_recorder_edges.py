@@ -218,19 +218,19 @@ def test_whose_bench_toml_holds_is_said(
     with Running(changed, tmp_path, sources(Script([]))) as running:
         status = running.until(lambda s: s.recording != "")
         assert (status.recording, status.vehicle) == (first.recording, "Ford Granada")
-        assert status.begun == "it was interrupted, and goes on with the 1,200 frames before"
+        assert status.begun == "it was interrupted, and continues after 1,200 frames"
         assert f"campaign: {status.begun}" in list(status_lines(status))
         writer = running.recorder._opened.writer
         assert writer.limits == limits  # the disk is the host's affair
-    assert "goes on with its own bench.toml" in caplog.text
+    assert "continues with its own bench.toml" in caplog.text
     caplog.clear()
     other = replace(quick, dbc_text=quick.dbc_text + "\n")
     with Running(other, tmp_path, sources(Script([]))) as running:
         status = running.until(lambda s: s.recording not in ("", first.recording))
-        assert status.begun.endswith("(it is of another DBC): a new one is begun")
+        assert status.begun.endswith("(it has another DBC): a new one is begun")
         running.order(Start())
         assert running.until(lambda s: s.recording != status.recording).begun == ""
-    assert "cannot be resumed (it is of another DBC): a new one is begun" in caplog.text
+    assert "cannot be resumed (it has another DBC): a new one is begun" in caplog.text
 
 
 def test_a_session_file_older_than_its_recording_is_built_anew(

@@ -255,7 +255,7 @@ def test_stamps_that_fall_back_cut_the_run(
     feed(recording, blocks(frames.select(slice(0, 700))))
     back = replace(frames, t_ns=frames.t_ns - 3600 * 10**9)
     events = feed(recording, blocks(back))
-    assert recording.run_log.runs[0].reasons == ("cut: the time stamps fell back",)
+    assert recording.run_log.runs[0].reasons == ("cut: the time stamps went back",)
     assert runs_of(events)[0] == ("bump", "baseline_bounce_2")
 
 

@@ -56,7 +56,7 @@ def test_what_is_no_session(tmp_path: Path, path: Path) -> None:
 
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.h5")
-    with pytest.raises(InputError, match="no plain file"):
+    with pytest.raises(InputError, match="not a regular file"):
         read_session(tmp_path / "pipe.h5")
 
 
@@ -84,13 +84,13 @@ def test_data_out_of_the_file(tmp_path: Path, path: Path) -> None:
         del file[HUB]["hub_fl"]
         raw = [(str(tmp_path / "secret.txt"), 0, 4000)]
         file[HUB].create_dataset("hub_fl", (500,), "f8", external=raw)
-    _refused(path, "hub_fl is no dataset of this file")
+    _refused(path, "hub_fl is not a dataset of this file")
     with h5py.File(path, "r+") as file:
         del file[HUB]["hub_fl"]
         layout = h5py.VirtualLayout((500,), "f8")
         layout[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "x", (500,))
         file[HUB].create_virtual_dataset("hub_fl", layout)
-    _refused(path, "hub_fl is no dataset of this file")
+    _refused(path, "hub_fl is not a dataset of this file")
 
 
 def _deep(file: h5py.File) -> None:
@@ -134,7 +134,7 @@ def _bomb(file: h5py.File) -> None:
     ("harm", "what"),
     [
         (_deep, "nested more than"),
-        (_round, "stands in it twice"),
+        (_round, "occurs in it twice"),
         (_types, "x has type object"),
         (_references, "x has type object"),
         (_compound, "which no session has"),
@@ -176,9 +176,9 @@ def _child_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, code: str) -> N
         ("import os; os.kill(os.getpid(), 11)", "HDF5 crashes on it .SIGSEGV"),
         ("import os; os.abort()", "HDF5 crashes on it .SIGABRT"),
         ("import resource as r; r.setrlimit(0, (1, 2))\nwhile True: pass", "takes too long"),
-        ("print(5)", "broke off"),
-        ('import sys; sys.stdout.buffer.write(b"\\377" * 4096)', "broke off|crashes"),
-        ('import sys; sys.stdout.write("\\2" + "\\0" * 7 + "{}")', "broke off"),
+        ("print(5)", "stopped early"),
+        ('import sys; sys.stdout.buffer.write(b"\\377" * 4096)', "stopped early|crashes"),
+        ('import sys; sys.stdout.write("\\2" + "\\0" * 7 + "{}")', "stopped early"),
     ],
 )
 def test_what_becomes_of_the_child_is_reported_in_one_line(

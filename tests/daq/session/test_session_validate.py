@@ -63,13 +63,13 @@ def _other_text(file: h5py.File) -> None:
         (_attribute("/", "default", "runs/r009"), "/", "names runs/r009, which is absent"),
         (_attribute("session", "vehicle"), "/session", "attribute vehicle is absent"),
         (_attribute("session", "a_m"), "/session", "attribute a_m is absent, the others are not"),
-        (_attribute("session", "structure_symmetric", "yes"), "/session", "'yes', no int"),
+        (_attribute("session", "structure_symmetric", "yes"), "/session", "'yes', not of type int"),
         (_without("session/facts/sigma"), "/session/facts", "column sigma is absent"),
-        (_other_text, "/config/dbc", "has not the SHA-256"),
+        (_other_text, "/config/dbc", "does not match its attribute sha256"),
         (_attribute("config/dbc", "sha256"), "/config/dbc", "sha256 is absent"),
         (_attribute("mass_states/added", "order"), "/mass_states/added", "order is absent"),
-        (_instead("mass_states/added/delta_mass", np.eye(6)), "/mass_states/added", "no 7 x 7"),
-        (_attribute(RUN, "t0_ns", 1.5), f"/{RUN}", "t0_ns is 1.5, no int"),
+        (_instead("mass_states/added/delta_mass", np.eye(6)), "/mass_states/added", "not a 7 x 7"),
+        (_attribute(RUN, "t0_ns", 1.5), f"/{RUN}", "t0_ns is 1.5, not of type int"),
         (_attribute(RUN, "sample_groups", "HUB_Front\nX"), f"/{RUN}", "group X is absent"),
         (_without(f"{RUN}/events"), f"/{RUN}", "group events is absent"),
         (_without(f"{HUB}/time"), f"/{HUB}", "column time is absent"),
@@ -84,7 +84,7 @@ def _other_text(file: h5py.File) -> None:
             "/",
             "hub_fl is no",
         ),
-        (_attribute(RUN, "repeat", np.uint64(2**63)), "/", "is no whole number of 64 bits"),
+        (_attribute(RUN, "repeat", np.uint64(2**63)), "/", "is not a whole number of 64 bits"),
     ],
 )
 def test_what_breaks_the_schema(
@@ -137,7 +137,7 @@ def test_what_contradicts_itself() -> None:
         f"{where}/hub_fl: 2 values are infinite"
     ]
     twice = replace(session, runs=(run, run))
-    assert _findings(twice) == ["error /runs/r002_baseline_roll_1: stands in the file twice"]
+    assert _findings(twice) == ["error /runs/r002_baseline_roll_1: occurs in the file twice"]
     alone = replace(session, mass_states=session.mass_states[1:], runs=(run,))
     assert _findings(alone) == [f"error /{RUN}: mass state baseline is not described"]
     skew = np.eye(7)
@@ -146,7 +146,7 @@ def test_what_contradicts_itself() -> None:
     assert "error /mass_states/baseline: delta_mass is not symmetric" in _findings(skewed)
     empty = replace(run, status=RunStatus.ACCEPTED, groups=())
     assert _findings(replace(session, runs=(empty,))) == [
-        f"error /{RUN}: is accepted and has no sample"
+        f"error /{RUN}: is accepted but has no sample"
     ]
     ids = replace(run.frames, can_id=np.full(len(run.frames), 0x2000_0000, np.uint32))
     assert _findings(replace(session, runs=(replace(run, frames=ids),))) == [
@@ -161,7 +161,7 @@ def test_what_contradicts_itself() -> None:
     strange = replace(session, channels=(*session.channels, degrees))
     assert _findings(strange) == ["error /channels r: roll_rate is in deg/s, not rad/s"]
     double = replace(session, channels=(*session.channels, session.channels[2]))
-    assert _findings(double) == ["error /channels: az stands in it twice"]
+    assert _findings(double) == ["error /channels: az occurs in it twice"]
 
 
 def test_what_is_hard_to_believe() -> None:
@@ -183,5 +183,5 @@ def test_what_is_hard_to_believe() -> None:
     ]
     silent = replace(run, reasons=())
     assert _findings(replace(session, runs=(silent,))) == [
-        f"warning /{RUN}: is rejected, and nothing says why"
+        f"warning /{RUN}: is rejected without a reason"
     ]

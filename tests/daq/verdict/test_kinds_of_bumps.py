@@ -299,10 +299,10 @@ def test_a_kind_is_told_from_another_by_its_limit(like: float, passed: bool) -> 
     ("sizes", "due", "text"),
     [
         ((1, 1, 0, 0), PITCH, ""),
-        ((0, 0, 1, 1), PITCH, "rear wheels only, where front wheels only were due"),
+        ((0, 0, 1, 1), PITCH, "rear wheels only, but front wheels only were due"),
         ((1, 0, 1, 0), ROLL, ""),
-        ((0, 1, 0, 1), ROLL, "right wheels only, where left wheels only were due"),
-        ((0, 1, 1, 0), WARP, "front right and rear left, where front left and rear right were due"),
+        ((0, 1, 0, 1), ROLL, "right wheels only, but left wheels only were due"),
+        ((0, 1, 1, 0), WARP, "front right and rear left, but front left and rear right were due"),
         ((1, 1, 1, 1), BOUNCE, ""),
         ((0, 0, 1, 1), BOUNCE, ""),
     ],
@@ -312,7 +312,7 @@ def test_a_bump_of_the_other_side_or_axle_is_named(
 ) -> None:
     (pattern,) = found(hubs(sizes))
     named = [finding.text for finding in mirrored(due, pattern)]
-    assert named == ([f"{text}: counted as it is"] if text else [])
+    assert named == ([f"{text}: it still counts"] if text else [])
     assert all(finding.passed for finding in mirrored(due, pattern))
 
 

@@ -189,7 +189,7 @@ def test_a_terminal_in_control_is_named_and_can_be_followed(tmp_path: Path) -> N
     async def act(page: Page) -> None:
         assert page.control is not None
         await page.post("control", number=page.control.secret)
-        page.recorder.refuse = "JL is in control (take over, or look on)"
+        page.recorder.refuse = "JL is in control (take over, or only watch)"
         code, error = await page.post("order", button="next")
         assert (code, error.partition(" (")[0]) == (423, "JL is in control")
         page.recorder.refuse = ""

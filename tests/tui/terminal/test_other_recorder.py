@@ -108,7 +108,7 @@ SAME = replace(RUNNING, origin=Origin.REAL)
         (replace(SAME, bench_crc32=3), "another bench.toml (vehicle Granada)"),
         (replace(SAME, dbc_crc32=3), "another DBC"),
         (replace(SAME, buses=("socketcan can0",)), "it records virtual demo, not socketcan can0"),
-        (Setup(Origin.REPLAYED), "a real bus, not an earlier recording that is played"),
+        (Setup(Origin.REPLAYED), "a real bus, not a replayed recording"),
     ],
 )
 def test_what_differs_is_named_and_what_was_not_asked_for_is_not(
