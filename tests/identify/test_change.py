@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, Structure, Vehicle
-from identify.alike import alike
 from identify.change import Change, change_of
+from identify.common_structure import with_common_structure
 from identify.fit.estimation import Estimation, estimate
 from identify.joint import Model, differences, first_share, share_at
 from identify.pipeline import grey_box, usable_records
@@ -234,7 +234,7 @@ def test_a_linear_fit_is_compared_with_one_of_more_parameters() -> None:
     session_after = stress_session("bars", 1, 100.0, vehicle=bars)
     records = usable_records(session_after)
     after = estimate(grey_box(session_after, records), records, [FORD_GRANADA.to_array()])
-    again, same = alike([before, after])
+    again, same = with_common_structure([before, after])
     assert same is after
     assert again.box.parameters[15:] == ("k_af", "k_ar")
     for i, scale in ((15, 1e4), (16, 1e4)):
