@@ -1,4 +1,4 @@
-"""Where a nonlinear fit begins: a linear fit with bars, and the motion that it gives each run."""
+"""Start of a nonlinear fit: a linear fit with bars, and the motion that it gives each run."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from .common_scale import scaled
 from .path import Own, travel_speeds
 
 _BEYOND = 2.0
-"""Factor by which a car may be lighter or heavier than all generic vehicles: theirs are wide."""
+"""Factor by which a car may be lighter or heavier than all generic vehicles, whose range is
+wide."""
 _MISSHAPEN = 4.0
-"""Factor beyond all generic vehicles from which on a parameter is that of no vehicle."""
+"""Factor beyond all generic vehicles above which a parameter is impossible for a vehicle."""
 _SLIDES_M_S = 0.02
 """Speed at which most of the friction acts in the direction of the motion."""
 
@@ -29,10 +30,10 @@ _SLIDES_M_S = 0.02
 def of_vehicle_size(
     box: GreyBox, eta: NDArray[np.float64], vehicles: Sequence[NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Return linear unknowns with all masses and forces by one factor smaller, or as they are.
+    """Return linear unknowns with all masses and forces scaled by one factor, or unchanged.
 
-    Without scales their size rests on what the weights change, which friction hides: a linear fit
-    of an suv weighed 22 t, with its lengths and frequencies nearly right.  `eta`, (P,): of `box`.
+    Without scales their size rests on the effect of the weights, which friction hides: a linear fit
+    of an suv had a mass of 22 t, with lengths and frequencies nearly right.  `eta`, (P,): of `box`.
     `vehicles`: generic ones, (15,) each, the usual one first.
     """
     masses = [float(vehicle[0]) for vehicle in vehicles]
@@ -45,10 +46,10 @@ def of_vehicle_size(
 def misshapen(
     box: GreyBox, eta: NDArray[np.float64], vehicles: Sequence[NDArray[np.float64]]
 ) -> bool:
-    """Return whether linear unknowns, (P,) of `box`, are those of no vehicle.
+    """Return whether linear unknowns, (P,) of `box`, are impossible for a vehicle.
 
-    With friction of the rear wheels' load a linear fit of a city car put its CG 4 mm behind the
-    front axle: from there no search came back, from the usual vehicle it did.
+    With friction as large as the rear wheels' load, a linear fit of a city car put its CG 4 mm
+    behind the front axle: no search from there found the optimum, one from the usual vehicle did.
     """
     usual = np.array([SYMMETRIC @ vehicle for vehicle in vehicles])
     common = usual.all(axis=0)  # bars, tyre damping and offsets may be zero
@@ -58,7 +59,7 @@ def misshapen(
 
 
 def rest_of(model: Model, eta: NDArray[np.float64], state: MassState) -> NDArray[np.float64]:
-    """Return how far what is added lets the car sink, (7,), by its linear springs."""
+    """Return the displacement of the car under its added weights, (7,), by its linear springs."""
     one = car(model, eta, state, np.zeros(0, dtype=np.intp))
     full = model.box.full(eta[: model.first].astype(complex))
     _, _, K = full_matrices(full)
@@ -72,7 +73,7 @@ def owns_of(
     decays: tuple[FreeDecay, ...],
     sigma: Mapping[str, float],
 ) -> tuple[Own, ...]:
-    """Return how each run begins by the linear model at `eta`, (P,)."""
+    """Return the initial state of each run by the linear model at `eta`, (P,)."""
     box = model.box
     states = {s.name: s for s in box.mass_states}
     present = {decay.mass_state for decay in decays}

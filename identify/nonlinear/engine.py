@@ -1,4 +1,4 @@
-"""The nonlinear fit at the seam: shares and residuals of runs, as of the linear fit."""
+"""Gives the nonlinear fit the interface of the linear one: shares and residuals of runs."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from .run import run_of
 from .unknowns import elements
 
 _OWN_STEPS = 4
-"""Gauss-Newton steps for the runs' own states at other unknowns: they are nearly linear."""
+"""Gauss-Newton steps for the initial states of runs at other unknowns: they are nearly linear."""
 
 
 @dataclass(frozen=True)
 class NonlinearEngine:
-    """The fitted problem; what asks for shares and residuals need not know which path it takes."""
+    """The fitted problem, with shares and residuals as those of the linear engine."""
 
     problem: Problem
     eta: NDArray[np.float64]
     """(P,) all unknowns at the optimum."""
     owns: Mapping[str, Own]
-    """How each run begins, by its label."""
+    """Initial state of each run, by its label."""
     shown: NDArray[np.intp]
     """Positions, among all, of the unknowns of a `Fit`."""
 
     @property
     def elements(self) -> Mapping[str, int]:
-        """Place among the unknowns of a `Fit` of each element that has a size: knees have none."""
+        """Position among the unknowns of a `Fit` of each element with a size: knees have none."""
         sized = {e.name for e in elements(()) if not e.logarithmic}
         names = [self.problem.model.names[i] for i in self.shown.tolist()]
         return {name: place for place, name in enumerate(names) if name in sized}
@@ -57,7 +57,7 @@ class NonlinearEngine:
         sigma: Mapping[str, float],
         eta: NDArray[np.float64],
     ) -> tuple[Residuals, ...]:
-        """Return what the model leaves of each decay at the shown unknowns."""
+        """Return the residuals of each decay at the shown unknowns."""
         at, equations = self._at(decays, sigma, eta)
         return residuals_of(at, equations)
 
@@ -123,7 +123,7 @@ class NonlinearEngine:
 
 
 def residuals_of(at: Point, equations: Normal) -> tuple[Residuals, ...]:
-    """Return what is left of each decay, SI, with the degrees of freedom of each channel."""
+    """Return the residuals of each decay, SI, with the degrees of freedom of each channel."""
     result = []
     for run, found, b in zip(at.problem.runs, at.predicted, equations.blocks, strict=True):
         own = len(b.A)

@@ -62,7 +62,7 @@ from .tangent import Plan, Seen, Start
 Array = NDArray[np.float64]
 
 _TOGETHER = 64
-"""Steps of the tangents computed at once: few enough to stay in a processor's cache."""
+"""Number of tangent steps computed at once: few enough to stay in a processor's cache."""
 
 
 def linearised(
@@ -225,7 +225,7 @@ def _at_nodes(
 ) -> tuple[Array, Array, Array]:
     """Return Jacobians and forcing side by side at first, middle and last node of some steps.
 
-    Most steps begin where another ends: what stands at a node is computed once for each level.
+    Most steps begin where another ends, so the values at a node are computed once for each level.
     """
     starts, lengths, fine = plan.starts[part], plan.lengths[part], plan.fine[part]
     nodes = np.stack([starts, starts + lengths // 2, starts + lengths])

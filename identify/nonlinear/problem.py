@@ -1,4 +1,4 @@
-"""All runs, facts and priors at one point of the unknowns: cost, and normal equations reduced."""
+"""All runs, facts and priors at one point of the unknowns: cost and normal equations."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .unknowns import REACH
 
 _FRICTION_PRIOR = 10.0
 """Standard deviation of the share of friction that acts at the start: it keeps a share bounded
-where there is no friction, and pulls none.  Most suspensions move as the decay begins, so that the
-share is -1 or 1; one of 1 about zero pulled all of them inwards, and wheels and tyres with them by
-a standard deviation of theirs."""
+where there is no friction, and biases none.  Most suspensions move as the decay begins, so that the
+share is -1 or 1; a prior of 1 about zero pulled all shares inwards, and moved wheels and tyres by
+one of their standard deviations."""
 _MOUNT_PRIOR_M = 5e8
 """Standard deviation, m, of the mount's first deflection beyond its force, over sigma squared."""
 _LARGEST = 1e100
 """Information beyond which a tangent counts as lost."""
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Known values less those that the unknowns give, and the slopes of the latter, in sigmas."""
+"""Known values less those predicted by the unknowns, and the slopes of the latter, in sigmas."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ class Problem:
         return replace(self, free=free)
 
     def fact_terms(self, eta: NDArray[np.float64]) -> Terms:
-        """Return misfits, (n,), of what was measured beside the runs, and slopes, (n, F)."""
+        """Return misfits, (n,), of the facts, and slopes, (n, F)."""
         misfits, slopes = self.model.fact_misfits(eta)
         return misfits, slopes[:, self.free]
 
     def prior_terms(self, eta: NDArray[np.float64]) -> Terms:
-        """Return the same of the priors, and of damper curves that would fall."""
+        """Return misfits and slopes of the priors, and of damper curves that would fall."""
         root = 1.0 / self.prior[self.free]
         pull = (self.centre - eta)[self.free] * root
         lacks, lifts = self.curve_terms(eta)
@@ -61,7 +61,7 @@ class Problem:
         return np.concatenate([pull, lacks[flat]]), np.vstack([np.diag(root), lifts[flat]])
 
     def curve_terms(self, eta: NDArray[np.float64]) -> Terms:
-        """Return by how much damper curves are too flat, (S,), and how they rise, (S, F)."""
+        """Return the lack of slope of each segment of damper curves, (S,), and its fall, (S, F)."""
         lacks, lifts = too_flat(self.model, eta)
         return lacks, lifts[:, self.free]
 
@@ -89,7 +89,7 @@ class Point:
     eta: NDArray[np.float64]
     owns: tuple[Own, ...]
     cars: tuple[Car, ...]
-    """Of each run."""
+    """Car of each run's mass state."""
     rows: Rows
     predicted: tuple[Predicted, ...]
     cost: float
@@ -102,16 +102,16 @@ class Normal:
 
     blocks: tuple[Block, ...]
     shared: NDArray[np.float64]
-    """(F, F) of facts and priors alone."""
+    """(F, F) normal matrix of facts and priors alone."""
     right: NDArray[np.float64]
-    """(F,)."""
+    """(F,) right-hand side of facts and priors alone."""
     lacks: NDArray[np.float64]
-    """By how much each segment of the damper curves is too flat, (S,); negative ones are steep."""
+    """Lack of slope of each segment of the damper curves, (S,); negative for steep segments."""
     lifts: NDArray[np.float64]
-    """Their slopes, (S, F)."""
+    """Fall of these lacks per unit of each unknown, (S, F)."""
 
     def holding(self, flat: NDArray[np.bool_]) -> Normal:
-        """Return the equations with the given segments, (S,), held up in place of the flat ones."""
+        """Return the equations with the given segments, (S,), held up instead of the flat ones."""
         sign = flat.astype(float) - (self.lacks > 0.0)
         signed = self.lifts.T * sign
         return replace(

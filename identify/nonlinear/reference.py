@@ -52,14 +52,14 @@ ACROSS = np.array([1, 0, 3, 2])
 """The other corner of the axle."""
 _TIGHT = 1e-11
 _LARGEST = 100.0
-"""A state beyond this is lost."""
+"""Largest state of a finite path."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """Coefficients of a car for each row of states, or of one for all rows, at one rounding."""
+    """Coefficients of one car for each row of states, or of one for all rows, at one rounding."""
 
     p: tuple[Array, ...]
     """Each of `car`'s columns, (rows, 4)."""
@@ -68,7 +68,7 @@ class Stack:
     pieces: tuple[Array, Array, Array]
     """Coefficients of 1, r and r^2 of all corners' pieces, each (rows * 4 * pieces,)."""
     first_piece: NDArray[np.intp]
-    """(rows, 4): where those of a corner begin."""
+    """(rows, 4) index of the first piece of each corner."""
     travels: Array
     """(rows, 8, 14): travel and speed of each corner by displacements and speeds."""
     pushed: Array
