@@ -1,4 +1,4 @@
-"""A car with nonlinear elements over a bump: the state in which it begins its free decay."""
+"""Drives a car with nonlinear elements over a bump, to the state in which its free decay begins."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Driven:
 
     car: Car
     rest: Array
-    """(7,) where it stands: the weights let it sink from the rest of the bare car."""
+    """(7,) position at rest: the weights lower it from that of the bare car."""
     shares: tuple[float, float, float, float]
     """Share of the height under each wheel."""
     height_m: float
-    """Height of the half sine."""
+    """Height of the half sine, m."""
 
 
 def after_bump(driven: Sequence[Driven], bump_s: float) -> tuple[Own, ...]:
@@ -35,17 +35,17 @@ def after_bump(driven: Sequence[Driven], bump_s: float) -> tuple[Own, ...]:
 
     The laws are those of the fit; the road comes in through the tyres.
 
-    `driven`: all of them have mounts, or none.  `bump_s`: duration of the bump, s.
+    `driven`: the cars; all of them have mounts, or none.  `bump_s`: duration of the bump, s.
     """
     cars = stack([one.car for one in driven] if len(driven) > 1 else [driven[0].car] * 2, PATH)
-    rows = max(len(driven), 2)  # a stack of one car has no axis of its own
+    rows = max(len(driven), 2)  # a stack of one car has no axis for cars
     x = np.zeros((rows, STATES))
     x[:, :7] = [one.rest for one in (*driven, driven[0])[:rows]]
     road = np.array([np.multiply(one.height_m, one.shares) for one in (*driven, driven[0])[:rows]])
     steps = int(np.ceil(bump_s / step_of([one.car for one in driven], USUAL)))
     h, omega = bump_s / steps, np.pi / bump_s
     r = np.zeros((rows, 4))
-    # A car that does not stay finite overflows, and is found at the end.
+    # A car whose state does not stay finite overflows, which is detected at the end.
     with np.errstate(all="ignore"):
         for k in range(steps):
             waves = [
@@ -77,7 +77,7 @@ def _rates(x: Array, cars: Stack, r: Array, road: Array, rise: Array) -> tuple[A
 
 
 def _own(car: Car, state: Array) -> Own:
-    """Return a state as the fit describes the beginning of a run."""
+    """Return a state in the form in which the fit describes the beginning of a run."""
     bare = Own(state[:14], state[14:18], np.zeros(4))
     beyond = state[18:] - first_state(car, bare, PATH)[0][18:] if car.has_mount else np.zeros(4)
     return Own(state[:14].copy(), state[14:18].copy(), beyond)

@@ -53,13 +53,13 @@ class ElementUnknowns:
 
 @dataclass(frozen=True, slots=True)
 class RealCar:
-    """The expected car, and what of it is unknown."""
+    """The expected car, and its unknowns."""
 
     model: Model
     every: NDArray[np.float64]
     """All unknowns, (P,)."""
     free: NDArray[np.intp]
-    """Positions of those that are to be determined, (F,): all of the grey box, then elements."""
+    """Positions of the unknowns to be determined, (F,): all of the grey box, then the elements."""
 
     @classmethod
     def of(
@@ -104,7 +104,7 @@ class RealCar:
         rates: Mapping[ChannelGroup, float],
         sigma: Mapping[str, float],
     ) -> list[NDArray[np.float64]]:
-        """Return the information of one run of each kind, (F, F), its own state unknown.
+        """Return the information of one run of each kind, (F, F), with its initial state unknown.
 
         `kinds`: the runs.  `bump_s` and `decay_s`: duration of the bump and of the free decay after
         it, s.  `rates`: samples a second.  `sigma`: noise of each channel, SI.  Raises InputError
