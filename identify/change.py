@@ -150,7 +150,7 @@ def _or_instead(change: NamedChange) -> str:
     if not change.instead:
         return ""
     others = " or ".join(change.instead)
-    return f", or in its place {others} (these runs do not separate them)"
+    return f", or instead {others} (these runs do not separate them)"
 
 
 def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) -> Change:

@@ -23,7 +23,7 @@ the knee, and speed of the knee, m/s."""
 _FASTEST_M_S = 0.6
 """Speed, m/s, up to which a curve is fitted by knees: what bumps of 50 mm reach."""
 _END_SHARES = 10.0
-"""The slope of the last of so many parts of a curve continues beyond its end."""
+"""Number of equal parts of a curve; the slope of the last part continues beyond its end."""
 _TYPICAL = {
     "damper_mounts": {"s_m": 1e-6},
     "bump_stops": {"k_b": 1e5, "g_b": 0.025},

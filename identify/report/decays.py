@@ -29,10 +29,10 @@ def decay_section(estimation: Estimation) -> Section:
     pictures = tuple(_picture(noise, *run) for run in runs)
     gallery = Gallery(
         "Each run: a channel of the body and one of a wheel, with what the fit leaves",
-        "Grey: measured. Colour: fitted. The blue ground is the free decay that is fitted; it "
+        "Grey: measured. Colour: fitted. The free decay that is fitted has a blue ground; it "
         "begins at the solid line, the motion at the dashed one. Below each, measured less fitted "
         "in units of the sensor's noise: noise alone stays within the grey band 95 % of the time, "
-        "and has no shape. Shown are the channels that stand out most from their noise.",
+        "and has no shape. The channels shown are those that stand out most from their noise.",
         pictures,
     )
     blocks: tuple[Block, ...] = (gallery,) if pictures else ()

@@ -47,7 +47,7 @@ def test_what_explains_nearly_as_much_is_said_to_be_possible_in_its_place() -> N
     change = change_of([session({}, 1), session({"t_f": 0.01}, 2)])
     (one,) = change.named
     assert {one.name, *one.instead} == {"t_f", "t_r"}
-    assert f", or in its place {' or '.join(one.instead)} (these runs do not" in change.sentence
+    assert f", or instead {' or '.join(one.instead)} (these runs do not" in change.sentence
     (sure,) = change_of([session({}, 1), session({"c_sf": 0.03}, 2)]).named
     assert sure.instead == ()
 
