@@ -10,7 +10,7 @@ _OURS = ("dbc", "daq", "identify", "tui")
 
 
 def foreign_package() -> str:
-    """Return in one line which of our packages is another's, and what to do; "" if none is."""
+    """Return in one line which package name another distribution has, and what to do; else ""."""
     root = Path(__file__).resolve().parents[1]
     owners = packages_distributions()
     for name in _OURS:

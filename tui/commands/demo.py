@@ -1,4 +1,4 @@
-"""`bumpbench demo`: the whole job against a simulated car, through a bus and the recorder."""
+"""`bumpbench demo`: does the whole job with a simulated car, through a bus and the recorder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from threading import Event
 
 _PATIENCE_S = 10.0
-"""Seconds without a further frame after which the recorder has taken all that were sent."""
+"""Seconds without a further frame after which the recorder has taken all sent frames."""
 
 
 def demo(

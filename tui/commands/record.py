@@ -1,4 +1,4 @@
-"""`bumpbench record`: from the buses into a journal, and from the journal into session files."""
+"""`bumpbench record`: records buses into a journal, and builds session files from the journal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A comparison of sessions: identified in processes of their own, and set as tables."""
+"""Compares sessions: identifies them in several processes, and prints tables of differences."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
 
 
 def _results(path: str) -> Identification:
-    """Return the results without residuals: with all, a trend would fill the memory."""
+    """Return the results without residuals, which would fill the memory in a long trend."""
     result = identify_parameters(read_foreign_session(path))
     if result.estimation is None:
         return result

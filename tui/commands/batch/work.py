@@ -43,12 +43,12 @@ def job_of(file: str) -> Job:
 
 @cache
 def software() -> str:
-    """Return the version that makes the results what they are."""
+    """Return the versions on which the results depend."""
     return f"bumpbench {version('bumpbench')}"
 
 
 def row_of(job: Job) -> dict[str, Cell]:
-    """Read, identify, and return the row; whatever goes wrong is its reason."""
+    """Read and identify a session, and return its row; any error becomes its reason."""
     from daq import read_session
     from identify.batch import session_row
 
@@ -59,7 +59,7 @@ def row_of(job: Job) -> dict[str, Cell]:
                 row = session_row(read_session(path))
             except BumpbenchError as error:
                 row = _failed(str(error).removeprefix(f"{path}: "))  # the row names the file
-    except Exception as error:  # one strange session of thousands must not cost the others
+    except Exception as error:  # one strange session of thousands must not stop the others
         last = extract_tb(error.__traceback__)[-1]
         where = f"{Path(last.filename).name}:{last.lineno}"
         row = _failed(f"{type(error).__name__} in {where}: {error}")

@@ -1,4 +1,4 @@
-"""`bumpbench study fleet`: plausible real cars, each identified and compared with what it is."""
+"""`bumpbench study fleet`: identifies plausible real cars and compares each with the truth."""
 
 from __future__ import annotations
 
