@@ -1,7 +1,7 @@
 """Runs a recorder for weeks: signals, systemd, log, figures file, progress.
 
-The recorder has a thread of its own.  The main thread does all that may block (a terminal, a file
-for the monitoring) without losing a frame.
+The recorder has its own thread.  So everything in the main thread may block (a terminal, a file for
+the monitoring) without the loss of a frame.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ if TYPE_CHECKING:
     from daq.control import Live, Reply, Server, Systemd
 
 BY = "record"
-"""Author of the daemon's own orders, in the journal."""
+"""Author, in the journal, of the daemon's own orders."""
 TURN_S = 0.1
-"""Seconds between two turns of the main thread."""
+"""Seconds between two cycles of the main thread."""
 FIGURES_S = 5.0
 LEFT_S = 10.0
-"""Seconds without any terminal after which a recorder that is attended ends."""
+"""Seconds without any terminal after which an attended recorder ends."""
 SAME_S = 0.5
 """Seconds within which two signals count as one: timeout(1) signals process and group."""
 REPORT_S = 1.0
 """Seconds between two reports to systemd; its watchdog waits ten times as long."""
 _RELOAD: int | None = getattr(signal, "SIGHUP", None)
-"""Windows has no SIGHUP; there only an order reloads the bench."""
+"""Signal to reload the bench; Windows has no SIGHUP, so there only an order reloads it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Habits:
-    """Options of a recorder's life."""
+    """Options for the start and the end of a recorder."""
 
     arm: bool
     """Arm each campaign as a whole at its start; else a terminal arms."""
     keep_on: bool
-    """Go on recording after a campaign, until a signal comes; the next begins by an order or by a
-    new bench.toml."""
+    """Go on recording after a campaign, until a signal comes; an order or a new bench.toml begins
+    the next campaign."""
     figures: Path | None
     """Prometheus text file, written every 5 s."""
     reread: Callable[[], Bench]
@@ -59,9 +59,9 @@ class Habits:
     stay: bool = False
     """Keep a complete campaign open, so that a terminal can go on to its results."""
     attended: bool = False
-    """End with the last terminal: what a demonstration records is no measurement."""
+    """End with the last terminal: the recording of a demonstration is not a measurement."""
     end: threading.Event = field(default_factory=threading.Event)
-    """Ends the recorder as a signal does."""
+    """Event that ends the recorder as a signal does."""
 
 
 def run_recorder(
@@ -69,8 +69,8 @@ def run_recorder(
 ) -> Status:
     """Run a recorder until its campaign is complete, a signal comes or a client shuts it down.
 
-    `bench`: that it was started with.  Returns the last one: its `session` says where the session
-    file is.  Raises InputError if no client could speak to it.
+    `bench`: the bench at the start.  Returns the last status: its `session` has the path of the
+    session file.  Raises InputError if no client could connect to it.
     """
     from daq.control import Server, Systemd, control_address, setup_of
 
@@ -97,7 +97,7 @@ class _Signals:
             return
         now_s = time.monotonic()
         if self.end.is_set() and now_s - self._asked_s > SAME_S:
-            os._exit(128 + number)  # what was acknowledged is on the disk
+            os._exit(128 + number)  # everything that was acknowledged is on the disk
         if not self.end.is_set():
             self._asked_s = now_s
         self.end.set()
@@ -177,7 +177,7 @@ class _Daemon:
         return self._habits.follow is not None or self._server.has_clients()
 
     def _watched(self, status: Status) -> Status:
-        """Return the status; if the writer itself hangs, with that alarm, and publish it."""
+        """Return the status; if the writer itself hangs, add that alarm and publish the status."""
         from daq.alarms import with_not_recording
 
         watched = with_not_recording(status, self._recorder.storage(), time.time_ns())
@@ -186,7 +186,7 @@ class _Daemon:
         return watched
 
     def _lead(self, status: Status, end: bool) -> None:
-        """Arm each campaign once; end it when it is complete, once more if that was refused."""
+        """Arm each campaign once; end it when it is complete, and try again if that was refused."""
         from daq.control import Arm, Phase, SessionState, Stop, Until
 
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)

@@ -1,4 +1,4 @@
-"""The display that was started beside this terminal."""
+"""The display that was started with this terminal."""
 
 from __future__ import annotations
 
