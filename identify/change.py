@@ -188,7 +188,7 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
         )
     tests = _tests(wide_shares(estimations, points, shares), candidates, chosen)
     answer = _answer(differences(shares, candidates), candidates, chosen, unknowns, tests)
-    # A rich model leaves some misfit of its own, which the height of the bumps alone may change.
+    # A rich model always leaves some misfit, which may change with the height of the bumps alone.
     if not any(every) and _explained_worse(estimations) > answer.chi2:
         answer = replace(answer, outcome="other", named=())
     return replace(answer, apart=apart)

@@ -62,8 +62,8 @@ class Identification:
     mode_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Name of each mode by what moves in it (`identify.modes.mode_names`)."""
     pairings: Mapping[str, Pairing] = field(default_factory=dict)
-    """How the modes of each further mass state follow from those of the first, by MAC: with mass on
-    board, wheel modes that are nearly equal may change their order."""
+    """Pairs of the modes of the first mass state with those of each further one, by MAC: with mass
+    on board, wheel modes that are nearly equal may change their order."""
     sensed: Mapping[str, ModalModel] = field(default_factory=dict)
     """Modes by the State Variable Method alone, shapes in the channels' units."""
     closed_form: Mapping[str, float] = field(default_factory=dict)

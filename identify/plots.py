@@ -51,7 +51,7 @@ def decays(result: Identification) -> Figure:
 
 
 def parameters(result: Identification) -> Figure:
-    """Draw the relative interval of each parameter, and what it rests on.
+    """Draw the relative interval of each parameter, and the sources of its precision.
 
     Raises InputError if the session was refused before a fit.
     """

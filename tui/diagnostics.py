@@ -23,7 +23,7 @@ class ExitCode(IntEnum):
 
     OK = 0
     ANSWER_IS_NO = 1
-    """It ran, and the answer is no: identification refused, checks failed."""
+    """The command ran, and the answer is no: identification refused, checks failed."""
     BAD_INPUT = 2
     """Usage, configuration or input that cannot be used."""
     DATA_LOST = 3

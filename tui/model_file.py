@@ -51,7 +51,9 @@ def write_model(result: Identification, path: Path) -> None:
     lost = [name for name, one in result.parameters.items() if not one.determined]
     if result.quality.verdict == "refused" or not result.physical or lost:
         why = f"not determined: {', '.join(lost)}" if lost else "the identification is refused"
-        raise InputError(str(path), f"not written: {why}", "see what identify says of the session")
+        raise InputError(
+            str(path), f"not written: {why}", "see the result of identify for the session"
+        )
     try:
         write_bytes(path, writer(result))
     except OSError as error:

@@ -21,6 +21,6 @@ def foreign_package() -> str:
             whose = f"the distribution {others[0]}" if others else "something else"
             return (
                 f"package {name}: {whose} has that name, too ({found}) (uninstall or move it, then"
-                " install bumpbench again; each in an environment of its own, and both work)"
+                " install bumpbench again; both work in separate environments)"
             )
     return ""

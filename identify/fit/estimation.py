@@ -1,4 +1,4 @@
-"""From records to the optimum: noise levels, start values, and the start of each free decay."""
+"""Finds the optimum from records: noise levels, start values, and the start of each decay."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def expansion(structure: Structure) -> NDArray[np.float64]:
 
 
 SYMMETRIC = expansion(Structure())
-"""From the 15 parameters of the symmetric vehicle to the full ones."""
+"""Matrix from the 15 parameters of the symmetric vehicle to the full ones."""
 
 
 def full_matrices(

@@ -37,7 +37,7 @@ _WHERE = "free-decay records"
 
 @dataclass(frozen=True, slots=True)
 class Delays:
-    """How delay vectors are laid out."""
+    """Layout of the delay vectors."""
 
     blocks: int
     """Number of delays, p + 2 for the p of Eq. 17: the regression is between the first and the last

@@ -1,6 +1,6 @@
 """Modes of a vehicle as its sensors see them, and the paper's chain from there (Eqs. 22-33).
 
-The State Variable Method wants samples on one grid, so the groups are interpolated onto the slowest
+The State Variable Method needs samples on one grid, so the groups are interpolated onto the slowest
 of them; from there on the modal likelihood takes every sample at its own time.
 """
 

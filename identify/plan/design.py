@@ -117,7 +117,7 @@ class Plan:
     geometry: VehicleGeometry | None = None
     """The four lengths where they are measured beforehand; their values are those of `vehicle`."""
     structure: Structure = field(default_factory=Structure)
-    """Which parameters are to be identified."""
+    """Structure of the vehicle: the parameters to be identified."""
     facts: tuple[Fact, ...] = ()
     """Readings of scales and tape measure; only their uncertainty counts."""
     elements: ExpectedElements | None = None

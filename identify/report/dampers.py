@@ -135,5 +135,5 @@ def _tried(document: Document, forces: ForcesEntry) -> Table:
         ("element", "#gain", "#needed", ""),
         tuple(rows),
         "Gain is the fall of the squared residuals in units of the noise; needed is what the "
-        "Bayesian information criterion asks for so many unknowns.",
+        "Bayesian information criterion needs for its number of unknowns.",
     )

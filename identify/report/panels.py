@@ -101,7 +101,7 @@ class CorrelationPanel:
 
 @dataclass(frozen=True, slots=True)
 class SnrPanel:
-    """How far each mode stands out of the noise in each run."""
+    """Energy of each mode over the noise in each run."""
 
     runs: tuple[str, ...]
     modes: tuple[str, ...]

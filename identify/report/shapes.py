@@ -45,7 +45,7 @@ class Outline:
     roof: NDArray[np.float64]
     """`deck`, `roof`: corners of two plates of the body, around, shape (4, 2)."""
     springs: NDArray[np.float64]
-    """From body to hub at each wheel, shape (4, k, 2)."""
+    """Lines from body to hub at each wheel, shape (4, k, 2)."""
     wheels: NDArray[np.float64]
     """Their rims, shape (4, k, 2)."""
 

@@ -1,4 +1,4 @@
-"""How well a fleet of different cars is identified: one row a car, and the fractions of all.
+"""Measures how well a fleet of different cars is identified: one row for each car, and fractions.
 
 The true properties of each car come from a simulator that is independent of the method.
 """
@@ -51,7 +51,7 @@ class FleetCase:
     named: tuple[str, ...]
     """Force elements that its identification names as present."""
     expected: tuple[str, ...] = ()
-    """Those of `there` whose true size is above half of its 95 % interval: they can be named."""
+    """Elements of `there` whose true size is above half of its 95 % interval: they can be named."""
 
     @property
     def missed(self) -> tuple[str, ...]:

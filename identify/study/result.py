@@ -82,7 +82,7 @@ class DotPanel:
     x_label: str
     """`title`, `x_label`: what is shown, with the unit."""
     items: tuple[str, ...]
-    """From top to bottom."""
+    """Names of the items, from top to bottom."""
     series: tuple[Dots, ...]
     """The values."""
     logarithmic: bool = False

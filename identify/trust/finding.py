@@ -28,7 +28,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How far an identification can be trusted."""
+    """Trust in an identification: verdict, findings, goodness of fit."""
 
     findings: tuple[Finding, ...]
     """The worst first."""
@@ -41,8 +41,7 @@ class Quality:
     """Energy of each mode in the run over the noise, in the order of the modes of the run's mass
     state, dB."""
     survival: Survival = field(default_factory=Survival)
-    """Which parameters can be used and which are lost, according to the causes whose size was
-    estimated."""
+    """Parameters that can be used, and those that are lost by a cause whose size was estimated."""
 
     def __post_init__(self) -> None:
         ranked = sorted(self.findings, key=lambda finding: -finding.severity)

@@ -68,7 +68,7 @@ class _Stretch:
     place: str
     """Message and run."""
     time_s: NDArray[np.float64]
-    """Usable samples from just before the decay on, s since the decay's start, shape (n,)."""
+    """Times of usable samples, from just before the decay, s since its start, shape (n,)."""
     period_s: float
     """The group's median interval over all runs."""
     arrival_sigma_s: float | None = None
@@ -103,7 +103,7 @@ class _Stretch:
 
     @property
     def lost_share(self) -> float:
-        """Share of samples that the intervals say are missing; 0 if they are uneven by nature."""
+        """Share of missing samples according to the intervals; 0 if these are uneven by nature."""
         if not self.even:
             return 0.0
         lost = float(np.sum(np.maximum(np.rint(self.intervals_s / self.period_s) - 1.0, 0.0)))

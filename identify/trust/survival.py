@@ -43,7 +43,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """Why a parameter is lost."""
+    """The cause for which a parameter is lost."""
 
     cause: str
     """In words."""

@@ -49,7 +49,8 @@ def export(
         bool, typer.Option("--modes", help="Identify, and add the mode shapes (UFF).")
     ] = False,
     rate: Annotated[
-        float | None, typer.Option(help="Even times at so many samples a second, by splines (UFF).")
+        float | None,
+        typer.Option(help="Even times at this number of samples a second, by splines (UFF)."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,

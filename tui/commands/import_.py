@@ -50,7 +50,9 @@ def import_(
     dbc: Annotated[Path | None, typer.Option(help="DBC to use instead of the bench's.")] = None,
     channels: Annotated[
         Path | None,
-        typer.Option(help="Channel map of CSV, MF4, MAT, TDMS, Parquet or HDF5 that are no logs."),
+        typer.Option(
+            help="Channel map of CSV, MF4, MAT, TDMS, Parquet or HDF5 files that are not logs."
+        ),
     ] = None,
     propose: Annotated[
         Path | None, typer.Option(help="Write a channel map guessed from such a file.")

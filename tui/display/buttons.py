@@ -39,7 +39,7 @@ class Buttons:
 
 
 NO_BUTTONS = Buttons()
-"""No button does anything: there is no status."""
+"""Without a status, no button does anything."""
 
 
 def buttons_of(status: Status) -> Buttons:

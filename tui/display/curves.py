@@ -50,7 +50,7 @@ class Curves:
 
 
 NO_CURVES = Curves("", 0.0, 0.0, ())
-"""There is no run yet, or its samples have gone."""
+"""Without a run, or if its samples are not available any more."""
 
 
 def curves_of(run: str, bump_ns: int, lanes: Lanes, bench: Bench | None) -> Curves:

@@ -64,7 +64,7 @@ class Headline:
 
     kind: Kind
     word: tuple[str, ...]
-    """One or two words, each on a line of its own where the screen is narrow."""
+    """One or two words, on separate lines where the screen is narrow."""
     why: str
     """One line with the reason, or with what to do."""
     advice: str = ""
@@ -89,7 +89,7 @@ class View:
     title: str = ""
     """Mass state and run that are due, or the run that was judged."""
     instruction: str = ""
-    """How to make the bump that is due."""
+    """Instruction for the bump that is due."""
     sketch: Sketch | None = None
     """Sketch of the bump that is due; None if none is, or bench.toml is not known yet."""
     rows: tuple[Row, ...] = ()

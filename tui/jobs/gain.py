@@ -61,7 +61,7 @@ class Gain:
     remedies: tuple[str, ...] = ()
     """Changes of the campaign that would determine these parameters."""
     error: str = ""
-    """Why there is no answer; empty if there is."""
+    """Reason why there is no answer; empty if there is one."""
 
 
 def expected_gain(bench: Bench) -> Gain:

@@ -45,7 +45,7 @@ class CompareTask:
 
 @dataclass(frozen=True, slots=True)
 class ExportTask:
-    """Write a session in the format of another tool, beside it."""
+    """Write a session in the format of another tool, next to the session file."""
 
     session: str
     form: str

@@ -19,7 +19,7 @@ class SessionState(StrEnum):
     """States of a session."""
 
     OPEN = "open"
-    """It is being recorded."""
+    """The session is being recorded."""
     CUT_OFF = "cut off"
     """Its recorder ended in the middle, and there is no session file yet."""
     READY = "ready"

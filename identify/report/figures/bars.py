@@ -1,4 +1,4 @@
-"""Bars and dots of the report: intervals, what they rest on, predictions."""
+"""Draws bars and dots of the report: intervals, sources of precision, predictions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SOURCES = ("#0072b2", "#56b4e9", "#004468", "#d55e00", "#e69f00", "#8a3c00", "#
 
 
 def bars_height_in(rows: int, legend: int) -> float:
-    """Return the height of so many bars over a legend of so many entries."""
+    """Return the height of a number of bars over a legend with a number of entries, inches."""
     return _HEAD_IN + _FOOT_IN + _LEGEND_IN * -(-legend // _ACROSS) + _ROW_IN * rows
 
 

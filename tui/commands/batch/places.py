@@ -124,5 +124,5 @@ def _as_os_error() -> Iterator[None]:
         yield
     except OSError:
         raise
-    except Exception as error:  # each protocol has a library of its own
+    except Exception as error:  # each protocol has its own library
         raise OSError(f"{type(error).__name__}: {error}") from error

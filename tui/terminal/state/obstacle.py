@@ -19,7 +19,7 @@ _SENSORS = (
 """Alarms that affect a run if sensors of the bench are silent."""
 _LOSSES = ("queue_dropped", "overrun", "bus_full", "counter_gap")
 _LASTING_NS = 3_000_000_000
-"""Age from which on an alarm of lost frames is more than one disturbance, ns: a single disturbance
+"""Age above which an alarm of lost frames means more than one disturbance, ns: a single disturbance
 lasts for 2.5 s, because its frames are counted over 1 s and alarms are held for 1.5 s."""
 
 RUNNING = (Phase.TRIGGERED, Phase.DECAY)

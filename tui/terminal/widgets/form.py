@@ -27,7 +27,7 @@ class TextField(Line):
         self.styles.width = width
 
     class Row(Message):
-        """Texts with tabs between them were pasted: one for each field from this one on."""
+        """Texts with tabs between them were pasted: one for each field, starting with this one."""
 
         def __init__(self, widget: TextField, texts: Sequence[str]) -> None:
             self.widget, self.texts = widget, tuple(texts)
@@ -200,7 +200,7 @@ class Form(VerticalScroll, can_focus=False):
         self.post_message(self.Changed())
 
     def on_text_field_row(self, event: TextField.Row) -> None:
-        """Fill the fields from the one with the cursor on; go to the last one that was filled."""
+        """Fill the fields, starting at the cursor; go to the last one that was filled."""
         event.stop()
         widgets = list(self._fields.values())
         for widget, text in zip(widgets[widgets.index(event.widget) :], event.texts, strict=False):
