@@ -20,12 +20,12 @@ _MODEL = (
 )
 _UNSETTLED = (
     "check units, signs and positions of the channels",
-    "its numbers may lie beside the optimum; add runs, or forbid in [vehicle.structure] what the "
-    "car has not",
+    "its numbers may be away from the optimum; add runs, or forbid in [vehicle.structure] the "
+    "elements that the car does not have",
 )
 _INTERVALS = (
     "the intervals do not hold",
-    "the intervals are widened by what is left unexplained",
+    "the intervals are widened by the unexplained rest",
 )
 _LATE_S = 0.015
 """Delay, s, of a decay's start after the stated end of the bump that onset and guard cannot

@@ -122,12 +122,12 @@ def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
             solid.append(f"k_a{axle} {bar.value:,.0f} N/m")
     findings = []
     if odd:
-        text = f"no usual vehicle: {'; '.join(odd)}: check weights, units and positions"
+        text = f"not a usual vehicle: {'; '.join(odd)}: check weights, units and positions"
         findings.append(Finding("implausible", Severity.WARNING, text))
     if solid:
         text = (
             f"{', '.join(solid)} below zero: the springs act on a shorter lever in roll than in "
-            "heave, as on a solid axle; this is no fault"
+            "heave, as on a solid axle; this is not a fault"
         )
         findings.append(Finding("solid_axle", Severity.NOTE, text))
     return tuple(findings)

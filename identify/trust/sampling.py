@@ -212,7 +212,7 @@ def _order(runs: Sequence[Run]) -> Iterator[Finding]:
         yield Finding(
             "time_order",
             Severity.WARNING,
-            f"sample times do not increase: {listed(backwards)}; samples then stand at wrong "
+            f"sample times do not increase: {listed(backwards)}; samples then have wrong "
             "times: sort them, remove doubles, or record again",
         )
     swapped = [place for place, g in groups if (np.diff(g.t_ns) < 0).any()]

@@ -56,7 +56,7 @@ def _flat(tops: list[_Top]) -> Iterator[Finding]:
             "saturation",
             Severity.WARNING,
             f"flat tops in the free decay, {worst.samples} equal samples at {worst.value:.4g} "
-            f"{worst.unit}, which is no chance: {_places(decay)}; the sensor saturates and the "
+            f"{worst.unit}, which is not by chance: {_places(decay)}; the sensor saturates and the "
             "true motion is larger: use a lower bump or a sensor with a wider range",
         )
     elif tops:
