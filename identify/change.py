@@ -24,12 +24,12 @@ from .document import unit_text
 from .fit.estimation import Estimation
 from .fit.grey_box import SIGNED
 from .fit.uncertainty import COVERAGE_95, Estimate
-from .joint import Differences, Model, Share, differences, first_share, share_at
+from .joint import Differences, Likelihood, Model, differences, likelihood_at, likelihood_at_optimum
 from .model.chi_squared import chance_of_more, exceeded_by_chance
 from .nonlinear.forces import element_in_words
 from .nonlinear.unknowns import elements
 from .numbers import plus_minus
-from .wide_model import wide_shares
+from .wide_model import wide_likelihoods
 
 LEVEL = 0.05
 """Chance of naming any parameter where nothing differs."""
@@ -167,7 +167,7 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
     unknowns = _unknowns(names, shared)
     p = len(unknowns)
     candidates = _candidates(len(estimations), p)
-    shares = tuple(first_share(e, shared) for e in estimations)
+    shares = tuple(likelihood_at_optimum(e, shared) for e in estimations)
     n_values = sum(d.n_values for e in estimations for d in e.decays)
     chosen: tuple[int, ...] = ()
     points: list[NDArray[np.float64]] = []
@@ -183,10 +183,10 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
         step[which] = by
         points = [common + candidates.columns(i, p) @ step for i in range(len(shares))]
         shares = tuple(
-            share_at(e, at, share.own, shared)
+            likelihood_at(e, at, share.own, shared)
             for e, at, share in zip(estimations, points, shares, strict=True)
         )
-    tests = _tests(wide_shares(estimations, points, shares), candidates, chosen)
+    tests = _tests(wide_likelihoods(estimations, points, shares), candidates, chosen)
     answer = _answer(differences(shares, candidates), candidates, chosen, unknowns, tests)
     # A rich model always leaves some misfit, which may change with the height of the bumps alone.
     if not any(every) and _explained_worse(estimations) > answer.chi2:
@@ -209,7 +209,7 @@ def _explained_worse(estimations: Sequence[Estimation]) -> float:
 
 
 def _unknowns(parameters: Sequence[str], shared: Sequence[str]) -> tuple[_Unknown, ...]:
-    """Return what may differ, in the order of the common unknowns of a `Share`."""
+    """Return what may differ, in the order of the common unknowns of a `Likelihood`."""
     sizes = {e.name: e for e in elements(())}
     return (
         *(_Unknown(n, parameter_unit(n), SIGNED.get(n, np.nan)) for n in parameters),
@@ -267,7 +267,7 @@ _Tests = tuple[float, int, float, float, int, float]
 """Fields of a `Change` from `chi2` to `rest_p`."""
 
 
-def _tests(shares: tuple[Share, ...], model: Model, chosen: tuple[int, ...]) -> _Tests:
+def _tests(shares: tuple[Likelihood, ...], model: Model, chosen: tuple[int, ...]) -> _Tests:
     """Return the tests that nothing differs, and that only the chosen candidates differ."""
     q = len(shares[0].target)
     every = differences(shares, Model(tuple(range(q)), (np.eye(len(shares))[:, 1:],) * q))

@@ -26,7 +26,7 @@ it is rounding, and the sessions do not determine the difference."""
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class Likelihood:
     """A session's likelihood: ``x^T information x - 2 x^T target`` and a constant."""
 
     information: NDArray[np.float64]
@@ -41,7 +41,7 @@ class Share:
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
-def first_share(estimation: Estimation, elements: Sequence[str] = ()) -> Share:
+def likelihood_at_optimum(estimation: Estimation, elements: Sequence[str] = ()) -> Likelihood:
     """Return the likelihood of a session about its own optimum.
 
     The common unknowns are the parameters and, for a car that is not linear, the named `elements`.
@@ -50,7 +50,7 @@ def first_share(estimation: Estimation, elements: Sequence[str] = ()) -> Share:
     if estimation.nonlinear is None:
         whole = np.sum(list(fit.information.values()), axis=0)
         information, _, _ = _profiled(whole, np.zeros(len(fit.eta)), p)
-        return Share(information, information @ fit.eta[:p], fit.eta[p:])
+        return Likelihood(information, information @ fit.eta[:p], fit.eta[p:])
     common = np.array([*range(p), *(estimation.nonlinear.elements[name] for name in elements)])
     # The covariance of the intervals, which may be wider than the information says.
     block = fit.covariance[np.ix_(common, common)]
@@ -58,28 +58,28 @@ def first_share(estimation: Estimation, elements: Sequence[str] = ()) -> Share:
     information = np.zeros_like(block)
     information[np.ix_(known, known)] = np.linalg.inv(block[np.ix_(known, known)])
     own = np.delete(fit.eta, common)
-    return Share(information, information @ fit.eta[common], own)
+    return Likelihood(information, information @ fit.eta[common], own)
 
 
-def share_at(
+def likelihood_at(
     estimation: Estimation,
     at: NDArray[np.float64],
     own: NDArray[np.float64],
     elements: Sequence[str] = (),
-) -> Share:
-    """Return the likelihood of a session about a point, (p,); `own` as its last `Share` has them.
+) -> Likelihood:
+    """Return the likelihood of a session about a point, (p,); `own`: as in its last `Likelihood`.
 
     For a nonlinear fit, or one stored without its decays, it is the likelihood about the session's
     own optimum.
     """
     if estimation.nonlinear is not None or not estimation.decays:
-        return first_share(estimation, elements)
+        return likelihood_at_optimum(estimation, elements)
     eta = np.concatenate([at, own])
     blocks = estimation.engine.normal_blocks(estimation.decays, estimation.sigma, eta).values()
     whole = np.sum([block.information for block in blocks], axis=0)
     gradient = np.sum([block.gradient for block in blocks], axis=0)
     information, gradient, step = _profiled(whole, gradient, len(at))
-    return Share(information, information @ at + gradient, own + step)
+    return Likelihood(information, information @ at + gradient, own + step)
 
 
 def _profiled(
@@ -142,7 +142,7 @@ class Differences:
         return self.common - self.follow[:, which] @ found, found, covariance
 
 
-def differences(shares: tuple[Share, ...], model: Model) -> Differences:
+def differences(shares: tuple[Likelihood, ...], model: Model) -> Differences:
     """Return the likelihood of a model's differences, from the likelihoods of the sessions."""
     p = len(shares[0].target)
     together = np.sum([share.information for share in shares], axis=0)

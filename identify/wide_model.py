@@ -18,16 +18,16 @@ from daq.vehicle import Structure
 
 from .fit.estimation import Estimation
 from .fit.grey_box import GreyBox
-from .joint import Share, share_at
+from .joint import Likelihood, likelihood_at
 
 _WIDEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
 
 
-def wide_shares(
+def wide_likelihoods(
     estimations: Sequence[Estimation],
     points: Sequence[NDArray[np.float64]],
-    shares: Sequence[Share],
-) -> tuple[Share, ...]:
+    shares: Sequence[Likelihood],
+) -> tuple[Likelihood, ...]:
     """Return the likelihoods in all parameters of a linear car, the parameters of the fits first.
 
     `points`: the parameters of each session, (p,).  All other parameters are zero there.  `shares`:
@@ -36,19 +36,21 @@ def wide_shares(
     if any(e.nonlinear is not None or not e.decays for e in estimations):
         return tuple(shares)
     return tuple(
-        _wide_share(e, at, share.own)
+        _wide_likelihood(e, at, share.own)
         for e, at, share in zip(estimations, points, shares, strict=True)
     )
 
 
-def _wide_share(estimation: Estimation, at: NDArray[np.float64], own: NDArray[np.float64]) -> Share:
+def _wide_likelihood(
+    estimation: Estimation, at: NDArray[np.float64], own: NDArray[np.float64]
+) -> Likelihood:
     narrow = estimation.box
     box = narrow.with_structure(_WIDEST)
     full = narrow.full(np.concatenate([at, own]).astype(complex)).real
     eta = box.unknowns_of(full)[: len(box.parameters)]
-    share = share_at(replace(estimation, box=box), eta, own)
+    share = likelihood_at(replace(estimation, box=box), eta, own)
     basis = _basis(narrow, box)
-    return Share(basis.T @ share.information @ basis, basis.T @ share.target, share.own)
+    return Likelihood(basis.T @ share.information @ basis, basis.T @ share.target, share.own)
 
 
 def _basis(narrow: GreyBox, wide: GreyBox) -> NDArray[np.float64]:

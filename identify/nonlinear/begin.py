@@ -16,7 +16,7 @@ from ..fit.varpro import linear_part
 from ..model.matrices import SYMMETRIC, full_matrices
 from .car import PULL, Model, car
 from .common_scale import scaled
-from .path import Own, travel_speeds
+from .path import InitialState, travel_speeds
 
 _BEYOND = 2.0
 """Factor by which a car may be lighter or heavier than all generic vehicles, whose range is
@@ -27,7 +27,7 @@ _SLIDES_M_S = 0.02
 """Speed at which most of the friction acts in the direction of the motion."""
 
 
-def of_vehicle_size(
+def scaled_to_vehicle(
     box: GreyBox, eta: NDArray[np.float64], vehicles: Sequence[NDArray[np.float64]]
 ) -> NDArray[np.float64]:
     """Return linear unknowns with all masses and forces scaled by one factor, or unchanged.
@@ -43,7 +43,7 @@ def of_vehicle_size(
     return scaled(box, eta, masses[0] / found)
 
 
-def misshapen(
+def is_impossible(
     box: GreyBox, eta: NDArray[np.float64], vehicles: Sequence[NDArray[np.float64]]
 ) -> bool:
     """Return whether linear unknowns, (P,) of `box`, are impossible for a vehicle.
@@ -58,7 +58,9 @@ def misshapen(
     return bool(((found < least / _MISSHAPEN) | (found > most * _MISSHAPEN)).any())
 
 
-def rest_of(model: Model, eta: NDArray[np.float64], state: MassState) -> NDArray[np.float64]:
+def position_at_rest(
+    model: Model, eta: NDArray[np.float64], state: MassState
+) -> NDArray[np.float64]:
     """Return the displacement of the car under its added weights, (7,), by its linear springs."""
     one = car(model, eta, state, np.zeros(0, dtype=np.intp))
     full = model.box.full(eta[: model.first].astype(complex))
@@ -67,19 +69,19 @@ def rest_of(model: Model, eta: NDArray[np.float64], state: MassState) -> NDArray
     return np.asarray(np.linalg.solve(K.real, pull))
 
 
-def owns_of(
+def initial_states_of(
     model: Model,
     eta: NDArray[np.float64],
     decays: tuple[FreeDecay, ...],
     sigma: Mapping[str, float],
-) -> tuple[Own, ...]:
+) -> tuple[InitialState, ...]:
     """Return the initial state of each run by the linear model at `eta`, (P,)."""
     box = model.box
     states = {s.name: s for s in box.mass_states}
     present = {decay.mass_state for decay in decays}
     linear = eta[: model.first]
     points = {name: linear_point(box, linear, name, sigma) for name in present}
-    rests = {name: rest_of(model, eta, states[name]) for name in present}
+    rests = {name: position_at_rest(model, eta, states[name]) for name in present}
     none = np.zeros(0, dtype=np.intp)
     cars = {name: car(model, eta, states[name], none) for name in present}
     result = []
@@ -87,5 +89,5 @@ def owns_of(
         motion = linear_part(points[decay.mass_state], decay).solution[:14].copy()
         motion[:7] += rests[decay.mass_state]
         speed = travel_speeds(cars[decay.mass_state], motion)
-        result.append(Own(motion, np.tanh(speed / _SLIDES_M_S), np.zeros(4)))
+        result.append(InitialState(motion, np.tanh(speed / _SLIDES_M_S), np.zeros(4)))
     return tuple(result)

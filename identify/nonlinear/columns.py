@@ -137,7 +137,7 @@ def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, sparse, 
 
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
-def seen(trace, count, before, weights, order, first, motions, shares, out):
+def add_sampled(trace, count, before, weights, order, first, motions, shares, out):
     """Add the tangents of some channels, (n, channels, columns), at given times to `out`.
 
     `weights` are those of displacement, speed and acceleration by both ends' displacements, speeds

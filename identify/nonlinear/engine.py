@@ -13,7 +13,7 @@ from ..fit.likelihood import FACTS, PRIORS, Residuals
 from ..fit.varpro import NormalBlock
 from .fit import inverse
 from .level import POLISH
-from .path import Own
+from .path import InitialState
 from .problem import Normal, Point, Problem, normal, point
 from .run import run_of
 from .unknowns import elements
@@ -29,7 +29,7 @@ class NonlinearEngine:
     problem: Problem
     eta: NDArray[np.float64]
     """(P,) all unknowns at the optimum."""
-    owns: Mapping[str, Own]
+    initials: Mapping[str, InitialState]
     """Initial state of each run, by its label."""
     shown: NDArray[np.intp]
     """Positions, among all, of the unknowns of a `Fit`."""
@@ -104,18 +104,18 @@ class NonlinearEngine:
             tuple(run_of(self.problem.model, decay, sigma) for decay in decays),
             self.problem.centre, self.problem.prior, self.problem.free,
         )  # fmt: skip
-        owns = tuple(self.owns[decay.label] for decay in decays)
-        at = point(problem, every, owns, POLISH)
+        initials = tuple(self.initials[decay.label] for decay in decays)
+        at = point(problem, every, initials, POLISH)
         if at is None:
             raise FloatingPointError("the path of a run is not finite at these unknowns")
         equations = normal(at)
         for _ in range(_OWN_STEPS):
             steps = [inverse(b.A) @ b.own for b in equations.blocks]
             gain = sum(float(s @ b.own) for s, b in zip(steps, equations.blocks, strict=True))
-            if gain < 0.01 * len(owns):
+            if gain < 0.01 * len(initials):
                 break
-            owns = tuple(own.moved(step) for own, step in zip(at.owns, steps, strict=True))
-            moved = point(problem, every, owns, POLISH)
+            initials = tuple(own.moved(step) for own, step in zip(at.initials, steps, strict=True))
+            moved = point(problem, every, initials, POLISH)
             if moved is None or moved.cost > at.cost:
                 break
             at, equations = moved, normal(moved)

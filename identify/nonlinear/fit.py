@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .level import USUAL, Grade
-from .path import Own
+from .path import InitialState
 from .problem import Normal, Point, Problem, normal, point
 from .run import Block
 
@@ -123,14 +123,14 @@ class _Step:
     """A damped step within all bounds."""
 
     shared: NDArray[np.float64]
-    owns: tuple[NDArray[np.float64], ...]
+    initials: tuple[NDArray[np.float64], ...]
     fall: float
     """Fall of the cost, if the problem were linear."""
 
 
 def _step(
     equations: Normal,
-    owns: tuple[Own, ...],
+    initials: tuple[InitialState, ...],
     damping: float,
     low: NDArray[np.float64],
     high: NDArray[np.float64],
@@ -147,7 +147,7 @@ def _step(
         lacks = equations.lacks - equations.lifts @ shared
         moves = [run.step(shared) for run in runs]
         beyond = False
-        for own, move, held in zip(owns, moves, fixed, strict=True):
+        for own, move, held in zip(initials, moves, fixed, strict=True):
             after = own.friction + move[14:18]
             excess = np.abs(after) - 1.0
             # The one furthest outside first: without it the others may stay inside.
@@ -194,7 +194,7 @@ def _solve(
     return np.clip(step, low, high)
 
 
-def _stands_still(problem: Problem, full: _Step, information: NDArray[np.float64]) -> bool:
+def _is_settled(problem: Problem, full: _Step, information: NDArray[np.float64]) -> bool:
     """Return whether a full step would hardly move the parameters of the car."""
     car = problem.free < len(problem.model.box.parameters)
     if not car.any():
@@ -204,7 +204,7 @@ def _stands_still(problem: Problem, full: _Step, information: NDArray[np.float64
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _Evaluated:
     """A point, and the step from it."""
 
     point: Point
@@ -213,20 +213,20 @@ class _Place:
     """The undamped step from the point."""
 
 
-def _place(at: Point | None) -> _Place | None:
+def _evaluated(at: Point | None) -> _Evaluated | None:
     """Return a point with its equations and full step; None without finite path and tangents."""
     equations = normal(at) if at else None
     if not at or not equations or not equations.finite:
         return None
     low, high = at.problem.bounds
     now = at.eta[at.problem.free]
-    return _Place(at, equations, _step(equations, at.owns, 1e-12, low - now, high - now))
+    return _Evaluated(at, equations, _step(equations, at.initials, 1e-12, low - now, high - now))
 
 
 def fit(
     problem: Problem,
     eta: NDArray[np.float64],
-    owns: tuple[Own, ...],
+    initials: tuple[InitialState, ...],
     grade: Grade = USUAL,
     tolerance: float = 0.05,
     rough: float = 0.0,
@@ -242,7 +242,7 @@ def fit(
     holds for a fit that creeps along the gap of a stop or the knees of a curve, while the car's
     parameters do not move.
     """
-    here = _place(point(problem, eta, owns, grade))
+    here = _evaluated(point(problem, eta, initials, grade))
     if here is None:
         return None
     low, high = problem.bounds
@@ -257,29 +257,31 @@ def fit(
             matrix, _, _ = reduced(equations, 0.0)
             still = 0.0 <= decrement < _STILL_PROMISED * unit
             settled = small or (refused >= _REFUSED and 0.0 <= decrement < _PROMISED * unit)
-            settled |= still and _stands_still(problem, here.full, matrix)
+            settled |= still and _is_settled(problem, here.full, matrix)
             return Optimum(at, equations, matrix, iterations, decrement, settled)
-        ahead: _Place | None = None
+        ahead: _Evaluated | None = None
         near, ends = decrement < unit, decrement < _PROMISED * unit
         least = unit * (min(_LEAST_THERE, tolerance) if ends else _LEAST)
         box = problem.reach
         while refused < _REFUSED and iterations < max_iterations:
             iterations += 1
             bounds = np.maximum(low - now, -box), np.minimum(high - now, box)
-            step = _step(equations, at.owns, damping, *bounds)
+            step = _step(equations, at.initials, damping, *bounds)
             if ends and step.fall < least:  # damped more, it gains even less
                 refused = _REFUSED
                 break
             moved = at.eta.copy()
             moved[problem.free] += step.shared
-            owns = tuple(own.moved(move) for own, move in zip(at.owns, step.owns, strict=True))
-            trial = point(problem, moved, owns, grade)
+            initials = tuple(
+                own.moved(move) for own, move in zip(at.initials, step.initials, strict=True)
+            )
+            trial = point(problem, moved, initials, grade)
             log(
                 f"  {iterations} cost {at.cost:.2f} -> {trial.cost if trial else np.nan:.2f} "
                 f"promised {decrement:.3g} lambda {damping:.0e}"
             )
             if trial is not None and trial.cost < at.cost + (0.5 * unit if near else -least):
-                there = _place(trial)
+                there = _evaluated(trial)
                 # Where a curve falls, tangents grow until the full step is not a minimum any more.
                 if there and there.full.fall > -tolerance * unit:
                     # A damping that has just proved necessary stays for one step.

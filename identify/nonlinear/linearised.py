@@ -57,7 +57,7 @@ from .car import (
 from .level import Level
 from .path import STATES, Path
 from .reference import ACROSS, curve
-from .tangent import Plan, Seen, Start
+from .tangent import Plan, SampledChannels, Start
 
 Array = NDArray[np.float64]
 
@@ -193,7 +193,7 @@ class Trace:
 
 
 def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Trace:
-    """Return the tangents along a path, as `seen` takes them."""
+    """Return the tangents along a path, as `add_sampled` takes them."""
     n_own = start.matrix.shape[1] - len(acts)
     steps = len(plan.starts)
     trace = Trace(
@@ -267,7 +267,7 @@ def _steps(first: Array, middle: Array, last: Array, lengths_s: Array) -> Array:
     return k2
 
 
-def seen(trace: Trace, given: Seen, out: Array) -> None:
+def add_sampled(trace: Trace, given: SampledChannels, out: Array) -> None:
     """Add the tangents of some channels at some times to `out`, (n, channels, columns)."""
     k = given.before
     S, A = trace.states, trace.accelerations

@@ -21,7 +21,7 @@ step is enough."""
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
+class InitialState:
     """State of one run as the free decay begins."""
 
     motion: NDArray[np.float64]
@@ -32,11 +32,11 @@ class Own:
     mount: NDArray[np.float64]
     """(4,) deflection of each damper's mount beyond that of its force, m."""
 
-    def moved(self, step: NDArray[np.float64]) -> Own:
+    def moved(self, step: NDArray[np.float64]) -> InitialState:
         """Return the state after a step, (18,) or with mounts (22,)."""
         mount = self.mount + step[18:] if len(step) > 18 else self.mount
         friction = np.clip(self.friction + step[14:18], -1.0, 1.0)
-        return Own(self.motion + step[:14], friction, mount)
+        return InitialState(self.motion + step[:14], friction, mount)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ def damper_curve(
 
 
 def first_state(
-    car: Car, own: Own, level: Level
+    car: Car, own: InitialState, level: Level
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the state at the start, (22,), and the speeds of the dampers, (4,)."""
     speed = travel_speeds(car, own.motion)

@@ -11,7 +11,7 @@ from . import integrator
 from .car import MOUNT, Car, Model, car
 from .falling import too_flat
 from .level import Grade
-from .path import Own, step_of
+from .path import InitialState, step_of
 from .run import Block, Predicted, Rows, Run, block, predict, rows_of
 from .tangent import acting
 from .unknowns import REACH
@@ -87,7 +87,7 @@ class Point:
 
     problem: Problem
     eta: NDArray[np.float64]
-    owns: tuple[Own, ...]
+    initials: tuple[InitialState, ...]
     cars: tuple[Car, ...]
     """Car of each run's mass state."""
     rows: Rows
@@ -125,7 +125,7 @@ class Normal:
 
 
 def point(
-    problem: Problem, eta: NDArray[np.float64], owns: tuple[Own, ...], grade: Grade
+    problem: Problem, eta: NDArray[np.float64], initials: tuple[InitialState, ...], grade: Grade
 ) -> Point | None:
     """Return the problem at `eta`, (P,); None if a path does not stay finite."""
     model = problem.model
@@ -136,7 +136,7 @@ def point(
     step_s = step_of(list(cars.values()), grade)
     each = tuple(cars[run.decay.mass_state] for run in problem.runs)
     paths = integrator.integrate(
-        each, owns, [run.end_s for run in problem.runs], step_s, grade.path
+        each, initials, [run.end_s for run in problem.runs], step_s, grade.path
     )
     found = [
         predict(model, run, one, rows, path)
@@ -146,13 +146,13 @@ def point(
     if len(found) < len(paths):
         return None
     cost = sum(one.cost for one in found)
-    cost += sum(float(own.friction @ own.friction) / _FRICTION_PRIOR**2 for own in owns)
-    for one, own in zip(each, owns, strict=True):
+    cost += sum(float(own.friction @ own.friction) / _FRICTION_PRIOR**2 for own in initials)
+    for one, own in zip(each, initials, strict=True):
         if one.has_mount:
             cost += float(np.sum((own.mount / _mount_sd(one)) ** 2))
     for misfits, _ in (problem.fact_terms(eta), problem.prior_terms(eta)):
         cost += float(misfits @ misfits)
-    return Point(problem, eta, owns, each, rows, tuple(found), cost, grade)
+    return Point(problem, eta, initials, each, rows, tuple(found), cost, grade)
 
 
 def _mount_sd(one: Car) -> NDArray[np.float64]:
@@ -167,7 +167,7 @@ def normal(at: Point) -> Normal:
         blocks = [
             _own_priors(block(model, run, one, at.rows, own, found, acts, at.grade), one, own)
             for run, one, own, found in zip(
-                problem.runs, at.cars, at.owns, at.predicted, strict=True
+                problem.runs, at.cars, at.initials, at.predicted, strict=True
             )
         ]
     n = len(problem.free)
@@ -178,7 +178,7 @@ def normal(at: Point) -> Normal:
     return Normal(tuple(blocks), shared, right, *problem.curve_terms(at.eta))
 
 
-def _own_priors(given: Block, one: Car, own: Own) -> Block:
+def _own_priors(given: Block, one: Car, own: InitialState) -> Block:
     A, right = given.A.copy(), given.own.copy()
     k = np.arange(14, 18)
     A[k, k] += _FRICTION_PRIOR**-2

@@ -15,7 +15,7 @@ from ..decays.onset import decay_start_s
 from ..fit.estimation import Estimation, basin, floored, rough_noise
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import Fit
-from .begin import misshapen, of_vehicle_size
+from .begin import is_impossible, scaled_to_vehicle
 from .car import Model
 from .engine import NonlinearEngine, residuals_of
 from .fit import Optimum, inverse
@@ -78,8 +78,8 @@ def real_car(
     def attempts() -> Iterator[Attempt]:
         for late_s, linear_s, generic in _ATTEMPTS:
             found = basin(simple, few, rest, start_s + linear_s, near)
-            sized = of_vehicle_size(simple, found, vehicles)
-            start = near[generic] if misshapen(simple, sized, vehicles) else sized
+            sized = scaled_to_vehicle(simple, found, vehicles)
+            start = near[generic] if is_impossible(simple, sized, vehicles) else sized
             full = simple.full(start.astype(complex)).real
             eta = model.unknowns(model.box.unknowns_of(full))
             own = tuple(r.decay(float(s)) for r, s in zip(records, start_s + late_s, strict=True))
@@ -148,8 +148,8 @@ def _result(
     full = np.zeros((len(shown), len(shown)))
     full[np.diag_indices(len(shown))] = np.inf
     full[np.ix_(place, place)] = covariance
-    owns = {r.decay.label: own for r, own in zip(problem.runs, at.owns, strict=True)}
-    engine = NonlinearEngine(problem, at.eta, owns, shown)
+    initials = {r.decay.label: own for r, own in zip(problem.runs, at.initials, strict=True)}
+    engine = NonlinearEngine(problem, at.eta, initials, shown)
     parts = engine.parts(at, best.normal)
     fit = Fit(
         at.eta[shown],

@@ -46,7 +46,7 @@ from .car import (
     Y,
 )  # fmt: skip
 from .level import Level
-from .path import STATES, Own, Path, Sampled, first_state, hermite
+from .path import STATES, InitialState, Path, Sampled, first_state, hermite
 
 ACROSS = np.array([1, 0, 3, 2])
 """The other corner of the axle."""
@@ -215,11 +215,15 @@ def _damper_speeds(cars: Stack, e: Array, w: Array, r: Array) -> Array:
 
 
 def integrate(
-    cars: Sequence[Car], owns: Sequence[Own], ends_s: Sequence[float], step_s: float, level: Level
+    cars: Sequence[Car],
+    initials: Sequence[InitialState],
+    ends_s: Sequence[float],
+    step_s: float,
+    level: Level,
 ) -> list[Path | None]:
     """Return the path of each run up to its end or just after; None if it does not stay finite."""
     together = stack(cars, level)
-    begun = [first_state(one, own, level) for one, own in zip(cars, owns, strict=True)]
+    begun = [first_state(one, own, level) for one, own in zip(cars, initials, strict=True)]
     x, r = np.stack([b[0] for b in begun]), np.stack([b[1] for b in begun])
     steps = [round(np.ceil(end / step_s / 8.0 - 1e-9)) * 8 for end in ends_s]
     n = max(steps)

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .begin import owns_of
+from .begin import initial_states_of
 from .car import Model
 from .common_scale import at_likely_scale
 from .fit import Optimum, fit
 from .groups import BY_NAME, CORRECTIONS_FROM, STAGES, positions
 from .level import POLISH, ROUGH
-from .path import Own
+from .path import InitialState
 from .priors import weak_priors
 from .problem import Problem
 from .refine import refined
@@ -93,9 +93,9 @@ class Attempt:
     late_s: float
     """Time after the beginning of the decays from which they are fitted, s."""
 
-    def owns(self, model: Model, eta: NDArray[np.float64]) -> tuple[Own, ...]:
+    def initials(self, model: Model, eta: NDArray[np.float64]) -> tuple[InitialState, ...]:
         """Return the initial state of each run by the linear model at `eta`, (P,)."""
-        return owns_of(model, eta, tuple(run.decay for run in self.runs), self.sigma)
+        return initial_states_of(model, eta, tuple(run.decay for run in self.runs), self.sigma)
 
     @property
     def freedom(self) -> float:
@@ -178,8 +178,8 @@ def _stages(
             within, start = refined(problem, eta, KNOTS[_LAST_KNOTS]) if refine else (problem, eta)
             freed = within.releasing(positions(within.model, groups, k >= CORRECTIONS_FROM))
             found = fit(
-                freed, at_likely_scale(freed, start), best.point.owns, ROUGH, tolerance=_CONVERGED,
-                rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
+                freed, at_likely_scale(freed, start), best.point.initials, ROUGH,
+                tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
                 max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
             )  # fmt: skip
             if found is None:
@@ -206,7 +206,7 @@ def _with_late(
         more = (*chosen, name)
         found = fit(
             problem.releasing(positions(problem.model, more, True)),
-            _joined(problem.model, best.eta, name), best.point.owns, ROUGH,
+            _joined(problem.model, best.eta, name), best.point.initials, ROUGH,
             tolerance=_CONVERGED, max_iterations=_LAST_STEPS,
         )  # fmt: skip
         if found is None:
@@ -227,19 +227,19 @@ def _with_beginnings(
     """
     problem, late = best.point.problem, best.cost / taken.freedom
     held = replace(problem, free=np.zeros(0, dtype=np.intp))
-    begun = first.owns(problem.model, best.eta)
-    runs, searched, owns = list(taken.runs), list(taken.searched), list(best.point.owns)
+    begun = first.initials(problem.model, best.eta)
+    runs, searched, initials = list(taken.runs), list(taken.searched), list(best.point.initials)
     for i, run in enumerate(first.searched):
         alone = fit(
             replace(held, runs=(run,)), best.eta, (begun[i],), ROUGH, tolerance=_CONVERGED,
             max_iterations=_STAGE_STEPS,
         )  # fmt: skip
         if alone is not None and alone.point.predicted[0].cost < _EXPLAINED * run.freedom:
-            runs[i], searched[i], owns[i] = first.runs[i], run, alone.point.owns[0]
+            runs[i], searched[i], initials[i] = first.runs[i], run, alone.point.initials[0]
     whole = replace(taken, runs=tuple(runs), searched=tuple(searched))
     found = fit(
-        replace(problem, runs=whole.searched), best.eta, tuple(owns), ROUGH, tolerance=_CONVERGED,
-        rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
+        replace(problem, runs=whole.searched), best.eta, tuple(initials), ROUGH,
+        tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
     )  # fmt: skip
     if found is None or found.cost / whole.freedom > _WORSE * late:
         log("the beginnings stay left out")
@@ -259,7 +259,7 @@ def _polished(best: Optimum, whole: Problem, chosen: tuple[str, ...], log: Log) 
         whole, eta = refined(whole, eta, KNOTS[_POLISHED_KNOTS])
     whole = whole.releasing(positions(whole.model, chosen, True))
     found = fit(
-        whole, at_likely_scale(whole, eta), best.point.owns, POLISH, tolerance=_POLISHED,
+        whole, at_likely_scale(whole, eta), best.point.initials, POLISH, tolerance=_POLISHED,
         max_iterations=_POLISH_STEPS,
     )  # fmt: skip
     if found is not None:
@@ -285,7 +285,7 @@ def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...]) -> Optimum |
             eta[model.names.index(name)] = _FIRST_FRICTION_N / 50.0
     problem = Problem(model, attempt.searched, centre, prior, positions(model, chosen, False))
     return fit(
-        problem, eta, attempt.owns(model, attempt.eta), ROUGH, tolerance=_CONVERGED,
+        problem, eta, attempt.initials(model, attempt.eta), ROUGH, tolerance=_CONVERGED,
         rough=_ROUGH_SHARE, max_iterations=_STAGE_STEPS,
     )  # fmt: skip
 

@@ -17,8 +17,8 @@ from ..model.low_pass import low_pass_of
 from . import integrator
 from .car import Car, Model
 from .level import Grade
-from .path import Own, Path, Sampled
-from .tangent import plan_of, seen_of, start_of
+from .path import InitialState, Path, Sampled
+from .tangent import plan_of, sampled_channels, start_of
 
 _LATE_S = 2e-4
 """Step, s, of the derivative of a channel by time."""
@@ -158,7 +158,7 @@ def block(
     run: Run,
     car: Car,
     rows: Rows,
-    own: Own,
+    own: InitialState,
     predicted: Predicted,
     acts: NDArray[np.intp],
     grade: Grade,
@@ -182,7 +182,7 @@ def block(
         times = grid if len(low_pass.poles) else asked
         sampled = at_grid if len(low_pass.poles) else integrator.sample(car, path, asked)
         orders = np.array([TIME_DERIVATIVE[c.quantity] for c in r.group.channels])
-        seen = seen_of(
+        channels = sampled_channels(
             plan,
             path.step_s,
             times,
@@ -190,7 +190,7 @@ def block(
             np.stack([rows.rows[c.name] for c in r.group.channels]),
         )
         part = np.zeros((len(times), len(orders), n_own + len(acts)))
-        integrator.seen(trace, seen, part)
+        integrator.add_sampled(trace, channels, part)
         J = np.zeros((len(times), len(orders), size))
         J[:, :, :n_own] = part[:, :, :n_own]
         J[:, :, n_own + acts] = part[:, :, n_own:]

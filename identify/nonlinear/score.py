@@ -36,7 +36,7 @@ def gain_of(
     """
     known = best.point.problem.free
     free = np.union1d(known, extra)
-    at = point(problem.releasing(free), eta, best.point.owns, best.point.grade)
+    at = point(problem.releasing(free), eta, best.point.initials, best.point.grade)
     equations = None if at is None else normal(at)
     if equations is None or not equations.finite:
         return np.zeros(len(extra)), np.zeros(len(extra))

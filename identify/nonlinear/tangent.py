@@ -24,7 +24,7 @@ from .car import (
     Y,
 )  # fmt: skip
 from .level import Grade, Level
-from .path import STATES, Own, Path, damper_curve, hermite, travel_speeds
+from .path import STATES, InitialState, Path, damper_curve, hermite, travel_speeds
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def acting(cars: list[Car]) -> NDArray[np.intp]:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class SampledChannels:
     """The motions that some channels see, and the times of their samples."""
 
     before: NDArray[np.int64]
@@ -80,13 +80,13 @@ class Seen:
     """Entry of this degree of freedom in the channel's row."""
 
 
-def seen_of(
+def sampled_channels(
     plan: Plan,
     step_s: float,
     times_s: NDArray[np.float64],
     orders: NDArray[np.int64],
     rows: NDArray[np.float64],
-) -> Seen:
+) -> SampledChannels:
     """Return how channels with given rows, (channels, 7), see the motion at given times."""
     begins = plan.starts * step_s
     k = np.clip(np.searchsorted(begins, times_s + 1e-9, side="right") - 1, 0, len(begins) - 1)
@@ -99,10 +99,10 @@ def seen_of(
     channel, motions = np.nonzero(rows)
     first = np.searchsorted(channel, np.arange(len(rows) + 1))
     weights = np.stack([place, place, turn], axis=1)
-    return Seen(k, weights, orders, first, motions, rows[channel, motions])
+    return SampledChannels(k, weights, orders, first, motions, rows[channel, motions])
 
 
-def start_of(car: Car, own: Own, acts: NDArray[np.intp], level: Level) -> Start:
+def start_of(car: Car, own: InitialState, acts: NDArray[np.intp], level: Level) -> Start:
     """Return the start of the tangents of a run."""
     n_own = 22 if car.has_mount else 18
     d_corner = car.d_corner[:, :, acts]
@@ -126,7 +126,7 @@ def start_of(car: Car, own: Own, acts: NDArray[np.intp], level: Level) -> Start:
 
 def _mount_start(
     car: Car,
-    own: Own,
+    own: InitialState,
     d_corner: NDArray[np.float64],
     matrix: NDArray[np.float64],
     level: Level,

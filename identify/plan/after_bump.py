@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..elements.tyre import tyre_force, tyre_load, tyre_push
 from ..nonlinear.car import BETA, C_T, K_T, MASS, STATIC, Car
 from ..nonlinear.level import PATH, USUAL
-from ..nonlinear.path import STATES, Own, first_state, step_of
+from ..nonlinear.path import STATES, InitialState, first_state, step_of
 from ..nonlinear.reference import Stack, rates, stack
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Driven:
     """Height of the half sine, m."""
 
 
-def after_bump(driven: Sequence[Driven], bump_s: float) -> tuple[Own, ...]:
+def after_bump(driven: Sequence[Driven], bump_s: float) -> tuple[InitialState, ...]:
     """Return the state of each car as its wheels leave the bump.
 
     The laws are those of the fit; the road comes in through the tyres.
@@ -57,7 +57,7 @@ def after_bump(driven: Sequence[Driven], bump_s: float) -> tuple[Own, ...]:
             k3, r = _rates(x + 0.5 * h * k2, cars, r, *waves[1])
             k4, r = _rates(x + h * k3, cars, r, *waves[2])
             x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-    return tuple(_own(one.car, state) for one, state in zip(driven, x, strict=False))
+    return tuple(_initial_state(one.car, state) for one, state in zip(driven, x, strict=False))
 
 
 def _rates(x: Array, cars: Stack, r: Array, road: Array, rise: Array) -> tuple[Array, Array]:
@@ -76,8 +76,8 @@ def _rates(x: Array, cars: Stack, r: Array, road: Array, rise: Array) -> tuple[A
     return out, r
 
 
-def _own(car: Car, state: Array) -> Own:
+def _initial_state(car: Car, state: Array) -> InitialState:
     """Return a state in the form in which the fit describes the beginning of a run."""
-    bare = Own(state[:14], state[14:18], np.zeros(4))
+    bare = InitialState(state[:14], state[14:18], np.zeros(4))
     beyond = state[18:] - first_state(car, bare, PATH)[0][18:] if car.has_mount else np.zeros(4)
-    return Own(state[:14].copy(), state[14:18].copy(), beyond)
+    return InitialState(state[:14].copy(), state[14:18].copy(), beyond)

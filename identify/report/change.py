@@ -34,16 +34,16 @@ def change_table(change: Change, document: Mapping[str, Any]) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for i, one in enumerate(change.named):
         for k, estimate in enumerate(one.changes):
-            here = ("change", "named", i, "changes", k)
+            path = ("change", "named", i, "changes", k)
             part = one.shares[k]
             name = ", or instead ".join((one.name, *one.instead))
             rows.append(
                 (
                     Cell(name if len(one.changes) == 1 else f"{name}, session {k + 2}"),
                     Cell(one.kind),
-                    cited(document, *here, form=_amount_text),
-                    cited(document, *here, form=low_text),
-                    cited(document, *here, form=high_text),
+                    cited(document, *path, form=_amount_text),
+                    cited(document, *path, form=low_text),
+                    cited(document, *path, form=high_text),
                     Cell(unit_text(estimate.unit)),
                     cited(
                         document,

@@ -84,15 +84,15 @@ def _differences(
 ) -> Table:
     cells = []
     for i, row in enumerate(rows):
-        here = (part, i, "differences", which)
+        path = (part, i, "differences", which)
         cells.append(
             (
                 cited(document, part, i, "name", form=str),
                 cited(document, part, i, "estimates", 0, form=value_text),
                 cited(document, part, i, "estimates", which + 1, form=value_text),
-                cited(document, *here, form=_difference_text),
-                cited(document, *here, form=_half_text),
-                cited(document, *here, "z", form="{:+.2f}".format),
+                cited(document, *path, form=_difference_text),
+                cited(document, *path, form=_half_text),
+                cited(document, *path, "z", form="{:+.2f}".format),
                 Cell("✓ differs" if row.differences[which].significant else "· within chance"),
                 Cell(unit_text(row.estimates[0].unit)),
             )

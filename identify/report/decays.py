@@ -47,13 +47,15 @@ def _picture(
     begin = record.start_s if onset is None else max(onset - _BEFORE_S, record.start_s)
     traces = tuple(
         _trace(noise, record, decay, left, channel, begin)
-        for channel in _telling(noise, decay, left)
+        for channel in _most_significant(noise, decay, left)
     )
     panel = DecayPanel(traces, np.nan if onset is None else onset, decay.start_s, record.end_s)
     return Picture(f"decay_{decay.label}", decay.label, "", panel)
 
 
-def _telling(noise: Mapping[str, float], decay: FreeDecay, left: Residuals) -> tuple[Channel, ...]:
+def _most_significant(
+    noise: Mapping[str, float], decay: FreeDecay, left: Residuals
+) -> tuple[Channel, ...]:
     """Choose the channel of the body and that of the wheels whose fit stands out most."""
     strength: dict[str, tuple[float, Channel]] = {}
     for recording in decay.recordings:

@@ -53,15 +53,17 @@ def _panel(
         c.unit for r in decays[0].recordings for c in r.group.channels if c.name == name
     ).replace("2", "²")
     first = columns[0][name]
-    curves = tuple(envelope(*_settled(column[name], first), _BINS) for column in columns)
+    curves = tuple(envelope(*_with_mean_of(column[name], first), _BINS) for column in columns)
     return OverlayPanel(name, unit, tuple(labels[: len(curves)]), curves)
 
 
-def _settled(column: tuple[Floats, Floats], first: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+def _with_mean_of(
+    column: tuple[Floats, Floats], first: tuple[Floats, Floats]
+) -> tuple[Floats, Floats]:
     """Return a curve with the mean of the first, as each fit has its own constant for it."""
     time_s, values = column
-    beside = np.interp(time_s, *first)
-    return time_s, values - np.mean(values - beside)
+    reference = np.interp(time_s, *first)
+    return time_s, values - np.mean(values - reference)
 
 
 def _columns(decay: FreeDecay) -> dict[str, tuple[Floats, Floats]]:

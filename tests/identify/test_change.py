@@ -13,7 +13,7 @@ from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, Structure, Vehicle
 from identify.change import Change, change_of
 from identify.common_structure import with_common_structure
 from identify.fit.estimation import Estimation, estimate
-from identify.joint import Model, differences, first_share, share_at
+from identify.joint import Model, differences, likelihood_at, likelihood_at_optimum
 from identify.pipeline import grey_box, usable_records
 
 from .changes import session
@@ -123,7 +123,7 @@ def test_sessions_of_other_parameters_are_not_compared() -> None:
 
 def test_a_difference_is_that_of_generalised_least_squares() -> None:
     """All parameters free: the difference of two full fits; one alone: weighted by both errors."""
-    shares = tuple(first_share(session({}, seed)) for seed in (1, 4))
+    shares = tuple(likelihood_at_optimum(session({}, seed)) for seed in (1, 4))
     free = Model(tuple(range(15)), (np.array([[0.0], [1.0]]),) * 15)
     found = differences(shares, free)
     fits = [session({}, seed).fit for seed in (1, 4)]
@@ -137,7 +137,7 @@ def test_a_difference_is_that_of_generalised_least_squares() -> None:
 
 def test_a_share_about_another_point_says_the_same() -> None:
     one = session({}, 1)
-    near, far = first_share(one), share_at(one, one.fit.eta + 0.002, np.zeros(0))
+    near, far = likelihood_at_optimum(one), likelihood_at(one, one.fit.eta + 0.002, np.zeros(0))
     assert far.information == pytest.approx(
         near.information, rel=0.02, abs=1e-3 * np.max(near.information)
     )

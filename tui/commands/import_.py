@@ -124,11 +124,11 @@ def import_(
         parts = _parts(bench, codec, sources, numbers, stage, apart=bool(singles))
         if singles:
             for part, source in zip(parts, sources, strict=True):
-                _some_bump([part], [source], len(bench.buses))
+                _require_a_bump([part], [source], len(bench.buses))
             pairs = zip(parts, steps, strict=True)
             parts = [labelled([part], [step], 0)[0] for part, step in pairs]
         else:
-            _some_bump(parts, sources, len(bench.buses))
+            _require_a_bump(parts, sources, len(bench.buses))
             parts = list(labelled(parts, steps, skip))
         stage(1.0, "reading the logs' hashes")
         about = {"software": f"bumpbench {version('bumpbench')}"}
@@ -235,7 +235,7 @@ def _parts(
     return [intake.part() for intake in intakes]
 
 
-def _some_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -> None:
+def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -> None:
     """Raise InputError for logs without a bump, with the reason if it is known."""
     from daq import InputError
 

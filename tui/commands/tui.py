@@ -67,7 +67,7 @@ def tui(
     import sys
     from functools import partial
 
-    rest_collector(COLLECTOR_RESTS_S)
+    pause_collector(COLLECTOR_RESTS_S)
 
     from ..display.start import display_beside_terminal
     from ..terminal.app import BenchApp
@@ -96,7 +96,7 @@ def tui(
     return app.return_code or ExitCode.OK
 
 
-def rest_collector(seconds: float) -> None:
+def pause_collector(seconds: float) -> None:
     """Keep the garbage collector from searching all modules while they are loaded.
 
     `seconds`: time until it works again, without the objects that exist by then.

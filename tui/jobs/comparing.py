@@ -12,7 +12,7 @@ from identify.compare import Compared, Comparison
 from identify.report import plus_minus, plus_minus_percent, rounded, unchanged_line
 
 from ..output import Stage, print_line, print_table
-from .spread import over_all
+from .spread import map_items
 
 
 def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
@@ -21,7 +21,7 @@ def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
     `stage`: called with the share done, 0..1.  Raises InputError if one cannot be read.
     """
     workers = min(len(paths), os.cpu_count() or 1)
-    return over_all(_results, paths, workers, stage, "compare")
+    return map_items(_results, paths, workers, stage, "compare")
 
 
 def _results(path: str) -> Identification:

@@ -17,7 +17,7 @@ from time import monotonic
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar
 
-from .start import deaf_to_interrupts, end_with_parent, loaded_once, terminated_after
+from .start import end_with_parent, ignoring_interrupts, preloaded, sigterm_deferred
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -32,7 +32,7 @@ _CONNECT_S = 4.0
 _NO_WORKER_S = 60.0
 
 
-class Crew(Protocol):
+class Workers(Protocol):
     """Workers that take items."""
 
     @property
@@ -55,7 +55,7 @@ class Crew(Protocol):
     ) -> None: ...
 
 
-def crew_of(workers: int, scheduler: str | None) -> Crew:
+def workers_of(workers: int, scheduler: str | None) -> Workers:
     """Return processes of this machine, or the cluster at a scheduler's address.
 
     Raises InputError if Dask is not installed, no scheduler answers, or it has no workers.
@@ -64,7 +64,7 @@ def crew_of(workers: int, scheduler: str | None) -> Crew:
 
 
 def as_finished(
-    crew: Crew, function: Callable[[Item], Result], items: Iterable[Item]
+    crew: Workers, function: Callable[[Item], Result], items: Iterable[Item]
 ) -> Iterator[tuple[Item, Future[Result]]]:
     """Yield each item with its finished future, in the order in which they finish.
 
@@ -153,7 +153,7 @@ class Processes:
         self._pool.shutdown(cancel_futures=True)
 
     def _open(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self._workers, loaded_once(("identify",)), end_with_parent)
+        return ProcessPoolExecutor(self._workers, preloaded(("identify",)), end_with_parent)
 
     def _renew(self) -> None:
         self._pool.shutdown(wait=False)  # it finishes the items that it has begun
@@ -162,7 +162,7 @@ class Processes:
 
     def _submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
         self._given += 1
-        with terminated_after(), deaf_to_interrupts():  # a worker may start here
+        with sigterm_deferred(), ignoring_interrupts():  # a worker may start here
             return self._pool.submit(function, item)
 
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from threading import Thread
 from typing import ParamSpec, TypeVar
 
-from .start import deaf_to_interrupts, end_with_parent, loaded_once
+from .start import end_with_parent, ignoring_interrupts, preloaded
 
 _HELPERS = 2
 """Number of helpers: one works while the parent works, both while the parent waits."""
@@ -29,10 +29,10 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
     """
     from dbc import InputError
 
-    with _Helpers(_HELPERS, loaded_once(modules), _made_ready) as pool:
+    with _Helpers(_HELPERS, preloaded(modules), _made_ready) as pool:
 
         def start() -> None:
-            with deaf_to_interrupts(), suppress(InputError):  # a use raises it again
+            with ignoring_interrupts(), suppress(InputError):  # a use raises it again
                 for _ in range(_HELPERS):
                     pool.submit(int)
 

@@ -7,13 +7,13 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
 from ..output import Stage
-from .executors import as_finished, crew_of
+from .executors import as_finished, workers_of
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def over_all(
+def map_items(
     function: Callable[[Item], Result],
     items: Sequence[Item],
     workers: int,
@@ -27,12 +27,12 @@ def over_all(
     arguments; one call for each.  `stage`: called with the share done, 0..1.  `subject`: name of
     the work in the error if a worker dies.  `scheduler`: address of a Dask scheduler, whose workers
     then do the work.  Raises InputError if a worker dies, most likely for lack of memory, and those
-    of `crew_of`.
+    of `workers_of`.
     """
     from dbc import InputError  # this loads NumPy, which --help does not need
 
     results: dict[Item, Result] = {}
-    with crew_of(workers, scheduler) as crew:
+    with workers_of(workers, scheduler) as crew:
         try:
             for item, future in as_finished(crew, function, items):
                 results[item] = future.result()  # an error ends the work at once

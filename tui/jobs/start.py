@@ -13,7 +13,7 @@ from multiprocessing.context import BaseContext
 from threading import Thread, current_thread, main_thread
 
 
-def loaded_once(modules: Sequence[str]) -> BaseContext:
+def preloaded(modules: Sequence[str]) -> BaseContext:
     """Return a context that starts processes with these modules, which are loaded once for all."""
     if "forkserver" not in get_all_start_methods():  # Windows: each process loads its own
         return get_context("spawn")
@@ -23,7 +23,7 @@ def loaded_once(modules: Sequence[str]) -> BaseContext:
 
 
 @contextmanager
-def deaf_to_interrupts() -> Iterator[None]:
+def ignoring_interrupts() -> Iterator[None]:
     """Make processes that are started in the body ignore Ctrl-C: they inherit the signal mask."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
@@ -53,7 +53,7 @@ def ended_by_sigterm() -> Iterator[None]:
 
 
 @contextmanager
-def terminated_after() -> Iterator[None]:
+def sigterm_deferred() -> Iterator[None]:
     """Let SIGTERM wait for the end of the body.
 
     Only then does the parent know a process that is started in the body: a parent that ended before

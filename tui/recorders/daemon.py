@@ -42,7 +42,7 @@ _RELOAD: int | None = getattr(signal, "SIGHUP", None)
 
 
 @dataclass(frozen=True, slots=True)
-class Habits:
+class Lifetime:
     """Options for the start and the end of a recorder."""
 
     arm: bool
@@ -65,7 +65,7 @@ class Habits:
 
 
 def run_recorder(
-    recorder: Recorder, bench: Bench, folder: Path, habits: Habits, log: Log, stage: Stage
+    recorder: Recorder, bench: Bench, folder: Path, lifetime: Lifetime, log: Log, stage: Stage
 ) -> Status:
     """Run a recorder until its campaign is complete, a signal comes or a client shuts it down.
 
@@ -77,8 +77,8 @@ def run_recorder(
     server = Server(recorder.submit, control_address(folder), setup_of(bench))
     systemd = Systemd()
     try:
-        with _signals(habits.end) as signals:
-            return _Daemon(recorder, server, systemd, habits, log).run(signals, stage)
+        with _signals(lifetime.end) as signals:
+            return _Daemon(recorder, server, systemd, lifetime, log).run(signals, stage)
     finally:
         server.close()
         systemd.close()
@@ -119,12 +119,12 @@ class _Daemon:
     """Main loop of a recorder, from its first block to its last."""
 
     def __init__(
-        self, recorder: Recorder, server: Server, systemd: Systemd, habits: Habits, log: Log
+        self, recorder: Recorder, server: Server, systemd: Systemd, lifetime: Lifetime, log: Log
     ) -> None:
         self._recorder = recorder
         self._server = server
         self._systemd = systemd
-        self._habits = habits
+        self._lifetime = lifetime
         self._log = log
         self._stop = threading.Event()
         self._status: Status | None = None
@@ -140,11 +140,11 @@ class _Daemon:
         self._writer.start()
         while self._writer.is_alive():
             self._writer.join(TURN_S)
-            attended = self._habits.attended and not signals.end.is_set()
+            attended = self._lifetime.attended and not signals.end.is_set()
             if attended and self._server.alone_s() > LEFT_S:
                 self._log.line("the last terminal has gone, and a demonstration ends with it")
                 signals.end.set()
-            if signals.end.is_set() and (self._habits.keep_on or self._status is None):
+            if signals.end.is_set() and (self._lifetime.keep_on or self._status is None):
                 self._stop.set()
             if self._status is None:
                 continue
@@ -169,12 +169,12 @@ class _Daemon:
 
     def _publish(self, status: Status, live: Live | None) -> None:
         self._status = status
-        if self._habits.follow is not None:
-            self._habits.follow(status)
+        if self._lifetime.follow is not None:
+            self._lifetime.follow(status)
         self._server.publish(status, live)
 
     def _is_watched(self) -> bool:
-        return self._habits.follow is not None or self._server.has_clients()
+        return self._lifetime.follow is not None or self._server.has_clients()
 
     def _watched(self, status: Status) -> Status:
         """Return the status; if the writer itself hangs, add that alarm and publish the status."""
@@ -190,16 +190,16 @@ class _Daemon:
         from daq.control import Arm, Phase, SessionState, Stop, Until
 
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
-        if self._habits.arm and waits:
+        if self._lifetime.arm and waits:
             self._armed = status.recording
             self._recorder.submit(Arm(Until.COMPLETE), BY)
-        ends = self._habits.arm and not self._habits.stay
+        ends = self._lifetime.arm and not self._lifetime.stay
         complete = ends and status.phase is Phase.COMPLETE
-        over = complete or (end and not self._habits.keep_on)
+        over = complete or (end and not self._lifetime.keep_on)
         if over and status.recording not in ("", self._ended):
             self._ended = status.recording
             self._ending = self._recorder.submit(Stop(), BY)
-        elif self._ending and self._ending.done() and self._habits.keep_on:
+        elif self._ending and self._ending.done() and self._lifetime.keep_on:
             if self._ending.exception():
                 self._ended = ""
             self._ending = None
@@ -214,7 +214,7 @@ class _Daemon:
 
         self._systemd.reloading()
         try:
-            bench = self._habits.reread()
+            bench = self._lifetime.reread()
         except BumpbenchError as error:
             self._log.line(f"reload: {error}; the bench.toml in force stays")
             return
@@ -241,11 +241,11 @@ class _Daemon:
             self._reported_s = now_s
             if hanging := self._systemd.notify(self._recorder.heartbeats(), status, now_s):
                 self._log.line(hanging, "hanging")
-        if self._habits.figures and now_s - self._figures_s >= FIGURES_S:
+        if self._lifetime.figures and now_s - self._figures_s >= FIGURES_S:
             from daq.control import write_figures
 
             self._figures_s = now_s
             try:
-                write_figures(self._habits.figures, status)
+                write_figures(self._lifetime.figures, status)
             except OSError as error:
-                self._log.line(f"{self._habits.figures}: {error.strerror}", "figures")
+                self._log.line(f"{self._lifetime.figures}: {error.strerror}", "figures")

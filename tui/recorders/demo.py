@@ -38,7 +38,7 @@ def demo_recorder(
     from daq.sim import Fault, SimulatedBench, SimulatedCar
 
     from ..output import progress
-    from .daemon import Habits
+    from .daemon import Lifetime
     from .log import Log
     from .recording import record_campaign
 
@@ -66,9 +66,9 @@ def demo_recorder(
     def reread() -> Bench:
         return replace(load_bench(bench), origin=Origin.SIMULATED)
 
-    habits = Habits(False, True, None, reread, follow, attended=True)
+    lifetime = Lifetime(False, True, None, reread, follow, attended=True)
     with lone_recorder(folder), Log(log) as lines, progress("demo") as stage:
-        record_campaign(described, open_source, folder, habits, lines, stage)
+        record_campaign(described, open_source, folder, lifetime, lines, stage)
 
 
 if __name__ == "__main__":

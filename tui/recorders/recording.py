@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..diagnostics import ExitCode, say_left_out
 from ..output import Stage, print_json, print_line, print_table
-from .daemon import Habits, run_recorder
+from .daemon import Lifetime, run_recorder
 from .log import Log
 
 if TYPE_CHECKING:
@@ -52,15 +52,15 @@ def record_campaign(
     bench: Bench,
     open_source: Callable[[BusConfig, int], FrameSource],
     out: Path,
-    habits: Habits,
+    lifetime: Lifetime,
     log: Log,
     stage: Stage,
 ) -> Status:
     """Record until the campaign is complete or a signal comes.
 
     `open_source`: opens a bus, given its description and its number.  `out`: folder; the journal is
-    in a folder in it, and a session file has the number of the journal's first segment.  `habits`:
-    when to begin and when to end.  `log`: receives alarms, verdicts and other important events.
+    in a folder in it, and a session file has the number of the journal's first segment.
+    `lifetime`: when to begin and when to end.  `log`: receives alarms, verdicts and other important events.
     Returns the last status of the recorder.
     """
     from importlib.metadata import version
@@ -70,12 +70,12 @@ def record_campaign(
     codec = bench_codec(bench)
     say_left_out(codec)
     map_channels(bench.channels, codec.messages, bench.dbc_name)  # before anything is made
-    if habits.arm:  # no operator reviews the runs, so the next bump may come at once
-        reread = habits.reread
-        habits = replace(habits, reread=lambda: _unreviewed(reread()))
+    if lifetime.arm:  # no operator reviews the runs, so the next bump may come at once
+        reread = lifetime.reread
+        lifetime = replace(lifetime, reread=lambda: _unreviewed(reread()))
         bench = _unreviewed(bench)
     recorder = Recorder(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
-    return run_recorder(recorder, bench, out, habits, log, stage)
+    return run_recorder(recorder, bench, out, lifetime, log, stage)
 
 
 def _unreviewed(bench: Bench) -> Bench:

@@ -34,7 +34,7 @@ def replay_recorder(
     from daq.replay import RecordedSource, whole_frames
 
     from ..output import progress
-    from .daemon import Habits
+    from .daemon import Lifetime
     from .log import Log
     from .recording import record_campaign
 
@@ -52,9 +52,9 @@ def replay_recorder(
     def open_source(bus: BusConfig, number: int) -> FrameSource:
         return RecordedSource(frames, number, speed, time.time_ns())
 
-    habits = Habits(True, True, None, lambda: bench, stay=True, attended=True)
+    lifetime = Lifetime(True, True, None, lambda: bench, stay=True, attended=True)
     with lone_recorder(folder), Log(log) as lines, progress("replay") as stage:
-        record_campaign(bench, open_source, folder, habits, lines, stage)
+        record_campaign(bench, open_source, folder, lifetime, lines, stage)
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ def batch(
     from dbc import InputError
 
     from ...diagnostics import say
-    from ...jobs.executors import crew_of
+    from ...jobs.executors import workers_of
     from ...jobs.start import ended_by_sigterm
     from ...output import print_json, progress
     from .journal import RowJournal
@@ -87,7 +87,7 @@ def batch(
         try:
             with (
                 ended_by_sigterm(),
-                crew_of(workers or os.cpu_count() or 1, scheduler) as crew,
+                workers_of(workers or os.cpu_count() or 1, scheduler) as crew,
                 progress("batch") as stage,
             ):
                 tally = work_off(crew, sessions, journal, publish, stage)

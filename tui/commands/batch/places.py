@@ -50,7 +50,7 @@ def opened(file: str) -> Iterator[BufferedIOBase]:
 
 
 @contextmanager
-def at_hand(file: str) -> Iterator[Path]:
+def local_copy(file: str) -> Iterator[Path]:
     """Yield a session file as a local one; the copy of a remote file is deleted after its use.
 
     Raises OSError if it cannot be fetched.

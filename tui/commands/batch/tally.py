@@ -9,7 +9,7 @@ from time import monotonic
 
 from dbc import InputError
 
-from ...jobs.executors import Crew, as_finished
+from ...jobs.executors import Workers, as_finished
 from ...output import Stage
 from .journal import RowJournal
 from .work import FAILED, Job, job_of, row_of, row_of_lost
@@ -34,7 +34,7 @@ class Tally:
 
 
 def work_off(
-    crew: Crew,
+    crew: Workers,
     files: Sequence[str],
     journal: RowJournal,
     publish: Callable[[], None],

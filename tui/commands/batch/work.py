@@ -16,7 +16,7 @@ from dbc import BumpbenchError
 from dbc.errors import printable
 from identify.batch import Cell
 
-from .places import at_hand, opened
+from .places import local_copy, opened
 
 FAILED = "failed"
 """Verdict of a session that has no identification."""
@@ -54,7 +54,7 @@ def row_of(job: Job) -> dict[str, Cell]:
 
     began_s = perf_counter()
     try:
-        with at_hand(job.file) as path:
+        with local_copy(job.file) as path:
             try:
                 row = session_row(read_session(path))
             except BumpbenchError as error:
