@@ -1,4 +1,4 @@
-"""One session, one row: what a table of many sessions says of each."""
+"""Makes one row for a table of many sessions from each session."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ def session_row(session: Session) -> dict[str, Cell]:
 
 
 def document_row(session: Session, document: Document) -> dict[str, Cell]:
-    """Flatten the document of an identification of a session.
+    """Flatten the document of an identification into a row.
 
     The columns: `session` (its uuid), `vehicle`, `created` (when it was recorded), `origin`
     (`real`, `simulated` or `replayed`), `runs_accepted`, `verdict`, `reasons` (the three worst),
-    `chi2_per_n`, the names of the `surviving` and the `lost` parameters; each parameter
-    `NAME` and `NAME_std`, SI, None where it is not determined; each mode `STATE_N_name`,
-    `STATE_N_hz`, `STATE_N_hz_std`, `STATE_N_damping` and `STATE_N_damping_std`.  Of a car that is
-    not linear also `elements` (those that are there), and for each axle its elements
-    (`front_friction`) and forces at speeds (`rear_damper_force_+0.10`,
-    `rear_force_with_friction_+0.10`), N, each with `_std`.
+    `chi2_per_n`, the names of the `surviving` and the `lost` parameters; each parameter `NAME` and
+    `NAME_std`, SI, None where it is not determined; each mode `STATE_N_name`, `STATE_N_hz`,
+    `STATE_N_hz_std`, `STATE_N_damping` and `STATE_N_damping_std`.  For a car that is not linear,
+    also `elements` (those that are present), and for each axle its elements (`front_friction`) and
+    forces at speeds (`rear_damper_force_+0.10`, `rear_force_with_friction_+0.10`), N, each with
+    `_std`.
     """
     row: dict[str, Cell] = {
         "session": session.provenance.get("uuid", ""),
@@ -64,7 +64,7 @@ def document_row(session: Session, document: Document) -> dict[str, Cell]:
 
 
 def _forces(forces: ForcesEntry) -> dict[str, Cell]:
-    """Return elements and forces at standard speeds of both axles, and which elements are there."""
+    """Return elements and forces of both axles, and the elements that are present."""
     kept = (one["name"] for one in forces["elements"] if one["kept"])
     row: dict[str, Cell] = {"elements": " ".join(kept)}
     for axle, one in forces["axles"].items():

@@ -1,10 +1,10 @@
-"""The change between sessions: the fewest parameters whose difference explains all that differs.
+"""Finds what changed between sessions: the fewest parameters whose differences explain the data.
 
 One joint fit (`identify.joint`): every parameter, and every element that all sessions have, is
-common to the sessions unless the data ask for a difference.  Of all sets of up to three of them
-that one is taken whose gain in squared residuals exceeds most what chance, and the number tried,
-make of it.  What is left is tested: if the sessions still differ, or if one of them is explained
-worse than another by more than all parameters explain, the change is none of these.
+common to the sessions unless the data ask for a difference.  Of all sets of up to three of them,
+the one is chosen whose gain in squared residuals most exceeds what chance would give among so many
+sets.  The rest is tested: if the sessions still differ, or if one of them is explained worse than
+another by more than all parameters together explain, the change lies outside the parameters.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from numpy.typing import NDArray
 
 from daq.vehicle import parameter_unit
 
-from .alike import alike
+from .common_structure import with_common_structure
 from .document import unit_text
 from .fit.estimation import Estimation
 from .fit.grey_box import SIGNED
 from .fit.uncertainty import COVERAGE_95, Estimate
-from .joint import Differences, Model, Share, differences, first_share, share_at
+from .joint import Differences, Likelihood, Model, differences, likelihood_at, likelihood_at_optimum
 from .model.chi_squared import chance_of_more, exceeded_by_chance
 from .nonlinear.forces import element_in_words
 from .nonlinear.unknowns import elements
 from .numbers import plus_minus
-from .wider import wider_shares
+from .wide_model import wide_likelihoods
 
 LEVEL = 0.05
 """Chance of naming any parameter where nothing differs."""
 _FURTHER_LEVEL = 0.01
-"""Chance of naming another one beside the first where nothing else differs."""
+"""Chance of naming each further parameter where nothing else differs."""
 _REST_LEVEL = 0.01
-"""Chance of suspecting something beside the named parameters where nothing else differs."""
+"""Chance of suspecting a change outside the named parameters where there is none."""
 _MOST = 3
-"""Parameters named at most; more at once are another car."""
+"""Largest number of named parameters; if more change at once, it is another car."""
 _MOST_OF_MANY = 2
-"""The same for more than two sessions, each parameter with two ways to differ."""
+"""Largest number for more than two sessions, where each parameter has two ways to differ."""
 _ROUNDS = 4
-"""Linearisations about the last answer; the second seldom changes it."""
+"""Number of linearisations about the last answer; the second seldom changes it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,36 +57,37 @@ class NamedChange:
     """The difference from the first session in SI units: one for two sessions, the step from one
     session to the next of a drift, or one for each further session."""
     shares: tuple[float, ...]
-    """The same as shares of the value in the first session; NaN of what may be zero there."""
+    """The changes as shares of the value in the first session; NaN where that may be zero."""
     p: float
-    """Chance of as much where the parameter is the same in all sessions."""
+    """Chance of so large a change where the parameter is the same in all sessions."""
     instead: tuple[str, ...]
-    """Others that explain nearly as much in its place: not separated from it at 95 %."""
+    """Parameters that explain nearly as much instead of it: not separated from it at 95 %."""
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A difference between sessions, by one joint fit."""
+    """Change between sessions, by one joint fit."""
 
     outcome: str
-    """`nothing` differs; `parameters`: those that are named; `other`: no few parameters explain it;
-    `not compared`: the sessions are not described by the same parameters."""
+    """`nothing`: no parameter differs; `parameters`: the named ones differ; `other`: no set of few
+    parameters explains the change; `not compared`: the sessions are not described by the same
+    parameters."""
     named: tuple[NamedChange, ...] = ()
     """The parameters that differ, the surest first."""
     chi2: float = 0.0
     freedom: int = 0
     p: float = 1.0
-    """`chi2`, `freedom`, `p`: test that no parameter differs, and the chance of as much."""
+    """`chi2`, `freedom`, `p`: test that no parameter differs, and the chance of so large a chi2."""
     rest_chi2: float = 0.0
     rest_freedom: int = 0
     rest_p: float = 1.0
-    """`rest_chi2`, `rest_freedom`, `rest_p`: test that nothing differs but what is named."""
+    """`rest_chi2`, `rest_freedom`, `rest_p`: test that nothing differs except what is named."""
     apart: tuple[str, ...] = ()
-    """Elements that some sessions need and others were explained without."""
+    """Elements that some sessions need and others do not."""
 
     @property
     def sentence(self) -> str:
-        """Say it in a line, or two where sessions differ in their elements."""
+        """Return the change in one sentence, in two where sessions differ in their elements."""
         if not self.apart:
             return self._found
         some = ", ".join(self.apart)
@@ -116,10 +117,11 @@ class _Unknown:
     """A parameter, or an element that all sessions have: both may differ."""
 
     name: str
-    """As people know it."""
+    """Name as it is printed."""
     unit: str
     scale: float
-    """Value of the unknown 1, SI; NaN where the unknown is the logarithm of the value."""
+    """Value, SI, of one unit of the unknown; NaN where the unknown is the logarithm of the
+    value."""
 
     def value(self, unknown: float) -> tuple[float, float]:
         """Return the value, SI, and its slope by the unknown."""
@@ -148,15 +150,15 @@ def _or_instead(change: NamedChange) -> str:
     if not change.instead:
         return ""
     others = " or ".join(change.instead)
-    return f", or in its place {others} (these runs do not separate them)"
+    return f", or instead {others} (these runs do not separate them)"
 
 
 def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) -> Change:
     """Find what differs between two or more sessions, in their order.
 
-    `apart`: elements that some sessions need and others were explained without.
+    `apart`: elements that some sessions need and others do not.
     """
-    estimations = alike(estimations)
+    estimations = with_common_structure(estimations)
     names = estimations[0].box.parameters
     every = [list(e.engine.elements) for e in estimations]
     shared = [name for name in every[0] if all(name in own for own in every)]
@@ -165,7 +167,7 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
     unknowns = _unknowns(names, shared)
     p = len(unknowns)
     candidates = _candidates(len(estimations), p)
-    shares = tuple(first_share(e, shared) for e in estimations)
+    shares = tuple(likelihood_at_optimum(e, shared) for e in estimations)
     n_values = sum(d.n_values for e in estimations for d in e.decays)
     chosen: tuple[int, ...] = ()
     points: list[NDArray[np.float64]] = []
@@ -181,22 +183,22 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
         step[which] = by
         points = [common + candidates.columns(i, p) @ step for i in range(len(shares))]
         shares = tuple(
-            share_at(e, at, share.own, shared)
+            likelihood_at(e, at, share.own, shared)
             for e, at, share in zip(estimations, points, shares, strict=True)
         )
-    tests = _tests(wider_shares(estimations, points, shares), candidates, chosen)
+    tests = _tests(wide_likelihoods(estimations, points, shares), candidates, chosen)
     answer = _answer(differences(shares, candidates), candidates, chosen, unknowns, tests)
-    # A rich model leaves some misfit of its own, which the height of the bumps alone may change.
+    # A rich model always leaves some misfit, which may change with the height of the bumps alone.
     if not any(every) and _explained_worse(estimations) > answer.chi2:
         answer = replace(answer, outcome="other", named=())
     return replace(answer, apart=apart)
 
 
 def _explained_worse(estimations: Sequence[Estimation]) -> float:
-    """Return by how much more chi2 one session leaves than another; 0 where that is chance.
+    """Return how much more chi2 one session leaves than another; 0 where chance explains it.
 
-    A spring between the front wheels, of which no parameter knows, moves three of them by chi2 of
-    59, and leaves 1076 more: those three are not what changed.
+    A spring between the front wheels, which no parameter describes, changes three parameters with a
+    gain in chi2 of 59, and leaves 1076 more: those three are not what changed.
     """
     left = np.array([(e.chi2_per_n - 1.0) * e.freedom for e in estimations])
     std = np.array([e.chi2_std * e.freedom for e in estimations])
@@ -207,7 +209,7 @@ def _explained_worse(estimations: Sequence[Estimation]) -> float:
 
 
 def _unknowns(parameters: Sequence[str], shared: Sequence[str]) -> tuple[_Unknown, ...]:
-    """Return what may differ, in the order of the common unknowns of a `Share`."""
+    """Return what may differ, in the order of the common unknowns of a `Likelihood`."""
     sizes = {e.name: e for e in elements(())}
     return (
         *(_Unknown(n, parameter_unit(n), SIGNED.get(n, np.nan)) for n in parameters),
@@ -216,7 +218,7 @@ def _unknowns(parameters: Sequence[str], shared: Sequence[str]) -> tuple[_Unknow
 
 
 def _candidates(n_sessions: int, p: int) -> Model:
-    """Return every way in which a parameter may differ: freely, and over many along a line."""
+    """Return the ways in which a parameter may differ: freely, or linearly over many sessions."""
     free = np.eye(n_sessions)[:, 1:]
     if n_sessions == 2:
         return Model(tuple(range(p)), (free,) * p)
@@ -225,7 +227,7 @@ def _candidates(n_sessions: int, p: int) -> Model:
 
 
 def _groups(model: Model) -> list[NDArray[np.intp]]:
-    """Return the numbers of each candidate's differences."""
+    """Return the indices of each candidate's differences."""
     edges = np.cumsum([0, *(design.shape[1] for design in model.designs)])
     return [np.arange(a, b) for a, b in pairwise(edges)]
 
@@ -237,7 +239,7 @@ def _chosen(
     n_sessions: int,
     n_values: int,
 ) -> tuple[int, ...]:
-    """Return the set of candidates that is worth most."""
+    """Return the set of candidates whose gain most exceeds its price."""
     usable = [i for i, group in enumerate(groups) if np.all(found.shown[group])]
     price, further = (
         {i: _price(len(groups[i]), level / len(usable), n_values) for i in usable}
@@ -265,8 +267,8 @@ _Tests = tuple[float, int, float, float, int, float]
 """Fields of a `Change` from `chi2` to `rest_p`."""
 
 
-def _tests(shares: tuple[Share, ...], model: Model, chosen: tuple[int, ...]) -> _Tests:
-    """Return the test that nothing differs, and that nothing does but the chosen."""
+def _tests(shares: tuple[Likelihood, ...], model: Model, chosen: tuple[int, ...]) -> _Tests:
+    """Return the tests that nothing differs, and that only the chosen candidates differ."""
     q = len(shares[0].target)
     every = differences(shares, Model(tuple(range(q)), (np.eye(len(shares))[:, 1:],) * q))
     everything = np.flatnonzero(every.shown)
@@ -332,9 +334,9 @@ def _instead(
     one: int,
     explained: float,
 ) -> tuple[int, ...]:
-    """Return the parameters that would explain nearly as much in place of a chosen one.
+    """Return the parameters that would explain nearly as much instead of a chosen one.
 
-    The true one and the chosen one together gain over the true one alone what chance alone gives:
+    If another parameter is the true one, adding the chosen one to it gains only what chance gives:
     more than this limit in one of twenty cases.
     """
     kept = [groups[i] for i in chosen if i != one]

@@ -1,7 +1,7 @@
-"""Two or more sessions held against each other: what differs, how surely, and whether it drifts.
+"""Compares two or more sessions: what differs, how surely, and whether it drifts.
 
-Each quantity is compared by itself, from full fits that share nothing; what changed is said by one
-joint fit of all sessions (`identify.change`), which is far surer.
+Each quantity is compared by itself, from full fits that share nothing; what changed is found by one
+joint fit of all sessions (`identify.change`), which is far more precise.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LEVEL = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A session less the first, in one quantity."""
+    """Difference of one quantity between a session and the first one."""
 
     value: float
     std: float
@@ -42,7 +42,7 @@ class Difference:
     p: float
     """Chance of a difference as large if there is none."""
     significant: bool
-    """True if it stands at 95 % among all differences (Holm 1979)."""
+    """True if it is significant at 95 % among all differences (Holm 1979)."""
 
     @property
     def half(self) -> float:
@@ -52,7 +52,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """A quantity over the sessions in their order: weighted straight line, and constancy."""
+    """Trend of a quantity over the sessions: weighted straight line, and test of constancy."""
 
     slope: float
     slope_std: float
@@ -66,7 +66,7 @@ class Trend:
     """Chance of as large a misfit if it is constant."""
     drifts: bool
     varies: bool
-    """`drifts`, `varies`: whether slope and misfit stand at 95 % among all quantities (Holm
+    """`drifts`, `varies`: True if slope or misfit is significant at 95 % among all quantities (Holm
     1979)."""
 
     @property
@@ -91,7 +91,7 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Sessions held against the first of them."""
+    """Comparison of sessions with the first of them."""
 
     labels: tuple[str, ...]
     """Names of the sessions, in the order given."""
@@ -124,13 +124,13 @@ class Comparison:
 
 
 def compare(labels: Sequence[str], results: Sequence[Identification]) -> Comparison:
-    """Hold sessions against the first of them.
+    """Compare sessions with the first of them.
 
     The errors of two sessions are taken as independent.  Facts and weights that both state alike
     have errors in common, which move both results the same way: then the standard deviation of a
-    difference is too large, and a significant one is so all the more.
+    difference is too large, and a significant difference is even more certain.
 
-    `results`: in the same order, which is that of time for a trend.  Raises InputError if there are
+    `results`: in the same order; for a trend, in order of time.  Raises InputError if there are
     fewer than two sessions, or one has no parameters.
     """
     if len(results) < 2:
@@ -170,7 +170,7 @@ def _change(results: Sequence[Identification]) -> Change | None:
 
 
 def _apart(results: Sequence[Identification]) -> tuple[str, ...]:
-    """Name the elements that one session needs and another was explained without."""
+    """Name the elements that one session needs and another does not."""
     tried = [{c.name: c for c in r.forces.choices} if r.forces else {} for r in results]
     needed = dict.fromkeys(n for own in tried for n, choice in own.items() if choice.kept)
     return tuple(
@@ -250,7 +250,7 @@ def _two_sided(z: float) -> float:
 
 
 def _holm(p: Sequence[float]) -> list[bool]:
-    """Return which tests hold together (Holm 1979): from the surest on, until one does not."""
+    """Return which tests are significant (Holm 1979): from the surest down to the first failure."""
     significant = [False] * len(p)
     for rank, i in enumerate(np.argsort(p, kind="stable").tolist()):
         if p[i] > LEVEL / (len(p) - rank):

@@ -21,7 +21,7 @@ class CrossChecks:
     predictions: tuple[Prediction, ...] = ()
     """Each run predicted from all the others."""
     diagrams: Mapping[str, StabilisationDiagram] = field(default_factory=dict)
-    """Stabilisation diagrams by mass state, where the decays carry one."""
+    """Stabilisation diagrams by mass state, where the decays allow one."""
 
 
 def cross_checks(estimation: Estimation) -> CrossChecks:

@@ -50,7 +50,7 @@ class LossEntry(TypedDict):
 
     cause: str
     shift: float
-    """By how much the cause would move it, as a share of it; NaN where that is not known."""
+    """Shift of the parameter by the cause, as a share of its value; NaN where that is not known."""
 
 
 class SensedModeEntry(TypedDict):
@@ -80,7 +80,7 @@ class PairEntry(TypedDict):
     first: int
     this: int
     mac: float
-    """Likeness of their shapes, 0 to 1."""
+    """Modal assurance criterion of their shapes, 0 to 1."""
 
 
 class DamperEntry(TypedDict):
@@ -88,13 +88,13 @@ class DamperEntry(TypedDict):
 
     speed_m_s: list[float]
     force_n: list[float]
-    """Of the damper alone."""
+    """Force of the damper alone."""
     force_low_n: list[float]
     """Lower end of its 95 % band."""
     force_high_n: list[float]
     """Upper end of its 95 % band."""
     total_n: list[float]
-    """Damper and friction together: right whatever the law of the friction is."""
+    """Force of damper and friction together: right whatever the law of the friction is."""
     total_low_n: list[float]
     """Lower end of its 95 % band."""
     total_high_n: list[float]
@@ -102,7 +102,7 @@ class DamperEntry(TypedDict):
 
 
 class SpeedEntry(TypedDict):
-    """Force of one corner at a speed at which tables give it."""
+    """Force of one corner at a standard speed."""
 
     speed_m_s: float
     damper: EstimateEntry
@@ -114,9 +114,9 @@ class AxleEntry(TypedDict):
 
     damper: DamperEntry
     at_speeds: list[SpeedEntry]
-    """Of the standard speeds those that occurred, from rebound to compression."""
+    """Forces at the standard speeds that occurred, from rebound to compression."""
     elements: dict[str, EstimateEntry]
-    """Friction, bump stop, mount and the like, where they are there."""
+    """Friction, bump stop, mount and the like, where the car has them."""
     notes: list[str]
     """Remarks on what is not determined."""
 
@@ -129,7 +129,7 @@ class ElementEntry(TypedDict):
     gain: float
     """Fall of the cost with it, in units of the noise."""
     threshold: float
-    """Gain from which it counts as there."""
+    """Gain above which the element counts as present."""
     kept: bool
     forced: bool
     """True where `[vehicle.structure]` decides."""
@@ -141,7 +141,7 @@ class ForcesEntry(TypedDict):
 
     law: str
     axles: dict[str, AxleEntry]
-    """By `front` and `rear`."""
+    """Forces of each axle, by `front` and `rear`."""
     elements: list[ElementEntry]
 
 
@@ -159,34 +159,35 @@ class Document(TypedDict):
     """The other parameters."""
     chi2_per_n: float
     chi2_by_run: dict[str, dict[str, float]]
-    """By run and channel."""
+    """chi2/n by run and channel."""
     parameters: dict[str, EstimateEntry]
     derived: dict[str, EstimateEntry]
     motion_ratios: dict[str, EstimateEntry]
-    """By channel, where one is stated with a sigma: as fitted."""
+    """Fitted motion ratios by channel, where one is stated with a sigma."""
     correlation: CorrelationEntry
     covariance: CorrelationEntry
-    """The same in units of the parameters; null for those that are not determined."""
+    """Covariance in units of the parameters; null for those that are not determined."""
     drivers: dict[str, dict[str, float]]
-    """By parameter and source."""
+    """Shares of the precision, by parameter and source."""
     modes: dict[str, list[ModeEntry]]
-    """By mass state, in order of frequency."""
+    """Modes by mass state, in order of frequency."""
     shapes: dict[str, list[ShapeEntry]]
-    """By mass state, of these modes."""
+    """Shapes of these modes, by mass state."""
     matrices: dict[str, MatricesEntry]
-    """By mass state; empty where a parameter is not determined."""
+    """M, C and K by mass state; empty where a parameter is not determined."""
     paired: dict[str, list[PairEntry]]
-    """By further mass state, in the order of the first."""
+    """Pairs of modes by further mass state, in the order of the first."""
     swapped: dict[str, list[list[int]]]
-    """By further mass state: numbers, from 1, of modes of the first that change their order."""
+    """Modes of the first mass state that change their order, numbered from 1, by further mass
+    state."""
     snr_db: dict[str, list[float]]
-    """By run, in the order of the modes of its mass state."""
+    """Energy of each mode over the noise, by run, in the order of the modes of its mass state."""
     sensed_modes: dict[str, list[SensedModeEntry]]
     closed_form: dict[str, float]
     closed_form_damping: dict[str, dict[str, float]]
-    """By way to C."""
+    """c_sf and c_sr of the closed form by each way to C."""
     noise: dict[str, float]
-    """By channel."""
+    """Standard deviation of the noise by channel, SI."""
     forces: ForcesEntry | None
     """Damper curves and other elements; null where the linear model explains the decays."""
 
@@ -199,7 +200,7 @@ def finding_entries(findings: Sequence[Finding]) -> list[FindingEntry]:
 
 
 def survival_lines(document: Document) -> list[str]:
-    """Return which parameters survive and which are lost to what, a line each.
+    """Return which parameters survive, and which are lost to which cause, one line each.
 
     Nothing where the verdict is ok, or where there are no parameters.
     """
@@ -234,7 +235,7 @@ def _estimate_entry(e: Estimate) -> EstimateEntry:
 
 
 def _open(e: Estimate) -> str:
-    """Return why an estimate is not a number."""
+    """Return why an estimate has no number."""
     if not isfinite(e.std):
         return "not determined: the runs say nothing of it"
     if e.size > LARGEST_SHARE * abs(e.value):
@@ -269,7 +270,7 @@ def _mode_entry(name: str, mode: ModeEstimate) -> ModeEntry:
 
 
 def pair_entries(pairing: Pairing) -> list[PairEntry]:
-    """Return which mode is which."""
+    """Return the pairs of modes of two mass states."""
     return [
         {"first": int(i) + 1, "this": int(j) + 1, "mac": float(mac)}
         for i, j, mac in zip(pairing.baseline, pairing.added, pairing.mac, strict=True)

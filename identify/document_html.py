@@ -43,7 +43,7 @@ def document_html(document: Document) -> str:
 
 
 def _texts(e: EstimateEntry) -> tuple[str, str]:
-    """Return a value and its interval in words."""
+    """Return a value and its interval as text."""
     ends = interval(e["value"], e["low"], e["high"])
     return rounded(e["value"], e["low"], e["high"])[0], ends if e["std"] else "given"
 

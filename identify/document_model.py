@@ -1,4 +1,4 @@
-"""Source of a document, and its model as matrices, shapes and covariance, to cite it by."""
+"""Source of a document, and its model as matrices, shapes and covariance."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class CorrelationEntry(TypedDict):
 
 
 class SourceEntry(TypedDict):
-    """Where the numbers come from; texts, empty where the session does not say."""
+    """Source of the numbers; a text is empty where the session does not state it."""
 
     software: str
     """Program and version that identified the session."""
@@ -32,13 +32,13 @@ class SourceEntry(TypedDict):
     session: str
     """Its UUID."""
     created: str
-    """When it was recorded, ISO 8601."""
+    """Time of the recording, ISO 8601."""
     origin: str
     """`real`, `simulated` or `replayed`."""
     frames_sha256: str
     """Hash of its raw frames."""
     file_sha256: str
-    """Hash of the session file; the edge that reads the file knows it."""
+    """Hash of the session file; set by the caller that reads the file."""
 
 
 class MatricesEntry(TypedDict):

@@ -50,11 +50,11 @@ class Identification:
     """Quantities that follow from them: loads, radii of gyration, damping ratios
     (`identify.model.derived`)."""
     motion_ratios: Mapping[str, Estimate] = field(default_factory=dict)
-    """Motion ratio of each travel of which one is stated with a sigma, as fitted."""
+    """Fitted motion ratio of each travel whose ratio is stated with a sigma."""
     correlation: Correlation = field(default_factory=lambda: Correlation((), np.zeros((0, 0))))
     """Correlation of the errors of the parameters."""
     drivers: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Which run, fact or stated uncertainty its precision rests on; shares of one."""
+    """Runs, facts and stated uncertainties that a parameter's precision rests on; shares of one."""
     modal: Mapping[str, ModalModel] = field(default_factory=dict)
     """Modes of the identified vehicle, shapes in `daq.vehicle.DOF`."""
     modes: Mapping[str, tuple[ModeEstimate, ...]] = field(default_factory=dict)
@@ -62,14 +62,14 @@ class Identification:
     mode_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Name of each mode by what moves in it (`identify.modes.mode_names`)."""
     pairings: Mapping[str, Pairing] = field(default_factory=dict)
-    """How the modes of each further mass state follow from those of the first, by MAC: with mass on
-    board, wheel modes that are nearly equal may change their order."""
+    """Pairs of the modes of the first mass state with those of each further one, by MAC: with mass
+    on board, wheel modes that are nearly equal may change their order."""
     sensed: Mapping[str, ModalModel] = field(default_factory=dict)
     """Modes by the State Variable Method alone, shapes in the channels' units."""
     closed_form: Mapping[str, float] = field(default_factory=dict)
     """Parameters by the paper's chain (Eqs. 22-33); empty where it has no answer."""
     closed_form_damping: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Its c_sf and c_sr by each of the three ways to C."""
+    """c_sf and c_sr of that chain by each of the three ways to C."""
     physical: Mapping[str, PhysicalModel] = field(default_factory=dict)
     """M, C and K of the identified vehicle."""
     noise: Mapping[str, float] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class Identification:
     """Damper curves, friction and the other elements of a car that is not linear, and which were
     tried; None where the linear model explains the decays."""
     estimation: Estimation | None = None
-    """The fit itself, with the decays that it is of; None where none was possible."""
+    """The fit itself, with its decays; None where no fit was possible."""
 
     def document(self) -> Document:
         """Return the JSON document, from which every printed form is made."""

@@ -1,9 +1,9 @@
-"""Sessions under one roof: what each says of the common parameters, its own unknowns eliminated.
+"""Likelihood of sessions in their common parameters, the own unknowns of each eliminated.
 
 Two full fits share no knowledge: each has the whole uncertainty of every parameter, and so has
-their difference.  Fitted together, with everything equal but what is said to differ, the
-difference is known six to twenty times better.  All that this needs of a session is its
-likelihood near a point, as a quadratic in the parameters: its normal matrix and right-hand side
+their difference.  In one joint fit, in which all parameters are equal except those that may differ,
+the difference is known six to twenty times better.  Such a fit needs only the likelihood of each
+session near a point, as a quadratic in the parameters: its normal matrix and right-hand side
 (`identify.fit.varpro`).
 """
 
@@ -26,13 +26,13 @@ it is rounding, and the sessions do not determine the difference."""
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class Likelihood:
     """A session's likelihood: ``x^T information x - 2 x^T target`` and a constant."""
 
     information: NDArray[np.float64]
-    """Of the common unknowns, the session's own eliminated, shape (p, p)."""
+    """Information on the common unknowns, the session's own eliminated, shape (p, p)."""
     target: NDArray[np.float64]
-    """Shape (p,)."""
+    """Right-hand side for the common unknowns, shape (p,)."""
     own: NDArray[np.float64]
     """Best values of the session's own unknowns at the point, shape (q,)."""
 
@@ -41,44 +41,45 @@ class Share:
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
-def first_share(estimation: Estimation, elements: Sequence[str] = ()) -> Share:
+def likelihood_at_optimum(estimation: Estimation, elements: Sequence[str] = ()) -> Likelihood:
     """Return the likelihood of a session about its own optimum.
 
-    In common are the parameters, and of a car that is not linear the `elements` that are named.
+    The common unknowns are the parameters and, for a car that is not linear, the named `elements`.
     """
     fit, p = estimation.fit, len(estimation.box.parameters)
     if estimation.nonlinear is None:
         whole = np.sum(list(fit.information.values()), axis=0)
         information, _, _ = _profiled(whole, np.zeros(len(fit.eta)), p)
-        return Share(information, information @ fit.eta[:p], fit.eta[p:])
+        return Likelihood(information, information @ fit.eta[:p], fit.eta[p:])
     common = np.array([*range(p), *(estimation.nonlinear.elements[name] for name in elements)])
-    # Of the intervals, which may be wider than the information says.
+    # The covariance of the intervals, which may be wider than the information says.
     block = fit.covariance[np.ix_(common, common)]
     known = np.flatnonzero(np.isfinite(np.diag(block)))
     information = np.zeros_like(block)
     information[np.ix_(known, known)] = np.linalg.inv(block[np.ix_(known, known)])
     own = np.delete(fit.eta, common)
-    return Share(information, information @ fit.eta[common], own)
+    return Likelihood(information, information @ fit.eta[common], own)
 
 
-def share_at(
+def likelihood_at(
     estimation: Estimation,
     at: NDArray[np.float64],
     own: NDArray[np.float64],
     elements: Sequence[str] = (),
-) -> Share:
-    """Return the likelihood of a session about a point, (p,); `own` as its last `Share` has them.
+) -> Likelihood:
+    """Return the likelihood of a session about a point, (p,); `own`: as in its last `Likelihood`.
 
-    Where a fit was nonlinear, or is stored without its decays, it stays that about its own optimum.
+    For a nonlinear fit, or one stored without its decays, it is the likelihood about the session's
+    own optimum.
     """
     if estimation.nonlinear is not None or not estimation.decays:
-        return first_share(estimation, elements)
+        return likelihood_at_optimum(estimation, elements)
     eta = np.concatenate([at, own])
     blocks = estimation.engine.normal_blocks(estimation.decays, estimation.sigma, eta).values()
     whole = np.sum([block.information for block in blocks], axis=0)
     gradient = np.sum([block.gradient for block in blocks], axis=0)
     information, gradient, step = _profiled(whole, gradient, len(at))
-    return Share(information, information @ at + gradient, own + step)
+    return Likelihood(information, information @ at + gradient, own + step)
 
 
 def _profiled(
@@ -96,9 +97,10 @@ class Model:
     """Which parameters may differ between sessions, and how."""
 
     parameters: tuple[int, ...]
-    """Number of each parameter that may."""
+    """Index of each parameter that may differ."""
     designs: tuple[NDArray[np.float64], ...]
-    """For each, how its value follows from session to session, shape (n_sessions, k)."""
+    """Values of each such parameter over the sessions per unit of its differences, (n_sessions,
+    k)."""
 
     def columns(self, session: int, p: int) -> NDArray[np.float64]:
         """Return how a session's parameters follow from the differences, (p, n)."""
@@ -115,33 +117,33 @@ class Differences:
     """The likelihood of differences, the common parameters eliminated."""
 
     information: NDArray[np.float64]
-    """Shape (n, n)."""
+    """Information on the differences, shape (n, n)."""
     target: NDArray[np.float64]
-    """Shape (n,)."""
+    """Right-hand side for the differences, shape (n,)."""
     common: NDArray[np.float64]
     """Common parameters with no difference, shape (p,)."""
     follow: NDArray[np.float64]
-    """By how much they move against each difference, shape (p, n)."""
+    """Fall of the common parameters per unit of each difference, shape (p, n)."""
     shown: NDArray[np.bool_]
-    """Which differences the sessions determine at all, shape (n,)."""
+    """True for the differences that the sessions determine, shape (n,)."""
 
     def gain(self, which: NDArray[np.intp]) -> float:
-        """Return by how much some differences lower the squared residuals."""
-        mine = which[self.shown[which]]
-        target = self.target[mine]
-        return float(target @ pseudo_inverse(self.information[np.ix_(mine, mine)]) @ target)
+        """Return the fall of the squared residuals by some differences."""
+        kept = which[self.shown[which]]
+        target = self.target[kept]
+        return float(target @ pseudo_inverse(self.information[np.ix_(kept, kept)]) @ target)
 
     def best(
         self, which: NDArray[np.intp]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the common parameters, some differences and the covariance of these."""
+        """Return the common parameters, some differences, and the covariance of the differences."""
         covariance = pseudo_inverse(self.information[np.ix_(which, which)])
         found = covariance @ self.target[which]
         return self.common - self.follow[:, which] @ found, found, covariance
 
 
-def differences(shares: tuple[Share, ...], model: Model) -> Differences:
-    """Return what sessions say of the differences of a model."""
+def differences(shares: tuple[Likelihood, ...], model: Model) -> Differences:
+    """Return the likelihood of a model's differences, from the likelihoods of the sessions."""
     p = len(shares[0].target)
     together = np.sum([share.information for share in shares], axis=0)
     inverse = pseudo_inverse(together)

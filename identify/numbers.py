@@ -1,4 +1,4 @@
-"""How results are written: the same digits in terminal, report, notebook and figures."""
+"""Formats results: the same digits in terminal, report, notebook and figures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import floor, isfinite, log10
 
 NOT_DETERMINED = "not determined"
-"""In the place of a number that the runs do not determine."""
+"""Printed instead of a number that the runs do not determine."""
 _SMALLEST_PLACE = 7
 """Decimal place beyond which a number is written with a power of ten."""
 
@@ -25,14 +25,14 @@ def rounded(value: float, low: float, high: float) -> tuple[str, str, str]:
     """Write a value and both ends of its interval, all to the same place.
 
     It is that of the second digit of half the interval: no further digit of the value means
-    anything (JCGM 100:2008, 7.2.6).  A value without an interval has five digits, and one that is
-    not determined no ends.
+    anything (JCGM 100:2008, 7.2.6).  A value without an interval has five digits; one that is not
+    determined has no ends.
     """
     half = (high - low) / 2.0
     if not isfinite(value) or not isfinite(half) or half <= 0.0:
         return number(value), "", ""
     place = _place(half)
-    if place > _SMALLEST_PLACE:  # a micrometre per newton is no number to read with zeros
+    if place > _SMALLEST_PLACE:  # 1e-6 m/N would be hard to read with all its zeros
         digits = max(place + floor(log10(abs(value))), 0) if value else 1
         return f"{value:.{digits}e}", f"{low:.{digits}e}", f"{high:.{digits}e}"
     value_text, low_text, high_text = (_to_place(x, place) for x in (value, low, high))
@@ -64,9 +64,9 @@ def plus_minus_percent(value: float, half: float, of: float) -> str:
 
 
 def half_width_percent(value: float, low: float, high: float) -> str:
-    """Write half of an interval as a share of the value; nothing where that says nothing.
+    """Write half of an interval as a share of the value; nothing where the value may be zero.
 
-    Of a value that is less than half of its interval no share says anything: it may be zero.
+    It may be zero where half of its interval exceeds it: a share then means nothing.
     """
     share = (high - low) / 2.0 / abs(value) * 100.0 if value and isfinite(value) else 0.0
     return f"{_to_place(share, _place(share))} %" if 0.0 < share <= LARGEST_PERCENT else ""
@@ -103,7 +103,7 @@ def by_kind(shares: Mapping[str, float]) -> dict[str, float]:
 
 
 def largest_share(shares: Mapping[str, float]) -> str:
-    """Say on which kind of runs, or which facts, most of a parameter's precision rests."""
+    """Return the kind of runs, or the facts, that most of a parameter's precision rests on."""
     for kind, share in by_kind(shares).items():
         return f"{kind} {share * 100:.0f} %"
     return ""

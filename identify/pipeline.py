@@ -55,7 +55,7 @@ _SENSED_RATE_HZ = 250.0
 
 
 def _ignore(*_: object) -> None:
-    """Report to no one."""
+    """Ignore the progress."""
 
 
 def identify(
@@ -64,7 +64,7 @@ def identify(
     executor: Executor | None = None,
     fitted: Callable[[Estimation], None] = _ignore,
 ) -> Identification:
-    """Identify the physical parameters of a session's vehicle, and its modes by the paper.
+    """Identify the physical parameters of a session's vehicle, and its modes by the paper's method.
 
     The parameters are those of `identify_parameters`.  The State Variable Method and the paper's
     equations are reported in addition: with noise they seldom give a vehicle that would be a
@@ -79,17 +79,17 @@ def identify(
     executor : concurrent.futures.Executor, optional
         Finds the sensed modes while the result is judged; the numbers are the same.
     fitted : callable, optional
-        Given the fit as soon as there is one, for those who can begin with it alone.
+        Called with the fit as soon as there is one, for callers that need nothing else to begin.
 
     Returns
     -------
     Identification
-        With verdict `refused` and reasons where the data do not carry a result.
+        With verdict `refused` and reasons where the data do not support a result.
     """
     finding: dict[str, Callable[[], SensedModes | None]] = {}
 
     def begin(estimation: Estimation) -> None:
-        # The modes of a car with friction change as it comes to rest: it has none of its own.
+        # The modes of a car with friction change as it comes to rest: it has no fixed modes.
         if estimation.nonlinear is None:
             finding.update(_begun(estimation, executor))
         fitted(estimation)
@@ -119,8 +119,9 @@ def identify_parameters(
 ) -> Identification:
     """Identify by maximum likelihood alone, without the State Variable Method: half the time.
 
-    Maximum likelihood on the free decays gives the parameters, from generic vehicles to start
-    with.  Arguments and result as of `identify`; `sensed` and the closed form stay empty.
+    Maximum likelihood on the free decays gives the parameters; the search starts from generic
+    vehicles.  Arguments and result are those of `identify`; `sensed` and the closed form stay
+    empty.
     """
     records = usable_records(session)
     missing = shortcomings(records, session)
@@ -174,7 +175,7 @@ def identify_parameters(
 def _begun(
     estimation: Estimation, executor: Executor | None
 ) -> dict[str, Callable[[], SensedModes | None]]:
-    """Return for each mass state what gives its sensed modes, begun already with an executor."""
+    """Return a call for the sensed modes of each mass state; an executor begins at once."""
     of_state: dict[str, list[tuple[Record, FreeDecay]]] = {}
     for record, decay in zip(estimation.records, estimation.decays, strict=True):
         of_state.setdefault(record.mass_state, []).append((record, decay.thinned(_SENSED_RATE_HZ)))
@@ -186,7 +187,7 @@ def _begun(
 
 
 def usable_records(session: Session) -> tuple[Record, ...]:
-    """Return what the accepted runs of a session hold for the identification."""
+    """Return the records of a session's accepted runs that have usable samples."""
     records = (record_of(run, session.channels) for run in _accepted(session))
     return tuple(record for record in records if record.recordings)
 

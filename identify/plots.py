@@ -1,6 +1,6 @@
 """Figures for notebooks and scripts: each function returns a matplotlib figure.
 
-They are the report's own.  Importing this loads matplotlib, so `identify` does not.
+They are the figures of the report.  This module loads matplotlib, so `identify` does not import it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _TITLE_IN = 0.22
 
 
 def decays(result: Identification) -> Figure:
-    """Draw every run: measured against fitted, and what is left in units of the noise.
+    """Draw every run: measured against fitted, and the residuals in units of the noise.
 
     Raises InputError if the session was refused before a fit.
     """
@@ -51,7 +51,7 @@ def decays(result: Identification) -> Figure:
 
 
 def parameters(result: Identification) -> Figure:
-    """Draw the relative interval of each parameter, and what it rests on.
+    """Draw the relative interval of each parameter, and the sources of its precision.
 
     Raises InputError if the session was refused before a fit.
     """
@@ -73,7 +73,7 @@ def dampers(result: Identification) -> Figure:
 
 
 def correlation(result: Identification) -> Figure:
-    """Draw how the errors of the parameters hang together.
+    """Draw the correlation of the parameters' errors.
 
     Raises InputError if the session was refused before a fit.
     """

@@ -24,11 +24,11 @@ def explained_by_elements(
     """Return the fit with nonlinear elements where it explains the decays; None where not.
 
     A fault of the bench (a late or wrongly scaled sensor) that explains the misfit with one number
-    goes before a dozen elements that explain it as well.
+    takes precedence over a dozen elements that explain it equally well.
 
-    `session`: with what `[vehicle.structure]` decides.  `linear`: a linear fit that does not hold,
-    nor would from a later start.
-    `log`: receives a line for each stage of the fit.
+    `session`: with the elements that `[vehicle.structure]` forces or forbids.  `linear`: a linear
+    fit that does not hold, and would not hold from a later start.  `log`: receives a line for each
+    stage of the fit.
     """
     n = sum(sum(left.freedom.values()) for left in linear.residuals)
     excess = max(linear.chi2_per_n - 1.0, 0.0)

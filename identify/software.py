@@ -13,20 +13,20 @@ import dbc
 _PACKAGES = (Path(dbc.__file__).parent, Path(daq.__file__).parent, Path(__file__).parent)
 
 _KINDS = (".py", ".toml", ".dbc")
-"""Endings of what makes numbers; compiled copies and pages do not."""
+"""Endings of the files that affect the numbers; compiled copies and pages do not."""
 
 
 @cache
 def software_sha256() -> str:
     """Return the hash of the modules of `dbc`, `daq` and `identify` and their shipped tables.
 
-    A version says what a program is meant to be, the hash what it is, changed in place or not.
+    A version says which program it should be; the hash also shows a change made in place.
     """
     return hash_of(_PACKAGES)
 
 
 def hash_of(folders: Sequence[Path]) -> str:
-    """Return SHA-256 over names and contents of the files in some folders that make numbers."""
+    """Return SHA-256 over names and contents of those files in some folders."""
     whole = sha256()
     for folder in folders:
         for path in sorted(folder.rglob("*")):

@@ -1,4 +1,4 @@
-"""`bumpbench`, and `python -m tui`, which is the same."""
+"""Runs `bumpbench`, also as `python -m tui`."""
 
 import signal
 

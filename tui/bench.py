@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 def shared_bench(path: Path | None, interface: str | None, channel: str | None) -> Bench:
     """Return the bench, on a bus that other processes can reach.
 
-    `path`: bench.toml; the shipped one if None.  `interface` and `channel`: in place of those of
-    the file.  Raises InputError if the file is bad, or the bus is python-can's `virtual`, which
-    ends at this process.
+    `path`: bench.toml; the shipped one if None.  `interface` and `channel`: replace those of the
+    file.  Raises InputError if the file is bad, or the bus is python-can's `virtual`, which ends at
+    this process.
     """
     from daq import load_bench
     from daq.bench import on_bus
@@ -44,14 +44,14 @@ def log_and_bench(log: Path, bench: Path | None) -> tuple[Path, Path | None]:
 
 
 def bench_and_log(bench: Path | None, log: Path | None) -> tuple[Path | None, Path | None]:
-    """Return the same where either may be left out."""
+    """Return a bench.toml and a log that were named in either order; either may be left out."""
     if bench is None or not _is_log(bench):
         return bench, log
     return (None, bench) if log is None else (bench, log) if _is_log(log) else (log, bench)
 
 
 def _is_log(path: Path) -> bool:
-    """Return whether a file is a log and no bench.toml: it has another suffix, and is no TOML."""
+    """Return whether a file is a log, not a bench.toml: it has another suffix, and is not TOML."""
     from daq.bench import holds_toml
 
     named = path.suffix.lower() in ("", ".toml")
@@ -76,7 +76,7 @@ def reachable(bench: Bench, where: str) -> Bench:
 
 
 def bench_with_dbc(path: Path | None, dbc: Path | None) -> Bench:
-    """Return the bench with another DBC in place of its own.
+    """Return the bench with another DBC instead of its own.
 
     `path`: bench.toml; the shipped one if None.  `dbc`: the other DBC; the bench's own if None.
     Raises InputError if a file is bad.
@@ -104,13 +104,13 @@ def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
             numbers = [int(name)]
         if not numbers:
             known = ", ".join(bus.label for bus in bench.buses)
-            raise InputError(f"--bus {name}", "is no bus of the bench", f"name one of {known}")
+            raise InputError(f"--bus {name}", "is not a bus of the bench", f"name one of {known}")
         found.update(numbers)
     return frozenset(found)
 
 
 def with_sensors(bench: Bench, sensors: Sequence[str], buses: frozenset[int]) -> Bench:
-    """Return the bench with the channels of some sensors and some buses alone.
+    """Return the bench with only the channels of some sensors and some buses.
 
     Empty sets keep all.  Raises InputError if the bench has no such sensor, or none of them on
     these buses.

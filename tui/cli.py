@@ -1,6 +1,6 @@
 """`bumpbench`: one console command; each subcommand is a file in `commands`.
 
-Nothing heavy is imported here, nor at the top of a command's file, so that `--help` is instant.
+Nothing large is imported here or at the top of a command's file, so that `--help` is instant.
 """
 
 from __future__ import annotations
@@ -98,10 +98,10 @@ def main() -> None:
     try:
         code = run(sys.argv[1:])
     finally:
-        gc.freeze()  # or Python searches all that is loaded before it ends, for 0.3 s
+        gc.freeze()  # else Python searches all loaded objects before it ends, for 0.3 s
     sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:
-    """Run one command, its words as after `bumpbench` in a shell; return the exit code."""
+    """Run one command, given the words after `bumpbench` in a shell; return the exit code."""
     return invoke(arguments, app)

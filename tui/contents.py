@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from daq import BodyWeight, Channel, HubWeight, Session
 
 _TEXTS = ("dbc", "bench_toml", "channel_map")
-"""Provenance entries that hold whole files: their size is shown, not their text."""
+"""Provenance entries that hold whole files: their size is shown instead of their text."""
 
 
 def contents_document(path: Path, session: Session) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def _place(channel: Channel) -> str:
 
 
 def _sensor(channel: Channel) -> str:
-    """Return what distinguishes a sensor from an ideal one."""
+    """Return the properties that distinguish a sensor from an ideal one, as text."""
     parts = []
     if channel.sign * channel.gain != 1.0:
         parts.append(f"times {channel.sign * channel.gain:g}")

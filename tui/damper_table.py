@@ -1,4 +1,4 @@
-"""Damper curves as tables that people and simulation programs read: CSV, Modelica, MATLAB."""
+"""Writes damper curves as tables for people and simulation programs: CSV, Modelica, MATLAB."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Columns = Mapping[str, list[float]]
 
 
 def write_damper_table(document: Document, path: Path) -> None:
-    """Write the damper curves of both axles, compression positive, SI, by the ending of the path.
+    """Write the damper curves of both axles, compression positive, SI, in the format of the ending.
 
     `.csv` has a row for each axle and speed.  `.txt` is the text form of Modelica's tables: `front`
     and `rear` for `CombiTable1Ds`, column 2 the force of the damper.  `.mat` (MATLAB v5) has the
@@ -31,7 +31,7 @@ def write_damper_table(document: Document, path: Path) -> None:
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         known = ", ".join(_WRITERS)
-        raise InputError(str(path), "is a table of no known form", f"end its name in {known}")
+        raise InputError(str(path), "is not a known form of table", f"end its name in {known}")
     forces = document["forces"]
     if forces is None:
         what = "not written: the linear model explains the decays, so there is no damper curve"
@@ -72,7 +72,7 @@ def _modelica(forces: ForcesEntry) -> bytes:
     lines = [
         "#1",
         "# force of one corner, N, over the speed of the wheel against the body, m/s;",
-        "# compression positive; friction is an element of its own and not in column 2",
+        "# compression positive; friction is a separate element and not in column 2",
     ]
     for axle, one in forces["axles"].items():
         columns = _columns(one["damper"])

@@ -23,7 +23,7 @@ class ExitCode(IntEnum):
 
     OK = 0
     ANSWER_IS_NO = 1
-    """It ran, and the answer is no: identification refused, checks failed."""
+    """The command ran, and the answer is no: identification refused, checks failed."""
     BAD_INPUT = 2
     """Usage, configuration or input that cannot be used."""
     DATA_LOST = 3
@@ -48,12 +48,12 @@ def say_left_out(codec: Codec) -> None:
 
 
 def unknown_value(option: str, given: str, noun: str, choices: Sequence[str]) -> InputError:
-    """Return the error of a value that an option does not know, with the nearest that it knows."""
+    """Return the error of an unknown value of an option, with the nearest known one."""
     from dbc import InputError
 
     near = _nearest(given, choices)
     advice = f"did you mean {near}? There are" if near else "there are"
-    return InputError(option, f"{given!r} is no {noun}", f"{advice} {', '.join(choices)}")
+    return InputError(option, f"{given!r} is not a {noun}", f"{advice} {', '.join(choices)}")
 
 
 def _nearest(given: str, choices: Sequence[str]) -> str:

@@ -19,9 +19,9 @@ from .diagnostics import ExitCode, report, report_usage, say
 
 @cache
 def _tree(commands: typer.Typer, word: str) -> Callable[..., object]:
-    """Return what parses the commands, built once; of those with a name, the one that is asked for.
+    """Return the parser of the commands, built once, with only the requested named command.
 
-    To build all of them takes as long as to load the library that does, and help lists them only.
+    To build all of them takes as long as to load the library, and help only lists them.
     """
     asked = [one for one in commands.registered_commands if one.name == word]
     chosen = copy(commands)
@@ -51,17 +51,17 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
         sys.stdout.flush()
     except typer.exceptions.TyperException as error:
         message = error.format_message()
-        if message.startswith("Usage:"):  # help, asked for by saying nothing
+        if message.startswith("Usage:"):  # help, requested by giving no argument
             sys.stdout.write(f"{message}\n")
             return ExitCode.OK
         context = getattr(error, "ctx", None)
         return report_usage(message, context.command_path if context else "bumpbench")
     except (KeyboardInterrupt, typer.Abort):
         return ExitCode.INTERRUPTED
-    except (BrokenPipeError, SystemExit) as error:  # the parser's own, then, has it as its context
+    except (BrokenPipeError, SystemExit) as error:  # the parser turns the first into the second
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             raise
-        # The reader of our stdout has gone: so may we.
+        # The reader of our stdout has gone, so the command may end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.OK
     except Exception as error:
@@ -71,13 +71,13 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
             if line := foreign_package():
                 say(f"error: {line}")
                 return ExitCode.BAD_INPUT
-        from dbc import BumpbenchError, InputError  # with NumPy behind it: not for --help
+        from dbc import BumpbenchError, InputError  # this loads NumPy, which --help does not need
 
         if isinstance(error, BumpbenchError):
             return report(error)
         if isinstance(error, PermissionError) and error.filename is not None:
-            # Whether a path exists cannot be asked where a folder above it may not be entered.
-            advice = "run it as a user who may, or name another path"
+            # Without access to a folder above it, a path cannot even be checked for existence.
+            advice = "run it as a user with access, or name another path"
             return report(InputError(os.fsdecode(error.filename), "access is denied", advice))
         raise
     return int(code or ExitCode.OK)

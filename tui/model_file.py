@@ -1,4 +1,4 @@
-"""The identified model as files of other programs: MATLAB, python-control, Modelica, JSON.
+"""Writes the identified model for other programs: MATLAB, python-control, Modelica, JSON.
 
 Inputs are forces on the degrees of freedom, then height of the road under each wheel, then its rate
 (which only a damped tyre feels).  Outputs are displacement, rate and acceleration of each degree of
@@ -37,7 +37,7 @@ class StateSpace:
 
 
 def write_model(result: Identification, path: Path) -> None:
-    """Write the identified model by the ending of the path.
+    """Write the identified model in the format of the path's ending.
 
     `.mat` has M, C, K and the state space of each mass state; `.py` makes systems of
     python-control, `.mo` a Modelica block of the first mass state; `.json` has M, C and K with the
@@ -47,11 +47,13 @@ def write_model(result: Identification, path: Path) -> None:
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         known = ", ".join(_WRITERS)
-        raise InputError(str(path), "is a model of no known form", f"end its name in {known}")
+        raise InputError(str(path), "is not a known form of model", f"end its name in {known}")
     lost = [name for name, one in result.parameters.items() if not one.determined]
     if result.quality.verdict == "refused" or not result.physical or lost:
         why = f"not determined: {', '.join(lost)}" if lost else "the identification is refused"
-        raise InputError(str(path), f"not written: {why}", "see what identify says of the session")
+        raise InputError(
+            str(path), f"not written: {why}", "see the result of identify for the session"
+        )
     try:
         write_bytes(path, writer(result))
     except OSError as error:
@@ -66,7 +68,7 @@ def state_space(result: Identification, state: str) -> StateSpace:
     from daq.vehicle import DOF, Corner
 
     model, n = result.physical[state], len(DOF)
-    # All of the car lifted by the same: only the tyres pull back, each at its wheel.
+    # If the whole car is lifted equally, only the tyres pull back, each at its wheel.
     lifted = np.array([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     tyre, tyre_damping = (np.diag(matrix @ lifted)[:, 3:] for matrix in (model.K, model.C))
     force = np.linalg.solve(model.M, np.hstack([np.eye(n), tyre, tyre_damping]))
@@ -97,7 +99,7 @@ def state_space(result: Identification, state: str) -> StateSpace:
 
 
 def _length(result: Identification, name: str, side: float) -> float:
-    """Return where a spring stands to the left of the CG, m."""
+    """Return the place of a spring, m to the left of the CG."""
     middle = result.parameters.get("y_s")
     return side * result.parameters[name].value - (middle.value if middle else 0.0)
 

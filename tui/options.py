@@ -16,7 +16,7 @@ CarName = Annotated[
         " bmw-320i, bmw-330i, vanagon, vanagon-worn, cherokee.",
     ),
 ]
-"""Names of `daq.sim.cars.car_names`; written out, so that --help reads no file."""
+"""Names of `daq.sim.cars.car_names`, written out so that --help need not read a file."""
 
 Sensors = Annotated[
     list[str] | None, typer.Option("--sensor", help="Only this sensor; repeatable.")
@@ -43,6 +43,6 @@ DisplayControl = Annotated[
 ]
 OldBench = Annotated[Path | None, typer.Option("--config", hidden=True)]
 OldPlanBench = Annotated[Path | None, typer.Option("--bench", hidden=True)]
-"""Earlier ways to name a bench.toml, which is an argument now; they still work."""
+"""Earlier option for bench.toml, which is now an argument; it still works."""
 
 BenchFile = Annotated[Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")]

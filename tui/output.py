@@ -1,4 +1,4 @@
-"""Results on stdout, progress on stderr."""
+"""Prints results on stdout and progress on stderr."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ def print_line(text: str = "") -> None:
 
 
 def _visible(text: str) -> str:
-    """Return foreign text without what would move the cursor or colour the screen."""
+    """Return foreign text without characters that would move the cursor or colour the screen."""
     return "".join(c if c.isprintable() or c == "\n" else "\ufffd" for c in text)
 
 
 def console() -> Console:
-    """Return the console on today's stdout (tests and pipes replace it)."""
-    # A file has no width: nothing is folded there.
+    """Return the console on the present stdout (tests and pipes replace it)."""
+    # A file has no width, so lines are not folded there.
     return Console(file=sys.stdout, width=None if sys.stdout.isatty() else _FILE_WIDTH)
 
 
@@ -56,12 +56,12 @@ class Stage(Protocol):
     """One line of progress."""
 
     def __call__(self, done: float, text: str = "") -> None:
-        """Say what share is done, 0..1, and what is happening."""
+        """Show the share that is done, 0..1, and the present stage."""
 
 
 @contextmanager
 def progress(title: str) -> Iterator[Stage]:
-    """Show a bar on stderr while something takes time; silent where stderr is no terminal."""
+    """Show a bar on stderr while something takes time; silent where stderr is not a terminal."""
     bar = Progress(
         TextColumn("{task.description:<12}", markup=False),
         BarColumn(bar_width=28),

@@ -10,7 +10,7 @@ _OURS = ("dbc", "daq", "identify", "tui")
 
 
 def foreign_package() -> str:
-    """Return in one line which of our packages is another's, and what to do; "" if none is."""
+    """Return in one line which package name another distribution has, and what to do; else ""."""
     root = Path(__file__).resolve().parents[1]
     owners = packages_distributions()
     for name in _OURS:
@@ -21,6 +21,6 @@ def foreign_package() -> str:
             whose = f"the distribution {others[0]}" if others else "something else"
             return (
                 f"package {name}: {whose} has that name, too ({found}) (uninstall or move it, then"
-                " install bumpbench again; each in an environment of its own, and both work)"
+                " install bumpbench again; both work in separate environments)"
             )
     return ""

@@ -1,4 +1,4 @@
-"""Writes what `check --propose` and `import --propose` guess, with the questions that are left."""
+"""Writes the proposal of `check --propose` and `import --propose`, with the open questions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def refuse_existing(target: Path) -> None:
-    """Raise InputError if there is a file already: a proposal overwrites nothing."""
+    """Raise InputError if the file exists: a proposal overwrites nothing."""
     from daq import InputError
 
     if target.exists():

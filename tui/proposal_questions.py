@@ -1,4 +1,4 @@
-"""Asks in the terminal what a proposal is not sure of, until all is answered or passed over."""
+"""Asks in the terminal about uncertain parts of a proposal, until all are answered or skipped."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from daq.check import Answers, Proposal
 
 _ANSWER_WIDTH = 12
-"""Columns that a question leaves for its answer."""
+"""Columns that a question leaves free for its answer."""
 _TO_FILL_IN = re.compile(r"(\w+) = (\S.*?)  # FILL IN(?:: (.*))?")
 
 
 def is_asked() -> bool:
-    """Return whether somebody can be asked: stdin and stderr are terminals."""
+    """Return whether questions can be asked: stdin and stderr are terminals."""
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
-    """Return a proposal with what was typed to its questions; without a terminal as it is.
+    """Return a proposal with the typed answers to its questions; unchanged without a terminal.
 
     `propose`: makes the proposal from the answers so far.
     """
@@ -44,7 +44,7 @@ def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
         typed = _typed(f"{question.line} ({HINTS[question.asked]})")
         answer = question.understood(typed)
         if typed and not answer:
-            say(f"{typed!r} is no answer to that: {HINTS[question.asked]}")
+            say(f"{typed!r} is not an answer to that: {HINTS[question.asked]}")
             continue
         passed.add(question)
         if answer:
@@ -56,7 +56,7 @@ def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
 
 
 def _filled_in(text: str) -> str:
-    """Return a bench.toml with what was typed for the lines that are marked FILL IN."""
+    """Return a bench.toml with the typed values for the lines that are marked FILL IN."""
     lines, table = [], ""
     for line in text.splitlines():
         if line.startswith("["):
@@ -69,7 +69,7 @@ def _filled_in(text: str) -> str:
 
 
 def _line(line: str, table: str, key: str, value: str, remark: str) -> str:
-    """Return a line with the value that was typed; as it is if none was."""
+    """Return a line with the typed value; unchanged if nothing was typed."""
     is_text = value.startswith('"')
     about = f"{remark}; " if remark else ""
     while typed := _typed(f"{table} {key} ({about}now {value})"):
@@ -80,12 +80,12 @@ def _line(line: str, table: str, key: str, value: str, remark: str) -> str:
             found = None
         if isinstance(found, str) if is_text else isinstance(found, int | float):
             return f"{said}  # {remark}" if remark else said
-        say(f"{typed!r} is no {'text' if is_text else 'number'}")
+        say(f"{typed!r} is not a {'text' if is_text else 'number'}")
     return line
 
 
 def _typed(question: str) -> str:
-    """Return what is typed to a question; empty at the end of the input."""
+    """Return the typed answer to a question; empty at the end of the input."""
     from dbc.errors import printable
 
     width = max(shutil.get_terminal_size().columns - _ANSWER_WIDTH, _ANSWER_WIDTH)

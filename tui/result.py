@@ -1,4 +1,4 @@
-"""An identification as tables."""
+"""Prints an identification as tables."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _MARKS = {"ok": "note", "doubtful": "doubt", "refused": "refused"}
 
 
 def print_identification(document: Document, truth: Mapping[str, float]) -> None:
-    """Write parameters, modes and verdict; beside the truth where it is known."""
+    """Write parameters, modes and verdict, with the truth where it is known."""
     if document["parameters"]:
         if truth:
             _print_beside_truth(document["parameters"], truth)
@@ -69,7 +69,7 @@ def _print_beside_truth(
 
 
 def _error(e: EstimateEntry, truth: float) -> str:
-    """Return the error in per cent, or as it is where the truth is zero."""
+    """Return the error in per cent, or the absolute error where the truth is zero."""
     if e["reason"]:
         return ""
     return f"{(e['value'] / truth - 1) * 100:+.2f} %" if truth else number(e["value"])
@@ -89,7 +89,7 @@ def _print_estimates(
 
 
 def _print_forces(forces: ForcesEntry) -> None:
-    """Write force elements of both axles, forces at some speeds, and what else was tried."""
+    """Write force elements of both axles, forces at some speeds, and the other elements tried."""
     rows = [
         [f"{axle} {plain(name)}", _value(e), _interval(e), e["unit"].removeprefix("1")]
         for axle, one in forces["axles"].items()
@@ -128,7 +128,7 @@ def _mode(mode: ModeEntry) -> str:
 
 
 def _print_modes(document: Document) -> None:
-    """Write frequency and damping of the modes; a row is one mode, whatever its rank."""
+    """Write frequency and damping of the modes; each row is one mode, also if its rank changes."""
     first, *others = document["modes"]
     columns = {first: dict(enumerate(document["modes"][first], start=1))}
     for state in others:

@@ -1,4 +1,4 @@
-"""Free decays: the stretch of a run in which the vehicle moves on its own, ready for a fit."""
+"""Free decays: the part of a run in which no force but gravity acts, ready for a fit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ChannelGroup:
     name: str
     """Name of the sample group."""
     channels: tuple[Channel, ...]
-    """In the order of the columns of the values."""
+    """Channels in the order of the columns of the values."""
 
     @property
     def delay_s(self) -> float:
@@ -39,9 +39,9 @@ class Recording:
     """The samples of one channel group, with the nominal lateness taken off their times."""
 
     group: ChannelGroup
-    """Which channels."""
+    """Channel group of the samples."""
     time_s: NDArray[np.float64]
-    """When the motion was as measured, shape (n,); in a `FreeDecay` since its start."""
+    """Time at which the motion was as measured, s, shape (n,); in a `FreeDecay` since its start."""
     values: NDArray[np.float64]
     """SI values, no NaN, shape (n, n_channels)."""
 
@@ -95,7 +95,7 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class FreeDecay:
-    """A run from the moment on which no force acts but gravity."""
+    """The part of a run in which no force but gravity acts."""
 
     label: str
     mass_state: str
@@ -103,7 +103,7 @@ class FreeDecay:
     start_s: float
     """Start within the run, s."""
     recordings: tuple[Recording, ...]
-    """Times count from the start."""
+    """Samples, with times counted from the start."""
 
     @property
     def n_values(self) -> int:
@@ -150,10 +150,10 @@ def _alike(channels: tuple[Channel, ...]) -> list[tuple[Channel, ...]]:
 
 
 def with_channels(decay: FreeDecay, change: Callable[[Channel], Channel | None]) -> FreeDecay:
-    """Return a decay whose channels are described otherwise.
+    """Return a decay with other descriptions of its channels.
 
-    `decay`: the samples, which stay as they are.  `change`: from a channel to the channel in its
-    place, or to None to leave it out.  The nominal lateness must stay.
+    `decay`: the samples, which stay as they are.  `change`: from a channel to its replacement, or
+    to None to leave it out.  The nominal lateness must not change.
     """
     recordings = []
     for r in decay.recordings:

@@ -1,4 +1,4 @@
-"""Where the free decay of a record starts, and how loud its sensors are at rest.
+"""Finds the start of the free decay of a record, and the noise of its sensors at rest.
 
 A bump forces the wheels as long as they are on it.  The free decay begins when the last wheel has
 left it: 5 ms too early costs 15 % of error, 20 ms too late a fifth of the precision
@@ -31,7 +31,7 @@ _ONSETS: WeakKeyDictionary[Record, float | None] = WeakKeyDictionary()
 
 
 def onset_s(record: Record) -> float | None:
-    """Return when the motion starts, s; None if the record starts in motion.
+    """Return the time at which the motion starts, s; None if the record starts in motion.
 
     `record`: a run with its time stamps as measured.
     """
@@ -62,7 +62,7 @@ def _seen_onset_s(record: Record) -> float | None:
 
 
 def decay_start_s(record: Record) -> float:
-    """Return where the free decay starts by the stated bump, s; at most half-way."""
+    """Return the start of the free decay by the stated bump, s; at most half-way."""
     onset = onset_s(record)
     if onset is None:
         return record.start_s
@@ -88,7 +88,7 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
 
 
 def quiet_counts(records: Sequence[Record]) -> dict[str, int]:
-    """Return on how many degrees of freedom each level of `quiet_noise` rests."""
+    """Return the degrees of freedom of each level of `quiet_noise`."""
     counts: dict[str, int] = {}
     for channels, quiet in _quiet(records):
         for channel in channels:
@@ -111,7 +111,7 @@ def _quiet(
 
 
 def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """White noise by the mean square of successive differences (von Neumann), per column.
+    """Return the white noise of each column, by successive differences (von Neumann).
 
     A smooth signal adds little to it, so it separates the noise of a residual from its misfit.
 

@@ -2,7 +2,7 @@
 
 Parameters: c [N s/m], the slope before all knees; h_j [N s/m], by how much the slope grows where
 the speed passes knot j outwards (from rebound to compression at a knot of 0).  With the secant
-between `SECANT_M_S` in place of c, every h_j leaves the reported coefficient where it is.
+between `SECANT_M_S` instead of c, no h_j changes the reported coefficient.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from .hinge import Value
 
 
 def mount_misfit(r: Value, force: Value, e: Value, w: Value, sigma: Value, loss_s: Value) -> Value:
-    """Return what is left of the mount's equation at the speed r, m; `force` is the damper's."""
+    """Return the residual of the mount's equation at the speed r, m; `force` is the damper's."""
     return sigma * force + loss_s * r - e - loss_s * w
 
 

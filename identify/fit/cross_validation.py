@@ -1,4 +1,4 @@
-"""Each run predicted from all the others."""
+"""Predicts each run from all the others."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class Prediction:
     fitted: float
     """chi2/n of the run in the fit of all runs."""
     predicted: float
-    """chi2/n with the parameters of all other runs, initial state and sensor offsets its own; NaN
-    if the others do not determine the parameters."""
+    """chi2/n with the parameters of all other runs and the run's own initial state and sensor
+    offsets; NaN if the others do not determine the parameters."""
     limit: float
     """Upper limit of `predicted` if the model holds."""
     parameter: str
-    """Which parameter moves most when the run is left out; empty if none can be said."""
+    """Parameter that moves most when the run is left out; empty if that is not known."""
     moved: float
-    """By how many of its standard deviations."""
+    """Shift of that parameter, in its standard deviations."""
 
     @property
     def at_noise(self) -> bool:
@@ -79,7 +79,8 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
         spread = 2.0 / freedom + 2.0 / (quiet or freedom)
         unsure = float(np.trace(kept @ part.information)) / freedom
         limit = 1.0 + unsure + max(_LEAST_EXCESS, _LIMIT_SIGMAS * float(np.sqrt(spread)))
-        # Parameters of fewer runs differ from those of all by a variance that is the difference.
+        # Parameters from fewer runs differ from those from all runs by the difference of the
+        # variances.
         gain = np.diag(kept)[:n] - np.diag(fit.covariance)[:n]
         moves = step[:n] / np.sqrt(np.maximum(gain, 1e-300))
         moves[gain <= 1e-9 * np.diag(kept)[:n]] = 0.0  # the run says nothing of it

@@ -1,4 +1,4 @@
-"""Where a free decay begins, to the sample: how far back a fitted model explains a record.
+"""Finds where a free decay begins, to the sample: how far back a fitted model explains a record.
 
 Every sample of the first 50 ms counts: the wheels' motion has lost half its size by then.  From a
 start that is late enough the samples before it are predicted one by one, each prediction updated
@@ -25,16 +25,16 @@ from .varpro import Evaluated, LinearPart, over_two, slopes
 _WINDOWS = (1, 2, 4, 8, 16)
 """Samples taken together; many show a small force that one does not."""
 _Z = 4.5
-"""Normal deviate beyond which a window is no free decay: one false alarm in 300,000."""
+"""Normal deviate beyond which a window is not free decay: one false alarm in 300,000."""
 _SURE = 6.0
 """Rise of the squared residuals that excludes a later end of the force."""
 _SPAN_S = 0.04
 """Seconds after the first sample that fails, within which the force ends: by then any sensor
 has shown it."""
 _BEFORE_S = 0.005
-"""Seconds of surely forced motion that help to find the foot of the ramp."""
+"""Seconds of certainly forced motion that help to find the foot of the ramp."""
 _SEEN = 1e-9
-"""Share of the strongest trace below which a combination of forces at the wheels has none."""
+"""Share of the strongest trace below which a combination of wheel forces counts as invisible."""
 _WHEELS = slice(3, 7)
 
 
@@ -43,7 +43,7 @@ class _Early:
     """The samples before the start, the last one first, in units of sigma."""
 
     time_s: NDArray[np.float64]
-    """From the start, negative, shape (n,); one entry for each value."""
+    """Time from the start, s, negative, shape (n,); one entry for each value."""
     rows: NDArray[np.float64]
     """Slope of each value by the unknowns of the fit and the linear part of the run, shape (n,
     n_unknown)."""
@@ -52,7 +52,7 @@ class _Early:
     output: NDArray[np.float64]
     """Output row of each value's channel, shape (n, 14)."""
     force: NDArray[np.float64]
-    """Change of each value, at once, by a newton at each wheel, shape (n, 4)."""
+    """Immediate change of each value by 1 N at each wheel, shape (n, 4)."""
     covariance: NDArray[np.float64]
     """Covariance of the unknowns that the predictions use, shape (n_unknown, n_unknown)."""
 
@@ -154,8 +154,8 @@ def _recording(
 def _wheel_mobility(at: Evaluated) -> NDArray[np.float64]:
     """Return the accelerations of the degrees of freedom by a unit force at each wheel, (7, 4).
 
-    A wheel is a mass of its own in every mass state, so only it is moved at once; the size of the
-    force is unknown anyway, and with it that of the mass.
+    A wheel is a separate mass in every mass state, so a force at first moves that wheel alone; the
+    size of the force is unknown, so the mass need not be known either.
     """
     return np.asarray(np.eye(7)[:, _WHEELS] * np.abs(np.diag(at.system.A[7:, :7])[_WHEELS]))
 
@@ -171,13 +171,13 @@ def _joint(
 
 
 Known = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Unknowns and linear part, less their first estimate, and their covariance."""
+"""Change of the unknowns and linear part from their first estimate, and their covariance."""
 
 
 def _free_instants(early: _Early) -> tuple[list[float], list[Known], float | None]:
-    """Return the instants up to the first that is no free decay, and that one.
+    """Return the free instants, the estimate before each, and the first instant that is not free.
 
-    Between them, the estimate before each instant.
+    The estimates include the one before that last instant, which is None if all are free.
     """
     n = early.rows.shape[1]
     state, covariance = np.zeros(n), early.covariance
@@ -201,7 +201,7 @@ def _free_instants(early: _Early) -> tuple[list[float], list[Known], float | Non
 
 
 def _is_forced(squares: list[tuple[float, int]]) -> bool:
-    """Return True if any window of last samples is no free decay."""
+    """Return True if any window of last samples is not free decay."""
     for width in _WINDOWS[: 1 + int(np.log2(len(squares)))]:
         total = sum(square for square, _ in squares[-width:])
         freedom = sum(n for _, n in squares[-width:])
@@ -235,13 +235,13 @@ def _end_of_force_s(at: Evaluated, early: _Early, known: Known, failed_s: float)
 def _ramps(
     at: Evaluated, early: _Early, near: NDArray[np.bool_], end_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return what forces at the wheels add that fall to zero at `end_s`, (len(end_s), n, 4).
+    """Return the motion added by wheel forces that fall to zero at `end_s`, (len(end_s), n, 4).
 
     Seen backwards from its end, ``t' = end - t``, the motion beyond the free decay obeys
     ``dz/dt' = -lambda z - u t'`` in each mode and begins with zero.
     """
     before = np.maximum(end_s[:, None] - early.time_s[near], 0.0)
-    upper = at.modes.poles.imag >= 0.0  # of a conjugate pair one stands for both
+    upper = at.modes.poles.imag >= 0.0  # one of a conjugate pair represents both
     poles = at.modes.poles[upper]
     u = at.modes.W[upper, 7:] @ _wheel_mobility(at) * np.where(poles.imag > 0.0, 2.0, 1.0)[:, None]
     turned = np.multiply.outer(before, poles)

@@ -1,4 +1,4 @@
-"""From records to the optimum: noise levels, start values, and the start of each free decay."""
+"""Finds the optimum from records: noise levels, start values, and the start of each decay."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ _LEAST_EXCESS = 0.02
 _SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
 _FLOOR = 1e-6  # of a channel's rms: the noise of noise-free data
 _LATER_S = (0.02, 0.05)
-"""Tried when the model does not fit from the stated end of the bump on.  No later: what is wrong
-with the wheels' motion dies within 0.2 s, and a start after that would hide it."""
+"""Later starts, s, to try when the model does not fit from the stated end of the bump.  None is
+later: an error in the wheels' motion dies within 0.2 s, and a start after that would hide it."""
 _LATER_UNSTATED_S = (0.1, 0.2, 0.4)
-"""Tried where no bump is stated and a record may begin within it."""
+"""Later starts, s, to try where no bump is stated and a record may begin within it."""
 _UNEXPLAINED = 0.03
-"""Share of the motion's power that a model of the right basin may leave, even if it is wrong."""
+"""Share of the motion's power that an optimum in the right basin may leave, even of a wrong
+model."""
 _SAME_COST = 0.01
 _ROUGH = 0.1  # of a standard deviation: a search is followed by a fit
 _SEARCH_STEPS = 40
@@ -42,9 +43,9 @@ _FORCES = slice(5, 11)
 
 
 def generic_vehicles() -> tuple[NDArray[np.float64], ...]:
-    """Return the vehicles, each (15,), from which a search may start: a car, and kin of it.
+    """Return the vehicles, each (15,), from which a search may start: a car and its variants.
 
-    The kin are lighter, heavier, stiffer and more strongly damped; together they lie within a
+    The variants are lighter, heavier, stiffer and more strongly damped; together they lie within a
     factor of two or three of anything on four wheels that is bumped by hand.
     """
     vehicles = []
@@ -58,7 +59,7 @@ def generic_vehicles() -> tuple[NDArray[np.float64], ...]:
 
 @dataclass(frozen=True, slots=True)
 class Estimation:
-    """A fit with everything it rests on."""
+    """A fit with everything that it is based on."""
 
     box: GreyBox
     """Structure of the problem."""
@@ -79,7 +80,7 @@ class Estimation:
     """Mean square residual in units of the noise at rest, by degrees of freedom: 1 if the model
     holds.  Without a quiet stretch the noise is the rough part of the residuals."""
     later_s: float = 0.0
-    """How much later than expected the decays were first fitted with success, s."""
+    """Delay after the expected start from which the decays were first fitted with success, s."""
     nonlinear: Engine | None = None
     """Engine of a nonlinear fit; None if the fit is the linear one."""
 
@@ -90,7 +91,7 @@ class Estimation:
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of the residuals, those of the shared unknowns included."""
+        """Degrees of freedom of the residuals, not reduced by the shared unknowns."""
         return sum(sum(r.freedom.values()) for r in self.residuals)
 
     @property
@@ -111,7 +112,7 @@ class Estimation:
 
     @property
     def noise(self) -> dict[str, float]:
-        """The noise that residuals are compared with: at rest where it was measured."""
+        """Noise that residuals are compared with: at rest where it was measured."""
         return floored(self.rest, self.decays) if self.rest else self.sigma
 
 
@@ -120,11 +121,11 @@ def estimate(
 ) -> Estimation:
     """Find the most likely parameters of all records.
 
-    The decays start where the stated bump ends; if the model does not fit from there on, a later
-    start is tried.  Once it fits, the samples before the start show how far back a decay reaches.
+    The decays start where the stated bump ends; if the model does not fit from there, a later start
+    is tried.  Once it fits, the samples before the start show how far back a decay reaches.
 
-    `starts`, sequence of (15,) float64: parameters to begin from, the most trusted first; the next
-    are tried only where the first lead to nothing.
+    `starts`, sequence of (15,) float64: parameters to begin from, the most trusted first; further
+    ones are tried only where the earlier ones find no optimum.
     """
     first = first_estimate(box, records, starts)
     if first.holds or not later_may_hold(first, starts):
@@ -145,7 +146,7 @@ def first_estimate(
 
 
 def later_estimate(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> Estimation:
-    """Fit the decays from later on where that may hold (`later_may_hold`); else the first one."""
+    """Return a fit from a later start if one may hold (`later_may_hold`), else the first fit."""
     box, records, rest = first.box, first.records, first.rest
     begin, laters = _laters(records)
     near, generic = first.fit.eta, box.unknowns(starts[0])
@@ -162,7 +163,8 @@ def later_estimate(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> 
 def later_may_hold(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> bool:
     """Return whether a later start explains nearly all, by a rough fit of the last one.
 
-    What holds from some start on holds from any later one: if the last does not, none does.
+    A model that holds from some start holds from any later one: if it fails from the last, it fails
+    from all.
     """
     begin, _ = _laters(first.records)
     if not begin:
@@ -180,7 +182,7 @@ def later_may_hold(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> 
 def _laters(
     records: tuple[Record, ...],
 ) -> tuple[list[NDArray[np.float64]], tuple[float, ...]]:
-    """Return later starts of the decays, each (n_records,) s, and by how much they are later."""
+    """Return later starts of the decays, each (n_records,) s, and their delays, s."""
     first = np.array([decay_start_s(record) for record in records])
     stated = all(np.isfinite(record.bump_s) for record in records)
     # Where rest was seen and no bump is stated, the first guess is late enough for any bump.
@@ -196,7 +198,7 @@ def basin(
     start_s: NDArray[np.float64],
     etas: Sequence[NDArray[np.float64]],
 ) -> NDArray[np.float64]:
-    """Return an optimum, (P,): one that explains nearly all, or that two starts led to."""
+    """Return an optimum, (P,), that explains nearly all, or that two starts led to."""
     best: _Found | None = None
     for eta in etas:
         found = _search(box, records, rest, start_s, eta)

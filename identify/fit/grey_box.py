@@ -78,7 +78,7 @@ class GreyBox:
     geometry: VehicleGeometry | None
     """The four lengths where they are measured; they are then no unknowns."""
     structure: Structure = field(default_factory=Structure)
-    """Which parameters the vehicle has."""
+    """Structure of the vehicle, which determines its parameters."""
     facts: tuple[Fact, ...] = ()
     """Measured quantities of the vehicle, each with its standard uncertainty."""
     lifts: bool = False
@@ -262,9 +262,9 @@ class GreyBox:
         }
 
     def off_weights(self, eta: NDArray[np.complex128], state: MassState) -> NDArray[np.complex128]:
-        """Return mass and place of each weight of a mass state beside what is stated, at `eta`.
+        """Return the deviation of each weight of a mass state from its stated mass and place.
 
-        `eta`: (n, P).  Returns (n, n_weights, 3): kg, and m forward and to the left.
+        `eta`: unknowns, (n, P).  Returns (n, n_weights, 3): kg, and m forward and to the left.
         """
         first = self._first_delay + len(self._late)
         off = np.zeros((len(eta), len(state.added.weights), 3), dtype=complex)

@@ -27,7 +27,8 @@ _BAD = 2.0  # chi2/n above which a fit counts as bad
 _LOOSEN = 0.7  # change of the hold with each step
 _LET_GO = 1e-3  # of the first hold
 HOLD = 300.0
-"""Hold with which 200 of 200 starts, wrong by up to a factor three, led to the optimum."""
+"""Strength of the hold with which 200 of 200 starts, wrong by up to a factor of 3, led to the
+optimum."""
 FACTS = "facts"
 PRIORS = "stated uncertainties"
 
@@ -84,7 +85,7 @@ def fit(
     eta, layout = start.copy(), laid_out(decays)
     parts = normal_blocks(box, decays, sigma, eta, layout)
     here = _sum(parts)
-    # What rounding leaves of a difference of large sums; a cost can be compared no better.
+    # Rounding error of a difference of large sums: costs cannot be compared more precisely.
     rounding = 1e-13 * sum(
         float(np.sum((r.values / [sigma[c.name] for c in r.group.channels]) ** 2))
         for decay in decays
@@ -134,7 +135,7 @@ def normal_blocks(
 ) -> dict[str, NormalBlock]:
     """Return what each decay, the facts and the stated uncertainties contribute at `eta`.
 
-    `layout`: of the decays (`laid_out`), if there is one already.
+    `layout`: layout of the decays (`laid_out`), if there is one already.
     """
     misfits, slopes = box.fact_misfits(eta)
     prior = box.prior_sigma**-2
@@ -174,7 +175,7 @@ def residuals(
     sigma: Mapping[str, float],
     eta: NDArray[np.float64],
 ) -> tuple[Residuals, ...]:
-    """Return what the model at `eta` leaves of each decay."""
+    """Return the residuals of each decay with the model at `eta`."""
     points = {state: evaluate(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
     result = []
     for decay, linear in zip(decays, linear_parts(points, decays), strict=True):
@@ -198,7 +199,7 @@ class Engine(Protocol):
 
     @property
     def elements(self) -> Mapping[str, int]:
-        """Place among the unknowns of a `Fit` of each element that has a size."""
+        """Position, among the unknowns of a `Fit`, of each element that has a size."""
 
     def normal_blocks(
         self,
@@ -214,7 +215,7 @@ class Engine(Protocol):
         sigma: Mapping[str, float],
         eta: NDArray[np.float64],
     ) -> tuple[Residuals, ...]:
-        """Return what the model at `eta` leaves of each decay."""
+        """Return the residuals of each decay with the model at `eta`."""
 
     def fact_misfits(
         self, eta: NDArray[np.float64]
@@ -249,7 +250,7 @@ class LinearEngine:
         sigma: Mapping[str, float],
         eta: NDArray[np.float64],
     ) -> tuple[Residuals, ...]:
-        """Return what the model at `eta` leaves of each decay."""
+        """Return the residuals of each decay with the model at `eta`."""
         return residuals(self.box, decays, sigma, eta)
 
     def fact_misfits(

@@ -1,7 +1,7 @@
 """Normal equations of many decays at one point of the unknowns.
 
-The runs of a mass state differ in their samples and initial states alone: what is the model's is
-computed once, and numbers of one kind are arrays whose first axis is the decay.
+The runs of a mass state differ only in their samples and initial states: everything that belongs to
+the model is computed once, and numbers of one kind are arrays whose first axis is the decay.
 """
 
 from __future__ import annotations

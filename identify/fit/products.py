@@ -15,7 +15,7 @@ from ..model.low_pass import LowPass, low_pass_of
 
 @dataclass(frozen=True, slots=True)
 class Products:
-    """A recording seen through the basis."""
+    """Products of a recording with the basis."""
 
     gram: NDArray[np.float64]
     """Products of the basis functions with each other, summed over the samples, shape (m, m)."""
@@ -27,11 +27,11 @@ class Products:
 
 @dataclass(frozen=True, slots=True)
 class Alike:
-    """Recordings of sensors with one low-pass in one mass state, sampled alike."""
+    """Recordings of one mass state that have one low-pass and are sampled alike."""
 
     mass_state: str
     low_pass: LowPass
-    """`mass_state`, `low_pass`: of all of them."""
+    """`mass_state`, `low_pass`: common to all of them."""
     groups: tuple[ChannelGroup, ...]
     """Channel group of each."""
     places: tuple[tuple[int, int], ...]
@@ -41,7 +41,7 @@ class Alike:
 
 
 def laid_out(decays: Sequence[FreeDecay]) -> tuple[Alike, ...]:
-    """Lay out the recordings of some decays: once for all points at which products are wanted."""
+    """Lay out the recordings of some decays, once for all points at which products are needed."""
     found: dict[tuple[str, float, int], list[tuple[int, int]]] = {}
     for d, decay in enumerate(decays):
         for r, recording in enumerate(decay.recordings):
@@ -89,7 +89,7 @@ def products(
 def _functions(
     poles: NDArray[np.complex128], low_pass: LowPass
 ) -> tuple[NDArray[np.complex128], NDArray[np.intp]]:
-    """Return the rates of all exponentials, and which of their parts make the basis.
+    """Return the rates of all exponentials, and which of their parts form the basis.
 
     The parts are the real parts of the exponentials and of those times t, then the imaginary ones.
     """

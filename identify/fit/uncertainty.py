@@ -32,8 +32,7 @@ class Estimate:
     high: float
     unit: str
     size: float = 0.0
-    """Size that matters of a quantity that may be zero or negative, in `unit`; 0 for a positive
-    one."""
+    """Smallest size that matters, in `unit`, if the quantity may be zero or negative; else 0."""
 
     @property
     def determined(self) -> bool:
@@ -51,7 +50,7 @@ class ModeEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """How the errors of the parameters hang together."""
+    """Correlation of the errors of the parameters."""
 
     names: tuple[str, ...]
     """The identified parameters."""
@@ -98,7 +97,7 @@ def derived_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
 
 
 def motion_ratio_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
-    """Return the motion ratios that are fitted, by channel: those that are stated with a sigma."""
+    """Return the fitted motion ratios by channel: those that are stated with a sigma."""
     return {
         channel.name: _estimate(
             channel.motion_ratio * (1.0 + float(fit.eta[i])),
@@ -137,7 +136,7 @@ def mode_estimates(box: GreyBox, fit: Fit, mass_state: str) -> tuple[ModeEstimat
 
 
 def correlation(box: GreyBox, fit: Fit) -> Correlation:
-    """Return the correlation of the identified parameters; NaN with one that is undetermined."""
+    """Return the correlation of the identified parameters; NaN for one that is undetermined."""
     n = len(box.parameters)
     covariance = fit.covariance[:n, :n]
     variance = np.diag(covariance)
@@ -146,11 +145,11 @@ def correlation(box: GreyBox, fit: Fit) -> Correlation:
 
 
 def drivers(box: GreyBox, fit: Fit) -> dict[str, dict[str, float]]:
-    """Say what each parameter's precision rests on.
+    """Return what each parameter's precision rests on.
 
-    Were one source's information larger by a small share, the variance would fall by this share of
-    that share: ``(C H_source C)_jj / C_jj`` with the covariance C and the source's information H.
-    Over all sources it adds up to one.
+    If the information of one source were larger by a small share, the variance would fall by this
+    fraction of that share: ``(C H_source C)_jj / C_jj`` with the covariance C and the source's
+    information H.  Over all sources it adds up to one.
 
     Sources are the labels of the runs, `likelihood.FACTS` and `likelihood.PRIORS`; the largest
     share first.

@@ -1,4 +1,4 @@
-"""One free decay at one point of the unknowns: its linear part fitted, its share of the problem.
+"""Fits the linear part of a free decay at one point of the unknowns, and returns its normal block.
 
 The initial state of a run, a constant per channel (sensor bias, gravity) and the transients of a
 sensor's low-pass enter linearly.  They are fitted exactly and projected out, so that only the
@@ -35,15 +35,15 @@ class GroupAt:
     d_outputs: NDArray[np.complex128]
     """Change of rows times gain with each unknown, shape (P, n_channels, 14)."""
     on_state: NDArray[np.float64]
-    """From the initial state to the basis, shape (n_channels, 28, 14)."""
+    """Matrices from the initial state to the basis, shape (n_channels, 28, 14)."""
     low_pass: LowPass
-    """Of each channel."""
+    """Low-pass of each channel."""
     weight: NDArray[np.float64]
     """Inverse variance of each channel, shape (n_channels,)."""
     late_s: float
-    """Lateness beyond the nominal one."""
+    """Lateness beyond the nominal one, s."""
     late: int | None
-    """Which unknown that is; None if it is exact."""
+    """Index of the unknown that is this lateness; None if it is exact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,14 +59,14 @@ class Evaluated:
     change: Change
     """Change of the state matrix with each unknown."""
     groups: tuple[GroupAt, ...]
-    """As `box.groups`."""
+    """Channel groups in the order of `box.groups`."""
 
     def group(self, group: ChannelGroup) -> GroupAt:
-        """Return what is known of a group at this point."""
+        """Return the group at this point."""
         return self.groups[self.box.groups.index(group)]
 
     def time_s(self, recording: Recording) -> NDArray[np.float64]:
-        """Return when the motion was as sampled, lateness as estimated."""
+        """Return the times at which the motion was as sampled, with the lateness as estimated."""
         return recording.time_s - self.group(recording.group).late_s
 
     def basis(self, recording: Recording) -> NDArray[np.float64]:
@@ -92,8 +92,8 @@ def evaluate(
 ) -> Evaluated:
     """Evaluate a mass state at the unknowns `eta`.
 
-    `sigma`: standard deviation of the noise, SI.  `modes`: of the same state matrix, where another
-    structure gave it and results of both are to be on one basis.
+    `sigma`: standard deviation of the noise, SI.  `modes`: those of the same state matrix from
+    another structure, if the results of both need one basis.
     """
     system = box.system(eta, mass_state)
     modes = spectrum(system.A) if modes is None else modes
@@ -138,12 +138,12 @@ class LinearPart:
     products: tuple[Products, ...]
     """Products of each recording with its basis."""
     coefficients: tuple[NDArray[np.float64], ...]
-    """From the linear unknowns to the basis, for each recording, each shape (n_channels, m,
+    """Matrices from the linear unknowns to the basis of each recording, each (n_channels, m,
     n_linear)."""
     normal_inverse: NDArray[np.float64]
-    """Their covariance with everything else known, shape (n_linear, n_linear)."""
+    """Covariance of the linear unknowns with all others known, shape (n_linear, n_linear)."""
     solution: NDArray[np.float64]
-    """Initial state, then what is the channels' own, shape (n_linear,)."""
+    """Initial state, then the channels' own unknowns, shape (n_linear,)."""
 
 
 def linear_parts(
@@ -162,7 +162,7 @@ def products_of(
 ) -> list[list[Products]]:
     """Return the products of each recording of some decays.
 
-    `points`: the model, for each mass state.  `layout`: of the decays, by `laid_out`.
+    `points`: the model, for each mass state.  `layout`: layout of the decays, by `laid_out`.
     """
     seen: list[dict[int, Products]] = [{} for _ in decays]
     for alike in layout:
@@ -193,7 +193,7 @@ def _linear_part(at: Evaluated, decay: FreeDecay, seen: Sequence[Products]) -> L
 
 
 def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.float64], ...]:
-    """Return what each linear unknown contributes to each channel, on the basis of its recording.
+    """Return each linear unknown's contribution to each channel, on its recording's basis.
 
     Returns
     -------
@@ -216,8 +216,8 @@ def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.flo
 
 
 def pseudo_inverse(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert a normal matrix; directions that the data do not show stay zero."""
-    if not normal.size:  # the norm of nothing is an error of NumPy 2.0
+    """Invert a normal matrix; directions that the data do not determine stay zero."""
+    if not normal.size:  # NumPy 2.0 raises for the norm of an empty array
         return normal.copy()
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal * np.outer(scale, scale)
@@ -230,7 +230,7 @@ def pseudo_inverse(normal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _plain_inverse(scaled: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the inverse where the data show every direction, in a tenth of the time, else None."""
+    """Return the inverse in a tenth of the time; None if the data leave a direction open."""
     try:
         inverse = np.linalg.inv(scaled)
     except np.linalg.LinAlgError:
@@ -276,7 +276,7 @@ def slopes(at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> NDA
 def motion(
     at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128], derivative: int
 ) -> NDArray[np.float64]:
-    """Return what the vehicle's motion gives in each channel, on the real basis, (n_channels, 28).
+    """Return the vehicle's motion in each channel, on the real basis, (n_channels, 28).
 
     Parameters
     ----------

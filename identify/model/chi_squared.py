@@ -32,7 +32,7 @@ def chance_of_more(freedom: int, value: float) -> float:
     """Return the probability that a chi-squared variable is more than a value."""
     if value > freedom:
         return _density_and_tail(freedom, value)[1]
-    # Where the tail is nearly everything, what lies before it is added up.
+    # Where the tail is nearly 1, the part before it is summed instead.
     half, power, before = value / 2.0, freedom / 2.0, 0.0
     term = exp(power * log(half) - half - lgamma(power + 1.0)) if value > 0.0 else 0.0
     while term > _SAME * before:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 COMPLEX_STEP = 1e-30
-"""Step of the derivatives: there is no subtraction, so no lower limit from rounding."""
+"""Step of the derivatives: without a subtraction, rounding sets no lower limit."""
 
 
 def stepped(eta: NDArray[np.float64]) -> NDArray[np.complex128]:

@@ -1,4 +1,4 @@
-"""Quantities that follow from the parameters: what an engineer quotes of a vehicle."""
+"""Quantities that follow from the parameters and that engineers quote for a vehicle."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 
 Even times are a coarse and a fine step each, ``t = T + d``, so that ``exp(l t) = exp(l T) exp(l
 d)``: a sum over n samples becomes one over some sqrt(n) coarse and one over as many fine steps,
-exact to rounding.  What is left over behind the last whole coarse step is summed as it is, and so
-are all times that are not even.  Recordings that are laid out alike are handled together.
+exact to rounding.  The samples after the last whole coarse step are summed one by one, and so are
+samples at times that are not even.  Recordings that are laid out alike are handled together.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ class Series:
     """Samples of r recordings that are laid out alike, each with k channels."""
 
     members: tuple[int, ...]
-    """Their numbers among those that were laid out."""
+    """Indices of the recordings among those that were laid out."""
     count: NDArray[np.intp]
-    """Samples of each, shape (r,)."""
+    """Number of samples of each, shape (r,)."""
     coarse_s: _Real
-    """Coarse steps, shape (r, n)."""
+    """Coarse steps, s, shape (r, n)."""
     fine_s: _Real
-    """Fine steps, shape (r, w)."""
+    """Fine steps, s, shape (r, w)."""
     rest_s: _Real
-    """Times of the samples left over, shape (r, q)."""
+    """Times of the samples left over, s, shape (r, q)."""
     present: _Real
     """1 where there is such a sample, else 0, shape (r, q)."""
     steps: _Real
@@ -50,10 +50,10 @@ class Waves:
     """``exp(rate t)`` of p rates at the times of some series."""
 
     series: Series
-    """Where."""
+    """The samples and their times."""
     coarse_s: _Real
     rest_s: _Real
-    """`coarse_s`, `rest_s`: those of the series, less the lateness."""
+    """`coarse_s`, `rest_s`: times of the series, less the lateness, s."""
     coarse: _Complex
     """At the coarse steps, shape (r, n, p)."""
     fine: _Complex
@@ -91,7 +91,7 @@ class Waves:
         return self.with_values(self.series.steps, self.series.rest)
 
     def with_values(self, steps: _Real, rest: _Real) -> _Complex:
-        """Return the same of other values, laid out like the samples."""
+        """Return the sums of other values, laid out like the samples, times the same functions."""
         r, n, k, w = steps.shape
         fine = _with_time(self.fine, self.series.fine_s)
         parts = steps.reshape(r, n * k, w) @ fine.view(np.float64)
@@ -119,7 +119,7 @@ class Waves:
 
 
 def series_of(times_s: Sequence[_Real], samples: Sequence[_Real]) -> tuple[Series, ...]:
-    """Lay out recordings, those that are alike together.
+    """Lay out recordings; those that are alike form one series.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def series_of(times_s: Sequence[_Real], samples: Sequence[_Real]) -> tuple[Serie
 
 
 def waves(series: Series, rates: _Complex, late_s: _Real | float = 0.0) -> Waves:
-    """Evaluate ``exp(rate t)`` at the times of some series, less `late_s`, of all or of each."""
+    """Evaluate ``exp(rate t)`` at the times of some series less `late_s`, one or one for each."""
     late = np.broadcast_to(late_s, len(series.members))[:, None]
     coarse_s, rest_s = series.coarse_s - late, series.rest_s - late
     rest: _Complex = np.exp(np.multiply.outer(rest_s, rates))

@@ -1,11 +1,11 @@
 """Sums of exponentials as data: the basis of every free decay and of its derivatives.
 
 With the eigenvalues l_k of the state matrix, a channel of a free decay is a sum of ``exp(l_k t)``,
-and its derivative by any parameter is a sum of ``exp(l_k t)`` and ``t exp(l_k t)``.  So a
-recording enters a fit only through the products of these 28 functions (and a few that are the
-channels' own: a constant, the transients of a low-pass) with each other and with the samples: the
-cost of a fit is linear in the samples, whatever the number of parameters.  The
-functions are evaluated at each sample's own time; there is no common grid.
+and its derivative by any parameter is a sum of ``exp(l_k t)`` and ``t exp(l_k t)``.  So a recording
+enters a fit only through the products of these 28 functions (and a few of the channels' own: a
+constant, the transients of a low-pass) with each other and with the samples: the cost of a fit is
+linear in the samples, whatever the number of parameters.  The functions are evaluated at each
+sample's own time; there is no common grid.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ class Change:
     """Changes of a state matrix, in modal coordinates: one preparation serves all recordings."""
 
     apart: NDArray[np.complex128]
-    """Between eigenvalues that differ, divided by the difference, shape (P, n, n)."""
+    """Entries between eigenvalues that differ, divided by the difference, shape (P, n, n)."""
     together: NDArray[np.complex128]
-    """Between those that are equal, themselves among them, shape (P, n, n)."""
+    """Entries between equal eigenvalues, the diagonal included, shape (P, n, n)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +71,9 @@ class Outputs:
     through: NDArray[np.complex128]
     """The rows times `Change.apart`, shape (P, n_channels, n)."""
     gain: NDArray[np.complex128]
-    """Of the channels' low-pass at the poles, shape (n,)."""
+    """Gain of the channels' low-pass at the poles, shape (n,)."""
     gain_slope: NDArray[np.complex128]
-    """Its derivative by the pole, s, shape (n,)."""
+    """Derivative of the gain by the pole, s, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,20 +88,20 @@ class Spectrum:
     to_real: NDArray[np.complex128]
     """Coefficients on (exp, t exp) to coefficients on the real basis, shape (2 n, 2 n)."""
 
-    def basis(self, time_s: NDArray[np.float64], beside: int = 0) -> NDArray[np.float64]:
-        """Return the real basis at the given times, (n_samples, 2 n + beside).
+    def basis(self, time_s: NDArray[np.float64], spare: int = 0) -> NDArray[np.float64]:
+        """Return the real basis at the given times, (n_samples, 2 n + spare).
 
-        The last `beside` columns are left for the caller to fill.
+        The last `spare` columns are left for the caller to fill.
         """
         n = len(self.poles)
-        out = np.empty((len(time_s), 2 * n + beside))
+        out = np.empty((len(time_s), 2 * n + spare))
         upper = np.flatnonzero(self.poles.imag > 0)
         real = np.flatnonzero(self.poles.imag == 0)
         wave = waves(time_s, self.poles[upper])
         if len(real):
             out[:, upper], out[:, upper + 1] = wave.real, wave.imag
             out[:, real] = np.exp(np.multiply.outer(time_s, self.poles[real].real))
-        else:  # the pairs already lie as they shall
+        else:  # the pairs are in this order already
             out[:, :n] = wave.view(np.float64)
         np.multiply(time_s[:, None], out[:, :n], out=out[:, n : 2 * n])
         return out
@@ -130,7 +130,7 @@ class Spectrum:
         seen : Outputs
             The channels (`outputs`).
         change : Change
-            Of the state matrix (`change`).
+            Change of the state matrix (`change`).
         z : (.., n) complex128
             Initial states in modal coordinates (W x0).
 

@@ -27,9 +27,9 @@ def predicted(
 ) -> NDArray[np.complex128]:
     """Return the value of a fact that the parameters predict.
 
-    Four wheels carry a body in one way too many: how much more the diagonal FL-RR carries than the
-    other depends on the ground and on how the springs are set, not on the parameters.  That cross
-    weight is an unknown of its own.
+    On four wheels a body is statically indeterminate: how much more the diagonal FL-RR carries than
+    the other depends on the ground and on the spring seats, not on the parameters.  This cross
+    weight is a separate unknown.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def predicted(
     corner = CORNERS.get(FactQuantity(fact.quantity)) if fact.quantity in CORNERS else None
     if corner is not None:
         return corner_load(corner, full, cross_kg)
-    # A parameter of a symmetric vehicle stands for both corners of its axle.
+    # A parameter of a symmetric vehicle is that of both corners of its axle.
     meant = [i for i, name in enumerate(FULL_NAMES) if fact.quantity in (name, name[:-1])]
     return np.asarray(full[..., meant].mean(axis=-1))
 
@@ -72,7 +72,7 @@ def misfits_of(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return measured less predicted value of each fact in sigmas, and the slopes of the latter.
 
-    `full`, (1 + P, 28), and `cross_kg`, (1 + P,): at a point, and a `COMPLEX_STEP` along each of P
+    `full`, (1 + P, 28), and `cross_kg`, (1 + P,): at a point and one `COMPLEX_STEP` along each of P
     unknowns.  Returns (n_facts,) and (n_facts, P).
     """
     misfits, slopes = np.zeros(len(facts)), np.zeros((len(facts), len(full) - 1))
@@ -91,7 +91,8 @@ def corner_load(
     half_width, other = (t_f, b) if corner.front else (t_r, a)
     axle = full[..., 0] * other / (a + b)
     diagonal = corner.side * (1.0 if corner.front else -1.0)
-    # The cross weights of both axles must not turn the body over: they go with 1 / half width.
+    # The cross weights of both axles must have no roll moment: they are proportional to 1 / half
+    # width.
     cross = diagonal * cross_kg * t_f / half_width
     offset = corner.side * axle * full[..., 27] / (2.0 * half_width)
     return np.asarray(axle / 2.0 + offset + cross + full[..., 3 + corner.position])

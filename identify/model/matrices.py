@@ -1,4 +1,4 @@
-"""The linear 7-DOF model (Eqs. 1-10): parameters to matrices, the only assembly there is.
+"""Assembles the matrices of the linear 7-DOF model (Eqs. 1-10) from parameters; nothing else does.
 
 Symbols are the paper's; axes and degrees of freedom are those of `daq.vehicle`.
 """
@@ -71,7 +71,7 @@ def expansion(structure: Structure) -> NDArray[np.float64]:
 
 
 SYMMETRIC = expansion(Structure())
-"""From the 15 parameters of the symmetric vehicle to the full ones."""
+"""Matrix from the 15 parameters of the symmetric vehicle to the full ones."""
 
 
 def full_matrices(
@@ -102,7 +102,7 @@ def full_matrices(
 
 
 def travel_rows(full: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return what each corner's suspension travel is of the degrees of freedom, (..., 4, 7)."""
+    """Return each corner's row for its suspension travel on the degrees of freedom, (..., 4, 7)."""
     a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
     y_s = full[..., 27]
     travel = np.zeros((*full.shape[:-1], 4, N_DOF), dtype=complex)
@@ -176,7 +176,7 @@ def delta_mass(
     y_s: complex | NDArray[np.complex128] = 0.0,
     off: NDArray[np.complex128] | None = None,
 ) -> NDArray[np.complex128]:
-    """Mass matrix of the added weights about the CG of the *baseline*.
+    """Return the mass matrix of the added weights about the CG of the *baseline*.
 
     A weight m at (x, y) from the CG adds ``m r r^T`` with ``r = (1, -x, y, 0, 0, 0, 0)``, and
     m h^2 to both inertias for its height h above the CG; a weight on a hub adds to that wheel.
@@ -186,9 +186,9 @@ def delta_mass(
     added : AddedMass
         Weights, positions counted from the middle of the front axle.
     a, y_s : complex or (...) complex128
-        Place of the CG, m: behind the front axle, and to the left of the middle.
+        Position of the CG, m: behind the front axle, and to the left of the middle.
     off : (..., n_weights, 3) complex128, optional
-        By how much each weight differs from what is stated: mass, kg, and place x, y, m.
+        Difference of each weight from what is stated: mass, kg, and position x, y, m.
 
     Returns
     -------
@@ -213,17 +213,17 @@ def delta_mass(
 
 
 def motion_row(channel: Channel, x: ArrayLike, y: ArrayLike, lengths: ArrayLike) -> NDArray[Any]:
-    """Return what a sensor sees of the seven degrees of freedom, its time derivative apart.
+    """Return a sensor's row on the seven degrees of freedom, without its time derivative.
 
     Parameters
     ----------
     channel : Channel
         The sensor.
     x, y : (...) array_like
-        Where it sits from the CG, m; only a sensor on the body asks for it.
+        Position of the sensor from the CG, m; needed only for a sensor on the body.
     lengths : (..., 4) array_like
-        a, b, t_f, t_r, m, and if the CG is off the middle, y_s as a fifth; only a suspension
-        travel asks for them.
+        a, b, t_f, t_r, m, and if the CG is off the middle, y_s as a fifth; needed only for a
+        suspension travel.
 
     Returns
     -------

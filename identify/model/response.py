@@ -1,4 +1,4 @@
-"""Response of the linear model to half-sine bumps: the data that the paper's studies are made of.
+"""Computes the response of the linear model to half-sine bumps, the data of the paper's studies.
 
 Two integrators: `exact_response`, whose error is rounding at any rate, and `wilson_response`, the
 Wilson-theta method that the paper used and whose error is the error of its Table 2.
@@ -144,7 +144,7 @@ def wilson_response(
 
 
 def _grid(bump: Bump, rate_hz: float, duration_s: float) -> NDArray[np.float64]:
-    """Return the time of every sample after checking what was asked for."""
+    """Return the time of every sample after checking rates and durations."""
     if not (rate_hz > 0.0 and duration_s > 0.0 and bump.duration_s > 0.0 and bump.start_s >= 0.0):
         raise InputError(
             "simulation",
@@ -158,8 +158,7 @@ def _grid(bump: Bump, rate_hz: float, duration_s: float) -> NDArray[np.float64]:
 def _road_force(model: PhysicalModel, excitation: Excitation) -> NDArray[np.float64]:
     """Return the force on the degrees of freedom per metre of bump (Eq. 6), (7,).
 
-    The tyres are the only springs that a heave of the whole vehicle strains, so K times that heave
-    is their stiffness.
+    A heave of the whole vehicle strains the tyres only, so K times that heave is their stiffness.
     """
     heave = np.array([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     tyres = model.K @ heave

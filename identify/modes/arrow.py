@@ -1,4 +1,4 @@
-"""Solution of normal equations in the form of an arrow: runs that meet only in poles and shapes."""
+"""Solves normal equations of arrow form: runs that are coupled only by poles and shapes."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 _RIDGE = 1e-13
-"""Decides only between poles that are the same to rounding."""
+"""Ridge, relative; it matters only for poles that are equal to rounding."""
 _ROUNDING = 1e-16
-"""The same where an inverse is wanted as it is: weak shapes must not look better known."""
+"""Ridge where the inverse itself is the result: weak shapes must not look better known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class System:
     by_runs: NDArray[np.float64]
     """Right-hand sides of the amplitudes, (n_runs, 2 m)."""
     free: NDArray[np.bool_]
-    """Which poles (first row) and amplitudes are free, shape (1 + n_runs, 2 m)."""
+    """True for the poles (first row) and amplitudes that are free, shape (1 + n_runs, 2 m)."""
 
     def step(
         self, damping: float
@@ -117,7 +117,7 @@ class System:
 
 
 def unit_scale(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the factors that make the diagonal 1; unknowns without any effect are held still."""
+    """Return the factors that make the diagonal 1; unknowns without any effect are held fixed."""
     size = np.diag(normal)
     return np.asarray(1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)))
 

@@ -1,4 +1,4 @@
-"""Which of two lists belong together, each one once, so that the pairs are worth most."""
+"""Pairs the entries of two lists, each at most once, with the largest sum of values."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 def best_pairs(worth: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return rows and columns of the pairs with the largest sum, (min(n, m),) each.
 
-    `worth`: what each pair is worth, (n, m).
+    `worth`: value of each pair, (n, m).
     """
     if worth.size and len(worth) <= worth.shape[1]:
         columns = np.argmax(worth, axis=1)

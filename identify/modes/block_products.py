@@ -1,8 +1,8 @@
 """Products of the derivatives of a modal model, summed over the samples of each block.
 
 Series that are sampled alike share their exponentials: their sums over the samples are the same,
-and only the shapes and amplitudes before them differ.  Taken out of the sums, what is left for a
-run is elementwise in the modes.
+and only the shapes and amplitudes before them differ.  With these taken out of the sums, the work
+for a run is elementwise in the modes.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Products:
         member : (n_owners, n_channels) float64
             1 where a channel takes its entries from an owner.
         sign : (n_channels, m) float64
-            With which sign.
+            Sign with which it takes them.
         shapes : (n_channels, m) complex128
         amplitudes : (n_runs, m) complex128
 

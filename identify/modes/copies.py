@@ -1,8 +1,8 @@
-"""Copies: poles that a fit holds apart although they are one mode.
+"""Finds copies: poles that a fit keeps separate although they are one mode.
 
 A mode whose frequency differs a little from record to record (another hammer, another temperature)
-is fitted better by two poles side by side than by one, and by far more than noise would explain.
-Both have its shape.  Two modes that nearly coincide differ in shape.
+is fitted better by two adjacent poles than by one, and by far more than noise would explain.  Both
+poles have its shape.  Two modes that nearly coincide differ in shape.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from .modal_model import mac
 _NEAR = 0.02
 """Distance of two poles, relative to their size, within which they may be one mode."""
 _ALIKE = 0.98
-"""MAC above which two shapes are one; two random shapes in three channels exceed it in 1 of 100."""
+"""MAC above which two shapes count as one; two random shapes in three channels exceed it in 1 of
+100."""
 
 
 def originals(
@@ -25,8 +26,8 @@ def originals(
 ) -> NDArray[np.intp]:
     """Return the numbers of the modes without copies of others, in their order.
 
-    Of several poles that are one mode the strongest stays.  One channel shows no shape: there none
-    is called a copy.
+    Of several poles that are one mode the strongest stays.  With one channel there is no shape, and
+    no pole is called a copy.
 
     Parameters
     ----------

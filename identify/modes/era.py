@@ -1,9 +1,9 @@
 """Eigensystem realisation (Juang and Pappa 1985) on free decays: another way to the same modes.
 
 Every run is the response to its own initial state, as if each were one input of an impulse test:
-the runs stand beside each other as columns of one block Hankel matrix.  Its singular value
-decomposition, cut off at the order, is a balanced realisation of the structure.  It is kept beside
-the State Variable Method for comparison: two routes that agree are better than one.
+the runs are adjacent blocks of columns of one block Hankel matrix.  Its singular value
+decomposition, cut off at the order, is a balanced realisation of the structure.  It is kept in
+addition to the State Variable Method for comparison: two methods that agree are better than one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from .state_variable_method import checked_records
 _ROWS_S = 0.25
 """Length of a column: some periods of the wheels, a quarter of one of the body."""
 _OF_NOISE = 2.858
-"""Singular values below so many medians are best left out (Gavish and Donoho 2014)."""
+"""Singular values below this multiple of their median are best left out (Gavish and Donoho
+2014)."""
 _OF_ROUNDING = 1e-11
 _LEAST_BLOCKS = 4
 
@@ -75,7 +76,7 @@ def standing_out(strength: NDArray[np.float64]) -> int:
 
 
 def _hankel(decay: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:
-    """Return the samples of `blocks` successive instants below each other, one start a column."""
+    """Return columns with the samples of `blocks` successive instants, one for each start."""
     n = len(decay) - blocks + 1
     windows = np.lib.stride_tricks.sliding_window_view(decay, n, axis=0)
     return np.asarray(windows.reshape(-1, n))

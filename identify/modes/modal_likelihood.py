@@ -1,12 +1,12 @@
 """Maximum likelihood of modes on free decays: the last step of the modal identification.
 
 A free decay is a sum of ``shape amplitude exp(pole t)``.  A mode has one pole and one shape in all
-runs, and in each run an amplitude of its own; each channel has white noise of its own size.  Shapes
+runs, and in each run its own amplitude; each channel has white noise of its own level.  Shapes
 enter linearly and are projected out at every step (variable projection); poles and amplitudes are
-found together by Levenberg-Marquardt, because taking them in turn crawls where two modes have
-nearly one pole.  Every function is evaluated at the samples' own times, and all that a step needs
-are products of ``exp(pole t)`` and ``t exp(pole t)`` with each other and with the residuals: the
-cost is linear in the samples.
+found together by Levenberg-Marquardt, because an alternating fit converges very slowly where two
+modes have nearly one pole.  Every function is evaluated at the samples' own times, and all that a
+step needs are products of ``exp(pole t)`` and ``t exp(pole t)`` with each other and with the
+residuals: the cost is linear in the samples.
 
 The curvature of the likelihood gives the Cramer-Rao bound of every pole.
 """
@@ -25,7 +25,7 @@ from .normal_equations import Point, Problem, Samples, Ties, problem_of
 
 _STEPS = 60
 _REACH = 8
-"""Times the gain of a step is what all further ones may add: they gain less and less."""
+"""Bound of what all further steps may add, as a multiple of the last gain: the gains decrease."""
 _SETTLED = 1e-5
 """Gain of likelihood (in units of 1) below which a step is the last."""
 _DAMPING = 1e-3
@@ -37,7 +37,8 @@ class LikelyModes:
     """Modes of the highest likelihood."""
 
     poles: NDArray[np.complex128]
-    """rad/s, shape (m,); one of each conjugate pair, and real ones, in the order of the start."""
+    """rad/s, shape (m,); one of each conjugate pair, and real ones, in the order of the start
+    values."""
     shapes: NDArray[np.complex128]
     """Entries in each channel, shape (n_channels, m)."""
     amplitudes: NDArray[np.complex128]
@@ -50,9 +51,9 @@ class LikelyModes:
     noise: NDArray[np.float64]
     """Standard deviation, shape (n_channels,)."""
     log_likelihood: float
-    """Twice the logarithm of the likelihood, constants apart."""
+    """Twice the logarithm of the likelihood, without constants."""
     n_unknowns: int
-    """Numbers fitted, levels apart."""
+    """Number of fitted numbers, without the levels."""
 
     def __post_init__(self) -> None:
         for name in ("poles", "shapes", "amplitudes", "pole_covariance", "noise"):
@@ -96,10 +97,10 @@ def most_likely_modes(
     shapes : (n_channels, m) complex128
         Shapes to start from.
     ties : Ties or None
-        What is known of the shapes; nothing by default.
+        Known ties of the shapes; none by default.
     wanted : float
-        `log_likelihood` below which the result is of no use: the fit ends where it comes into view
-        that this is out of reach.
+        `log_likelihood` below which the result is of no use: the fit ends as soon as this is
+        clearly out of reach.
     """
     problem = problem_of(samples, ties or Ties.none(len(shapes), len(poles)), poles.imag > 0.0)
     point = problem.start(poles, shapes)
@@ -124,9 +125,9 @@ def likelihood_near(
     shapes: NDArray[np.complex128],
     ties: Ties,
 ) -> float:
-    """Return the `log_likelihood` of given poles, shapes and amplitudes improved once.
+    """Return the `log_likelihood` of given poles, amplitudes fitted and shapes improved once.
 
-    Parameters are those of `most_likely_modes`; this ranks sets that begin near their optimum.
+    Parameters are those of `most_likely_modes`; this ranks sets that start near their optimum.
     """
     problem = problem_of(samples, ties, poles.imag > 0.0)
     return problem.log_likelihood(problem.start(poles, shapes))
@@ -138,7 +139,7 @@ def _result(problem: Problem, point: Point) -> LikelyModes:
     system = problem.linearise(point)
     n_unknowns = int(np.sum(system.free)) + int(np.sum(~problem.known))
     share = 1.0 - n_unknowns / problem.samples.count.sum()
-    # A mode at which the information is nil has no bound: its variance is left large.
+    # A mode without information has no bound: its variance is left large.
     where = np.flatnonzero(system.free[0])
     information = system.pole_information()[np.ix_(where, where)]
     scale = np.multiply.outer(*[unit_scale(information)] * 2)

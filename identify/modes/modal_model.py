@@ -1,6 +1,6 @@
-"""Modes of vibration: their nouns, measures of likeness, and the shape at the degrees of freedom.
+"""Modes of vibration: classes, measures of similarity, and the shape at the degrees of freedom.
 
-A mode is one of a conjugate pair; the one with a positive imaginary part stands for both.
+A mode is a conjugate pair of poles; the pole with a positive imaginary part represents both.
 Frequency is ``|lambda| / 2 pi`` and damping ratio ``-Re(lambda) / |lambda|``, which are the
 undamped natural frequency and the damping ratio of a single oscillator with that pole.
 """
@@ -59,8 +59,8 @@ class ModalModel:
     frequency_std_hz: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     damping_ratio_std: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     """`frequency_std_hz`, `damping_ratio_std`: standard deviations by the noise of the records
-    (Cramer-Rao bound), shape (m,); 0 from records without noise, NaN where nothing was said of it,
-    as for the modes of a matrix."""
+    (Cramer-Rao bound), shape (m,); 0 for records without noise, NaN where it is not known, as for
+    the modes of a matrix."""
 
     def __post_init__(self) -> None:
         if self.shapes.ndim != 2 or self.poles.shape != self.shapes.shape[1:]:
@@ -74,7 +74,8 @@ class ModalModel:
         shapes = np.asarray(self.shapes, dtype=np.complex128)[:, order]
         if shapes.size:
             size = np.abs(shapes)
-            # The first of equals: rounding must not decide which entry of a symmetric shape it is.
+            # The first of equal entries: rounding must not decide between entries of a symmetric
+            # shape.
             largest = np.argmax(size > (1.0 - 1e-6) * size.max(axis=0), axis=0)
             shapes = shapes / shapes[largest, np.arange(len(poles))]
         object.__setattr__(self, "poles", read_only(poles))
@@ -137,8 +138,9 @@ def mac(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[
     Returns
     -------
     (m, k) float64
-        1 for shapes alike but for a complex factor, 0 for orthogonal ones (and for a zero shape).
-        Of one shape the axis is left out: two of them give a single number, shape ().
+        1 for shapes that are equal except for a complex factor, 0 for orthogonal ones (and for a
+        zero shape).  A single shape has no axis in the result: two of them give one number, shape
+        ().
     """
     product = np.abs(left.conj().T @ right) ** 2
     size = np.multiply.outer(np.sum(np.abs(left) ** 2, axis=0), np.sum(np.abs(right) ** 2, axis=0))
@@ -165,7 +167,7 @@ def mpc(shapes: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def sensor_rows(channels: Sequence[Channel], geometry: VehicleGeometry) -> NDArray[np.float64]:
-    """Return what each sensor sees of the seven degrees of freedom, its time derivative apart.
+    """Return each sensor's row on the seven degrees of freedom, without its time derivative.
 
     Parameters
     ----------
@@ -194,16 +196,16 @@ def displacement_shapes(
     """Turn shapes at the sensors into displacement shapes at the degrees of freedom.
 
     In a mode everything moves as ``exp(lambda t)``, so an acceleration is ``lambda^2`` and a rate
-    ``lambda`` times a displacement: the division is exact, where integrating a signal over time
-    drifts.  A sensor's low-pass has passed it on times its gain at lambda.  What several sensors
-    say of one degree of freedom is reconciled by least squares.
+    ``lambda`` times a displacement: the division is exact, whereas integrating a signal over time
+    drifts.  A sensor's low-pass multiplies it by its gain at lambda.  Several sensors of one degree
+    of freedom are reconciled by least squares.
 
     Parameters
     ----------
     sensed : ModalModel
         Shapes (n_channels, m) as measured, in the order of `channels`.
     channels : sequence of Channel
-        What each row of the shapes is.
+        Channel of each row of the shapes.
     geometry : VehicleGeometry
         As in `sensor_rows`.
 

@@ -24,10 +24,10 @@ MODE_NAMES = (
 def mode_names(model: ModalModel, geometry: VehicleGeometry) -> tuple[str, ...]:
     """Name each mode by the motion that has the largest share in it.
 
-    The body counts by how its four corners move, the wheels by how they move: body pitch is the
-    pitch angle times half the wheelbase, body roll the roll angle times the half width.  Bounce and
-    pitch are mixed in most vehicles, so two modes may have the same largest share; names are dealt
-    out so that no two modes have the same one and the shares named add up to most.
+    The body counts by the motion of its four corners, the wheels by their own motion: body pitch is
+    the pitch angle times half the wheelbase, body roll the roll angle times the half width.  Bounce
+    and pitch are mixed in most vehicles, so two modes may have the same largest share; names are
+    assigned so that no two modes have the same one and the sum of the named shares is largest.
 
     Parameters
     ----------

@@ -1,17 +1,17 @@
-"""Which poles are modes: the choice without an oracle.
+"""Decides which poles are modes, without knowing how many there are.
 
-Noise-free records say it themselves: behind the last mode the singular values drop to rounding.
-From noisy ones the State Variable Method gives as many poles as it is asked for.  A mode is then
-what
+Noise-free records show it themselves: after the last mode the singular values drop to rounding.
+From noisy ones the State Variable Method gives as many poles as it is asked for.  A mode is then a
+pole that
 
-- is a conjugate pair that decays and oscillates (a damping ratio up to critical: a vehicle's modes
-  have 24 to 36 %, so the usual limit of 20 % would leave none),
-- comes again, pole and shape (MAC), at the next higher ranks (`identify.modes.stabilisation`), or
-  parts from one that does under maximum likelihood (`identify.modes.order_selection`),
-- explains more of the records than noise would seem to in 999 of 1000 records.
+- is one of a conjugate pair, decays and oscillates (a damping ratio up to critical: a vehicle's
+  modes have 24 to 36 %, so the usual limit of 20 % would leave none),
+- recurs with its shape (MAC) at the next higher ranks (`identify.modes.stabilisation`), or is split
+  off from such a pole by maximum likelihood (`identify.modes.order_selection`),
+- explains more of the records than noise would in 999 of 1000 records.
 
-Phase collinearity is no criterion here: the channels may be accelerations, rates and displacements
-at once, and a vehicle's dampers make its shapes complex anyway.
+Phase collinearity is not a criterion here: the channels may be accelerations, rates and
+displacements at once, and a vehicle's dampers make its shapes complex anyway.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ _SAME_POLE_CLEAN = 1e-4
 _MAX_DAMPING = 0.98
 
 _LIKE = 0.003
-"""Sets of poles that differ by no more, relative, lead to the same optimum."""
+"""Largest relative difference of sets of poles that lead to the same optimum."""
 _TRIAL_SWEEPS = 2
-"""A set with one pole less begins near its optimum; two sweeps rank the sets."""
+"""Sweeps that rank the sets: a set with one pole less begins near its optimum."""
 
 
 def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
     """Identify the modes of a structure from its free decays.
 
-    Nothing is assumed of the structure: any number of modes, seen by any channels (accelerations,
-    rates and displacements may be mixed, each in its own unit).  All records go into one
-    regression; each has its own initial state.  Noisy records are fitted by maximum likelihood from
-    there, which gives the standard deviations.
+    Nothing is assumed about the structure: any number of modes, seen by any channels
+    (accelerations, rates and displacements may be mixed, each in its own unit).  All records go
+    into one regression; each has its own initial state.  Noisy records are fitted by maximum
+    likelihood from there, which gives the standard deviations.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
 
 
 def regression_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
-    """Return what regression alone says, to start a fit from; with noise, real poles as well.
+    """Return the modes by regression alone, to start a fit from; with noise, real poles as well.
 
     Parameters and Raises are those of `identify_modes`.
     """
@@ -107,7 +107,7 @@ def _modes(
 def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
     """Return the modes of noise-free records, or None if the records are noisy.
 
-    They are taken from the layout that shows most, and must come again in another one.
+    They are taken from the layout that shows most, and must recur in another one.
 
     `spaces`: the records in several layouts, the preferred first.
     """
@@ -131,7 +131,7 @@ def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
 def noisy_modes(
     spaces: Sequence[DelaySpace], decays: Sequence[NDArray[np.float64]], rate_hz: float
 ) -> ModalModel:
-    """Return the modes of noisy records; none if there are none to be sure of.
+    """Return the modes of noisy records; an empty model if none is certain.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def noisy_modes(
 def noisy_start(
     spaces: Sequence[DelaySpace], decays: Sequence[NDArray[np.float64]], rate_hz: float
 ) -> ModalModel:
-    """Return the best founded set of stable poles, real ones among them; none if there are none.
+    """Return the stable set of highest merit, real poles included; no pole if there is no such set.
 
     Parameters are those of `noisy_modes`.
     """
@@ -181,7 +181,7 @@ def noisy_start(
 
 
 def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:
-    """Return the sets without those that are like one before, or much smaller than another."""
+    """Return the sets without those that equal an earlier one or are much smaller than another."""
     most = max((len(poles) for poles, _ in sets), default=0)
     chosen: list[Poles] = []
     for poles, shapes in sets:
@@ -195,18 +195,18 @@ def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:
 
 
 def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Return which poles stand for a mode; of a pair, the one with positive imaginary part."""
+    """Return which poles represent a mode; of a pair, the one with positive imaginary part."""
     return np.asarray((poles.imag > 0.0) & (-poles.real < _MAX_DAMPING * np.abs(poles)))
 
 
 def _without_needless(projection: Projection, fit: ModalFit) -> ModalFit:
-    """Take out one pole after the other as long as that raises the merit.
+    """Remove one pole after the other as long as this raises the merit.
 
     `fit`: of all poles of the projection.
     """
     kept, shapes = np.arange(len(fit.poles)), fit.shapes.copy()
     while len(kept):
-        # Where even free amplitudes would not do without a pole, no shapes will.
+        # A pole that even free amplitudes need is needed with shapes, too.
         possible = projection.merits_without(kept) > fit.merit
         if not possible.any():
             break

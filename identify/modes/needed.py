@@ -1,7 +1,8 @@
-"""Bounds by which most sets of modes need no fit of their own.
+"""Bounds that make a fit of most sets of modes unnecessary.
 
-A mode has one shape in all runs.  Were its amplitude free in every channel of every run, the modes
-would explain more: what even then is lost without one of them, is lost the more with shapes.
+A mode has one shape in all runs.  With an amplitude that is free in every channel of every run,
+modes explain at least as much.  So the likelihood of free amplitudes without a mode is an upper
+bound for any fit without this mode.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ _ROUNDING = 1e-12
 def likelihood_at_most(
     blocks: Sequence[Block], poles: NDArray[np.complex128], n_channels: int
 ) -> NDArray[np.float64]:
-    """Return what the likelihood without each of some poles cannot exceed, (m,).
+    """Return an upper bound of the likelihood without each of some poles, (m,).
 
-    Twice its logarithm, constants apart, as `LikelyModes.log_likelihood`.
+    It is twice the logarithm, without constants, as `LikelyModes.log_likelihood`.
 
     Parameters
     ----------
@@ -50,19 +51,19 @@ def likelihood_at_most(
 def least_left(
     wave: NDArray[np.complex128], turning: NDArray[np.bool_], samples: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the squares that are left of some series at least, each wave left out, (m, k).
+    """Return the least squares that remain of some series without each wave, (m, k).
 
     Parameters
     ----------
     wave : (n, m) complex128
         The exponentials.
     turning : (m,) bool
-        Which are of a conjugate pair; the others are real.
+        True for poles of a conjugate pair; the others are real.
     samples : (n, k) float64
         The series.
     """
     m, pairs = len(turning), np.flatnonzero(turning)
-    # Columns of each mode; a real pole has none for its imaginary part, but one of zeros.
+    # Columns of each mode; a real pole has a column of zeros for its imaginary part.
     mine = np.column_stack([np.arange(m), np.full(m, m + len(pairs))])
     mine[pairs, 1] = m + np.arange(len(pairs))
     basis, triangle = np.linalg.qr(np.hstack([wave.real, wave.imag[:, pairs]]))

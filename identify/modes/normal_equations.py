@@ -1,8 +1,8 @@
 """Normal equations of poles, shapes and amplitudes, solved by `identify.modes.modal_likelihood`.
 
-Unknowns are the poles, one amplitude of each mode in each run, and one shape of each mode.  A run's
-amplitudes meet those of no other run, so they are eliminated run by run (`identify.modes.arrow`):
-the cost grows with the number of runs, not with its cube.
+Unknowns are the poles, one amplitude of each mode in each run, and one shape of each mode.  The
+amplitudes of one run are not coupled with those of another, so they are eliminated run by run
+(`identify.modes.arrow`): the cost grows with the number of runs, not with its cube.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from .block_products import Products
 from .waves import Block, Layout, Waves, laid_out, real_gradient, waves
 
 _MAX_GROWTH = 30.0
-"""Nepers within the longest series; what grows faster is an overflow to come."""
+"""Largest growth within the longest series, nepers; a faster growth would overflow."""
 _TINY = 1e-24
 """Share of a channel's power below which noise cannot be distinguished from rounding."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ties:
-    """Ties between channels: which move alike, or opposite, or not at all in a mode."""
+    """Ties between channels: which of them move equally, oppositely, or not at all in a mode."""
 
     owner: NDArray[np.intp]
-    """Number of the entry, counted from 0, that the channel takes from."""
+    """Index of the shape entry that the channel uses."""
     sign: NDArray[np.float64]
     """The channel's entry in each mode is `sign` (1, -1 or 0) times that of its owner, shape
     (n_channels, m)."""
@@ -41,7 +41,7 @@ class Ties:
 
     @classmethod
     def none(cls, n_channels: int, n_modes: int) -> Ties:
-        """Return the ties of channels of which nothing is known."""
+        """Return the ties of channels that are independent of each other."""
         return cls(np.arange(n_channels), np.ones((n_channels, n_modes)))
 
 
@@ -49,8 +49,8 @@ class Ties:
 class Point:
     """Poles and amplitudes (n_runs, m), with the shapes (n_owners, m) that are best for them.
 
-    `squares` (n_channels,) are left over, and `products` (n_runs, n_channels, 2 m) are the sums of
-    the functions times the residuals.
+    `squares` (n_channels,) are the squared residuals, and `products` (n_runs, n_channels, 2 m) are
+    the sums of the functions times the residuals.
     """
 
     waves: Waves
@@ -63,7 +63,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """All blocks of samples, and what they say before any pole is known."""
+    """All blocks of samples, with sums that do not depend on any pole."""
 
     blocks: tuple[Block, ...]
     layout: Layout
@@ -85,7 +85,7 @@ class Samples:
 
 
 def gathered(blocks: Sequence[Block]) -> Samples:
-    """Gather some blocks, once for all fits of them; no channel of zeros."""
+    """Gather some blocks, once for all fits of them; no channel may be all zeros."""
     n_channels = 1 + max(int(block.channel.max()) for block in blocks)
     n_runs = 1 + max(int(block.run.max()) for block in blocks)
     place = np.full((n_runs, n_channels), -1)
@@ -103,11 +103,11 @@ def gathered(blocks: Sequence[Block]) -> Samples:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """The samples and what is known beforehand.
+    """The samples, and the ties and kinds of poles that are known beforehand.
 
     `turning` (m,) is True for pairs, False for real poles; `known` (n_owners, 2 m) is True for
-    parts of shapes that are zero; `member` (n_owners, n_channels) is 1 where a channel takes from
-    an owner.
+    parts of shapes that are zero; `member` (n_owners, n_channels) is 1 where a channel uses the
+    entries of an owner.
     """
 
     samples: Samples
@@ -137,7 +137,7 @@ class Problem:
         shapes: NDArray[np.complex128],
         weight: NDArray[np.float64],
     ) -> Point:
-        """Return the point at given poles and amplitudes, with the shapes improved to the best.
+        """Return the point at given poles and amplitudes, with the best shapes.
 
         `target` (n_runs, n_channels, 2 m) sums the functions times the samples; `weight`
         (n_channels,) is the inverse of the variance of the noise as far as it is known.
@@ -179,7 +179,7 @@ class Problem:
         )
 
     def move(self, point: Point, system: System, damping: float) -> Point | None:
-        """Return the point a step ahead, None if it is no better."""
+        """Return the point after a step; None if it is not better."""
         m = len(point.waves.poles)
         by_poles, by_runs, by_shapes = system.step(damping)
         poles = point.waves.poles + by_poles[:m] + 1j * by_poles[m:]
@@ -196,7 +196,7 @@ class Problem:
         return trial if trial.objective <= point.objective else None
 
     def log_likelihood(self, point: Point) -> float:
-        """Return twice the logarithm of the likelihood, constants apart."""
+        """Return twice the logarithm of the likelihood, without constants."""
         return -float(np.sum(self.samples.count * np.log(point.squares / self.samples.count)))
 
     def _fitted(self, at: Waves, residues: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -254,7 +254,7 @@ class Problem:
 def problem_of(samples: Samples, ties: Ties, turning: NDArray[np.bool_]) -> Problem:
     """Return the problem of some samples.
 
-    `ties`: what is known of the shapes.  `turning`, (m,) bool: whether a pole is one of a conjugate
+    `ties`: known ties of the shapes.  `turning`, (m,) bool: whether a pole is one of a conjugate
     pair.
     """
     member = (np.arange(ties.owner.max() + 1)[:, None] == ties.owner).astype(float)

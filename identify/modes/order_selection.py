@@ -1,9 +1,9 @@
-"""How many modes there are: the likelihood adds what is missing and takes out what is needless.
+"""Finds the number of modes: the likelihood adds missing modes and removes needless ones.
 
 The State Variable Method may give one pole where there are two that nearly coincide; the slope of
-the residual along ``t exp(pole t)`` reveals it, and shows the shape of the second.  And it may give
-poles that only follow noise; without them the likelihood falls by no more than noise explains.
-Poles that are copies of one mode are merged (`identify.modes.copies`).
+the residual along ``t exp(pole t)`` reveals the second one, and shows its shape.  The method may
+also give poles that only follow noise; without them the likelihood falls by no more than noise
+explains.  Poles that are copies of one mode are merged (`identify.modes.copies`).
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _FALSE_ALARM = 1e-3
 _MOST_SPLITS = 4
 _TINY = 1e-100
 _DETUNED = 1.03
-"""Where the second of two poles starts: near the first, and not on it."""
+"""Factor from the first to the start of the second of two poles: near it, but not equal."""
 
 Start = tuple[NDArray[np.complex128], NDArray[np.complex128], Ties]
-"""Poles (m,), shapes (n_channels, m) and what ties them."""
+"""Poles (m,), shapes (n_channels, m) and their ties."""
 
 
 def likely_modes(
@@ -39,17 +39,17 @@ def likely_modes(
     shapes: NDArray[np.complex128],
     ties: Ties | None = None,
 ) -> LikelyModes:
-    """Return the best founded set of modes near a given one.
+    """Return the set of modes with the highest merit near a given one.
 
     Parameters
     ----------
     samples : Samples
-        From `gathered`.  Levels are fitted if that pays.
+        From `gathered`.  Levels are fitted if that raises the merit.
     poles : (m,) complex128
     shapes : (n_channels, m) complex128
         The set to start from, real poles included; m >= 1.
     ties : Ties or None
-        What is known of the shapes; a mode that is added is of the kind of that which hid it.
+        Known ties of the shapes; an added mode has the kind of the mode that hid it.
     """
     first = originals(poles, shapes)
     if ties is not None:
@@ -83,19 +83,19 @@ def _originals(modes: LikelyModes) -> NDArray[np.intp]:
 
 
 def _more_merit(samples: Samples, modes: LikelyModes, other: Start, n: int) -> LikelyModes | None:
-    """Return what is found from another start, None if it is no better founded than some modes."""
+    """Return the modes from another start; None if their merit is not above that of some modes."""
     wanted = _merit(modes, n) + float(_noise(modes, other[0], n))
     found = most_likely_modes(samples, *other, wanted=wanted)
     return found if found.log_likelihood > wanted else None
 
 
 def _merit(modes: LikelyModes, n: int) -> float:
-    """Return the likelihood of some modes less what as many would gain from noise."""
+    """Return the likelihood of some modes less the gain of as many modes from noise."""
     return modes.log_likelihood - float(_noise(modes, modes.poles, n))
 
 
 def _noise(modes: LikelyModes, poles: NDArray[np.complex128], n: int) -> NDArray[np.float64]:
-    """Return what other poles, or each of some sets, (.., p), would gain from noise."""
+    """Return the gain of other poles, or of each of some sets, (.., p), from noise."""
     return gain_by_noise(poles, len(modes.shapes), len(modes.amplitudes), n)
 
 
@@ -105,7 +105,7 @@ def _chosen(modes: LikelyModes, which: NDArray[np.intp]) -> Start:
 
 
 def _split(blocks: Sequence[Block], modes: LikelyModes) -> Start:
-    """Return the modes with a second one beside that which hides it best."""
+    """Return the modes with a second one next to the mode that hides it best."""
     m, (n_channels, n_runs) = len(modes.poles), (len(modes.shapes), len(modes.amplitudes))
     pattern = np.zeros((m, n_channels, n_runs), dtype=complex)
     for block in blocks:
@@ -125,10 +125,10 @@ def _split(blocks: Sequence[Block], modes: LikelyModes) -> Start:
 
 
 def _without_least_needed(samples: Samples, modes: LikelyModes, n: int) -> Start | None:
-    """Return the modes without the one whose loss costs least, None if surely all are needed.
+    """Return the modes without the least needed one; None if all are certainly needed.
 
-    No set can be better than what free amplitudes of its poles in every series would make of it:
-    where that is worse than the modes themselves, or than a set tried before, none is fitted.
+    Free amplitudes of its poles in every series bound the merit of a set: where this bound is below
+    the merit of the modes themselves, or of a set tried before, the set is not fitted.
     """
     fewer = without_each(np.arange(len(modes.poles)))
     noise = _noise(modes, modes.poles[fewer], n)

@@ -1,7 +1,7 @@
-"""Which mode of the vehicle is which mode of the same vehicle with added mass.
+"""Pairs the modes of a vehicle with those of the same vehicle with added mass.
 
-By shape, never by frequency: the mass lowers nearly equal frequencies by different amounts, and
-modes change places.
+They are paired by shape, never by frequency: the mass lowers nearly equal frequencies by different
+amounts, and modes change places.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class Pairing:
     added: NDArray[np.intp]
     """Indices of the paired modes in either model, the baseline's ascending."""
     mac: NDArray[np.float64]
-    """Likeness of each pair, 0 to 1, shape (k,)."""
+    """MAC of each pair, 0 to 1, shape (k,)."""
     margin: NDArray[np.float64]
-    """How much more alike the pair is than either of its modes is to any third, shape (k,)."""
+    """MAC of the pair less the largest MAC of either mode with any third, shape (k,)."""
     swapped: tuple[tuple[int, int], ...]
-    """Pairs of baseline modes whose partners stand in the opposite order of frequency."""
+    """Pairs of baseline modes whose partners are in the opposite order of frequency."""
 
     def __post_init__(self) -> None:
         for name in ("baseline", "added", "mac", "margin"):
@@ -40,8 +40,8 @@ class Pairing:
 def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
     """Pair the modes of two mass states so that the sum of their MAC is largest.
 
-    `baseline` and `added`: modes with shapes in the same channels; if one has more modes, some stay
-    without partner.  Raises InputError if the shapes are of different channels.
+    `baseline` and `added`: modes with shapes in the same channels; if one has more modes, some have
+    no partner.  Raises InputError if the shapes are of different channels.
     """
     if len(baseline.shapes) != len(added.shapes):
         raise InputError(

@@ -1,8 +1,8 @@
-"""Fit of records by modes that have one shape each: how much do given poles explain.
+"""Fits records by modes that have one shape each: how much given poles explain.
 
 The shape of a mode is common to all records, its amplitude is each record's own.  This is what
 makes two modes with nearly the same pole (a vehicle has two such pairs) visible: one pole could
-follow both in each record by itself, but not with a single shape in all.
+follow both in each single record, but not with one shape in all records.
 
 Records are projected once on the exponentials of some poles; any sets of these poles are then
 fitted by small matrices, many sets at once.
@@ -41,7 +41,7 @@ class ModalFit:
     """Shapes fitted, unit length, shape (n_channels, m)."""
     merit: float
     """Twice the logarithm of the likelihood, less what as many modes would gain from noise: of two
-    sets of modes the one with the higher merit is the better founded."""
+    sets of modes, the one with the higher merit is preferred."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class _Alike:
     """`mixed`, `plain`: sums of ``conj(f) g`` and of ``f g`` of the exponentials, shape (m, m)."""
 
     def of(self, sets: NDArray[np.intp]) -> _Chosen:
-        """Return what belongs to some sets of the exponentials, (s, p)."""
+        """Return the part that belongs to some sets of the exponentials, (s, p)."""
         left, right = sets[:, :, None], sets[:, None]
         waves = self.waves[:, sets].transpose(1, 2, 0)
         products = self.products[:, :, sets].transpose(2, 0, 1, 3)
@@ -70,7 +70,7 @@ class _Alike:
 
 @dataclass(frozen=True, slots=True)
 class _Chosen:
-    """The same of s sets of p exponentials each, the sets along the first axis."""
+    """The same quantities for s sets of p exponentials each, the sets along the first axis."""
 
     waves: NDArray[np.complex128]
     """Shape (s, p, k)."""
@@ -126,18 +126,18 @@ class Projection:
     alike: tuple[_Alike, ...]
     """The records of each length."""
     outside: NDArray[np.float64]
-    """Squares of the samples that no amplitudes reach, shape (n_channels,)."""
+    """Squares of the samples outside the space of the exponentials, shape (n_channels,)."""
     n_records: int
     n_samples: int
-    """`n_records`, `n_samples`: in all, samples of one channel."""
+    """`n_records`, `n_samples`: total numbers of records, and of samples of one channel."""
 
     @property
     def most_merit(self) -> float:
-        """Merit that no shapes exceed: amplitudes free in every channel of every record."""
+        """Upper bound of the merit: amplitudes free in every channel of every record."""
         return self._merit(self.outside[None], self.poles[None])[0]
 
     def merits_without(self, kept: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return what the merit of some poles without each of them cannot exceed, (len(kept),)."""
+        """Return an upper bound of the merit of some poles without each of them, (len(kept),)."""
         m, turning = len(kept), self.poles[kept].imag > 0.0
         left = np.repeat(self.outside[None], m, axis=0)
         for one in self.alike:
@@ -152,16 +152,17 @@ class Projection:
     ) -> list[ModalFit]:
         """Fit shapes and amplitudes of some sets of the poles by alternating least squares.
 
-        Noise is white and of its own, unknown size in each channel.
+        Noise is white, with an unknown level in each channel.
 
         Parameters
         ----------
         sets : (s, p) intp
-            Numbers of the poles of each set.
+            Indices of the poles of each set.
         shapes : (n_channels, m) complex128
             Shapes of all poles, to start from.
         sweeps : int
-            Alternations at most; few are enough to compare sets that start near their optimum.
+            Largest number of alternations; few are enough to compare sets that start near their
+            optimum.
         """
         size = self.n_records * len(shapes) * max(1, sets.shape[1])
         step = max(1, _AT_ONCE // size)
@@ -203,7 +204,7 @@ class Projection:
 
 
 def without_each(kept: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return some numbers without each of them, (m, m - 1)."""
+    """Return some indices without each of them, (m, m - 1)."""
     m = len(kept)
     return np.asarray(np.broadcast_to(kept, (m, m))[~np.eye(m, dtype=bool)].reshape(m, m - 1))
 
@@ -248,7 +249,7 @@ def project(
 def _solved(normal: NDArray[np.float64], product: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Solve stacked normal equations, (s, 2 p, 2 p), for products (s, n, p).
 
-    The ridge is far below noise; it decides only between poles that are the same to rounding.
+    The ridge is far below noise; it matters only for poles that are equal to rounding.
     """
     n = normal.shape[-1]
     ridge = _RIDGE * np.trace(normal, axis1=1, axis2=2) / n + np.finfo(float).tiny
@@ -262,8 +263,8 @@ def gain_by_noise(
 ) -> NDArray[np.float64]:
     """Return what some poles, or each of some sets, (.., p), may gain by following noise.
 
-    Each free number gains about 1, so a mode's gain is chi-squared distributed; and there are some
-    n frequencies at which noise may look like a mode, the best of which is the one that is found.
+    Each free number gains about 1, so a mode's gain is chi-squared distributed; and noise may look
+    like a mode at some n frequencies, of which the search finds the best.
     """
     numbers = n_channels + n_records
     pairs = np.sum(poles.imag > 0.0, axis=-1)

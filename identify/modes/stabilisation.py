@@ -1,4 +1,4 @@
-"""Stabilisation: which poles of the State Variable Method come again when its rank is raised.
+"""Stabilisation: which poles of the State Variable Method recur when its rank is raised.
 
 A pole of the structure is found at every rank above its own; a pole that follows noise moves.
 """
@@ -19,7 +19,7 @@ from .state_variable_method import DelaySpace, checked_records, delay_space, lay
 _SAME_POLE = 0.05
 _SAME_SHAPE = 0.9
 _SEEN_AGAIN = 2
-"""Ranks at which a pole must come again."""
+"""Number of ranks at which a pole must recur."""
 _MORE_RANKS = 12
 """Ranks to try beyond the singular values that stand out from the noise."""
 _MAX_GROWTH = 0.5
@@ -40,7 +40,7 @@ class StabilisationDiagram:
     shapes: NDArray[np.complex128]
     """Entries in the channels, shape (n_channels, n)."""
     stable: NDArray[np.bool_]
-    """True if pole and shape come again at the next ranks, shape (n,)."""
+    """True if pole and shape recur at the next ranks, shape (n,)."""
 
     def __post_init__(self) -> None:
         for name in ("rank", "poles", "shapes", "stable"):
@@ -48,7 +48,7 @@ class StabilisationDiagram:
 
     @property
     def stable_sets(self) -> list[Poles]:
-        """The stable poles of each rank that has some, in order of frequency."""
+        """Stable poles of each rank that has any, in order of frequency."""
         ranks = np.unique(self.rank[self.stable])
         found = []
         for rank in ranks:
@@ -86,10 +86,8 @@ def stabilisation_diagram(records: Sequence[ArrayLike], rate_hz: float) -> Stabi
 def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
     """Return the poles of one layout of delays over its rank.
 
-    Real poles are kept: they are no modes, but an offset or a filter's transient has one, and left
-    out of a fit it would pass for a mode.
-
-    `duration_s` is that of the longest record.
+    Real poles are kept: they are not modes, but an offset or a filter's transient has one, and if a
+    fit left it out it would be taken for a mode.  `duration_s` is the length of the longest record.
     """
     highest = space.directions.shape[1] - space.n_channels - 1
     standing_out = int(np.sum(space.strength > 2.0 * np.median(space.strength)))
@@ -117,6 +115,6 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
 
 
 def seen_in(candidates: Poles, others: Poles, tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which candidates are among the others, by pole and by shape, (m,)."""
+    """Return which candidates recur among the others, by pole and by shape, (m,)."""
     near = np.abs(candidates[0][:, None] - others[0]) < tolerance[:, None]
     return np.asarray(np.any(near & (mac(candidates[1], others[1]) > _SAME_SHAPE), axis=1))

@@ -1,11 +1,12 @@
 """The State Variable Method (Eqs. 14-21): from free decays to poles and shapes.
 
-One regression over all records: bounce, pitch and roll excite different modes, and only together
-do they show all.  Two things are added to the paper.  The delay vectors are projected on their
-leading singular directions before the regression (an explicit rank, where Eq. 18 inverts a matrix
-that is singular for noise-free data), which also takes out most of the noise.  And where the
-sampling is much faster than the motion, delays step over several samples, whose mean they take:
-a sum of exponentials stays one under any filter, so poles and shapes are untouched.
+One regression over all records: bounce, pitch and roll excite different modes, and only all of them
+together show every mode.  Two things are added to the paper.  The delay vectors are projected on
+their leading singular directions before the regression (an explicit rank, where Eq. 18 inverts a
+matrix that is singular for noise-free data), which also takes out most of the noise.  And where the
+sampling is much faster than the motion, delays step over several samples, whose mean they take: any
+filter turns a sum of exponentials into another with the same exponents, so poles and shapes stay
+the same.
 
 Which of the poles are modes is decided in `identify.modes.mode_selection`.
 """
@@ -22,21 +23,21 @@ from dbc.errors import InputError
 from dbc.frames import read_only
 
 _MIN_SAMPLES = 8
-"""Fewer samples cannot show a damped sine and that nothing else is there."""
+"""Fewer samples cannot show a damped sine and exclude anything else."""
 
 _MAX_ROWS = 240
-"""Length of the longest delay vector: more costs time and hardly informs."""
+"""Length of the longest delay vector: a longer one costs time and adds little information."""
 
 _NOISY = 1e-5
 """Weakest direction relative to the strongest above which products of the samples serve: their
-rounding, 1e-16, is then far below what noise does to every direction."""
+rounding, 1e-16, is then far below the noise in every direction."""
 
 _WHERE = "free-decay records"
 
 
 @dataclass(frozen=True, slots=True)
 class Delays:
-    """How delay vectors are laid out."""
+    """Layout of the delay vectors."""
 
     blocks: int
     """Number of delays, p + 2 for the p of Eq. 17: the regression is between the first and the last
@@ -50,7 +51,7 @@ class DelaySpace:
     """The directions in which the delay vectors of all records lie."""
 
     delays: Delays
-    """Layout of the rows."""
+    """Layout of the delay vectors."""
     rate_hz: float
     """Samples a second of the records."""
     directions: NDArray[np.float64]
@@ -58,8 +59,8 @@ class DelaySpace:
     strength: NDArray[np.float64]
     """Singular values, shape (r,)."""
     coordinates: tuple[NDArray[np.float64], ...]
-    """The delay vectors of each record, one a sample, in these directions, each shape (n_i, r);
-    none are needed where the step is one sample."""
+    """The delay vectors of each record, one for each sample, in these directions, each shape (n_i,
+    r); empty where the step is one sample, which needs none."""
     n_channels: int
     """Channels of the records."""
 
@@ -71,7 +72,7 @@ class DelaySpace:
 def checked_records(
     records: Sequence[ArrayLike], rate_hz: float
 ) -> tuple[NDArray[np.float64], ...]:
-    """Return the records as (n_samples, n_channels) arrays, or say what is wrong with them.
+    """Return the records as (n_samples, n_channels) arrays after checking them.
 
     Raises
     ------
@@ -120,7 +121,7 @@ def checked_records(
 
 
 def layouts(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Delays, ...]:
-    """Return the layouts of delay vectors to try, those that usually serve best first.
+    """Return the layouts of delay vectors to try, the usually best ones first.
 
     The step is a tenth of a period of the highest frequency that matters in the records, the
     longest vector at most half a record.  A step of one sample is tried as well: a weak mode far
@@ -176,10 +177,10 @@ def _table(record: NDArray[np.float64], delays: Delays) -> NDArray[np.float64]:
 def _noisy_directions(
     records: Sequence[NDArray[np.float64]], delays: Delays
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return strengths and directions from the products of the delay vectors, None if too exact.
+    """Return strengths and directions from the products of the delay vectors; None if noise is low.
 
-    Products square the condition: they serve where noise is far above rounding, at a tenth of the
-    cost of a decomposition of long tables, which grows with the number of records too.
+    Products square the condition: they are used where noise is far above rounding, at a tenth of
+    the cost of a decomposition of long tables, which grows with the number of records too.
     """
     behind = delays.step * (delays.blocks - 1)
     if sum(len(record) - behind for record in records) < delays.blocks * records[0].shape[1]:
@@ -193,7 +194,8 @@ def _noisy_directions(
 def _products(records: Sequence[NDArray[np.float64]], delays: Delays) -> NDArray[np.float64]:
     """Return the products of the delay vectors, (blocks c, blocks c), on and above the diagonal.
 
-    A block is that before it along the diagonal, with what a window gains and loses by its shift.
+    A block equals the block before it along the diagonal, corrected for the samples that a shift of
+    the window adds and removes.
     """
     blocks, step, c = delays.blocks, delays.step, records[0].shape[1]
     out = np.zeros((blocks, c, blocks, c))
@@ -229,7 +231,7 @@ def poles_of_rank(
     With the delay vectors projected on `rank` directions U, the least-squares transition matrix of
     Eq. 18 is that from the first to the last rows of U.  A step of several samples leaves the
     imaginary part of ``ln z`` open by multiples of 2 pi; the phase by which the modal coordinate
-    turns in one sample decides.
+    turns in one sample determines it.
 
     Returns
     -------
@@ -239,8 +241,8 @@ def poles_of_rank(
         First block of the eigenvectors.
     """
     U = space.directions[:, :rank]
-    # U is orthonormal, so that the products of all rows but the last are the identity less those of
-    # the last: their inverse needs a matrix of n_channels only (Woodbury).
+    # U is orthonormal, so that the products of all rows except the last are the identity less the
+    # products of the last: their inverse needs a matrix of n_channels only (Woodbury).
     last = U[-space.n_channels :]
     products = U[: -space.n_channels].T @ U[space.n_channels :]
     ahead = np.linalg.solve(np.eye(space.n_channels) - last @ last.T, last @ products)
@@ -261,7 +263,7 @@ def poles_of_rank(
 
 
 def _highest_frequency_hz(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> float:
-    """Return the frequency below which 98 % of the energy of the records lies, offsets apart."""
+    """Return the frequency below which 98 % of the energy of the records without offsets lies."""
     length = max(len(decay) for decay in decays)
     power = np.zeros(length // 2 + 1)
     for decay in decays:
@@ -276,6 +278,6 @@ def _running_mean(record: NDArray[np.float64], width: int) -> NDArray[np.float64
     """Return the mean of `width` successive samples, (n - width + 1, n_channels)."""
     n = len(record) - width + 1
     total = record[:n].copy()
-    for shift in range(1, width):  # a running sum would carry its rounding along
+    for shift in range(1, width):  # a running sum would accumulate rounding
         total += record[shift : shift + n]
     return total / width

@@ -1,9 +1,9 @@
-"""Left and right: what a mirror does to the sensors of a vehicle, and to its modes.
+"""Left and right: the effect of a mirror on the sensors of a vehicle, and on its modes.
 
 A vehicle that is its own mirror image has symmetric modes (heave, pitch, axles in parallel) and
 antisymmetric ones (roll, axles in opposition), and neither kind moves the other.  Sums and
 differences of mirrored sensors then each show one kind, which separates wheel modes of nearly one
-pole.  Whether the vehicle is so is for the data to say (`identify.modes.vehicle_modes`).
+pole.  The data decide whether the vehicle is symmetric (`identify.modes.vehicle_modes`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dbc.frames import read_only
 from .normal_equations import Ties
 
 _SAME_PLACE_M = 0.005
-"""Two sensors are each other's mirror image, or one is its own, to this distance."""
+"""Largest distance from the exact mirror place at which sensors count as mirror images."""
 
 _ROLL = frozenset({Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION})
 
@@ -30,7 +30,7 @@ class Mirror:
     """The mirror image of each channel."""
 
     image: NDArray[np.intp]
-    """The channel that is its mirror image, itself perhaps; -1 if there is none."""
+    """Channel that is the mirror image, possibly the channel itself; -1 if there is none."""
     sign: NDArray[np.float64]
     """-1 if the mirror turns its sign (roll), else 1, shape (n_channels,)."""
 
@@ -56,7 +56,7 @@ class Mirror:
         return np.array(rows).reshape(-1, n)
 
     def ties(self, parity: NDArray[np.float64]) -> Ties:
-        """Return what modes of given kinds, (m,) of 1 or -1, have in common in the channels."""
+        """Return the ties of the channels in modes of given kinds, (m,) of 1 or -1."""
         n = len(self.image)
         owner = np.where(self.image >= 0, np.minimum(self.image, np.arange(n)), np.arange(n))
         _, owner = np.unique(owner, return_inverse=True)
@@ -70,7 +70,7 @@ class Mirror:
 
 
 def mirror_of(channels: Sequence[Channel]) -> Mirror:
-    """Return what a mirror does to some channels by their quantity and place."""
+    """Return the mirror image of some channels, by their quantity and place."""
     sign = np.array([-1.0 if channel.quantity in _ROLL else 1.0 for channel in channels])
     image = np.array([_image(channel, channels) for channel in channels], dtype=np.intp)
     return Mirror(image, sign)
@@ -79,7 +79,7 @@ def mirror_of(channels: Sequence[Channel]) -> Mirror:
 def _image(channel: Channel, channels: Sequence[Channel]) -> int:
     found = [number for number, other in enumerate(channels) if _mirrored(channel, other)]
     back = [number for number, other in enumerate(channels) if _mirrored(other, channel)]
-    # Two sensors at one place leave open which is the image.
+    # With two sensors at one place the image is ambiguous.
     twins = [other for other in channels if found and _mirrored(other, channels[found[0]])]
     return found[0] if len(found) == len(back) == len(twins) == 1 else -1
 

@@ -1,6 +1,6 @@
 """Modes of a vehicle as its sensors see them, and the paper's chain from there (Eqs. 22-33).
 
-The State Variable Method wants samples on one grid, so the groups are interpolated onto the slowest
+The State Variable Method needs samples on one grid, so the groups are interpolated onto the slowest
 of them; from there on the modal likelihood takes every sample at its own time.
 """
 
@@ -43,15 +43,15 @@ class SensedModes:
     model: ModalModel
     """Poles with their standard deviations, and shapes in the channels' own quantities."""
     mirrored: bool
-    """True if left and right were found alike, and each mode symmetric or antisymmetric."""
+    """True if the vehicle was found symmetric, and each mode is symmetric or antisymmetric."""
 
 
 def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> SensedModes:
     """Identify the modes of one mass state from its decays, all runs in one fit.
 
     Where the sensors distinguish left from right, the modes are sought as symmetric and
-    antisymmetric ones.  If shapes free of that are more likely than chance allows, the vehicle is
-    not symmetric, and they stand.
+    antisymmetric ones.  If shapes without this symmetry are more likely than chance allows, the
+    vehicle is not symmetric, and these shapes are returned.
 
     `records` and `decays`: the runs and their free decays; channels that are not in all of them are
     left out.  Raises InputError if the decays are too short or have no channel in common.
@@ -78,7 +78,7 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
 def vehicle_diagram(
     records: Sequence[Record], decays: Sequence[FreeDecay]
 ) -> StabilisationDiagram | None:
-    """Return the stabilisation diagram of one mass state's decays, all runs in one.
+    """Return the stabilisation diagram of one mass state's decays, with all runs together.
 
     None if they are too short or have no channel in common.
     """
@@ -118,7 +118,7 @@ def _mirrored_modes(
         return None
     ties = mirror.ties(np.concatenate(parity))
     tied = likely_modes(samples, np.concatenate(poles), np.hstack(shapes), ties)
-    if np.sum(vibrates(tied.poles)) > N_DOF:  # modes that are neither kind are found as both
+    if np.sum(vibrates(tied.poles)) > N_DOF:  # a mode of neither kind is found in both
         return None
     numbers = len(tied.poles) + int(np.sum(tied.poles.imag > 0.0))
     more = (len(tied.shapes) + len(tied.amplitudes)) * numbers - tied.n_unknowns
@@ -130,7 +130,7 @@ def _mirrored_modes(
 
 
 def _blurred(grids: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-    """Add a little noise: errors of interpolation decay like modes and would be taken for some.
+    """Add a little noise: errors of interpolation decay like modes and would be taken for modes.
 
     Only the start comes from these grids.
     """
@@ -157,7 +157,7 @@ def _blocks(decays: Sequence[FreeDecay], channels: Sequence[Channel]) -> tuple[B
 
 
 def _model(likely: LikelyModes | None, alive: NDArray[np.bool_]) -> ModalModel:
-    """Return the vibrating ones of some modes, with zeros in the silent channels."""
+    """Return the vibrating modes among some modes, with zeros in the silent channels."""
     if likely is None:
         return ModalModel(np.zeros(0, complex), np.zeros((len(alive), 0), complex))
     modes = vibrates(likely.poles)
@@ -178,7 +178,7 @@ def _rate_hz(time_s: NDArray[np.float64]) -> float:
 def _on_grid(
     record: Record, decay: FreeDecay, channels: Sequence[Channel], rate_hz: float
 ) -> NDArray[np.float64]:
-    """Bring a decay, less the level of rest, on a common grid, (n, n_channels).
+    """Interpolate a decay, less the level at rest, on a common grid, (n, n_channels).
 
     Fast groups are averaged in blocks first: a mean of exponentials has the same exponents, and
     less noise.

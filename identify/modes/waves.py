@@ -1,4 +1,4 @@
-"""Sums of exponentials against samples: what a fit of modes needs of the data.
+"""Sums of exponentials against samples: all that a fit of modes needs from the data.
 
 The poles of a fit are its own (not those of a vehicle, see `identify.model.exponentials`),
 and their waves are kept complex: the products ``conj(f) g`` and ``f g`` summed over the
@@ -29,11 +29,11 @@ class Block:
     """One column a series, shape (n, k)."""
     run: NDArray[np.intp]
     channel: NDArray[np.intp]
-    """To which run and channel each series belongs; each pair occurs in one block only."""
+    """Indices of the run and channel of each series; each pair occurs in one block only."""
     free_level: bool = False
-    """True if each series stands on an unknown constant of its own."""
+    """True if each series has its own unknown constant."""
     deviations: NDArray[np.float64] = field(init=False)
-    """The values, from their mean if their level is unknown, shape (n, k)."""
+    """Values, less their mean if their level is unknown, shape (n, k)."""
 
     def __post_init__(self) -> None:
         level = self.values.mean(axis=0) if self.free_level else 0.0
@@ -68,15 +68,16 @@ class Layout:
     """Deviations of the blocks, those that are sampled alike together."""
     run: tuple[NDArray[np.intp], ...]
     channel: tuple[NDArray[np.intp], ...]
-    """`run`, `channel`: of each series of the blocks, for each entry of `series`, (r, k)."""
+    """`run`, `channel`: indices of each series of the blocks, for each entry of `series`, (r,
+    k)."""
     floating: tuple[NDArray[np.float64], ...]
     """1 for each block whose levels are unknown, else 0, (r,)."""
     n_blocks: int
-    """Blocks in all."""
+    """Total number of blocks."""
 
 
 def laid_out(blocks: Sequence[Block]) -> Layout:
-    """Lay out some blocks: once for all poles at which their sums are wanted."""
+    """Lay out some blocks, once for all poles at which their sums are needed."""
     series = series_of([b.time_s for b in blocks], [b.deviations for b in blocks])
     mine = [[blocks[member] for member in one.members] for one in series]
     return Layout(
@@ -92,7 +93,8 @@ def laid_out(blocks: Sequence[Block]) -> Layout:
 class Waves:
     """The functions ``exp(pole t)`` and ``t exp(pole t)`` at the samples of all blocks.
 
-    Where levels are unknown, each from its mean: what a constant can follow says nothing of modes.
+    Where levels are unknown, each function is taken less its mean: the part that a constant can
+    follow shows nothing about modes.
     """
 
     poles: NDArray[np.complex128]
@@ -114,7 +116,7 @@ class Waves:
         return sums
 
     def squares_left(self, residues: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Return the squares that sums of exponentials leave in each channel, (n_channels,).
+        """Return the squared residuals of sums of exponentials in each channel, (n_channels,).
 
         `residues`: amplitude of each exponential in each series, (n_runs, n_channels, m).
         """

@@ -2,6 +2,6 @@
 
 The states of a run are integrated over time with the elements of `identify.elements`; their
 derivatives by the unknowns are integrated along that path.  Everything that belongs to one run is
-eliminated run by run, so that what leaves this room is what leaves the linear fit: a share of cost,
+eliminated run by run, so that this room returns the same as the linear fit: a share of cost,
 gradient and information for each run.
 """

@@ -1,4 +1,4 @@
-"""A damper curve in a few numbers: its force at the speeds at which tables give it."""
+"""Reduces a damper curve to a few numbers: its force at standard speeds."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from ..fit.uncertainty import COVERAGE_95, Estimate
 from .forces import DamperCurve, Forces
 
 STANDARD_SPEEDS_M_S = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)
-"""Speeds of the wheel against the body, compression positive, m/s."""
+"""Speeds of the wheel relative to the body at which tables of dampers state forces, compression
+positive, m/s."""
 _SIZE_N = 50.0
-"""Force that matters, N: a damper may have next to none at a low speed."""
+"""Smallest force that matters, N: a damper may have nearly none at a low speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +22,11 @@ class SpeedForce:
     """Force of one corner at one speed."""
 
     speed_m_s: float
-    """Compression positive."""
+    """Speed, compression positive, m/s."""
     damper: Estimate
-    """Of the damper alone, N."""
+    """Force of the damper alone, N."""
     total: Estimate
-    """With friction, N: right whatever the law of the friction is."""
+    """Force with friction, N: right whatever the law of the friction is."""
 
 
 def forces_at_speeds(curve: DamperCurve) -> tuple[SpeedForce, ...]:

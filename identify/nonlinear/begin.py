@@ -1,4 +1,4 @@
-"""Where a nonlinear fit begins: a linear fit with bars, and the motion that it gives each run."""
+"""Start of a nonlinear fit: a linear fit with bars, and the motion that it gives each run."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from ..fit.varpro import linear_part
 from ..model.matrices import SYMMETRIC, full_matrices
 from .car import PULL, Model, car
 from .common_scale import scaled
-from .path import Own, travel_speeds
+from .path import InitialState, travel_speeds
 
 _BEYOND = 2.0
-"""Factor by which a car may be lighter or heavier than all generic vehicles: theirs are wide."""
+"""Factor by which a car may be lighter or heavier than all generic vehicles, whose range is
+wide."""
 _MISSHAPEN = 4.0
-"""Factor beyond all generic vehicles from which on a parameter is that of no vehicle."""
+"""Factor beyond all generic vehicles above which a parameter is impossible for a vehicle."""
 _SLIDES_M_S = 0.02
 """Speed at which most of the friction acts in the direction of the motion."""
 
 
-def of_vehicle_size(
+def scaled_to_vehicle(
     box: GreyBox, eta: NDArray[np.float64], vehicles: Sequence[NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Return linear unknowns with all masses and forces by one factor smaller, or as they are.
+    """Return linear unknowns with all masses and forces scaled by one factor, or unchanged.
 
-    Without scales their size rests on what the weights change, which friction hides: a linear fit
-    of an suv weighed 22 t, with its lengths and frequencies nearly right.  `eta`, (P,): of `box`.
+    Without scales their size rests on the effect of the weights, which friction hides: a linear fit
+    of an suv had a mass of 22 t, with lengths and frequencies nearly right.  `eta`, (P,): of `box`.
     `vehicles`: generic ones, (15,) each, the usual one first.
     """
     masses = [float(vehicle[0]) for vehicle in vehicles]
@@ -42,13 +43,13 @@ def of_vehicle_size(
     return scaled(box, eta, masses[0] / found)
 
 
-def misshapen(
+def is_impossible(
     box: GreyBox, eta: NDArray[np.float64], vehicles: Sequence[NDArray[np.float64]]
 ) -> bool:
-    """Return whether linear unknowns, (P,) of `box`, are those of no vehicle.
+    """Return whether linear unknowns, (P,) of `box`, are impossible for a vehicle.
 
-    With friction of the rear wheels' load a linear fit of a city car put its CG 4 mm behind the
-    front axle: from there no search came back, from the usual vehicle it did.
+    With friction as large as the rear wheels' load, a linear fit of a city car put its CG 4 mm
+    behind the front axle: no search from there found the optimum, one from the usual vehicle did.
     """
     usual = np.array([SYMMETRIC @ vehicle for vehicle in vehicles])
     common = usual.all(axis=0)  # bars, tyre damping and offsets may be zero
@@ -57,8 +58,10 @@ def misshapen(
     return bool(((found < least / _MISSHAPEN) | (found > most * _MISSHAPEN)).any())
 
 
-def rest_of(model: Model, eta: NDArray[np.float64], state: MassState) -> NDArray[np.float64]:
-    """Return how far what is added lets the car sink, (7,), by its linear springs."""
+def position_at_rest(
+    model: Model, eta: NDArray[np.float64], state: MassState
+) -> NDArray[np.float64]:
+    """Return the displacement of the car under its added weights, (7,), by its linear springs."""
     one = car(model, eta, state, np.zeros(0, dtype=np.intp))
     full = model.box.full(eta[: model.first].astype(complex))
     _, _, K = full_matrices(full)
@@ -66,19 +69,19 @@ def rest_of(model: Model, eta: NDArray[np.float64], state: MassState) -> NDArray
     return np.asarray(np.linalg.solve(K.real, pull))
 
 
-def owns_of(
+def initial_states_of(
     model: Model,
     eta: NDArray[np.float64],
     decays: tuple[FreeDecay, ...],
     sigma: Mapping[str, float],
-) -> tuple[Own, ...]:
-    """Return how each run begins by the linear model at `eta`, (P,)."""
+) -> tuple[InitialState, ...]:
+    """Return the initial state of each run by the linear model at `eta`, (P,)."""
     box = model.box
     states = {s.name: s for s in box.mass_states}
     present = {decay.mass_state for decay in decays}
     linear = eta[: model.first]
     points = {name: linear_point(box, linear, name, sigma) for name in present}
-    rests = {name: rest_of(model, eta, states[name]) for name in present}
+    rests = {name: position_at_rest(model, eta, states[name]) for name in present}
     none = np.zeros(0, dtype=np.intp)
     cars = {name: car(model, eta, states[name], none) for name in present}
     result = []
@@ -86,5 +89,5 @@ def owns_of(
         motion = linear_part(points[decay.mass_state], decay).solution[:14].copy()
         motion[:7] += rests[decay.mass_state]
         speed = travel_speeds(cars[decay.mass_state], motion)
-        result.append(Own(motion, np.tanh(speed / _SLIDES_M_S), np.zeros(4)))
+        result.append(InitialState(motion, np.tanh(speed / _SLIDES_M_S), np.zeros(4)))
     return tuple(result)

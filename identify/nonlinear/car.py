@@ -1,7 +1,7 @@
-"""One mass state of a car as the integrator takes it: coefficients of its corners and its body.
+"""One mass state of a car for the integrator: coefficients of its corners and its body.
 
-What a corner's forces depend on is a row of numbers (`COLUMNS`), so that the integrator needs to
-know neither axles nor structures nor which of the numbers are unknown; their derivatives by the
+All that a corner's forces depend on is a row of numbers (`COLUMNS`), so that the integrator needs
+to know neither axles nor structures nor which of the numbers are unknown; their derivatives by the
 unknowns come by a complex step through the grey box.
 """
 
@@ -23,22 +23,23 @@ from .unknowns import Element, elements
 
 GRAVITY_M_S2 = 9.80665
 KNEE_M_S = 0.002
-"""Rounding of the damper's knees on the path, m/s: unseen in the data, wide enough for the step."""
+"""Rounding of the damper's knees on the path, m/s: invisible in the data, wide enough for the
+step."""
 
 (
     X, Y, K_S, K_2, K_3, K_B, GAP, K_A, F_C, LENGTH, SURPLUS, FALL, RATIO, C, MOUNT, K_T, BETA, C_T,
     STATIC, MASS, PULL, KNEES,
 ) = range(22)  # fmt: skip
-"""Columns of the coefficients of a corner; the slopes at the knees follow from `KNEES` on.
+"""Columns of the coefficients of a corner; the slopes at the knees begin at `KNEES`.
 
 X, Y: place from the CG, m.  SURPLUS: of static over sliding friction, FALL: the speed over which it
-falls off, m/s.  RATIO: this corner's damper over the axle's.  STATIC: load of the bare
-car, N.  MASS: of the wheel with its load, kg.  PULL: gravity of what is added to the wheel, N."""
+falls off, m/s.  RATIO: this corner's damper over the axle's.  STATIC: load of the bare car, N.
+MASS: of the wheel with its load, kg.  PULL: weight added to the wheel, N."""
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """Which unknowns there are, and how they make a car."""
+    """The unknowns, and how a car is made from them."""
 
     box: GreyBox
     """Linear part: parameters, places, lateness, weights, facts."""
@@ -63,7 +64,7 @@ class Model:
         return (*known, *cross, *(e.name for e in self.elements))
 
     def unknowns(self, linear: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return all unknowns, (P,), for those of the grey box and elements at rest."""
+        """Return all unknowns, (P,), from those of the grey box, with elements at rest."""
         rest = [e.unknown(e.rest) for e in self.elements]
         return np.concatenate([linear, rest])
 
@@ -76,7 +77,7 @@ class Model:
         return result
 
     def full(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the full parameters, (..., 28), with what each corner differs by."""
+        """Return the full parameters, (..., 28), with the differences of each corner."""
         value = self.element_values(eta)
         full = self.box.full(eta).copy()
         for place in Corner:
@@ -90,7 +91,8 @@ class Model:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return measured less predicted value of each fact in sigmas, and the latter's slopes.
 
-        A wheel that is heavier than the other weighs on the scales: what corners differ by counts.
+        The differences of the corners are included: a wheel that is heavier than the other shows on
+        the scales.
         """
         points = stepped(eta)
         return misfits_of(self.box.facts, self.full(points), self.box.cross_kg(points))
@@ -109,14 +111,14 @@ class Car:
     d_mass: NDArray[np.float64]
     """(F, 3, 3)."""
     pull: NDArray[np.float64]
-    """(3,) gravity of what is added to the body."""
+    """(3,) force of the weights that are added to the body."""
     d_pull: NDArray[np.float64]
     """(F, 3)."""
     knots: tuple[float, ...]
 
     @property
     def has_mount(self) -> bool:
-        """True if a damper stands on a compliant mount, or may."""
+        """True if a damper has a compliant mount, or may have one."""
         return bool(self.corner[:, MOUNT].any() or self.d_corner[:, MOUNT].any())
 
 

@@ -1,7 +1,7 @@
 """The tangents as machine code (Numba): a step of all columns in one loop that vectorises.
 
 The Jacobian acts through the slopes of the four corners, so that a column costs some 150 operations
-a stage; nothing is dense.
+a stage; no matrix is dense.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def _relative(x, i, corner):
 
 @njit(forceinline=True)
 def _rates(q, v, z, e, node):
-    """Return the rates of one column's speeds, frictions and mounts."""
+    """Return the rates of change of one column's speeds, frictions and mounts."""
     one, two, three, four, h = node
     u = (_relative(q, 0, one), _relative(q, 1, two), _relative(q, 2, three), _relative(q, 3, four))
     w = (_relative(v, 0, one), _relative(v, 1, two), _relative(v, 2, three), _relative(v, 3, four))
@@ -67,7 +67,7 @@ def _forced(q, v, z, e, node, forcing, j):
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
 def rk4(count, block, first, middle, last, f_first, f_middle, f_last, h, out):
-    """Write a block of columns one step later, and its accelerations as the step begins."""
+    """Write a block of columns one step later, and its accelerations at the start of the step."""
     begin, half, end = node_slopes(first), node_slopes(middle), node_slopes(last)
     for j in range(count):
         q, v, z, e = (
@@ -137,7 +137,7 @@ def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, sparse, 
 
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
-def seen(trace, count, before, weights, order, first, motions, shares, out):
+def add_sampled(trace, count, before, weights, order, first, motions, shares, out):
     """Add the tangents of some channels, (n, channels, columns), at given times to `out`.
 
     `weights` are those of displacement, speed and acceleration by both ends' displacements, speeds

@@ -1,4 +1,4 @@
-"""The nonlinear fit at the seam: shares and residuals of runs, as of the linear fit."""
+"""Gives the nonlinear fit the interface of the linear one: shares and residuals of runs."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from ..fit.likelihood import FACTS, PRIORS, Residuals
 from ..fit.varpro import NormalBlock
 from .fit import inverse
 from .level import POLISH
-from .path import Own
+from .path import InitialState
 from .problem import Normal, Point, Problem, normal, point
 from .run import run_of
 from .unknowns import elements
 
 _OWN_STEPS = 4
-"""Gauss-Newton steps for the runs' own states at other unknowns: they are nearly linear."""
+"""Gauss-Newton steps for the initial states of runs at other unknowns: they are nearly linear."""
 
 
 @dataclass(frozen=True)
 class NonlinearEngine:
-    """The fitted problem; what asks for shares and residuals need not know which path it takes."""
+    """The fitted problem, with shares and residuals as those of the linear engine."""
 
     problem: Problem
     eta: NDArray[np.float64]
     """(P,) all unknowns at the optimum."""
-    owns: Mapping[str, Own]
-    """How each run begins, by its label."""
+    initials: Mapping[str, InitialState]
+    """Initial state of each run, by its label."""
     shown: NDArray[np.intp]
     """Positions, among all, of the unknowns of a `Fit`."""
 
     @property
     def elements(self) -> Mapping[str, int]:
-        """Place among the unknowns of a `Fit` of each element that has a size: knees have none."""
+        """Position among the unknowns of a `Fit` of each element with a size: knees have none."""
         sized = {e.name for e in elements(()) if not e.logarithmic}
         names = [self.problem.model.names[i] for i in self.shown.tolist()]
         return {name: place for place, name in enumerate(names) if name in sized}
@@ -57,7 +57,7 @@ class NonlinearEngine:
         sigma: Mapping[str, float],
         eta: NDArray[np.float64],
     ) -> tuple[Residuals, ...]:
-        """Return what the model leaves of each decay at the shown unknowns."""
+        """Return the residuals of each decay at the shown unknowns."""
         at, equations = self._at(decays, sigma, eta)
         return residuals_of(at, equations)
 
@@ -104,18 +104,18 @@ class NonlinearEngine:
             tuple(run_of(self.problem.model, decay, sigma) for decay in decays),
             self.problem.centre, self.problem.prior, self.problem.free,
         )  # fmt: skip
-        owns = tuple(self.owns[decay.label] for decay in decays)
-        at = point(problem, every, owns, POLISH)
+        initials = tuple(self.initials[decay.label] for decay in decays)
+        at = point(problem, every, initials, POLISH)
         if at is None:
             raise FloatingPointError("the path of a run is not finite at these unknowns")
         equations = normal(at)
         for _ in range(_OWN_STEPS):
             steps = [inverse(b.A) @ b.own for b in equations.blocks]
             gain = sum(float(s @ b.own) for s, b in zip(steps, equations.blocks, strict=True))
-            if gain < 0.01 * len(owns):
+            if gain < 0.01 * len(initials):
                 break
-            owns = tuple(own.moved(step) for own, step in zip(at.owns, steps, strict=True))
-            moved = point(problem, every, owns, POLISH)
+            initials = tuple(own.moved(step) for own, step in zip(at.initials, steps, strict=True))
+            moved = point(problem, every, initials, POLISH)
             if moved is None or moved.cost > at.cost:
                 break
             at, equations = moved, normal(moved)
@@ -123,7 +123,7 @@ class NonlinearEngine:
 
 
 def residuals_of(at: Point, equations: Normal) -> tuple[Residuals, ...]:
-    """Return what is left of each decay, SI, with the degrees of freedom of each channel."""
+    """Return the residuals of each decay, SI, with the degrees of freedom of each channel."""
     result = []
     for run, found, b in zip(at.problem.runs, at.predicted, equations.blocks, strict=True):
         own = len(b.A)

@@ -1,8 +1,8 @@
-"""No damper's force falls as the speed grows: the terms that hold the curves up.
+"""Terms that keep a damper's force from falling as the speed grows.
 
 A force that falls as the speed grows feeds energy into the car: no damper does it, and on a mount
-such a curve has no finite path.  A curve is free to do it at speeds that hardly occur, so its
-slopes are held up by one-sided terms; a slope above the floor is left alone.
+such a curve has no finite path.  The data do not prevent this at speeds that hardly occur, so
+one-sided terms raise slopes below a floor; slopes above it are not affected.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def too_flat(
     """Return by how much each segment of the dampers' curves is flatter than the floor.
 
     `eta`: (P,).  Returns (segments,) float64, front first, in units of the floor's deviation,
-    negative where a segment is steeper; and by how much less that is for each unknown, (segments,
-    P).  What is negative costs nothing.
+    negative where a segment is steeper; and its fall per unit of each unknown, (segments, P).
+    Negative values cost nothing.
     """
     shares = _shares(model, stepped(eta))
     return (_FLOOR - shares[0].real) / _FLOOR_SD, shares[1:].imag.T / COMPLEX_STEP / _FLOOR_SD
@@ -38,7 +38,7 @@ def _shares(model: Model, eta: NDArray[np.complex128]) -> NDArray[np.complex128]
     full = model.box.full(eta)
     knots = np.array(model.knots)
     share = np.array([secant_share(knot, KNEE_M_S) for knot in model.knots])
-    # A knot acts at all speeds beyond it, outwards from rest; 0 counts to compression.
+    # A knot acts at all speeds beyond it, outwards from rest; a knot at 0 acts in compression.
     edges = np.concatenate([knots, [0.0]])
     middle = np.sort(np.unique(edges))
     speeds = np.concatenate([[middle[0] - 1.0], 0.5 * (middle[1:] + middle[:-1]), [middle[-1] + 1]])

@@ -14,23 +14,29 @@ from .car import Car
 from .filtered import pole_terms
 from .lanes import LANES
 from .level import Level
-from .path import STATES, Own, Path, Sampled, first_state
-from .tangent import Plan, Seen, Start
+from .path import STATES, InitialState, Path, Sampled, first_state
+from .tangent import Plan, SampledChannels, Start
 
 Array = NDArray[np.float64]
 
 
 def integrate(
-    cars: Sequence[Car], owns: Sequence[Own], ends_s: Sequence[float], step_s: float, level: Level
+    cars: Sequence[Car],
+    initials: Sequence[InitialState],
+    ends_s: Sequence[float],
+    step_s: float,
+    level: Level,
 ) -> list[Path | None]:
     """Return the path of each run up to its end or just after; None if it does not stay finite."""
     return [
         _integrate(car, own, end_s, step_s, level)
-        for car, own, end_s in zip(cars, owns, ends_s, strict=True)
+        for car, own, end_s in zip(cars, initials, ends_s, strict=True)
     ]
 
 
-def _integrate(car: Car, own: Own, end_s: float, step_s: float, level: Level) -> Path | None:
+def _integrate(
+    car: Car, own: InitialState, end_s: float, step_s: float, level: Level
+) -> Path | None:
     x0, speed = first_state(car, own, level)
     steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8
     states, slopes = np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES))
@@ -53,7 +59,7 @@ def sample(car: Car, path: Path, times_s: Array) -> Sampled:
 
 
 def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Any:
-    """Return the tangents along a path, as `seen` takes them."""
+    """Return the tangents along a path, as `add_sampled` takes them."""
     corner, knots, inverse, _ = _body(car)
     count = start.matrix.shape[1]
     assert count == len(acts) + (22 if car.has_mount else 18)
@@ -72,9 +78,9 @@ def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: P
     return trace
 
 
-def seen(trace: Any, given: Seen, out: Array) -> None:
+def add_sampled(trace: Any, given: SampledChannels, out: Array) -> None:
     """Add the tangents of some channels at some times to `out`, (n, channels, columns)."""
-    columns.seen(
+    columns.add_sampled(
         trace, out.shape[2], given.before, given.weights, given.orders, given.first, given.motions,
         given.shares, out,
     )  # fmt: skip

@@ -1,7 +1,8 @@
-"""A sensor's low-pass on a motion that is known at even times, evaluated at the samples.
+"""Applies a sensor's low-pass to a motion at even times; the output is at the samples' times.
 
-The filter is a sum of first-order ones, one a pole, each integrated exactly for an input that is a
-parabola over two steps.  Its own transients are left out: they are free constants of the channel.
+The filter is a sum of first-order filters, one for each pole, each integrated exactly for an input
+that is a parabola over two steps.  Its own transients are left out: they are free constants of the
+channel.
 """
 
 from __future__ import annotations
@@ -54,13 +55,13 @@ def filtered(
     step_s : float
         Spacing, s.
     times_s : (m,) float64
-        When the output is asked for.
+        Times of the output, s.
 
     Returns
     -------
     (m, ...) float64
     """
-    from scipy.signal import lfilter  # a second to import, and Numba does without
+    from scipy.signal import lfilter  # takes a second to import, and Numba does not need it
 
     h = 2.0 * step_s
     first, middle, last = values[:-1:2], values[1::2], values[2::2]

@@ -9,32 +9,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .level import USUAL, Grade
-from .path import Own
+from .path import InitialState
 from .problem import Normal, Point, Problem, normal, point
 from .run import Block
 
 _HOLDS = 12
-"""Solutions of a step, each with more unknowns held at their bounds."""
+"""Largest number of solutions of a step, each with more unknowns held at their bounds."""
 _ROUNDS = 8
-"""Solutions of a step, each with more of the runs' friction at its bound and other curves held."""
+"""Largest number of solutions of a step, each with more friction at its bound and other curves
+held."""
 _REFUSED = 8
-"""Refused steps in a row after which the tangents count as spent."""
+"""Refused steps in a row after which the tangents count as useless."""
 _SLOW = 0.5
 """Share of `rough` that a step must gain for a rough fit to go on."""
 _LEAST = 1e-3
 """Fall of the cost, over chi2/n, below which a step counts as refused."""
 _PROMISED, _LEAST_THERE = 2.0, 0.05
 """Fall of the cost, over chi2/n, that a full step may still promise where every step is refused,
-and the least that one has to gain where no more than that is promised."""
+and the smallest gain of a step where no more than that is promised."""
 
 _STILL, _STILL_PROMISED = 0.2, 5.0
 """Standard deviations by which a full step may still move a parameter of the car, and the fall of
-the cost, over chi2/n, that it may promise, if only shapes of elements are not at rest."""
+the cost, over chi2/n, that it may promise, if only the shapes of elements still move."""
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """Where a fit ended."""
+    """The point where a fit ended."""
 
     point: Point
     normal: Normal
@@ -42,7 +43,7 @@ class Optimum:
     """(F, F) reduced normal matrix, undamped."""
     iterations: int
     decrement: float
-    """By how much the cost would fall if the problem were linear."""
+    """Fall of the cost that a full step would give if the problem were linear."""
     converged: bool
 
     @property
@@ -57,7 +58,7 @@ class Optimum:
 
 
 def unit_size(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the roots of a diagonal; 1 for unknowns of which the data know nothing."""
+    """Return the roots of a diagonal; 1 for unknowns on which the data give no information."""
     size = np.diag(matrix)
     return np.asarray(np.sqrt(np.where(size > 0.0, size, 1.0)))
 
@@ -74,7 +75,7 @@ def inverse(matrix: NDArray[np.float64], rank: float = 1e-13) -> NDArray[np.floa
 
 @dataclass(frozen=True, slots=True)
 class Eliminated:
-    """The own unknowns of a run, some of them at a given step, as a function of the shared ones."""
+    """The own unknowns of a run, of which some steps may be given, as a function of the shared."""
 
     inverse: NDArray[np.float64]
     own: NDArray[np.float64]
@@ -83,7 +84,7 @@ class Eliminated:
     """Steps that are given; NaN for the others."""
 
     def step(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the step of the run's own unknowns with one of the shared ones."""
+        """Return the step of the run's own unknowns for a step of the shared ones."""
         free = self.inverse @ (self.own - self.B @ shared)
         return np.where(np.isnan(self.fixed), free, self.fixed)
 
@@ -103,7 +104,7 @@ def _eliminated(b: Block, damping: float, fixed: NDArray[np.float64]) -> Elimina
 def reduced(
     given: Normal, damping: float, fixed: Sequence[NDArray[np.float64]] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Eliminated]]:
-    """Eliminate the runs' own unknowns: matrix, right-hand side, and what gives their steps."""
+    """Eliminate the runs' own unknowns: matrix, right-hand side, and the eliminated unknowns."""
     matrix, right = given.shared.copy(), given.right.copy()
     runs = []
     for i, b in enumerate(given.blocks):
@@ -122,21 +123,21 @@ class _Step:
     """A damped step within all bounds."""
 
     shared: NDArray[np.float64]
-    owns: tuple[NDArray[np.float64], ...]
+    initials: tuple[NDArray[np.float64], ...]
     fall: float
-    """Of the cost, if the problem were linear."""
+    """Fall of the cost, if the problem were linear."""
 
 
 def _step(
     equations: Normal,
-    owns: tuple[Own, ...],
+    initials: tuple[InitialState, ...],
     damping: float,
     low: NDArray[np.float64],
     high: NDArray[np.float64],
 ) -> _Step:
-    """Return a step; friction that would act by more than all of it stops at all of it.
+    """Return a step; a share of friction that would exceed 1 stops at 1.
 
-    Damper curves that it would make too flat are held up, others are not.
+    Damper curves that the step would make too flat are held up, others are not.
     """
     fixed = [np.full(len(b.A), np.nan) for b in equations.blocks]
     flat = equations.lacks > 0.0
@@ -146,10 +147,10 @@ def _step(
         lacks = equations.lacks - equations.lifts @ shared
         moves = [run.step(shared) for run in runs]
         beyond = False
-        for own, move, held in zip(owns, moves, fixed, strict=True):
+        for own, move, held in zip(initials, moves, fixed, strict=True):
             after = own.friction + move[14:18]
             excess = np.abs(after) - 1.0
-            # The furthest out first: without it the others may stay inside.
+            # The one furthest outside first: without it the others may stay inside.
             out = 14 + np.flatnonzero(excess > max(1e-9, 0.5 * float(excess.max())))
             held[out] = np.sign(after[out - 14]) - own.friction[out - 14]
             beyond = beyond or bool(len(out))
@@ -173,10 +174,10 @@ def _solve(
     low: NDArray[np.float64],
     high: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the damped step within its bounds; what would leave them stops there.
+    """Return the damped step within its bounds; an unknown that would leave them stops there.
 
-    The others then take the step that is best with it: one unknown that the data hardly know must
-    not hold up all.
+    The others then take the step that is best with it: one unknown that the data hardly determine
+    must not block all others.
     """
     scale = unit_size(matrix)
     H = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
@@ -193,7 +194,7 @@ def _solve(
     return np.clip(step, low, high)
 
 
-def _stands_still(problem: Problem, full: _Step, information: NDArray[np.float64]) -> bool:
+def _is_settled(problem: Problem, full: _Step, information: NDArray[np.float64]) -> bool:
     """Return whether a full step would hardly move the parameters of the car."""
     car = problem.free < len(problem.model.box.parameters)
     if not car.any():
@@ -203,29 +204,29 @@ def _stands_still(problem: Problem, full: _Step, information: NDArray[np.float64
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
-    """A point from which to step."""
+class _Evaluated:
+    """A point, and the step from it."""
 
     point: Point
     equations: Normal
     full: _Step
-    """The undamped step from there."""
+    """The undamped step from the point."""
 
 
-def _place(at: Point | None) -> _Place | None:
+def _evaluated(at: Point | None) -> _Evaluated | None:
     """Return a point with its equations and full step; None without finite path and tangents."""
     equations = normal(at) if at else None
     if not at or not equations or not equations.finite:
         return None
     low, high = at.problem.bounds
     now = at.eta[at.problem.free]
-    return _Place(at, equations, _step(equations, at.owns, 1e-12, low - now, high - now))
+    return _Evaluated(at, equations, _step(equations, at.initials, 1e-12, low - now, high - now))
 
 
 def fit(
     problem: Problem,
     eta: NDArray[np.float64],
-    owns: tuple[Own, ...],
+    initials: tuple[InitialState, ...],
     grade: Grade = USUAL,
     tolerance: float = 0.05,
     rough: float = 0.0,
@@ -234,13 +235,14 @@ def fit(
 ) -> Optimum | None:
     """Find the optimum from a start; None if the start has no finite path and tangents.
 
-    Converged is a fit whose cost a full step would lower by less than `tolerance` times chi2/n:
-    then no combination of unknowns is further off than the root of that, in standard deviations.
-    Converged is also one from which no step, damped more and more, lowers the cost itself: the laws
-    have corners, at which the tangents promise what the paths do not keep.  So is one that creeps
-    along the gap of a stop or the knees of a curve, while the car's parameters stand still.
+    A fit has converged if a full step would lower the cost by less than `tolerance` times chi2/n:
+    then no combination of unknowns is further off than the square root of that, in standard
+    deviations.  It has also converged if no step, however strongly damped, lowers the cost itself:
+    the force laws have corners, at which the tangents promise more than the paths give.  The same
+    holds for a fit that creeps along the gap of a stop or the knees of a curve, while the car's
+    parameters do not move.
     """
-    here = _place(point(problem, eta, owns, grade))
+    here = _evaluated(point(problem, eta, initials, grade))
     if here is None:
         return None
     low, high = problem.bounds
@@ -255,32 +257,34 @@ def fit(
             matrix, _, _ = reduced(equations, 0.0)
             still = 0.0 <= decrement < _STILL_PROMISED * unit
             settled = small or (refused >= _REFUSED and 0.0 <= decrement < _PROMISED * unit)
-            settled |= still and _stands_still(problem, here.full, matrix)
+            settled |= still and _is_settled(problem, here.full, matrix)
             return Optimum(at, equations, matrix, iterations, decrement, settled)
-        ahead: _Place | None = None
+        ahead: _Evaluated | None = None
         near, ends = decrement < unit, decrement < _PROMISED * unit
         least = unit * (min(_LEAST_THERE, tolerance) if ends else _LEAST)
         box = problem.reach
         while refused < _REFUSED and iterations < max_iterations:
             iterations += 1
             bounds = np.maximum(low - now, -box), np.minimum(high - now, box)
-            step = _step(equations, at.owns, damping, *bounds)
+            step = _step(equations, at.initials, damping, *bounds)
             if ends and step.fall < least:  # damped more, it gains even less
                 refused = _REFUSED
                 break
             moved = at.eta.copy()
             moved[problem.free] += step.shared
-            owns = tuple(own.moved(move) for own, move in zip(at.owns, step.owns, strict=True))
-            trial = point(problem, moved, owns, grade)
+            initials = tuple(
+                own.moved(move) for own, move in zip(at.initials, step.initials, strict=True)
+            )
+            trial = point(problem, moved, initials, grade)
             log(
                 f"  {iterations} cost {at.cost:.2f} -> {trial.cost if trial else np.nan:.2f} "
                 f"promised {decrement:.3g} lambda {damping:.0e}"
             )
             if trial is not None and trial.cost < at.cost + (0.5 * unit if near else -least):
-                there = _place(trial)
-                # Where a curve falls tangents grow until the full step is no minimum any more.
+                there = _evaluated(trial)
+                # Where a curve falls, tangents grow until the full step is not a minimum any more.
                 if there and there.full.fall > -tolerance * unit:
-                    # A damping that was just found to be needed stays for one step.
+                    # A damping that has just proved necessary stays for one step.
                     damping = damping if refused else max(damping / 10.0, 1e-8)
                     refused, ahead = 0, there
                     break

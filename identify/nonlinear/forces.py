@@ -19,12 +19,12 @@ from .car import F_C, FALL, GAP, KNEE_M_S, KNEES, SURPLUS, C, Car
 from .path import travel_speeds
 
 if TYPE_CHECKING:
-    from .fit import Optimum  # with Numba, which a reader of results needs not
+    from .fit import Optimum  # loads Numba, which a reader of results does not need
 
 _AXLES = ("front", "rear")
 _POINTS = 61
 _SHARE = 0.01
-"""Share of the time at either end that a curve leaves out: there it rests on few samples."""
+"""Share of the time at either end that a curve leaves out, because few samples support it there."""
 _SHOWN_SIGMAS = 2.0
 """Standard deviations below which a mount counts as rigid."""
 MOUNT_LABEL = "mount"
@@ -46,11 +46,11 @@ KINDS = {
     "wheels_left_right": "dm_u",
     MOUNT_LABEL: "s_m",
 }
-"""Unknown, without its axle, by the name under which it is reported."""
+"""Unknown, without its axle, by its reported name."""
 
 
 def element_in_words(name: str) -> str:
-    """Return what an unknown element is called: `front friction` for `F_cf`."""
+    """Return the name of an unknown element in words: `front friction` for `F_cf`."""
     (label,) = (label for label, kind in KINDS.items() if kind == name[:-1])
     axle = _AXLES[name[-1] == "r"]
     return f"{axle} {'mount compliance' if label == MOUNT_LABEL else label.replace('_', ' ')}"
@@ -58,16 +58,16 @@ def element_in_words(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DamperCurve:
-    """Force of one damper over its speed, as far as the speeds occurred."""
+    """Force of one damper over the speeds that occurred."""
 
     speed_m_s: NDArray[np.float64]
     """(n,), compression positive."""
     force_n: NDArray[np.float64]
-    """(n,) of the damper alone."""
+    """(n,) force of the damper alone."""
     std_n: NDArray[np.float64]
     """(n,) standard deviation of `force_n`."""
     total_n: NDArray[np.float64]
-    """(n,) damper and friction together: right whatever the law of the friction is."""
+    """(n,) force of damper and friction together: right whatever the law of the friction is."""
     total_std_n: NDArray[np.float64]
     """(n,) standard deviation of `total_n`."""
 
@@ -84,18 +84,18 @@ class DamperCurve:
 
 @dataclass(frozen=True, slots=True)
 class AxleForces:
-    """The elements of one axle, each of one corner."""
+    """The elements of one axle, each for one corner."""
 
     axle: str
     """front or rear."""
     damper: DamperCurve
     values: dict[str, Estimate]
-    """Elements that are in the structure, by what they are: `friction` [N],
-    `pre_sliding_length` [m], `static_surplus` (share by which static friction exceeds it),
-    `stribeck_speed` [m/s], `bump_stop` [N/m], `bump_stop_gap` [m], `mount` [N/m], `progressive`
-    [N/m2], `cubic` [N/m3], `tyre_progressive` [1/m], `friction_left_right` [N] and
-    `dampers_left_right` (half the difference left less right, the latter as a share), as are
-    `springs_left_right`, `tyres_left_right` and `wheels_left_right`."""
+    """Elements that are in the structure, by name: `friction` [N], `pre_sliding_length` [m],
+    `static_surplus` (share by which static friction exceeds it), `stribeck_speed` [m/s],
+    `bump_stop` [N/m], `bump_stop_gap` [m], `mount` [N/m], `progressive` [N/m2], `cubic` [N/m3],
+    `tyre_progressive` [1/m], `friction_left_right` [N] and `dampers_left_right` (half the
+    difference left less right, the latter as a share), as are `springs_left_right`,
+    `tyres_left_right` and `wheels_left_right`."""
     notes: tuple[str, ...]
     """Remarks on what is not determined: a mount that is rigid, a stop that was not reached."""
 
@@ -107,20 +107,20 @@ class ElementChoice:
     name: str
     """As in `[vehicle.structure]`."""
     gain: float
-    """By how much it lowers the cost, in units of chi2/n."""
+    """Fall of the cost with the group, in units of chi2/n."""
     threshold: float
-    """Gain from which it counts as there (Bayesian information criterion)."""
+    """Gain above which the group counts as present (Bayesian information criterion)."""
     kept: bool
     """True if the data, or `[vehicle.structure]`, keep it."""
     forced: bool
     """True if `[vehicle.structure]` decides it."""
     values: dict[str, Estimate]
-    """Its unknowns."""
+    """Estimates of its unknowns."""
 
 
 @dataclass(frozen=True, slots=True)
 class Forces:
-    """All of it."""
+    """Forces of both axles, and the elements that were tried."""
 
     axles: tuple[AxleForces, AxleForces]
     choices: tuple[ElementChoice, ...]
@@ -129,7 +129,7 @@ class Forces:
 
 
 def element_estimates(best: Optimum, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
-    """Return every free element, and free parameter of the elements, with its interval."""
+    """Return every free element, and every free parameter of an element, with its interval."""
     problem = best.point.problem
     model = problem.model
     by_name = {e.name: e for e in model.elements}
@@ -202,7 +202,7 @@ def _axle(
             notes.append(f"damper mount rigid: at least {least:.1e} N/m")
         else:
             k = 1.0 / mount.value
-            # The interval is that of the compliance, turned over: it is not symmetric.
+            # The interval is the inverse of that of the compliance, so it is not symmetric.
             low, high = 1.0 / mount.high, 1.0 / mount.low if mount.low > 0.0 else inf
             shown[MOUNT_LABEL] = stiffness = Estimate(k, mount.std * k**2, low, high, "N/m")
             if not stiffness.determined:

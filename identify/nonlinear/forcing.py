@@ -1,7 +1,7 @@
 """Slopes and forcing of the tangents at a node of the path, as machine code (Numba).
 
 The slopes of the four corners, by which the Jacobian acts, and the forcing by each unknown;
-`linearised` says the same with NumPy's arrays.
+`linearised` computes the same with NumPy's arrays.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ mount_slope = mount.mount_slope
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
 def _tyre_slopes(one, z, v, width):
-    """Return the derivatives of the road's force: by the tyre's load, and by its damping."""
+    """Return the derivatives of the road's force by the tyre's load and by its damping."""
     load = tyre_load(z, one[K_T], one[BETA], one[STATIC])
     contact = tyre_contact(tyre_push(load, v, one[C_T], width), width)
     by_load = contact * tyre_push_by_load(load, v, one[C_T], width)
@@ -91,7 +91,7 @@ def _partials(one, knots, level, x, rate, r, u, across, i, by_force, by_speed, b
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
 def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body, work, slopes,
               forcing):  # fmt: skip
-    """Write what acts on a column at a node, (5, 13), and the forcing by the unknowns."""
+    """Write the slopes that act on a column at a node, (5, 13), and the forcing by the unknowns."""
     first, kinds, columns, values = sparse
     body_columns, d_mass, d_pull = body
     push, by_force, by_speed, by_road, by_turn = work
@@ -168,7 +168,7 @@ def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
 def _combine(push, slopes, forcing):
-    """Turn what pushes at the corners and at the body into accelerations."""
+    """Turn the forces at the corners and on the body into accelerations."""
     one, two, three, four, h = node_slopes(slopes)
     for j in range(LANES):
         f0, f1, f2, f3 = read4(push, 0, j)

@@ -13,16 +13,16 @@ from .car import Model
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """One choice of the structure."""
+    """One choice in `[vehicle.structure]`."""
 
     name: str
     """As in `[vehicle.structure]`."""
     kinds: tuple[str, ...]
     """Unknowns, without the axle at their end."""
     middle: bool | None = None
-    """Of the damper's knees: the one at rest, or the others."""
+    """True for the damper's knee at rest, False for its other knees; None for all else."""
     positive: bool = False
-    """True if a size below zero is no such element."""
+    """True if a size below zero means that the element is absent."""
 
     def members(self, model: Model) -> tuple[str, ...]:
         """Return the names of its unknowns."""
@@ -38,10 +38,11 @@ class Group:
         )
 
     def parts(self, sized: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-        """Return the sets of unknowns of which any may show that the element is there.
+        """Return the sets of unknowns, each of which may show that the element is present.
 
-        `sized`: its unknowns that are zero where it is absent.  A car may have it on one axle only:
-        all of them, those of the front and those of the rear.  The knees of both axles are one.
+        `sized`: its unknowns that are zero where it is absent.  Because a car may have it on one
+        axle only, the sets are all unknowns, those of the front and those of the rear.  The knees
+        of both axles are one set.
         """
         if self.middle is not None or self.name == "cg_offset":
             return (tuple(sized),)
@@ -67,7 +68,7 @@ GROUPS = (
 )
 BY_NAME = {group.name: group for group in GROUPS}
 AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
-"""Those of which the linear model has parameters, too."""
+"""Groups that are also parameters of the linear model."""
 
 STAGES = (
     (
@@ -87,11 +88,12 @@ STAGES = (
     ),
     ("bump_stops",),
 )
-"""Order of release: what is large first, what imitates it afterwards.  Released together from a
-far start they run after each other's effects.  Mounts and static friction join where they pay."""
+"""Order of release: large effects first, then effects that imitate them.  If all were released
+together from a far start, each would fit the effects of others.  Mounts and static friction join
+when their gain is large enough."""
 CORRECTIONS_FROM = 1
-"""Stage with which stated uncertainties (lateness, weights, places) are released: before, they
-would take up what the elements explain."""
+"""Stage with which stated uncertainties (lateness, weights, places) are released: earlier they
+would absorb the effects of the elements."""
 
 
 def positions(model: Model, chosen: tuple[str, ...], corrections: bool) -> NDArray[np.intp]:

@@ -8,10 +8,10 @@ from __future__ import annotations
 from importlib.util import find_spec
 
 if find_spec("numba") is not None:
-    from .fast import filtered, integrate, sample, seen, tangents
+    from .fast import add_sampled, filtered, integrate, sample, tangents
 else:
     from .filtered import filtered
-    from .linearised import seen, tangents
+    from .linearised import add_sampled, tangents
     from .reference import integrate, sample
 
-__all__ = ["filtered", "integrate", "sample", "seen", "tangents"]
+__all__ = ["add_sampled", "filtered", "integrate", "sample", "tangents"]

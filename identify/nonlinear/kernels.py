@@ -1,7 +1,7 @@
 """The path as machine code (Numba), one run at a time, and a sensor's low-pass on it.
 
-The formulas are those of `identify.elements`; `reference` says the same with NumPy's arrays, and
-the two agree to rounding.
+The formulas are those of `identify.elements`; `reference` computes the same with NumPy's arrays,
+and the two agree to rounding.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ mount_misfit, mount_slope = mount.mount_misfit, mount.mount_slope
 
 _TIGHT = 1e-11  # m/s, of the speed in a damper on a mount
 _LARGEST = 100.0
-"""A state beyond this is lost."""
+"""Largest state of a finite path."""
 
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
@@ -150,7 +150,7 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
 def path(x0, r0, steps, step_s, p, knots, inverse, pull, level, mounted, states, slopes, speeds):
-    """Integrate by RK4; return the number of nodes that are finite."""
+    """Integrate by RK4 and return the number of nodes that are finite."""
     x, r, lines = x0.copy(), r0.copy(), bends(p, knots, level[0])
     k1, k2, k3, k4 = np.empty(22), np.empty(22), np.empty(22), np.empty(22)
     y = np.empty(22)
@@ -203,7 +203,7 @@ def sample(times, step_s, states, slopes, speeds, p, knots, inverse, pull, level
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE, inline="always")
 def _advance(wave, gain, first, middle, last, turn_re, turn_im, before_re, before_im, re, im):
-    """Move the state of a pole over a double step; write where it was and where it is."""
+    """Move the state of a pole over a double step; write the state before and after it."""
     for j in range(len(re)):
         before_re[j] = re[j]
     for j in range(len(im)):

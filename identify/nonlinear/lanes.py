@@ -1,7 +1,7 @@
 """Columns of the tangents side by side, for machine code (Numba): reading, summing, writing.
 
-Columns stand in blocks of `LANES`, a row of the state after the other: the distances between rows
-are then constants, by which the compiler sees that they do not overlap.
+Columns are stored in blocks of `LANES`, one row of the state after the other: the distances between
+rows are then constants, which tell the compiler that rows do not overlap.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def plus4(a, h, b):
 
 @njit(forceinline=True)
 def corner_slopes(s, i):
-    """Return what acts at a corner."""
+    """Return the slopes that act at a corner."""
     return (
         s[i, 0], s[i, 1], s[i, 2], s[i, 3], s[i, 4], s[i, 5], s[i, 6],
         s[i, 7], s[i, 8], s[i, 9], s[i, 10], s[i, 11], s[i, 12],
@@ -55,7 +55,7 @@ def corner_slopes(s, i):
 
 @njit(forceinline=True)
 def node_slopes(s):
-    """Return what acts at the four corners, and the inverse of the body's mass."""
+    """Return the slopes at the four corners, and the inverse of the body's mass."""
     body = s[4, 0], s[4, 1], s[4, 2], s[4, 3], s[4, 4], s[4, 5]
     return corner_slopes(s, 0), corner_slopes(s, 1), corner_slopes(s, 2), corner_slopes(s, 3), body
 

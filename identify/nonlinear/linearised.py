@@ -57,12 +57,12 @@ from .car import (
 from .level import Level
 from .path import STATES, Path
 from .reference import ACROSS, curve
-from .tangent import Plan, Seen, Start
+from .tangent import Plan, SampledChannels, Start
 
 Array = NDArray[np.float64]
 
 _TOGETHER = 64
-"""Steps of the tangents computed at once: few enough to stay in a processor's cache."""
+"""Number of tangent steps computed at once: few enough to stay in a processor's cache."""
 
 
 def linearised(
@@ -193,7 +193,7 @@ class Trace:
 
 
 def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Trace:
-    """Return the tangents along a path, as `seen` takes them."""
+    """Return the tangents along a path, as `add_sampled` takes them."""
     n_own = start.matrix.shape[1] - len(acts)
     steps = len(plan.starts)
     trace = Trace(
@@ -225,7 +225,7 @@ def _at_nodes(
 ) -> tuple[Array, Array, Array]:
     """Return Jacobians and forcing side by side at first, middle and last node of some steps.
 
-    Most steps begin where another ends: what stands at a node is computed once for each level.
+    Most steps begin where another ends, so the values at a node are computed once for each level.
     """
     starts, lengths, fine = plan.starts[part], plan.lengths[part], plan.fine[part]
     nodes = np.stack([starts, starts + lengths // 2, starts + lengths])
@@ -267,7 +267,7 @@ def _steps(first: Array, middle: Array, last: Array, lengths_s: Array) -> Array:
     return k2
 
 
-def seen(trace: Trace, given: Seen, out: Array) -> None:
+def add_sampled(trace: Trace, given: SampledChannels, out: Array) -> None:
     """Add the tangents of some channels at some times to `out`, (n, channels, columns)."""
     k = given.before
     S, A = trace.states, trace.accelerations

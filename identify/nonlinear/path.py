@@ -1,4 +1,4 @@
-"""The path of one run: all states over time, and what they are at the samples."""
+"""The path of one run: all states over time, and their values at the samples."""
 
 from __future__ import annotations
 
@@ -14,27 +14,29 @@ from .level import Grade, Level
 STATES = 22
 """Seven displacements, their speeds, and at each corner the share of friction and the mount."""
 _SHORT_M = 0.15e-3
-"""Pre-sliding length, m, below which the friction asks for half the step."""
+"""Pre-sliding length, m, below which the friction needs half the step."""
 _FAST_M_S = 1.0
-"""Speed of a suspension, m/s, at which it does: a lag above the quotient of both bounds it."""
+"""Speed of a suspension, m/s, that this assumes: with a lag above the quotient of both, the whole
+step is enough."""
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
+class InitialState:
     """State of one run as the free decay begins."""
 
     motion: NDArray[np.float64]
-    """(14,) displacements and speeds of `daq.vehicle.DOF`, from the rest of the bare car."""
+    """(14,) displacements and speeds of `daq.vehicle.DOF`, from the position of the bare car at
+    rest."""
     friction: NDArray[np.float64]
     """(4,) share of the friction that acts at each corner, -1..1."""
     mount: NDArray[np.float64]
     """(4,) deflection of each damper's mount beyond that of its force, m."""
 
-    def moved(self, step: NDArray[np.float64]) -> Own:
+    def moved(self, step: NDArray[np.float64]) -> InitialState:
         """Return the state after a step, (18,) or with mounts (22,)."""
         mount = self.mount + step[18:] if len(step) > 18 else self.mount
         friction = np.clip(self.friction + step[14:18], -1.0, 1.0)
-        return Own(self.motion + step[:14], friction, mount)
+        return InitialState(self.motion + step[:14], friction, mount)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +79,7 @@ class Sampled:
 def travel_speeds(car: Car, motion: NDArray[np.float64], first: int = 7) -> NDArray[np.float64]:
     """Return the speeds of the four suspensions, (..., 4) m/s, compression positive.
 
-    With `first` 0 in place of 7, their travels.
+    With `first` 0 instead of 7, their travels.
     """
     body = (
         motion[..., first : first + 1]
@@ -99,7 +101,7 @@ def damper_curve(
 
 
 def first_state(
-    car: Car, own: Own, level: Level
+    car: Car, own: InitialState, level: Level
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the state at the start, (22,), and the speeds of the dampers, (4,)."""
     speed = travel_speeds(car, own.motion)
@@ -118,7 +120,7 @@ def step_of(cars: list[Car], grade: Grade) -> float:
 def hermite(share: NDArray[np.float64], step_s: float) -> tuple[NDArray[np.float64], ...]:
     """Return the weights of cubic Hermite: value before, value after, slope before, slope after.
 
-    `share` is where in the step, 0..1, (n,).
+    `share` is the position in the step, 0..1, (n,).
     """
     s = share
     before = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s)

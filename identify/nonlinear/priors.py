@@ -1,7 +1,7 @@
-"""Weak priors of the elements: what no car exceeds, so that a poor test leaves them near zero.
+"""Weak priors of the elements, which keep them near zero where a test is poor: no car exceeds them.
 
-They replace the choice of terms as far as the numbers go: a term that is dropped because it does
-not show yet biases the others, a term under a weak prior only widens their intervals.
+For the numbers, they replace the choice of terms: a term that is dropped because it does not show
+yet biases the others, whereas a term under a weak prior only widens their intervals.
 """
 
 from __future__ import annotations
@@ -13,27 +13,30 @@ from ..fit.grey_box import CROSS_SCALE_KG
 from .car import Model
 
 _PROGRESSION_1_M = 2.5
-"""Of k_2/k_s and of the tyre's beta, 1/m: 25 % more stiffness after 5 and 10 cm."""
+"""Standard deviation of k_2/k_s and of the tyre's beta, 1/m: 25 % more stiffness after 5 and 10
+cm."""
 _CUBIC_1_M2 = 60.0
-"""Of k_3/k_s: 45 % more stiffness after 5 cm."""
+"""Standard deviation of k_3/k_s, 1/m2: 45 % more stiffness after 5 cm."""
 _SIDES, _KNEE, _FAST_KNEE = 2.0, 0.7, 0.25
-"""Of a damper's change of slope over its coefficient: at rest, up to `_FAST_M_S`, beyond it.
+"""Standard deviation of a damper's change of slope over its coefficient: at rest, up to
+`_FAST_M_S`, beyond it.
 
 A curve that falls as the speed grows feeds energy into the car and has no finite path on a mount:
-where few samples are that fast, these keep it from falling."""
+where few samples are that fast, these priors keep it from falling."""
 _FAST_M_S = 0.2
 _TYRE_DAMPING = 0.2
-"""Of a tyre's damping, over the damper's coefficient."""
+"""Standard deviation of a tyre's damping, over the damper's coefficient."""
 _SPLIT = 0.3
-"""Of the difference of the dampers of an axle."""
+"""Standard deviation of the relative difference of the dampers of an axle."""
 _FRICTION_SPLIT_N = 30.0
 _CORNER_SPLIT = 0.03
-"""Of half the difference of the springs, tyres and wheels of an axle, over their mean."""
+"""Standard deviation of half the difference of an axle's springs, tyres and wheels, over their
+mean."""
 _CG_M = 0.03
 _CROSS = 0.1
-"""Of the cross weight, over a wheel's mean share of the body."""
+"""Standard deviation of the cross weight, over a wheel's mean share of the body."""
 _MOUNT_M_N = 3e-6
-"""Of a mount's compliance, m/N: the softest mounts of cars have 3e5 N/m."""
+"""Standard deviation of a mount's compliance, m/N: the softest mounts of cars have 3e5 N/m."""
 
 
 def weak_priors(

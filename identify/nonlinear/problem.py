@@ -1,4 +1,4 @@
-"""All runs, facts and priors at one point of the unknowns: cost, and normal equations reduced."""
+"""All runs, facts and priors at one point of the unknowns: cost and normal equations."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from . import integrator
 from .car import MOUNT, Car, Model, car
 from .falling import too_flat
 from .level import Grade
-from .path import Own, step_of
+from .path import InitialState, step_of
 from .run import Block, Predicted, Rows, Run, block, predict, rows_of
 from .tangent import acting
 from .unknowns import REACH
 
 _FRICTION_PRIOR = 10.0
 """Standard deviation of the share of friction that acts at the start: it keeps a share bounded
-where there is no friction, and pulls none.  Most suspensions move as the decay begins, so that the
-share is -1 or 1; one of 1 about zero pulled all of them inwards, and wheels and tyres with them by
-a standard deviation of theirs."""
+where there is no friction, and biases none.  Most suspensions move as the decay begins, so that the
+share is -1 or 1; a prior of 1 about zero pulled all shares inwards, and moved wheels and tyres by
+one of their standard deviations."""
 _MOUNT_PRIOR_M = 5e8
 """Standard deviation, m, of the mount's first deflection beyond its force, over sigma squared."""
 _LARGEST = 1e100
 """Information beyond which a tangent counts as lost."""
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Known values less those that the unknowns give, and the slopes of the latter, in sigmas."""
+"""Known values less those predicted by the unknowns, and the slopes of the latter, in sigmas."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ class Problem:
         return replace(self, free=free)
 
     def fact_terms(self, eta: NDArray[np.float64]) -> Terms:
-        """Return misfits, (n,), of what was measured beside the runs, and slopes, (n, F)."""
+        """Return misfits, (n,), of the facts, and slopes, (n, F)."""
         misfits, slopes = self.model.fact_misfits(eta)
         return misfits, slopes[:, self.free]
 
     def prior_terms(self, eta: NDArray[np.float64]) -> Terms:
-        """Return the same of the priors, and of damper curves that would fall."""
+        """Return misfits and slopes of the priors, and of damper curves that would fall."""
         root = 1.0 / self.prior[self.free]
         pull = (self.centre - eta)[self.free] * root
         lacks, lifts = self.curve_terms(eta)
@@ -61,7 +61,7 @@ class Problem:
         return np.concatenate([pull, lacks[flat]]), np.vstack([np.diag(root), lifts[flat]])
 
     def curve_terms(self, eta: NDArray[np.float64]) -> Terms:
-        """Return by how much damper curves are too flat, (S,), and how they rise, (S, F)."""
+        """Return the lack of slope of each segment of damper curves, (S,), and its fall, (S, F)."""
         lacks, lifts = too_flat(self.model, eta)
         return lacks, lifts[:, self.free]
 
@@ -87,9 +87,9 @@ class Point:
 
     problem: Problem
     eta: NDArray[np.float64]
-    owns: tuple[Own, ...]
+    initials: tuple[InitialState, ...]
     cars: tuple[Car, ...]
-    """Of each run."""
+    """Car of each run's mass state."""
     rows: Rows
     predicted: tuple[Predicted, ...]
     cost: float
@@ -102,16 +102,16 @@ class Normal:
 
     blocks: tuple[Block, ...]
     shared: NDArray[np.float64]
-    """(F, F) of facts and priors alone."""
+    """(F, F) normal matrix of facts and priors alone."""
     right: NDArray[np.float64]
-    """(F,)."""
+    """(F,) right-hand side of facts and priors alone."""
     lacks: NDArray[np.float64]
-    """By how much each segment of the damper curves is too flat, (S,); negative ones are steep."""
+    """Lack of slope of each segment of the damper curves, (S,); negative for steep segments."""
     lifts: NDArray[np.float64]
-    """Their slopes, (S, F)."""
+    """Fall of these lacks per unit of each unknown, (S, F)."""
 
     def holding(self, flat: NDArray[np.bool_]) -> Normal:
-        """Return the equations with the given segments, (S,), held up in place of the flat ones."""
+        """Return the equations with the given segments, (S,), held up instead of the flat ones."""
         sign = flat.astype(float) - (self.lacks > 0.0)
         signed = self.lifts.T * sign
         return replace(
@@ -125,7 +125,7 @@ class Normal:
 
 
 def point(
-    problem: Problem, eta: NDArray[np.float64], owns: tuple[Own, ...], grade: Grade
+    problem: Problem, eta: NDArray[np.float64], initials: tuple[InitialState, ...], grade: Grade
 ) -> Point | None:
     """Return the problem at `eta`, (P,); None if a path does not stay finite."""
     model = problem.model
@@ -136,7 +136,7 @@ def point(
     step_s = step_of(list(cars.values()), grade)
     each = tuple(cars[run.decay.mass_state] for run in problem.runs)
     paths = integrator.integrate(
-        each, owns, [run.end_s for run in problem.runs], step_s, grade.path
+        each, initials, [run.end_s for run in problem.runs], step_s, grade.path
     )
     found = [
         predict(model, run, one, rows, path)
@@ -146,13 +146,13 @@ def point(
     if len(found) < len(paths):
         return None
     cost = sum(one.cost for one in found)
-    cost += sum(float(own.friction @ own.friction) / _FRICTION_PRIOR**2 for own in owns)
-    for one, own in zip(each, owns, strict=True):
+    cost += sum(float(own.friction @ own.friction) / _FRICTION_PRIOR**2 for own in initials)
+    for one, own in zip(each, initials, strict=True):
         if one.has_mount:
             cost += float(np.sum((own.mount / _mount_sd(one)) ** 2))
     for misfits, _ in (problem.fact_terms(eta), problem.prior_terms(eta)):
         cost += float(misfits @ misfits)
-    return Point(problem, eta, owns, each, rows, tuple(found), cost, grade)
+    return Point(problem, eta, initials, each, rows, tuple(found), cost, grade)
 
 
 def _mount_sd(one: Car) -> NDArray[np.float64]:
@@ -167,7 +167,7 @@ def normal(at: Point) -> Normal:
         blocks = [
             _own_priors(block(model, run, one, at.rows, own, found, acts, at.grade), one, own)
             for run, one, own, found in zip(
-                problem.runs, at.cars, at.owns, at.predicted, strict=True
+                problem.runs, at.cars, at.initials, at.predicted, strict=True
             )
         ]
     n = len(problem.free)
@@ -178,7 +178,7 @@ def normal(at: Point) -> Normal:
     return Normal(tuple(blocks), shared, right, *problem.curve_terms(at.eta))
 
 
-def _own_priors(given: Block, one: Car, own: Own) -> Block:
+def _own_priors(given: Block, one: Car, own: InitialState) -> Block:
     A, right = given.A.copy(), given.own.copy()
     k = np.arange(14, 18)
     A[k, k] += _FRICTION_PRIOR**-2

@@ -1,4 +1,4 @@
-"""A real car: the rich model where the linear one does not explain the decays, and its result."""
+"""Fits the rich model to a real car, where the linear one does not explain the decays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..decays.onset import decay_start_s
 from ..fit.estimation import Estimation, basin, floored, rough_noise
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import Fit
-from .begin import misshapen, of_vehicle_size
+from .begin import is_impossible, scaled_to_vehicle
 from .car import Model
 from .engine import NonlinearEngine, residuals_of
 from .fit import Optimum, inverse
@@ -27,20 +27,20 @@ from .sandwich import scatter, widened
 from .unknowns import KNOTS
 
 _CLEAN_SIGMAS = 2.0
-"""Standard deviations of chi2/n above which the intervals are those of the scores' scatter."""
+"""Excess of chi2/n, in standard deviations, above which intervals follow the scores' scatter."""
 
 _SEARCH_S = 1.2
-"""Length of the decays, s, on which the optimum is sought: the rest adds a few per cent."""
+"""Length of the decays, s, in the search for the optimum: the rest adds a few per cent."""
 _SEARCH_RATE_HZ = 250.0
 _START_RATE_HZ = 125.0
 """Rates of the samples, Hz, of the search and of the linear fit from which it starts."""
 
 _ATTEMPTS = ((0.0, 0.0, 0), (0.0, 0.15, 1), (0.15, 0.15, 0), (0.25, 0.25, 0))
-"""For each attempt the time after the beginning of the decays, s, from which they are fitted, and
-from which the linear start is found, and the generic vehicle that stands in for one that is none.
-In the first tenths of a second wheels may leave the ground
-and stops be touched: one car of 400 kg started at chi2/n 1700 with wheels twice too heavy, and 0.15
-s later with all but its dampers within 25 %.  Wheels are known by little else than that time."""
+"""Attempts: time after the beginning of the decays, s, from which they are fitted; the same for the
+linear start; index of the generic vehicle that replaces an impossible linear start.  In the first
+tenths of a second wheels may leave the ground and stops be touched: one car of 400 kg started at
+chi2/n 1700 with wheels twice too heavy, and 0.15 s later with all but its dampers within 25 %.
+Wheels are known by little else than that time."""
 
 Log = Callable[[str], None]
 
@@ -50,7 +50,7 @@ class RealCar:
     """The result of the nonlinear fit."""
 
     estimation: Estimation
-    """As of the linear fit: parameters first, then corrections, then the free elements."""
+    """As for the linear fit: parameters first, then corrections, then the free elements."""
     forces: Forces
     """Curves and elements."""
 
@@ -78,8 +78,8 @@ def real_car(
     def attempts() -> Iterator[Attempt]:
         for late_s, linear_s, generic in _ATTEMPTS:
             found = basin(simple, few, rest, start_s + linear_s, near)
-            sized = of_vehicle_size(simple, found, vehicles)
-            start = near[generic] if misshapen(simple, sized, vehicles) else sized
+            sized = scaled_to_vehicle(simple, found, vehicles)
+            start = near[generic] if is_impossible(simple, sized, vehicles) else sized
             full = simple.full(start.astype(complex)).real
             eta = model.unknowns(model.box.unknowns_of(full))
             own = tuple(r.decay(float(s)) for r, s in zip(records, start_s + late_s, strict=True))
@@ -99,12 +99,12 @@ def real_car(
 
 
 def thinned(record: Record) -> Record:
-    """Return a record with as many samples as the linear start needs."""
+    """Return a record with only the samples that the linear start needs."""
     return replace(record, recordings=tuple(r.thinned(_START_RATE_HZ) for r in record.recordings))
 
 
 def begun(decay: FreeDecay) -> FreeDecay:
-    """Return the beginning of a decay, which holds nearly all that is to be known of a car."""
+    """Return the beginning of a decay, which holds nearly all information on a car."""
     first = tuple(r.between(0.0, _SEARCH_S) for r in decay.recordings)
     return replace(decay, recordings=first).thinned(_SEARCH_RATE_HZ)
 
@@ -148,8 +148,8 @@ def _result(
     full = np.zeros((len(shown), len(shown)))
     full[np.diag_indices(len(shown))] = np.inf
     full[np.ix_(place, place)] = covariance
-    owns = {r.decay.label: own for r, own in zip(problem.runs, at.owns, strict=True)}
-    engine = NonlinearEngine(problem, at.eta, owns, shown)
+    initials = {r.decay.label: own for r, own in zip(problem.runs, at.initials, strict=True)}
+    engine = NonlinearEngine(problem, at.eta, initials, shown)
     parts = engine.parts(at, best.normal)
     fit = Fit(
         at.eta[shown],
@@ -185,7 +185,7 @@ def _choices(
 ) -> tuple[ElementChoice, ...]:
     """Return what each group explains: the rise of the cost without it, by its covariance.
 
-    Of its parts (both axles, the front, the rear) the one that shows it best is reported.
+    The part of a group (both axles, the front, the rear) that shows it best is reported.
     """
     problem = best.point.problem
     model = problem.model
@@ -196,8 +196,8 @@ def _choices(
         members = [n for n in group.members(model) if n in values]
         if group.name not in chosen or not members:
             continue
-        # A length, a speed or a gap has no value at which its element is absent, and a prior: it
-        # does not count.
+        # A length, a speed or a gap does not count: it has a prior, and no value at which its
+        # element is absent.
         sized = [n for n in members if not n.startswith(("d_c", "v_c", "g_b"))]
         place = {n: int(np.flatnonzero(problem.free == model.names.index(n))[0]) for n in sized}
         shown = []

@@ -46,20 +46,20 @@ from .car import (
     Y,
 )  # fmt: skip
 from .level import Level
-from .path import STATES, Own, Path, Sampled, first_state, hermite
+from .path import STATES, InitialState, Path, Sampled, first_state, hermite
 
 ACROSS = np.array([1, 0, 3, 2])
 """The other corner of the axle."""
 _TIGHT = 1e-11
 _LARGEST = 100.0
-"""A state beyond this is lost."""
+"""Largest state of a finite path."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """Coefficients of a car for each row of states, or of one for all rows, at one rounding."""
+    """Coefficients of one car for each row of states, or of one for all rows, at one rounding."""
 
     p: tuple[Array, ...]
     """Each of `car`'s columns, (rows, 4)."""
@@ -68,7 +68,7 @@ class Stack:
     pieces: tuple[Array, Array, Array]
     """Coefficients of 1, r and r^2 of all corners' pieces, each (rows * 4 * pieces,)."""
     first_piece: NDArray[np.intp]
-    """(rows, 4): where those of a corner begin."""
+    """(rows, 4) index of the first piece of each corner."""
     travels: Array
     """(rows, 8, 14): travel and speed of each corner by displacements and speeds."""
     pushed: Array
@@ -215,11 +215,15 @@ def _damper_speeds(cars: Stack, e: Array, w: Array, r: Array) -> Array:
 
 
 def integrate(
-    cars: Sequence[Car], owns: Sequence[Own], ends_s: Sequence[float], step_s: float, level: Level
+    cars: Sequence[Car],
+    initials: Sequence[InitialState],
+    ends_s: Sequence[float],
+    step_s: float,
+    level: Level,
 ) -> list[Path | None]:
     """Return the path of each run up to its end or just after; None if it does not stay finite."""
     together = stack(cars, level)
-    begun = [first_state(one, own, level) for one, own in zip(cars, owns, strict=True)]
+    begun = [first_state(one, own, level) for one, own in zip(cars, initials, strict=True)]
     x, r = np.stack([b[0] for b in begun]), np.stack([b[1] for b in begun])
     steps = [round(np.ceil(end / step_s / 8.0 - 1e-9)) * 8 for end in ends_s]
     n = max(steps)

@@ -1,4 +1,4 @@
-"""The same damper curves on more knees: few find the car, more describe its dampers."""
+"""Describes the same damper curves by more knees, which only the last steps of a fit need."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .problem import Problem
 
 _FASTEST_M_S = 0.8
 _SHARP_M_S = 1e-9
-"""Rounding of knees where chords are drawn: a knee that stays is then the same."""
+"""Rounding of knees where chords are drawn: a knee that is kept does not change then."""
 
 
 def refined(
@@ -22,8 +22,8 @@ def refined(
 ) -> tuple[Problem, NDArray[np.float64]]:
     """Return the problem with knees at `knots`, m/s, and `eta` with nearly the same curves.
 
-    They run through the old ones' points at the new knees, so that none falls where the old one
-    does not: on a mount tangents would grow beyond use.
+    They pass through the points of the old curves at the new knees, so that no curve falls where
+    the old one does not: on a mount, tangents would grow until they are useless.
     """
     old = problem.model
     model = Model(old.box, knots)
@@ -32,13 +32,13 @@ def refined(
     front, rear = eta[head : head + len(old.knots)], eta[head + len(old.knots) :]
     moved = np.concatenate([eta[:head], change @ front, change @ rear])
     centre, prior = weak_priors(model, moved)
-    # The priors of what both have stay where they began.
+    # The priors of unknowns that both problems have stay the same.
     centre[:head], prior[:head] = problem.centre[:head], problem.prior[:head]
     return replace(problem, model=model, centre=centre, prior=prior), moved
 
 
 def _bends(knots: tuple[float, ...], old: tuple[float, ...]) -> NDArray[np.float64]:
-    """Return how much a chord of the old curve steepens at each knot by each old knee."""
+    """Return the change of slope of the old curve's chords at each knot by each old knee."""
     speeds = np.array([-_FASTEST_M_S, *knots, _FASTEST_M_S])
     forces = np.stack([knee(speeds, at, _SHARP_M_S) for at in old], axis=1)
     slopes = np.diff(forces, axis=0) / np.diff(speeds)[:, None]

@@ -1,4 +1,4 @@
-"""The fit of the rich model: its elements are released in stages, then all is polished."""
+"""Fits the rich model: its elements are released in stages, then all unknowns are polished."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .begin import owns_of
+from .begin import initial_states_of
 from .car import Model
 from .common_scale import at_likely_scale
 from .fit import Optimum, fit
 from .groups import BY_NAME, CORRECTIONS_FROM, STAGES, positions
 from .level import POLISH, ROUGH
-from .path import Own
+from .path import InitialState
 from .priors import weak_priors
 from .problem import Problem
 from .refine import refined
@@ -26,14 +26,15 @@ _ROUGH_SHARE = 2e-3
 """Share of the cost that a stage may leave to the next one."""
 _FIRST_FRICTION_N = 15.0
 _LATE = {"damper_mounts": 0.3, "static_friction": 0.2}
-"""Groups that join where they pay, and the unknowns that their sizes begin with: a compliance of
-0.3e-6 m/N, beyond the trap at zero; static friction a fifth above the sliding one."""
+"""Groups that join where their gain is large enough, with the start of their sizes: a compliance of
+0.3e-6 m/N, beyond the local minimum at zero; static friction a fifth above the sliding one."""
 _STOOD_IN = ("k_2", "k_3")
-"""Unknowns that took the place of an axle's stop.  They begin again at rest when it joins: from a
-spring stiffened as far as the missing stop asked, the search did not find back in 40 steps, and
-from rest in 4 to 8."""
+"""Unknowns that imitate an axle's stop while it is missing.  They begin again at zero when it
+joins: from a spring stiffened as much as the missing stop required, the search did not return in 40
+steps; from zero it needs 4 to 8."""
 _GAPS_M = (0.012, 0.018, 0.025, 0.033, 0.042)
-"""Gaps at which a bump stop is tried: a stop that is not touched yet has no slope by its gap."""
+"""Gaps, m, at which a bump stop is tried: the cost of a stop that is not touched has no slope by
+its gap."""
 _LARGEST_RATE = 1.5
 """Rate, 1e5 N/m, that a bump stop begins with at most."""
 _LAST_KNOTS, _POLISHED_KNOTS = "K21", "K33"
@@ -41,33 +42,34 @@ _LAST_KNOTS, _POLISHED_KNOTS = "K21", "K33"
 What 21 knees leave moves tyres and wheels by up to 0.7 standard deviations where scales and a tape
 measure narrow the intervals; 33 leave a sixth to a fourteenth of it in chi2."""
 _MOUNTS_PAY = 4.0
-"""Logarithms of the number of samples that the mounts must gain: two of the criterion's limit."""
+"""Least gain of the mounts, in logarithms of the number of samples: twice the criterion's limit."""
 _STATIC_PAYS = 4.0
-"""Gain of static friction from which it joins, in units of chi2: two standard deviations.  Far less
-than what names it: without it the sliding friction reads up to 20 % high and wheels 1 % light.
-Released where nothing asks for it, it leads the search astray."""
+"""Gain above which static friction joins, in units of chi2: two standard deviations.  It is far
+below the gain for which it is named: without it the sliding friction reads up to 20 % high and
+wheels 1 % light.  Released without need, it leads the search astray."""
 _STAGE_STEPS = 25
 _FAR = 5.0
-"""chi2/n from which on the first stage counts as led astray: from good starts it ends at 1 to 4."""
+"""chi2/n above which the first stage counts as led astray: from good starts it ends at 1 to 4."""
 _FOLLOWED = 10.0
-"""chi2/n up to which later stages bring a second attempt down to the noise (8.2 became 0.99): the
-next attempts leave data out.  From 17.6 they did not."""
+"""Largest chi2/n from which later stages bring a second attempt down to the noise (8.2 became 0.99,
+17.6 did not): further attempts leave data out."""
 _EXPLAINED = 5.0
-"""chi2/n of a run from its beginning, by a vehicle that was found without it, up to which it is
-fitted from there."""
+"""Largest chi2/n of a run from its beginning, by a vehicle that was found without that beginning,
+at which the beginning is fitted, too."""
 _EASIER = 3.0
-"""Factor by which a first stage that leaves out the beginnings ends lower, wherever it is: stops
-and lift-off are gone from it (7.3 in place of 16.9, and the latter was near the car)."""
+"""Factor by which a first stage that leaves out the beginnings ends lower from any start, because
+stops and lift-off are not in it (7.3 instead of 16.9, although the latter was near the true
+car)."""
 _WORSE = 1.1
-"""Rise of chi2/n by the beginnings from which they stay left out: the model does not hold there."""
+"""Factor on chi2/n above which the beginnings stay left out: the model does not hold there."""
 _FOUND, _HOPELESS = 1.2, 10.0
 """chi2/n of the last stage between which the next best attempt is followed as well: a first stage
 that ends lower is not always nearer (10.6 of a late start ended at 2.1, 41 of the first at 1.0; 7.9
-of a late start at 5.9, 19 of the first at 1.0).  Where the best one ends higher, a sensor is wrong
-and not the start, unless it ends higher than its own first stage: it has gone astray (8.2 of a late
-start ended at 17, 17 of the first at 1.0)."""
+of a late start at 5.9, 19 of the first at 1.0).  Where the best attempt ends higher, a sensor is
+wrong and not the start, unless the attempt ends higher than its own first stage: then it has gone
+astray (8.2 of a late start ended at 17, 17 of the first at 1.0)."""
 _FOLLOWED_MOST = 3
-"""Attempts that are followed through the later stages at most."""
+"""Largest number of attempts that are followed through the later stages."""
 _LAST_STEPS = 40
 _POLISH_STEPS = 25
 _CONVERGED = 0.05
@@ -78,22 +80,22 @@ Log = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Where a search begins."""
+    """Start of a search."""
 
     runs: tuple[Run, ...]
     """The decays."""
     searched: tuple[Run, ...]
-    """The same, shorter and of fewer samples, to find the neighbourhood of the optimum."""
+    """The decays, shorter and with fewer samples, to find the neighbourhood of the optimum."""
     eta: NDArray[np.float64]
-    """Unknowns, (P,), elements at rest."""
+    """Unknowns, (P,), with elements at rest."""
     sigma: Mapping[str, float]
     """Standard deviation of each channel's noise."""
     late_s: float
     """Time after the beginning of the decays from which they are fitted, s."""
 
-    def owns(self, model: Model, eta: NDArray[np.float64]) -> tuple[Own, ...]:
-        """Return how each run begins by the linear model at `eta`, (P,)."""
-        return owns_of(model, eta, tuple(run.decay for run in self.runs), self.sigma)
+    def initials(self, model: Model, eta: NDArray[np.float64]) -> tuple[InitialState, ...]:
+        """Return the initial state of each run by the linear model at `eta`, (P,)."""
+        return initial_states_of(model, eta, tuple(run.decay for run in self.runs), self.sigma)
 
     @property
     def freedom(self) -> float:
@@ -106,8 +108,8 @@ def release(
 ) -> tuple[Optimum, tuple[str, ...]] | None:
     """Return the optimum of the rich model and the groups in it; None without a finite path.
 
-    `attempts`: the next is asked for only where the first lead to nothing.  `allowed`: whether a
-    group may be released.  `log`: receives a line for each stage.
+    `attempts`: a further one is taken only where the earlier ones fail.  `allowed`: whether a group
+    may be released.  `log`: receives a line for each stage.
     """
     chosen = tuple(name for name in STAGES[0] if allowed(name))
     source = iter(attempts)
@@ -157,8 +159,8 @@ def _stages(
 ) -> tuple[Optimum, Attempt, tuple[str, ...]]:
     """Release the later stages from the end of the first one.
 
-    `taken`: the attempt that led there; `first`: the one that leaves nothing out.  Returns the
-    optimum, what is fitted then, and the groups in it.
+    `taken`: the attempt that led there; `first`: the attempt that leaves nothing out.  Returns the
+    optimum, the attempt with the data that are then fitted, and the groups in the optimum.
     """
     n = taken.freedom
     problem = best.point.problem
@@ -176,14 +178,14 @@ def _stages(
             within, start = refined(problem, eta, KNOTS[_LAST_KNOTS]) if refine else (problem, eta)
             freed = within.releasing(positions(within.model, groups, k >= CORRECTIONS_FROM))
             found = fit(
-                freed, at_likely_scale(freed, start), best.point.owns, ROUGH, tolerance=_CONVERGED,
-                rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
+                freed, at_likely_scale(freed, start), best.point.initials, ROUGH,
+                tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
                 max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
             )  # fmt: skip
             if found is None:
                 continue
             log(f"{', '.join(stage)}: chi2/n {found.cost / n:.3f} after {found.iterations} steps")
-            if found.cost < best.cost:  # else what began anew has led it astray
+            if found.cost < best.cost:  # else the new start of these groups has led it astray
                 best, chosen, problem = found, groups, found.point.problem
                 break
     best, chosen = _with_late(best, n, chosen, allowed, log)
@@ -196,7 +198,7 @@ def _stages(
 def _with_late(
     best: Optimum, n: float, chosen: tuple[str, ...], allowed: Callable[[str], bool], log: Log
 ) -> tuple[Optimum, tuple[str, ...]]:
-    """Return the optimum with the groups that join where they pay, and the groups in it."""
+    """Return the optimum after groups of large gain have joined, and the groups in it."""
     for name in _LATE:
         problem = best.point.problem
         if name in chosen or not _promises(name, problem, best, allowed, log):
@@ -204,7 +206,7 @@ def _with_late(
         more = (*chosen, name)
         found = fit(
             problem.releasing(positions(problem.model, more, True)),
-            _joined(problem.model, best.eta, name), best.point.owns, ROUGH,
+            _joined(problem.model, best.eta, name), best.point.initials, ROUGH,
             tolerance=_CONVERGED, max_iterations=_LAST_STEPS,
         )  # fmt: skip
         if found is None:
@@ -218,26 +220,26 @@ def _with_late(
 def _with_beginnings(
     best: Optimum, taken: Attempt, first: Attempt, log: Log
 ) -> tuple[Optimum, Attempt]:
-    """Return the optimum with what an attempt left out of the decays, and what is fitted then.
+    """Return the optimum with the beginnings that an attempt left out, and the attempt with them.
 
-    The found vehicle is held while each run's first motion is sought.  Runs that it does not
-    explain from their beginning stay as they were.
+    The found vehicle is held while each run's first motion is sought.  Runs whose beginning this
+    vehicle does not explain stay as they were.
     """
     problem, late = best.point.problem, best.cost / taken.freedom
     held = replace(problem, free=np.zeros(0, dtype=np.intp))
-    begun = first.owns(problem.model, best.eta)
-    runs, searched, owns = list(taken.runs), list(taken.searched), list(best.point.owns)
+    begun = first.initials(problem.model, best.eta)
+    runs, searched, initials = list(taken.runs), list(taken.searched), list(best.point.initials)
     for i, run in enumerate(first.searched):
         alone = fit(
             replace(held, runs=(run,)), best.eta, (begun[i],), ROUGH, tolerance=_CONVERGED,
             max_iterations=_STAGE_STEPS,
         )  # fmt: skip
         if alone is not None and alone.point.predicted[0].cost < _EXPLAINED * run.freedom:
-            runs[i], searched[i], owns[i] = first.runs[i], run, alone.point.owns[0]
+            runs[i], searched[i], initials[i] = first.runs[i], run, alone.point.initials[0]
     whole = replace(taken, runs=tuple(runs), searched=tuple(searched))
     found = fit(
-        replace(problem, runs=whole.searched), best.eta, tuple(owns), ROUGH, tolerance=_CONVERGED,
-        rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
+        replace(problem, runs=whole.searched), best.eta, tuple(initials), ROUGH,
+        tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
     )  # fmt: skip
     if found is None or found.cost / whole.freedom > _WORSE * late:
         log("the beginnings stay left out")
@@ -251,13 +253,13 @@ def _with_beginnings(
 
 
 def _polished(best: Optimum, whole: Problem, chosen: tuple[str, ...], log: Log) -> Optimum | None:
-    """Return the optimum of whole runs, curves on more knees; None without a finite path."""
+    """Return the optimum for whole runs, with curves on more knees; None without a finite path."""
     eta = best.eta
     if "damper_knees" in chosen and whole.model.knots != KNOTS[_POLISHED_KNOTS]:
         whole, eta = refined(whole, eta, KNOTS[_POLISHED_KNOTS])
     whole = whole.releasing(positions(whole.model, chosen, True))
     found = fit(
-        whole, at_likely_scale(whole, eta), best.point.owns, POLISH, tolerance=_POLISHED,
+        whole, at_likely_scale(whole, eta), best.point.initials, POLISH, tolerance=_POLISHED,
         max_iterations=_POLISH_STEPS,
     )  # fmt: skip
     if found is not None:
@@ -268,14 +270,14 @@ def _polished(best: Optimum, whole: Problem, chosen: tuple[str, ...], log: Log) 
 def _without_vanished(best: Optimum, chosen: tuple[str, ...]) -> tuple[str, ...]:
     """Return the groups without mounts that have become rigid.
 
-    At their bound their tangents promise what the paths do not keep, and hold up all the rest.
+    At their bound, their tangents promise more than the paths give, and block all other unknowns.
     """
     sizes = best.eta[_sizes(best.point.problem.model, "damper_mounts")]
     return tuple(name for name in chosen if name != "damper_mounts" or (sizes > 0.0).any())
 
 
 def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...]) -> Optimum | None:
-    """Return where the first stage ends from a linear start; None if it has no finite path."""
+    """Return the end of the first stage from a linear start; None if it has no finite path."""
     eta = attempt.eta.copy()
     centre, prior = weak_priors(model, eta)
     if "friction" in chosen:
@@ -283,7 +285,7 @@ def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...]) -> Optimum |
             eta[model.names.index(name)] = _FIRST_FRICTION_N / 50.0
     problem = Problem(model, attempt.searched, centre, prior, positions(model, chosen, False))
     return fit(
-        problem, eta, attempt.owns(model, attempt.eta), ROUGH, tolerance=_CONVERGED,
+        problem, eta, attempt.initials(model, attempt.eta), ROUGH, tolerance=_CONVERGED,
         rough=_ROUGH_SHARE, max_iterations=_STAGE_STEPS,
     )  # fmt: skip
 
@@ -312,7 +314,7 @@ def _sizes(model: Model, name: str) -> NDArray[np.intp]:
 
 
 def _joined(model: Model, eta: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    """Return the unknowns with a group that joins where it begins."""
+    """Return the unknowns with a group at its start values."""
     result = eta.copy()
     result[_sizes(model, name)] = _LATE[name]
     return result

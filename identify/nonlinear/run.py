@@ -1,4 +1,4 @@
-"""One run: what the model predicts of its samples, and its normal equations."""
+"""One run: the model's prediction of its samples, and its normal equations."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..model.low_pass import low_pass_of
 from . import integrator
 from .car import Car, Model
 from .level import Grade
-from .path import Own, Path, Sampled
-from .tangent import plan_of, seen_of, start_of
+from .path import InitialState, Path, Sampled
+from .tangent import plan_of, sampled_channels, start_of
 
 _LATE_S = 2e-4
 """Step, s, of the derivative of a channel by time."""
@@ -27,17 +27,17 @@ _EARLY_SIGMAS = 4.0
 
 @dataclass(frozen=True)
 class Run:
-    """A free decay, and what of the problem it needs to know."""
+    """A free decay, with all that it needs from the problem."""
 
     decay: FreeDecay
     weights: tuple[NDArray[np.float64], ...]
     """Inverse standard deviation of each channel of each recording."""
     early_s: float
-    """How much before the window the path begins, for sensors that may be late."""
+    """Time by which the path begins before the window, s, for sensors that may be late."""
 
     @cached_property
     def bases(self) -> tuple[NDArray[np.float64], ...]:
-        """Orthonormal functions of each recording that are its channels' own, (n, k)."""
+        """Orthonormal basis of the channels' own functions in each recording, (n, k)."""
         result = []
         for r in self.decay.recordings:
             own = low_pass_of(r.group.channels[0]).transients(r.time_s)
@@ -46,7 +46,7 @@ class Run:
 
     @property
     def freedom(self) -> float:
-        """Samples less what is the channels' own."""
+        """Number of samples less that of the channels' own unknowns."""
         pairs = zip(self.decay.recordings, self.bases, strict=True)
         return float(sum((len(q) - q.shape[1]) * r.values.shape[1] for r, q in pairs))
 
@@ -75,9 +75,9 @@ class Rows:
     slopes: Mapping[str, NDArray[np.float64]]
     """(F, 7)."""
     delays_s: NDArray[np.float64]
-    """Lateness of each clock beyond its nominal one."""
+    """Lateness of each clock beyond its nominal one, s."""
     late: tuple[int | None, ...]
-    """Which of the free unknowns is that lateness."""
+    """Index, among the free unknowns, of that lateness."""
 
 
 def rows_of(model: Model, eta: NDArray[np.float64], free: NDArray[np.intp]) -> Rows:
@@ -99,12 +99,12 @@ def rows_of(model: Model, eta: NDArray[np.float64], free: NDArray[np.intp]) -> R
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """A run's path, and what it leaves of the samples."""
+    """A run's path, and the residuals that it leaves."""
 
     path: Path
     left: tuple[NDArray[np.float64], ...]
-    """Measured less predicted of each recording, (n, channels) in units of sigma; what is the
-    channels' own is taken out."""
+    """Measured less predicted of each recording, (n, channels) in units of sigma; the channels' own
+    functions are projected out."""
     cost: float
 
 
@@ -113,7 +113,7 @@ def _times(run: Run, rows: Rows, model: Model, r: Recording) -> NDArray[np.float
 
 
 def predict(model: Model, run: Run, car: Car, rows: Rows, path: Path) -> Predicted:
-    """Return what a run leaves along its path."""
+    """Return a run's path and residuals."""
     left = []
     for r, weight, basis in zip(run.decay.recordings, run.weights, run.bases, strict=True):
         values = _values(car, rows, path, r, _times(run, rows, model, r))
@@ -150,7 +150,7 @@ class Block:
     """Right-hand side of the run's own unknowns."""
     shared: NDArray[np.float64]
     jacobian: tuple[NDArray[np.float64], ...]
-    """Of each recording, (n, channels, own + free), in units of sigma."""
+    """Jacobian of each recording, (n, channels, own + free), in units of sigma."""
 
 
 def block(
@@ -158,7 +158,7 @@ def block(
     run: Run,
     car: Car,
     rows: Rows,
-    own: Own,
+    own: InitialState,
     predicted: Predicted,
     acts: NDArray[np.intp],
     grade: Grade,
@@ -182,7 +182,7 @@ def block(
         times = grid if len(low_pass.poles) else asked
         sampled = at_grid if len(low_pass.poles) else integrator.sample(car, path, asked)
         orders = np.array([TIME_DERIVATIVE[c.quantity] for c in r.group.channels])
-        seen = seen_of(
+        channels = sampled_channels(
             plan,
             path.step_s,
             times,
@@ -190,7 +190,7 @@ def block(
             np.stack([rows.rows[c.name] for c in r.group.channels]),
         )
         part = np.zeros((len(times), len(orders), n_own + len(acts)))
-        integrator.seen(trace, seen, part)
+        integrator.add_sampled(trace, channels, part)
         J = np.zeros((len(times), len(orders), size))
         J[:, :, :n_own] = part[:, :, :n_own]
         J[:, :, n_own + acts] = part[:, :, n_own:]

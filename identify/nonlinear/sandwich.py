@@ -1,8 +1,8 @@
-"""Covariance that holds where a little is unexplained: the scores' own scatter, 0.2 s correlated.
+"""Covariance that holds where a little is unexplained: from the scatter of the scores.
 
-Where the model leaves motion behind, residuals are neither white nor as small as the noise.  The
-scatter of the scores in windows of time says how far the estimate may lie off (heteroscedasticity
-and autocorrelation consistent covariance, Newey and West 1987).
+Where the model leaves motion unexplained, residuals are neither white nor as small as the noise.
+The scatter of the scores, correlated over `LAG_S`, shows how far the estimate may be off
+(heteroscedasticity and autocorrelation consistent covariance, Newey and West 1987).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .fit import inverse
 from .problem import Normal, Point
 
 LAG_S = 0.2
-"""Over which what is left may be correlated: two periods of the wheels."""
+"""Longest time, s, over which residuals may be correlated: two periods of the wheels."""
 _BIN_S = 0.005
 
 
@@ -40,7 +40,7 @@ def scatter(at: Point, equations: Normal) -> NDArray[np.float64]:
 
 
 def widened(covariance: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the covariance with each standard deviation raised to that by the scores' scatter."""
+    """Return the covariance with each standard deviation at least that from the scores' scatter."""
     robust = np.diag(covariance @ scores @ covariance)
     plain = np.diag(covariance)
     factor = np.sqrt(np.maximum(robust / np.maximum(plain, 1e-300), 1.0))

@@ -9,34 +9,34 @@ from .fit import Optimum, inverse, reduced
 from .problem import Problem, normal, point
 
 _SEPARATE = 1e-10
-"""Share of an unknown's information, beside that of the free ones, below which it has none."""
+"""Share of an unknown's information that the free ones must leave for it to count as separate."""
 
 
 def gain_of(
     problem: Problem, best: Optimum, eta: NDArray[np.float64], extra: NDArray[np.intp]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return by how much the cost would fall with each further unknown free, and its size.
+    """Return the fall of the cost with each further unknown free, and the size of that unknown.
 
     Parameters
     ----------
     problem : Problem
-        Of the optimum.
+        Problem of the optimum.
     best : Optimum
-        Where the free unknowns are.
+        Optimum of the free unknowns.
     eta : (P,) float64
-        All unknowns: those of the optimum, but for ones that do not act yet.
+        All unknowns: those of the optimum, except for some that do not act yet.
     extra : (k,) intp
         Positions of the further ones, none of them free.
 
     Returns
     -------
     gains, sizes : (k,) float64
-        Each for one of them alone; zeros where path or tangents are not finite, or where the
-        free unknowns do the same.
+        Each with one unknown alone; zeros where path or tangents are not finite, or where the free
+        unknowns have the same effect.
     """
     known = best.point.problem.free
     free = np.union1d(known, extra)
-    at = point(problem.releasing(free), eta, best.point.owns, best.point.grade)
+    at = point(problem.releasing(free), eta, best.point.initials, best.point.grade)
     equations = None if at is None else normal(at)
     if equations is None or not equations.finite:
         return np.zeros(len(extra)), np.zeros(len(extra))

@@ -24,17 +24,17 @@ from .car import (
     Y,
 )  # fmt: skip
 from .level import Grade, Level
-from .path import STATES, Own, Path, damper_curve, hermite, travel_speeds
+from .path import STATES, InitialState, Path, damper_curve, hermite, travel_speeds
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Derivatives of the first state, and how each unknown enters the motion."""
+    """Derivatives of the first state, and the way each unknown enters the motion."""
 
     matrix: NDArray[np.float64]
     """(22, columns): the run's own unknowns, then the free ones that act on the motion."""
     sparse: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
-    """First entry of each corner (5,), and of each entry coefficient, column and derivative."""
+    """First entry of each corner (5,); coefficient, column and derivative of each entry."""
     body: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
     """Columns that change the body, (n,), its mass by them, (n, 3, 3), and gravity, (n, 3)."""
 
@@ -62,14 +62,14 @@ def acting(cars: list[Car]) -> NDArray[np.intp]:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """Which of the motions some channels see, and when."""
+class SampledChannels:
+    """The motions that some channels see, and the times of their samples."""
 
     before: NDArray[np.int64]
     """(n,) node of the plan before each time."""
     weights: NDArray[np.float64]
-    """(n, 3, 4) by time derivative: of the value before and after, of its slope before and after.
-    An acceleration is the slope of the cubic that gives the speed."""
+    """(n, 3, 4) by time derivative: weights of the value before and after, and of its slope before
+    and after.  An acceleration is the slope of the cubic that gives the speed."""
     orders: NDArray[np.int64]
     """(channels,) time derivative."""
     first: NDArray[np.int64]
@@ -77,16 +77,16 @@ class Seen:
     motions: NDArray[np.int64]
     """Degree of freedom."""
     shares: NDArray[np.float64]
-    """Its entry in the channel's row."""
+    """Entry of this degree of freedom in the channel's row."""
 
 
-def seen_of(
+def sampled_channels(
     plan: Plan,
     step_s: float,
     times_s: NDArray[np.float64],
     orders: NDArray[np.int64],
     rows: NDArray[np.float64],
-) -> Seen:
+) -> SampledChannels:
     """Return how channels with given rows, (channels, 7), see the motion at given times."""
     begins = plan.starts * step_s
     k = np.clip(np.searchsorted(begins, times_s + 1e-9, side="right") - 1, 0, len(begins) - 1)
@@ -99,11 +99,11 @@ def seen_of(
     channel, motions = np.nonzero(rows)
     first = np.searchsorted(channel, np.arange(len(rows) + 1))
     weights = np.stack([place, place, turn], axis=1)
-    return Seen(k, weights, orders, first, motions, rows[channel, motions])
+    return SampledChannels(k, weights, orders, first, motions, rows[channel, motions])
 
 
-def start_of(car: Car, own: Own, acts: NDArray[np.intp], level: Level) -> Start:
-    """Return what the tangents of a run start from."""
+def start_of(car: Car, own: InitialState, acts: NDArray[np.intp], level: Level) -> Start:
+    """Return the start of the tangents of a run."""
     n_own = 22 if car.has_mount else 18
     d_corner = car.d_corner[:, :, acts]
     matrix = np.zeros((STATES, n_own + len(acts)))
@@ -126,7 +126,7 @@ def start_of(car: Car, own: Own, acts: NDArray[np.intp], level: Level) -> Start:
 
 def _mount_start(
     car: Car,
-    own: Own,
+    own: InitialState,
     d_corner: NDArray[np.float64],
     matrix: NDArray[np.float64],
     level: Level,
@@ -151,7 +151,7 @@ def _mount_start(
 
 
 def plan_of(car: Car, path: Path, grade: Grade) -> Plan:
-    """Return the steps: coarse, but fine where a wheel turns, leaves the road or meets its stop."""
+    """Return the steps: fine where a wheel reverses, leaves the road or meets its stop."""
     nodes = len(path.states) - 1
     length = grade.mounted_steps if car.has_mount else grade.tangent_steps
     part = grade.fine_steps

@@ -1,4 +1,4 @@
-"""The unknowns of the nonlinear elements, beside those of the grey box."""
+"""The unknowns of the nonlinear elements, in addition to those of the grey box."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KNOTS: dict[str, tuple[float, ...]] = {
 """Speeds of the knees of a damper curve, m/s; negative in rebound."""
 
 REACH = 0.5
-"""Largest change of an unknown in one step of a fit, where it has no reach of its own."""
+"""Largest change of an unknown in one step of a fit, unless it has its own reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Element:
     unit: str
     """SI."""
     scale: float
-    """Size of the unknown 1; NaN where the unknown is the logarithm of the value."""
+    """Value of one unit of the unknown, SI; NaN where the unknown is the logarithm of the value."""
     rest: float
     """Value of the element where it is not in the structure."""
     low: float

@@ -21,9 +21,10 @@ def closed_form(
     """Return the parameters by Eqs. 22-33 from the modes of two mass states.
 
     `baseline` and `added`: without and with the added mass.  `mass_states`: the same two.
-    `geometry`: where sensors and weights sit from the CG: the paper's chain needs it.  `known`: the
-    four lengths if they are measured; the fit then has 11 unknowns.  Raises InputError if one state
-    does not show all seven modes, or the added mass leaves a degree of freedom without.
+    `geometry`: positions of sensors and weights from the CG, which the paper's chain needs.
+    `known`: the four lengths if they are measured; the fit then has 11 unknowns.  Raises InputError
+    if one state does not show all seven modes, or the added mass leaves a degree of freedom without
+    mass.
     """
     shapes = []
     for modes, state in zip((baseline, added), mass_states, strict=True):

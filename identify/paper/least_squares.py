@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _MAX_STEPS = 100
-"""Ten lead to a vehicle; a fit that needs more wanders among matrices that are none."""
+"""Ten usually suffice; a fit that needs more wanders among matrices that belong to no vehicle."""
 _SAME = 1e-12
 """Change of the unknowns, relative to their size, below which a step is the last."""
 _DAMPING = 1e-6
@@ -22,7 +22,7 @@ _Real = NDArray[np.float64]
 def least_squares(
     residuals: Callable[[_Real], _Real], jacobian: Callable[[_Real], _Real], start: _Real
 ) -> _Real | None:
-    """Return the unknowns, (p,), of the least sum of squares near a start, None if there are none.
+    """Return the unknowns, (p,), of the least sum of squares near a start; None if none is found.
 
     `residuals`: of (p,), (n,).  `jacobian`: their derivatives, (n, p).
     """

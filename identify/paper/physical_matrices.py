@@ -1,4 +1,4 @@
-"""From modes to mass, damping and stiffness, and on to the parameters (Eqs. 22-33).
+"""Computes mass, damping and stiffness from modes, and parameters from these (Eqs. 22-33).
 
 The modes of one mass state give M^-1 K and M^-1 C; those of a second one, heavier by a known
 delta-M, give the scale that the first leaves open.
@@ -24,7 +24,7 @@ _SINGULAR = 1e-9
 _N_GEOMETRY = 4
 _LEAST_SHARE = 1e-3
 """Least diagonal element, as a share of the largest, by which a row is scaled; noise may make one
-vanish, and its row would weigh without bound."""
+vanish, and its row would then have an unlimited weight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,8 @@ class ClosedForm:
     parameters: VehicleParameters
     """The symmetric vehicle whose matrices come nearest."""
     damping: Mapping[str, NDArray[np.float64]]
-    """C by each way there is (`damping_matrices`), each shape (7, 7); `model` has the first."""
+    """C by each of the three ways (`damping_matrices`), each shape (7, 7); `model` has the
+    first."""
 
     def corner_damping(self) -> dict[str, dict[str, float]]:
         """Return c_sf and c_sr by each way to C, read from the heave row as the paper does."""
@@ -114,7 +115,7 @@ def physical_matrices(
     Raises
     ------
     InputError
-        If `delta_M` is singular: Eq. 30 then leaves some of M open.
+        If `delta_M` is singular: Eq. 30 then leaves a part of M undetermined.
     """
     n = len(delta_M)
     _require_mass_everywhere(delta_M)
@@ -131,7 +132,7 @@ def damping_matrices(
 ) -> dict[str, NDArray[np.float64]]:
     """Return C from the baseline, from the added state, and from both.
 
-    Noise apart they are equal; how far they differ shows how far noise has come.
+    Without noise they are equal; their difference shows the effect of noise.
 
     Parameters
     ----------
@@ -156,8 +157,8 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
     """Return the 15 parameters whose matrices (Eqs. 3-10) are nearest to the given ones.
 
     Least squares over all elements of M, C and K; each is scaled by the diagonal of its matrix, so
-    that newton metres a radian and newtons a metre weigh alike.  With the geometry given, the
-    other 11 are found for it.
+    that newton metres a radian and newtons a metre weigh alike.  If the geometry is given, only the
+    other 11 are identified.
 
     `model`: M, C and K as identified, (7, 7).  `geometry`: the four lengths if they are measured.
     Raises InputError if the matrices are not finite, or so far from a vehicle's that no fit is
@@ -235,7 +236,7 @@ def massless_motions(delta_M: NDArray[np.float64]) -> tuple[str, ...]:
 
 
 def _require_mass_everywhere(delta_M: NDArray[np.float64]) -> None:
-    """Say which degrees of freedom carry no added mass, if there are any."""
+    """Raise InputError if some degrees of freedom carry no added mass; name them."""
     bare = massless_motions(delta_M)
     if bare:
         raise InputError("added mass", f"no mass moves with {', '.join(bare)}", MASS_ADVICE)

@@ -1,4 +1,4 @@
-"""The paper's order of estimation: from M, C and K to parameters in three linear steps.
+"""Follows the paper's order of estimation: from M, C and K to parameters in three linear steps.
 
 Masses are the diagonal of M.  Stiffnesses and damping come from those elements of K and C that
 hold nothing else, by least squares; then the geometry comes from the elements of K that are linear

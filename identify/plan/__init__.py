@@ -1,8 +1,8 @@
 """The planner: the intervals that a campaign will give, from the Fisher information.
 
 ``outlook(plan)`` gives the expected interval of every parameter, ``advise(plan)`` also the best
-next steps: run, bump, rate, sensor, weight, fact; ``compare_campaigns(plan)`` gives that of whole
-campaigns in its place.
+next steps: run, bump, rate, sensor, weight, fact; ``compare_campaigns(plan)`` gives the intervals
+of other campaigns as a whole.
 """
 
 from .design import TYPICAL_NOISE, Plan, Runs, Sensor, full_vector, sensor, sensors_of

@@ -1,4 +1,4 @@
-"""Whole campaigns to compare a plan with: fewer runs, lower bumps, scales in place of weights."""
+"""Whole campaigns to compare with a plan: fewer runs, lower bumps, scales instead of weights."""
 
 from __future__ import annotations
 

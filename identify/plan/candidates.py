@@ -32,19 +32,19 @@ _CORNER_LOADS = {
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One thing that could be done."""
+    """One possible step."""
 
     action: str
     """Instruction to the operator."""
     plan: Plan
-    """The plan with it done."""
+    """The plan with this step done."""
 
 
 def candidates(plan: Plan) -> tuple[Candidate, ...]:
-    """Return everything that would be worth a thought as an addition to a plan.
+    """Return all additions to a plan that are worth considering.
 
-    With nonlinear elements further sensors and weights are left out: each would ask for all runs
-    anew, and the linear plan of the same bench ranks them.
+    With nonlinear elements, further sensors and weights are left out: each would require all runs
+    to be computed anew, and the linear plan of the same bench ranks them.
     """
     if plan.elements is not None:
         return (*_runs(plan), *_bump(plan), *_facts(plan))
@@ -202,6 +202,6 @@ def _facts(plan: Plan) -> Iterator[Candidate]:
 
 
 def _with_facts(plan: Plan, action: str, what: list[FactQuantity], sigma: float) -> Candidate:
-    # The value is of no account: only the uncertainty of a fact is information.
+    # The value does not matter: only the uncertainty of a fact is information.
     more = tuple(Fact(quantity, 0.0, sigma) for quantity in what)
     return Candidate(action, replace(plan, facts=(*plan.facts, *more)))

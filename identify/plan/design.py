@@ -1,4 +1,4 @@
-"""The nouns of the planner: a bench session before it is held."""
+"""The classes of the planner: sensors, runs, and a bench session that is planned."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _RATES_HZ = (40.0, 5_000.0)  # four times the wheel modes; more than any sensor 
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A channel with what its samples are worth."""
+    """A channel, with the noise and rate of its samples."""
 
     channel: Channel
     """Quantity and place of the sensor."""
@@ -62,7 +62,7 @@ class Sensor:
 def full_vector(parameters: Mapping[str, float]) -> NDArray[np.float64]:
     """Return the parameters of a vehicle of any structure, (28,), by their names.
 
-    A name without a side stands for both corners; what is not named is zero.
+    A name without a side sets both corners; parameters that are not named are zero.
     """
     values = [parameters.get(name, parameters.get(name[:-1], 0.0)) for name in FULL_NAMES]
     return np.array(values)
@@ -85,16 +85,16 @@ class Runs:
     mass_state: str
     """Name of the mass state."""
     excitation: Excitation
-    """How the vehicle is bumped."""
+    """Kind of bump."""
     repeats: int = 1
-    """How often."""
+    """Number of repeats."""
     height_m: float | None = None
-    """Height of their bump; None: that of the plan."""
+    """Height of their bump, m; None: that of the plan."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A bench session before it is held.
+    """A planned bench session.
 
     Raises InputError if there is no sensor, a channel or a mass state is named twice, a run is in
     an unknown mass state, or a height or time is not positive.
@@ -111,18 +111,18 @@ class Plan:
     runs: tuple[Runs, ...]
     """Runs to be recorded."""
     bump: Bump = field(default_factory=lambda: Bump(height_m=0.05))
-    """Height and duration; its start is of no account."""
+    """Height and duration of the bump; its start does not matter."""
     decay_s: float = 2.5
-    """How long each free decay is recorded, from the end of the bump, s."""
+    """Recorded duration of each free decay, from the end of the bump, s."""
     geometry: VehicleGeometry | None = None
     """The four lengths where they are measured beforehand; their values are those of `vehicle`."""
     structure: Structure = field(default_factory=Structure)
-    """Which parameters are to be identified."""
+    """Structure of the vehicle: the parameters to be identified."""
     facts: tuple[Fact, ...] = ()
     """Readings of scales and tape measure; only their uncertainty counts."""
     elements: ExpectedElements | None = None
-    """Friction, damper curves and what else a real car has; None for a linear one.  Which of the
-    bars, tyre damping and CG offset are unknown is then theirs to say, not that of `structure`."""
+    """Friction, damper curves and further elements of a real car; None for a linear one.  They then
+    determine, instead of `structure`, which of the bars, tyre damping and CG offset are unknown."""
 
     def __post_init__(self) -> None:
         given = np.array(self.vehicle, dtype=float)

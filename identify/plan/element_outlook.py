@@ -1,4 +1,4 @@
-"""Precision of a real car's elements by a plan: friction, damper curves, mounts, stops."""
+"""Expected precision of a real car's elements: friction, damper curves, mounts, stops."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ..nonlinear.car import KNEE_M_S
 from .information import Fisher
 
 SPEEDS_M_S = (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)
-"""Speeds at which the uncertainty of a damper curve is stated, m/s, compression positive: those
-of usual tables, as far as bumps of 50 mm reach them."""
+"""Speeds at which the uncertainty of a damper curve is stated, m/s, compression positive: those of
+usual tables that bumps of 50 mm reach."""
 _FLOOR = 1e-13  # of the largest eigenvalue: rounding
 
 
@@ -26,15 +26,15 @@ class DamperPoint:
     axle: str
     """front or rear."""
     speed_m_s: float
-    """Compression positive."""
+    """Speed, compression positive, m/s."""
     force_n: float
-    """As expected."""
+    """Expected force, N."""
     std_n: float
-    """Standard deviation that the campaign will leave."""
+    """Standard deviation that the campaign will leave, N."""
 
 
 def element_estimates(fisher: Fisher) -> Mapping[str, Estimate]:
-    """Return the expected interval of each unknown of the elements but the dampers' knees."""
+    """Return the expected interval of each unknown of the elements except the dampers' knees."""
     if fisher.elements is None:
         return {}
     first = len(fisher.information) - len(fisher.elements.members)
@@ -77,7 +77,7 @@ def damper_points(fisher: Fisher) -> tuple[DamperPoint, ...]:
 
 
 def _covariance(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert the information; a direction without any has a large variance, not none."""
+    """Invert the information; a direction without information has a large variance, not zero."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     values = np.maximum(values, _FLOOR * max(float(values[-1]), 1e-300))

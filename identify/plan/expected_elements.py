@@ -18,11 +18,12 @@ USUAL_ELEMENTS = ("anti_roll_bars", "friction", "one_sided_dampers", "damper_kne
 """Elements of every real car, as in `[vehicle.structure]`."""
 _FRICTION_N = 50.0
 _COMPRESSION, _REBOUND, _BEYOND, _KNEE_M_S = 0.73, 1.27, 0.6, 0.15
-"""A usual damper: slopes over its coefficient, and what is left of them beyond the knee, m/s."""
+"""A usual damper: slopes over its coefficient in compression and in rebound, share of them beyond
+the knee, and speed of the knee, m/s."""
 _FASTEST_M_S = 0.6
 """Speed, m/s, up to which a curve is fitted by knees: what bumps of 50 mm reach."""
 _END_SHARES = 10.0
-"""The end of a curve is the last of so many parts of it: the slope there goes on beyond."""
+"""Number of equal parts of a curve; the slope of the last part continues beyond its end."""
 _TYPICAL = {
     "damper_mounts": {"s_m": 1e-6},
     "bump_stops": {"k_b": 1e5, "g_b": 0.025},
@@ -41,11 +42,12 @@ class ExpectedElements:
     unknown: tuple[str, ...] = USUAL_ELEMENTS
     """Groups that the campaign has to determine, as in `[vehicle.structure]`."""
     values: Mapping[str, float] = field(default_factory=dict)
-    """Values by the names of `identify.nonlinear.unknowns`, SI; absent where not named."""
+    """Values by the names of `identify.nonlinear.unknowns`, SI; an element that is not named is
+    absent."""
     curves: tuple[Curve, Curve] | None = None
     """Damper curves of the front and the rear axle; None: straight, by c_s."""
     knots: str = "K3"
-    """Knees that the curves are described with, of `identify.nonlinear.unknowns.KNOTS`."""
+    """Set of knees for the curves, a key of `identify.nonlinear.unknowns.KNOTS`."""
 
 
 def element_label(name: str) -> str:
@@ -88,9 +90,9 @@ def _bends_of(curve: Curve, c_s: float, knots: tuple[float, ...]) -> NDArray[np.
 
 
 def _continued(curve: Curve, speed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a curve's force at any speeds: beyond its ends it goes on as straight as there.
+    """Return a curve's force at any speeds: beyond its ends it continues as a straight line.
 
-    A measured curve ends where the speeds of the decays did; knees beyond it would be at random.
+    A measured curve ends where the speeds of the decays end; knees beyond would be random.
     """
     known, force = curve
     near = np.clip(speed, known[0], known[-1])
@@ -104,7 +106,7 @@ def _continued(curve: Curve, speed: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def typical_elements(unknown: tuple[str, ...], vehicle: NDArray[np.float64]) -> ExpectedElements:
-    """Return elements of usual size for a vehicle, (28,), of which these groups are unknown."""
+    """Return elements of usual size for a vehicle, (28,), with the given groups unknown."""
     values: dict[str, float] = {}
     for axle in "fr":
         values |= {f"F_c{axle}": _FRICTION_N} if "friction" in unknown else {}
@@ -125,7 +127,7 @@ def _usual_curve(c_s: float) -> Curve:
 
 
 def identified_elements(forces: Forces) -> ExpectedElements:
-    """Return the elements that an identification kept of what it tried in a car."""
+    """Return the elements that an identification of a car kept of those that it tried."""
     kept = tuple(choice.name for choice in forces.choices if choice.kept)
     there = {kind for name in kept for kind in BY_NAME[name].kinds}
     values: dict[str, float] = {}

@@ -1,10 +1,10 @@
 """Fisher information of a plan, before its runs are recorded.
 
-The noise-free free decays of the planned runs go through the very code that fits measured ones;
-at the truth, the normal matrix of the fit is the Fisher information.  Information of runs with
-independent noise adds up.  That of a linear free decay goes with the square of the bump's height,
-so each kind of run is computed once, for a bump of a metre; with friction and damper curves it is
-computed for each height (`identify.plan.real_car`).
+The noise-free free decays of the planned runs go through the same code that fits measured ones; at
+the truth, the normal matrix of the fit is the Fisher information.  Information of runs with
+independent noise adds up.  The information of a linear free decay is proportional to the square of
+the bump's height, so each kind of run is computed once, for a bump of 1 m; with friction and damper
+curves it is computed for each height (`identify.plan.real_car`).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Fisher:
     """Inverse of the covariance that an efficient estimate will have, shape (P, P), or with the
     elements, whose unknowns follow, (P + E, P + E)."""
     elements: ElementUnknowns | None = None
-    """Which unknowns of the elements they are; None for a linear car."""
+    """The unknowns of the elements; None for a linear car."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class KnownRuns:
         return Fisher(box, eta, total)
 
     def prepare(self, plans: Iterable[Plan]) -> None:
-        """Compute the runs of all plans with elements at once, their cars driven in lockstep."""
+        """Compute the runs of all plans with elements at once, with their cars in lockstep."""
         alike: defaultdict[tuple[Any, ...], list[Plan]] = defaultdict(list)
         for plan in plans:
             if plan.elements is not None:
@@ -122,7 +122,7 @@ class KnownRuns:
 
 
 def _common(plan: Plan) -> tuple[Any, ...]:
-    """Return all that the information of a run depends on beside its mass state and excitation."""
+    """Return all that the information of a run depends on, except its mass state and excitation."""
     uncertain = tuple(
         (state.name, i, *weight_sigmas(weight))
         for state in plan.mass_states
@@ -158,7 +158,7 @@ def _start(
     excitation: Excitation,
     bump_s: float,
 ) -> NDArray[np.float64]:
-    """Return the state, (14,), in which a bump of a metre leaves the vehicle."""
+    """Return the state, (14,), of the vehicle after a bump of 1 m."""
     model = loaded_model(at.box.full(eta.astype(complex)).real, state.added)
     run = exact_response(model, excitation, Bump(1.0, 0.0, bump_s), 1.0 / bump_s, bump_s)
     return np.concatenate([run.displacement[-1], run.velocity[-1]])

@@ -26,29 +26,29 @@ class Outlook:
 
     parameters: Mapping[str, Estimate]
     """Expected value, standard deviation (infinite where undetermined) and 95 % interval; a length
-    that is known beforehand has none."""
+    that is known beforehand has no interval."""
     relative: Mapping[str, float]
     """Half the 95 % interval as a share of the value, of each parameter that is to be identified
     and cannot be zero; infinite where undetermined."""
     undetermined: tuple[str, ...]
     """Parameters that the plan leaves undetermined."""
     reasons: tuple[str, ...]
-    """Why they are."""
+    """Reasons why they are undetermined."""
     worst: float
     mean: float
     """Largest and mean of `relative` over the parameters that are determined; infinite if none
     is."""
     open_directions: int
-    """How many independent combinations of parameters are undetermined."""
+    """Number of independent combinations of parameters that are undetermined."""
     elements: Mapping[str, Estimate]
     """Friction, mounts, stops and further unknowns of a real car, by the names of
-    `identify.nonlinear.unknowns`, the damper's knees left to `dampers`."""
+    `identify.nonlinear.unknowns`; the damper's knees are in `dampers`."""
     dampers: tuple[DamperPoint, ...]
     """Points of the damper curves of a real car."""
 
 
 def expected(fisher: Fisher) -> Outlook:
-    """Return what an estimate that reaches the Cramer-Rao bound will know of each parameter."""
+    """Return the precision of each parameter if the estimate reaches the Cramer-Rao bound."""
     box = fisher.box
     H = _of_parameters(fisher)
     values, vectors = np.linalg.eigh(H)
@@ -95,7 +95,7 @@ def _largest(name: str) -> float:
 
 
 def _reasons(fisher: Fisher, H: NDArray[np.float64], lost: list[str]) -> tuple[str, ...]:
-    """Say why parameters are undetermined, from the information (n, n) on all parameters."""
+    """Return why parameters are undetermined, from the information, (n, n), on all parameters."""
     box = fisher.box
     own = np.diag(H).tolist()
     blind = [name for name, h in zip(box.parameters, own, strict=True) if h < _largest(name) ** -2]
@@ -120,7 +120,7 @@ def _reasons(fisher: Fisher, H: NDArray[np.float64], lost: list[str]) -> tuple[s
 
 
 def _of_parameters(fisher: Fisher) -> NDArray[np.float64]:
-    """Return the information on the parameters alone: the corrections beside them are unknown."""
+    """Return the information on the parameters alone; the corrections are eliminated."""
     H, n = fisher.information, len(fisher.box.parameters)
     if n == len(H):
         return H

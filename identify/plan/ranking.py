@@ -20,29 +20,28 @@ _NOTICEABLE = 0.995  # of worst times mean; a step that leaves more is not worth
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """Something to do next, and what it is good for."""
+    """A possible next step, and its effect."""
 
     action: str
-    """In the operator's words."""
+    """Instruction to the operator."""
     outlook: Outlook
-    """Expected intervals with it done."""
+    """Expected intervals with this step done."""
 
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """The planner's answer."""
+    """Result of the planner."""
 
     outlook: Outlook
     """Expected intervals of the plan as it is."""
     steps: tuple[NextStep, ...]
-    """At most a dozen, each by itself added to the plan, the most useful first."""
+    """At most a dozen next steps, each added alone to the plan, the most useful first."""
     remedies: tuple[str, ...]
-    """Steps, all of them, that determine what the plan leaves undetermined; empty if nothing
-    is."""
+    """Steps that together determine what the plan leaves undetermined; empty if nothing is."""
 
 
 def _ignore(*_: object) -> None:
-    """Report to no one."""
+    """Ignore the progress."""
 
 
 def outlook(plan: Plan) -> Outlook:
@@ -51,13 +50,13 @@ def outlook(plan: Plan) -> Outlook:
 
 
 def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = None) -> Advice:
-    """Return the expected intervals of a plan, and what would improve them most.
+    """Return the expected intervals of a plan, and the steps that would improve them most.
 
-    Steps that determine more come first; among equals the one that leaves the smallest product of
-    worst and mean interval.
+    Steps that determine more come first; among equal ones, that with the smallest product of worst
+    and mean interval.
 
     `plan`: the campaign.  `progress`: receives the share of the work that is done, 0..1, and the
-    next step.  `known`: runs that are computed once for several questions.
+    next step.  `known`: keeps computed runs for several questions.
     """
     known = known or KnownRuns()
     progress(0.0, "driving over the bumps")
@@ -72,7 +71,7 @@ def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = N
 def compare_campaigns(
     plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = None
 ) -> tuple[NextStep, ...]:
-    """Return whole campaigns that could be held in place of a plan, the shortest first.
+    """Return whole campaigns that could be held instead of a plan, the shortest first.
 
     Parameters are those of `advise`.
     """

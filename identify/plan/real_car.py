@@ -16,12 +16,12 @@ from dbc.errors import InputError
 
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..fit.grey_box import GreyBox
-from ..nonlinear.begin import rest_of
+from ..nonlinear.begin import position_at_rest
 from ..nonlinear.car import Model, car
 from ..nonlinear.fit import inverse
 from ..nonlinear.groups import positions
 from ..nonlinear.level import USUAL
-from ..nonlinear.path import Own
+from ..nonlinear.path import InitialState
 from ..nonlinear.priors import weak_priors
 from ..nonlinear.problem import Problem, normal, point
 from ..nonlinear.run import run_of
@@ -53,13 +53,13 @@ class ElementUnknowns:
 
 @dataclass(frozen=True, slots=True)
 class RealCar:
-    """The expected car, and what of it is unknown."""
+    """The expected car, and its unknowns."""
 
     model: Model
     every: NDArray[np.float64]
     """All unknowns, (P,)."""
     free: NDArray[np.intp]
-    """Positions of those that are to be determined, (F,): all of the grey box, then elements."""
+    """Positions of the unknowns to be determined, (F,): all of the grey box, then the elements."""
 
     @classmethod
     def of(
@@ -104,7 +104,7 @@ class RealCar:
         rates: Mapping[ChannelGroup, float],
         sigma: Mapping[str, float],
     ) -> list[NDArray[np.float64]]:
-        """Return the information of one run of each kind, (F, F), its own state unknown.
+        """Return the information of one run of each kind, (F, F), with its initial state unknown.
 
         `kinds`: the runs.  `bump_s` and `decay_s`: duration of the bump and of the free decay after
         it, s.  `rates`: samples a second.  `sigma`: noise of each channel, SI.  Raises InputError
@@ -112,7 +112,7 @@ class RealCar:
         """
         if not kinds:
             return []
-        owns = self._begun(kinds, bump_s)
+        initials = self._begun(kinds, bump_s)
         recordings = tuple(
             Recording(group, time, np.zeros((len(time), len(group.channels))))
             for group, rate in rates.items()
@@ -122,17 +122,17 @@ class RealCar:
         runs = tuple(run_of(self.model, decay, sigma) for decay in decays)
         centre, prior = weak_priors(self.model, self.every)
         problem = Problem(self.model, runs, centre, prior, self.free)
-        at = point(problem, self.every, owns, USUAL)
+        at = point(problem, self.every, initials, USUAL)
         if at is None:
             raise InputError("plan", "the expected car does not stay finite", "check its values")
         return [b.C - b.B.T @ inverse(b.A) @ b.B for b in normal(at).blocks]
 
-    def _begun(self, kinds: Sequence[Kind], bump_s: float) -> tuple[Own, ...]:
+    def _begun(self, kinds: Sequence[Kind], bump_s: float) -> tuple[InitialState, ...]:
         states = {s.name: s for s in self.model.box.mass_states}
         none = np.zeros(0, dtype=np.intp)
         names = dict.fromkeys(kind.mass_state for kind in kinds)
         cars = {name: car(self.model, self.every, states[name], none) for name in names}
-        rests = {name: rest_of(self.model, self.every, states[name]) for name in names}
+        rests = {name: position_at_rest(self.model, self.every, states[name]) for name in names}
         driven = [
             Driven(
                 cars[kind.mass_state], rests[kind.mass_state],
@@ -140,7 +140,7 @@ class RealCar:
             )
             for kind in kinds
         ]  # fmt: skip
-        owns = after_bump(driven, bump_s)
-        if not all(np.isfinite(own.motion).all() for own in owns):
+        initials = after_bump(driven, bump_s)
+        if not all(np.isfinite(own.motion).all() for own in initials):
             raise InputError("plan", "the expected car does not stay finite", "check its values")
-        return owns
+        return initials

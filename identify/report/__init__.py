@@ -1,6 +1,6 @@
-"""The report: what a session says of its vehicle, for people, as HTML, PDF and figures.
+"""The report: the results of a session for people, as HTML, PDF and figures.
 
-`content.report_of` gathers it, `html.html_of` and `pdf.write_pdf` set it; both show the same
+`content.report_of` gathers it, `html.html_of` and `pdf.pdf_of` typeset it; both show the same
 blocks in the same order.
 """
 

@@ -12,13 +12,14 @@ _FRAMES = 20
 _SCALE = 100.0  # of the drawing, units a metre
 _BOX = "-218 -142 436 300"
 _SLOWEST_HZ, _PERIOD_S = 1.0, 2.4
-"""A mode of 1 Hz takes this long on the screen; ten times the frequency, half of it."""
+"""Frequency, Hz, of a mode that has this period, s, on the screen; half the period at ten times the
+frequency."""
 
 
 def moving_car(shape: Shape) -> Markup:
-    """Return an SVG of the car that moves for ever, the car at rest behind it.
+    """Return an SVG of the car in endless motion, with the car at rest behind it.
 
-    `shape`: how it moves; faster modes move faster, but far slower than in truth.
+    `shape`: motion of the car; faster modes move faster, but far more slowly than the real car.
     """
     period = _PERIOD_S * (max(shape.frequency_hz, 0.1) / _SLOWEST_HZ) ** -0.3
     frames = [outline(shape, 2.0 * np.pi * k / _FRAMES) for k in range(_FRAMES)]

@@ -1,4 +1,4 @@
-"""The nouns of a report: a page is sections, a section is blocks, and each block can be set."""
+"""The classes of a report: a page has sections, and a section has blocks that can be typeset."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Cell:
     """An entry of a table."""
 
     text: str
-    """As it is read."""
+    """Printed text."""
     source: str = ""
     """Path of its number in the page's JSON, by slashes: ``parameters/m_s/value`` (`cited`)."""
 
@@ -47,9 +47,9 @@ class Table:
     title: str
     """Title of the table."""
     columns: tuple[str, ...]
-    """Their names; a name that begins with ``#`` heads numbers, which stand to the right."""
+    """Headings; one that begins with ``#`` is of numbers, which are aligned to the right."""
     rows: tuple[tuple[Cell, ...], ...]
-    """As long as `columns`."""
+    """Rows; each is as long as `columns`."""
     note: str = ""
     """Remark below the table."""
 
@@ -62,7 +62,7 @@ class Picture:
     """Name of its file."""
     title: str
     caption: str
-    """`title`, `caption`: what it shows, and how to read it."""
+    """`title`, `caption`: content of the figure, and how to read it."""
     panel: Panel
     """Numbers of the figure."""
 
@@ -78,7 +78,7 @@ class Gallery:
 
 @dataclass(frozen=True, slots=True)
 class MovingCars:
-    """Mode shapes of one mass state, each a car that moves."""
+    """Mode shapes of one mass state, each as a moving car."""
 
     key: str
     title: str
@@ -100,7 +100,7 @@ class Section:
 
     @property
     def pictures(self) -> tuple[Picture, ...]:
-        """Every picture that stands still, in order."""
+        """All still pictures, in order."""
         found: list[Picture] = []
         for block in self.blocks:
             if isinstance(block, Picture):
@@ -121,21 +121,22 @@ class Source:
     version: str
     """Version of the program that identified it."""
     libraries: Mapping[str, str]
-    """Versions of what it computes with."""
+    """Versions of the libraries that it computes with."""
     issued: str = ""
-    """Day on which the report is made, ISO 8601."""
+    """Date of the report, ISO 8601."""
     operator: str = ""
     approver: str = ""
-    """`operator`, `approver`: names of who measured and of who answers for the result."""
+    """`operator`, `approver`: names of the person who measured and of the person who is responsible
+    for the result."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """The report of one session, ready to be set as HTML or PDF."""
+    """The report of one session, ready to be typeset as HTML or PDF."""
 
     vehicle: str
     created: str
-    """`vehicle`, `created`: whose, and when it was recorded."""
+    """`vehicle`, `created`: name of the vehicle, and time of the recording."""
     source: Source
     """File and programs that the numbers come from."""
     verdict: Verdict
@@ -143,9 +144,9 @@ class Report:
     findings: tuple[Finding, ...]
     """The worst first."""
     survival: tuple[str, ...]
-    """Lines that say which parameters survive and which are lost; none where it is ok."""
+    """Lines that say which parameters survive and which are lost; none where the verdict is ok."""
     highlights: tuple[tuple[str, Cell], ...]
-    """The few numbers that are read first."""
+    """The most important numbers, to be read first."""
     sections: tuple[Section, ...]
     """In order."""
     document: Document
@@ -155,5 +156,5 @@ class Report:
 
     @property
     def pictures(self) -> tuple[Picture, ...]:
-        """Every picture that stands still, in order."""
+        """All still pictures, in order."""
         return tuple(picture for section in self.sections for picture in section.pictures)

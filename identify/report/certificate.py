@@ -1,4 +1,4 @@
-"""The certificate: persons, sensors, hashes and versions that a result is cited by."""
+"""Certificate: persons, sensors, hashes and versions by which a result is cited."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .words import HEADLINE, plain
 
 _UNSTATED = "not stated"
 REFUSED = "✕ refused"
-"""Stands beside every result of a refused session."""
+"""Mark of every result of a refused session."""
 
 
 def certificate_section(session: Session, document: Document, source: Source) -> Section:
-    """Return what a result is cited by: session, software, persons, sensors, and what was waived.
+    """Return the data to cite a result by: session, software, persons, sensors, overrides.
 
-    `document` and `source`: the identification, and the file and program it is made from.
+    `document` and `source`: the identification, and the file and program that it was made from.
     """
     blocks: list[Block] = [_citation(session, document, source), _persons(source)]
     waived = tuple(_waived(session))

@@ -17,9 +17,9 @@ _LEAST_CHANCE = 1e-9
 
 
 def unchanged_line(change: Change) -> str:
-    """Return the test that all else is unchanged, in a line."""
+    """Return the test that all else is unchanged, in one line."""
     if change.outcome == "not compared":
-        return "Compared is each quantity by itself."
+        return "Each quantity is compared by itself."
     what = "all else" if change.outcome == "parameters" else "everything"
     if change.apart:
         what = f"{what} that all sessions have"
@@ -34,16 +34,16 @@ def change_table(change: Change, document: Mapping[str, Any]) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for i, one in enumerate(change.named):
         for k, estimate in enumerate(one.changes):
-            here = ("change", "named", i, "changes", k)
+            path = ("change", "named", i, "changes", k)
             part = one.shares[k]
-            name = ", or in its place ".join((one.name, *one.instead))
+            name = ", or instead ".join((one.name, *one.instead))
             rows.append(
                 (
                     Cell(name if len(one.changes) == 1 else f"{name}, session {k + 2}"),
                     Cell(one.kind),
-                    cited(document, *here, form=_amount_text),
-                    cited(document, *here, form=low_text),
-                    cited(document, *here, form=high_text),
+                    cited(document, *path, form=_amount_text),
+                    cited(document, *path, form=low_text),
+                    cited(document, *path, form=high_text),
                     Cell(unit_text(estimate.unit)),
                     cited(
                         document,
@@ -66,12 +66,12 @@ def change_table(change: Change, document: Mapping[str, Any]) -> Table:
 
 
 def _chance_text(p: float) -> str:
-    """Write a chance; what is below any that matters is no number."""
+    """Write a chance; one that is too small to matter is written as a bound."""
     return f"{p:.2g}" if p >= _LEAST_CHANCE else f"below {_LEAST_CHANCE:g}"
 
 
 def _amount_text(change: EstimateEntry) -> str:
-    """Write a change with its sign and as many digits as its interval knows."""
+    """Write a change with its sign and the digits that its interval justifies."""
     return plus_minus(change["value"], change["high"] - change["value"]).partition(" ± ")[0]
 
 

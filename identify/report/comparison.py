@@ -19,13 +19,13 @@ from .panels import DifferencePanel, TrendPanel
 from .parameters import value_text
 
 _DRAWN = 24
-"""Trends that get a figure, the parameters first."""
+"""Largest number of trends with a figure, the parameters first."""
 
 
 def comparison_sections(
     comparison: Comparison, estimations: Sequence[Estimation] = ()
 ) -> tuple[Section, ...]:
-    """Return what differs, the decays of the fits over each other, and what drifts."""
+    """Return the differences, the overlaid decays of the fits, and the trends."""
     labels, document = comparison.labels, comparison.document()
     blocks: list[Block] = [_sessions(comparison)]
     if comparison.change is not None:
@@ -51,8 +51,8 @@ def comparison_sections(
     sections = [Section("differences", "Differences", METHOD, tuple(blocks))]
     gallery = overlay_gallery(labels, estimations)
     if gallery is not None:
-        lead = "What the sensors saw of the same runs in all sessions."
-        sections.append(Section("decays", "Decays over each other", lead, (gallery,)))
+        lead = "The same runs in all sessions, as the sensors measured them."
+        sections.append(Section("decays", "Overlaid decays", lead, (gallery,)))
     if len(labels) > 2:
         sections.append(_trends(comparison, document))
     return tuple(sections)
@@ -60,13 +60,13 @@ def comparison_sections(
 
 METHOD = (
     "What changed is found by one joint fit of all sessions: every parameter, and every element "
-    "that all of them have, is common to them unless the data ask for a difference, and of all "
-    "sets of few of these the one is named that "
-    "explains most for its number. Beside it each quantity is compared by itself, from fits that "
-    "share nothing. Every session is held against the first one named. The errors of two "
+    "that all of them have, is common to them unless the data ask for a difference; of all small "
+    "sets of differences, the one is named that explains most for its number. In addition, each "
+    "quantity is compared by itself, from fits that share nothing. Every session is compared with "
+    "the first one named. The errors of two "
     "sessions are taken as independent; facts and weights stated alike in both have errors in "
-    "common, which makes the standard deviation of a difference too large rather than too small. A "
-    "difference is significant if it stands at 95 % among all that are listed (Holm)."
+    "common, which makes the standard deviation of a difference too large rather than too small. "
+    "Differences are significant at 95 % among all that are listed (Holm)."
 )
 
 
@@ -74,7 +74,7 @@ def _sessions(comparison: Comparison) -> Table:
     pairs = zip(comparison.labels, comparison.verdicts, strict=True)
     rows = tuple((Cell(f"{i + 1}"), Cell(a), Cell(b)) for i, (a, b) in enumerate(pairs))
     note = "" if set(comparison.verdicts) == {"ok"} else (
-        "Where a verdict is not ok the intervals do not hold, and neither does a significance."
+        "Where a verdict is not ok, neither intervals nor significances hold."
     )  # fmt: skip
     return Table("Sessions", ("#", "session", "verdict"), rows, note)
 
@@ -84,15 +84,15 @@ def _differences(
 ) -> Table:
     cells = []
     for i, row in enumerate(rows):
-        here = (part, i, "differences", which)
+        path = (part, i, "differences", which)
         cells.append(
             (
                 cited(document, part, i, "name", form=str),
                 cited(document, part, i, "estimates", 0, form=value_text),
                 cited(document, part, i, "estimates", which + 1, form=value_text),
-                cited(document, *here, form=_difference_text),
-                cited(document, *here, form=_half_text),
-                cited(document, *here, "z", form="{:+.2f}".format),
+                cited(document, *path, form=_difference_text),
+                cited(document, *path, form=_half_text),
+                cited(document, *path, "z", form="{:+.2f}".format),
                 Cell("✓ differs" if row.differences[which].significant else "· within chance"),
                 Cell(unit_text(row.estimates[0].unit)),
             )
@@ -102,7 +102,7 @@ def _differences(
 
 
 def _difference_text(difference: Mapping[str, float]) -> str:
-    """Write a difference with as many digits as its interval knows."""
+    """Write a difference with the digits that its interval justifies."""
     half = COVERAGE_95 * difference["std"]
     return plus_minus(difference["value"], half).partition(" ± ")[0]
 

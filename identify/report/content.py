@@ -30,7 +30,7 @@ from .vehicle import vehicle_section
 def report_of(
     session: Session, result: Identification, checks: CrossChecks, source: Source
 ) -> Report:
-    """Gather what there is to say of a session.
+    """Return the report of a session.
 
     `checks` are those of the result's estimation, empty if there is none.
     """
@@ -69,7 +69,7 @@ def report_of(
 
 
 def _title(session: Session) -> str:
-    """Return the vehicle's name, and that it was not measured if so."""
+    """Return the vehicle's name, with a remark if it was not measured."""
     name = session.vehicle.name or "vehicle without a name"
     origin = session.provenance.get("origin", "real")
     return name if origin == "real" else f"{name} ({origin}, not measured)"

@@ -1,4 +1,4 @@
-"""Damper curves and other forces of a car that is not linear: a dynamometer of the decays."""
+"""Section on damper curves and other forces of a car that is not linear."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def damper_section(document: Document) -> Section | None:
     return Section(
         "dampers",
         "Damper dynamometer",
-        "A damper dynamometer that takes nothing off the car: forces of one corner of each axle, "
+        "A damper dynamometer without removing the dampers: forces of one corner of each axle, "
         "at the wheel, identified from the decays. The band is the 95 % interval. A curve is shown "
         "for the speeds that occurred in 1 to 99 % of the time. c_s among the parameters is the "
         "secant of this curve between -0.1 and 0.1 m/s. Speeds and forces are those of the wheel: "
@@ -36,7 +36,7 @@ def damper_section(document: Document) -> Section | None:
 def damper_rows(forces: ForcesEntry) -> list[list[str]]:
     """Return, for each standard speed, the force of each axle's damper and that with friction.
 
-    Each with half of its 95 % interval; empty where an axle did not reach the speed.
+    Each has half of its 95 % interval; an entry is empty where an axle did not reach the speed.
     """
     axles = [{at["speed_m_s"]: at for at in one["at_speeds"]} for one in forces["axles"].values()]
     rows = []
@@ -52,12 +52,12 @@ def damper_rows(forces: ForcesEntry) -> list[list[str]]:
 
 
 def damper_columns(forces: ForcesEntry) -> list[str]:
-    """Return the heads of `damper_rows` after the speed."""
+    """Return the headings of `damper_rows` after the speed."""
     return [name for axle in forces["axles"] for name in (axle, f"{axle} + friction")]
 
 
 def element_answer(one: ElementEntry) -> str:
-    """Return what became of an element that was tried."""
+    """Return the result for an element that was tried."""
     if one["forced"]:
         return "stated" if one["kept"] else "excluded"
     return "there" if one["kept"] else "not needed"
@@ -135,5 +135,5 @@ def _tried(document: Document, forces: ForcesEntry) -> Table:
         ("element", "#gain", "#needed", ""),
         tuple(rows),
         "Gain is the fall of the squared residuals in units of the noise; needed is what the "
-        "Bayesian information criterion asks for so many unknowns.",
+        "Bayesian information criterion needs for its number of unknowns.",
     )

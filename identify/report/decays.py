@@ -29,10 +29,10 @@ def decay_section(estimation: Estimation) -> Section:
     pictures = tuple(_picture(noise, *run) for run in runs)
     gallery = Gallery(
         "Each run: a channel of the body and one of a wheel, with what the fit leaves",
-        "Grey: measured. Colour: fitted. The blue ground is the free decay that is fitted; it "
+        "Grey: measured. Colour: fitted. The free decay that is fitted has a blue ground; it "
         "begins at the solid line, the motion at the dashed one. Below each, measured less fitted "
         "in units of the sensor's noise: noise alone stays within the grey band 95 % of the time, "
-        "and has no shape. Shown are the channels that stand out most from their noise.",
+        "and has no shape. The channels shown are those that stand out most from their noise.",
         pictures,
     )
     blocks: tuple[Block, ...] = (gallery,) if pictures else ()
@@ -47,13 +47,15 @@ def _picture(
     begin = record.start_s if onset is None else max(onset - _BEFORE_S, record.start_s)
     traces = tuple(
         _trace(noise, record, decay, left, channel, begin)
-        for channel in _telling(noise, decay, left)
+        for channel in _most_significant(noise, decay, left)
     )
     panel = DecayPanel(traces, np.nan if onset is None else onset, decay.start_s, record.end_s)
     return Picture(f"decay_{decay.label}", decay.label, "", panel)
 
 
-def _telling(noise: Mapping[str, float], decay: FreeDecay, left: Residuals) -> tuple[Channel, ...]:
+def _most_significant(
+    noise: Mapping[str, float], decay: FreeDecay, left: Residuals
+) -> tuple[Channel, ...]:
     """Choose the channel of the body and that of the wheels whose fit stands out most."""
     strength: dict[str, tuple[float, Channel]] = {}
     for recording in decay.recordings:

@@ -1,4 +1,4 @@
-"""Curves thin enough to be drawn."""
+"""Thins curves for drawing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evidence of the numbers: runs, noise, correlation, and the paper's chain for comparison."""
+"""Sections that support the numbers: runs, noise, correlation, and the paper's chain."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .words import parameter_words
 
 
 def information_section(result: Identification, document: Document) -> Section:
-    """Return what each run contributed and how far each mode stands out of the noise in it."""
+    """Return each run's contribution, and how far each mode stands out of its noise."""
     blocks: list[Block] = []
     if document["snr_db"]:
         blocks.append(_snr(result))
@@ -48,8 +48,8 @@ def _snr(result: Identification) -> Picture:
         "snr",
         "Energy of each mode over the noise, dB",
         f"A column is one mode, whatever its rank in a mass state. A triangle marks less than "
-        f"{SNR_LIMIT_DB:.0f} dB: that run says nothing of that mode, which is normal as long as "
-        "another run does.",
+        f"{SNR_LIMIT_DB:.0f} dB: that run gives no information on that mode, which is "
+        "normal as long as another run does.",
         SnrPanel(tuple(result.quality.snr_db), tuple(result.mode_names[first]), rows, SNR_LIMIT_DB),
     )
 
@@ -72,8 +72,8 @@ def _drivers(document: Document) -> Table:
         "Share of each parameter's precision, %",
         ("run or fact", *(f"#{name}" for name in names)),
         tuple(rows),
-        "Columns add up to 100 %: were a run worth 1 % more, the variance would fall by its share "
-        "of 1 %.",
+        "Columns add up to 100 %: if a run had 1 % more information, the variance would fall by "
+        "its share of 1 %.",
     )
 
 
@@ -95,7 +95,7 @@ def _misfit(document: Document) -> Table:
         "chi2/n of each run and channel",
         ("run", *(f"#{channel}" for channel in channels)),
         tuple(rows),
-        "1 where the fit leaves noise alone.",
+        "1 where the residuals are noise alone.",
     )
 
 
@@ -116,22 +116,22 @@ def correlation_section(document: Document) -> Section:
     return Section(
         "correlation",
         "Correlation",
-        "How the errors of the parameters hang together.",
+        "Correlation coefficients of the parameters' errors.",
         blocks,
     )
 
 
 def closed_form_section(document: Document) -> Section:
-    """Return the closed form beside the likelihood."""
+    """Return the closed form, compared with the likelihood."""
     known = {n for n, e in document["parameters"].items() if not e["reason"]}
     names = [n for n in document["closed_form"] if n in known]
     lead = (
         "The paper's chain (Eqs. 22-33) needs no start values and no iteration, but uses less of "
-        "the data. It stands beside the likelihood as a check by another way."
+        "the data. It is compared with the likelihood as a check by another method."
     )
     if not names:
         lead += " It has no answer for this session: it needs all seven modes in two mass states."
-        return Section("closed_form", "Closed form beside likelihood", lead, ())
+        return Section("closed_form", "Closed form and likelihood", lead, ())
     estimates = [document["parameters"][n] for n in names]
     apart = [
         (document["closed_form"][n] / e["value"] - 1.0) * 100.0
@@ -174,4 +174,4 @@ def closed_form_section(document: Document) -> Section:
     if ways:
         title = "Its damping by each way to the damping matrix, N s/m"
         blocks.append(Table(title, ("way", "#c_sf", "#c_sr"), tuple(ways)))
-    return Section("closed_form", "Closed form beside likelihood", lead, tuple(blocks))
+    return Section("closed_form", "Closed form and likelihood", lead, tuple(blocks))

@@ -27,11 +27,12 @@ _WIDE = 9
 _MANY = 12
 """Pictures of a gallery beyond which it is folded."""
 _PX_AN_INCH = 100.0
-"""Least width of a picture, CSS pixels an inch: its smallest text, 6.5 points, then has 9."""
+"""Least width of a picture, CSS pixels per inch: its smallest text, 6.5 points, then has 9
+pixels."""
 
 
 def drawings(pictures: Iterable[Picture], executor: Executor) -> dict[str, Future[Markup]]:
-    """Have pictures drawn, for `html_of`; the key of each with its drawing to come."""
+    """Start to draw pictures for `html_of`; return the future drawing of each by its key."""
     return {picture.key: executor.submit(drawing, picture) for picture in pictures}
 
 
@@ -39,10 +40,10 @@ def html_of(
     report: Report,
     begun: Mapping[str, Future[Markup]] = MappingProxyType({}),
 ) -> str:
-    """Set a report as HTML.
+    """Typeset a report as HTML.
 
     `report`: what is shown; its document goes into the page as data, and numbers in the tables name
-    their place in it.  `begun`: pictures that others draw (`drawings`).
+    their place in it.  `begun`: pictures that are drawn elsewhere (`drawings`).
     """
     return _page(
         "report.jinja",
@@ -60,9 +61,9 @@ def html_of(
 
 
 def comparison_html(comparison: Comparison, estimations: Sequence[Estimation] = ()) -> str:
-    """Set a comparison of sessions, and its JSON document as data, as HTML.
+    """Typeset a comparison of sessions, with its JSON document as data, as HTML.
 
-    `estimations`: their fits, whose decays are drawn over each other.
+    `estimations`: their fits, whose decays are overlaid.
     """
     rows = comparison.quantities
     return _page(
@@ -115,8 +116,8 @@ def _kind(block: Block) -> str:
 
 
 def drawing(picture: Picture) -> Markup:
-    """Draw a picture for a page that holds others: no prologue, no rule for all, own names."""
-    from .figures.panels import panel_svg, size_in  # matplotlib, which others may have loaded
+    """Draw a picture for a page with others: no prologue, no global style, its own ids."""
+    from .figures.panels import panel_svg, size_in  # matplotlib, which a helper may have loaded
 
     svg = panel_svg(picture.panel, picture.title)
     svg = svg[svg.index("<svg") :]

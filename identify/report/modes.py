@@ -30,10 +30,10 @@ def modes_section(
     if diagrams:
         blocks.append(
             Gallery(
-                "Stabilisation: which poles come again when the rank is raised",
+                "Stabilisation: which poles recur when the rank is raised",
                 "The State Variable Method alone, without a model of the car. Lines are the "
-                "modes of the identified vehicle; poles of the structure stand above them in "
-                "columns, poles of the noise wander.",
+                "modes of the identified vehicle; poles of the structure lie above them in "
+                "columns, poles of the noise are scattered.",
                 tuple(_picture(diagrams[s], result, s) for s in result.modal if s in diagrams),
             )
         )
@@ -118,7 +118,7 @@ def _sensed(document: Document, state: str) -> Table:
 
 
 def _with_sigma(mode: SensedModeEntry) -> Iterator[str]:
-    """Yield frequency, its standard deviation, damping ratio and its own, as digits allow."""
+    """Yield frequency and damping ratio, each with its standard deviation and fitting digits."""
     for value, sigma in (
         (mode["frequency_hz"], mode["frequency_std_hz"]),
         (mode["damping_ratio"], mode["damping_ratio_std"]),

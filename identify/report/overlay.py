@@ -1,4 +1,4 @@
-"""Decays of several sessions over each other: one small figure for each run that all have."""
+"""Overlays decays of several sessions: one small figure for each run that all sessions have."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _BINS = 220
 _SHOWN_S = 1.5
 """Seconds of a decay that are drawn; what follows is mostly noise."""
 _SESSIONS = 4
-"""Sessions drawn at most: more curves cannot be held apart."""
+"""Largest number of sessions drawn: more curves cannot be distinguished."""
 
 
 def overlay_gallery(labels: Sequence[str], estimations: Sequence[Estimation]) -> Gallery | None:
-    """Return the decays of sessions over each other; None where no run is in all of them."""
+    """Return the overlaid decays of sessions; None where no run is in all of them."""
     shown = estimations[:_SESSIONS]
     by_label = [{decay.label: decay for decay in one.decays} for one in shown]
     pictures = []
@@ -34,9 +34,9 @@ def overlay_gallery(labels: Sequence[str], estimations: Sequence[Estimation]) ->
         return None
     return Gallery(
         "The same run of each session",
-        "The channel that stands out most from its noise, from the start of its free decay on, "
-        "as measured but for a constant (where a sensor's zero lies says nothing of the car); "
-        "grey is the first session. Bumps of another height change the size and not the course.",
+        "The channel that stands out most from its noise, from the start of its free decay, as "
+        "measured except for a constant (the zero of a sensor says nothing about the car); grey "
+        "is the first session. Bumps of another height change the size but not the shape.",
         tuple(pictures),
     )
 
@@ -53,15 +53,17 @@ def _panel(
         c.unit for r in decays[0].recordings for c in r.group.channels if c.name == name
     ).replace("2", "²")
     first = columns[0][name]
-    curves = tuple(envelope(*_settled(column[name], first), _BINS) for column in columns)
+    curves = tuple(envelope(*_with_mean_of(column[name], first), _BINS) for column in columns)
     return OverlayPanel(name, unit, tuple(labels[: len(curves)]), curves)
 
 
-def _settled(column: tuple[Floats, Floats], first: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Return a curve with the mean of the first: each fit has a constant of its own for it."""
+def _with_mean_of(
+    column: tuple[Floats, Floats], first: tuple[Floats, Floats]
+) -> tuple[Floats, Floats]:
+    """Return a curve with the mean of the first, as each fit has its own constant for it."""
     time_s, values = column
-    beside = np.interp(time_s, *first)
-    return time_s, values - np.mean(values - beside)
+    reference = np.interp(time_s, *first)
+    return time_s, values - np.mean(values - reference)
 
 
 def _columns(decay: FreeDecay) -> dict[str, tuple[Floats, Floats]]:

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class IntervalPanel:
-    """Relative intervals of the parameters, and what each rests on."""
+    """Relative intervals of the parameters, and the runs and facts that each rests on."""
 
     names: tuple[str, ...]
     """Parameters."""
@@ -23,12 +23,12 @@ class IntervalPanel:
     kinds: tuple[str, ...]
     """Kinds of runs and facts that a parameter may rest on."""
     shares: Floats
-    """Shares of one, shape (n, n_kinds)."""
+    """Share of each kind in a parameter's precision, 0..1, shape (n, n_kinds)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClosedFormPanel:
-    """Closed form beside likelihood."""
+    """Closed form compared with likelihood."""
 
     names: tuple[str, ...]
     """Parameters."""
@@ -44,7 +44,7 @@ class Trace:
 
     channel: str
     unit: str
-    """`channel`, `unit`: what it is."""
+    """`channel`, `unit`: name of the channel, and unit of its values."""
     measured: Floats
     fitted: Floats
     residual: Floats
@@ -71,7 +71,7 @@ class OverlayPanel:
 
     channel: str
     unit: str
-    """`channel`, `unit`: what it is."""
+    """`channel`, `unit`: name of the channel, and unit of its values."""
     labels: tuple[str, ...]
     """Names of the sessions."""
     curves: tuple[Floats, ...]
@@ -86,7 +86,7 @@ class StabilisationPanel:
     rank: Floats
     """`frequency_hz`, `rank`: of each pole, shape (n,)."""
     stable: NDArray[np.bool_]
-    """True if it comes again, shape (n,)."""
+    """True if the pole recurs, shape (n,)."""
     modes_hz: Floats
     """Modes of the identified vehicle, shape (m,)."""
 
@@ -101,7 +101,7 @@ class CorrelationPanel:
 
 @dataclass(frozen=True, slots=True)
 class SnrPanel:
-    """How far each mode stands out of the noise in each run."""
+    """Energy of each mode over the noise in each run."""
 
     runs: tuple[str, ...]
     modes: tuple[str, ...]
@@ -109,7 +109,7 @@ class SnrPanel:
     decibel: Floats
     """NaN where there is no such mode, shape (n_runs, n_modes)."""
     limit_db: float
-    """Least sum over all runs of a mass state."""
+    """Least sum over all runs of a mass state, dB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ class PredictionPanel:
     fitted: Floats
     predicted: Floats
     limit: Floats
-    """`fitted`, `predicted`, `limit`: NaN where the others say nothing, shape (n,)."""
+    """`fitted`, `predicted`, `limit`: NaN where the others do not determine it, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ class DifferencePanel:
     """`percent`, `half_percent`: difference and half of its 95 % interval, % of the first session's
     value, shape (n,)."""
     significant: NDArray[np.bool_]
-    """True if it stands among all, shape (n,)."""
+    """True if the difference is significant among all, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,15 +164,15 @@ class AxleCurve:
 
     axle: str
     speed_m_s: Floats
-    """Compression positive, shape (n,)."""
+    """Speed, compression positive, m/s, shape (n,)."""
     force_n: Floats
-    """Of the damper alone, shape (n,)."""
+    """Force of the damper alone, N, shape (n,)."""
     low_n: Floats
     """Lower end of the 95 % band, shape (n,)."""
     high_n: Floats
     """Upper end of the 95 % band, shape (n,)."""
     total_n: Floats
-    """Damper and friction together, shape (n,)."""
+    """Force of damper and friction together, N, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The parameters, how well each is known, and what follows from them."""
+"""Sections on the parameters, their precision, and the quantities that follow from them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .panels import IntervalPanel
 from .words import parameter_words, plain
 
 _LEAST_SHARE = 0.005
-"""Sources that rest below it everywhere are not drawn."""
+"""Sources whose share is smaller for every parameter are not drawn."""
 
 
 def parameter_section(document: Document) -> Section:
@@ -50,7 +50,7 @@ def _estimate_cells(
 
 
 def value_text(e: EstimateEntry) -> str:
-    """Write a value with as many digits as its interval knows."""
+    """Write a value with the digits that its interval justifies."""
     return rounded(e["value"], e["low"], e["high"])[0]
 
 
@@ -96,7 +96,7 @@ def _derived(document: Document) -> Table:
         "What follows from them",
         ("quantity", "#estimate", "#from", "#to", "#±", "unit"),
         tuple(rows),
-        "Ratios are known better than masses and springs: most of the error of those is common to "
+        "Ratios are known better than masses and springs, most of whose error is common to "
         "all of them. Ride frequency is that of the axle's share of the body on its suspension, "
         "wheel hop that of the wheel between both springs. The dynamic index is k²/(a b).",
     )
@@ -127,7 +127,7 @@ def _intervals(document: Document) -> Picture:
 
 
 def _first_named(document: Document, kinds: set[str]) -> tuple[str, ...]:
-    """Return the kinds in the order of the runs; what is no run comes last."""
+    """Return the kinds in the order of the runs; sources that are not runs come last."""
     labels = [run.rpartition("_")[0] for run in document["chi2_by_run"]]
     runs = [kind for kind in dict.fromkeys(labels) if kind in kinds]
     return (*runs, *sorted(kinds - set(runs)))

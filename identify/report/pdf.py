@@ -1,6 +1,6 @@
 """The report as PDF: the blocks of the page on sheets of A4, tagged, text as text.
 
-`report.typ` says how they are set.
+`report.typ` determines their layout.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 
 
 def pdf_of(report: Report) -> bytes:
-    """Set a report as PDF with tags, an outline and links (PDF/UA-1)."""
+    """Typeset a report as PDF with tags, an outline and links (PDF/UA-1)."""
     fonts = Path(matplotlib.get_data_path(), "fonts", "ttf")
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -35,12 +35,12 @@ def pdf_of(report: Report) -> bytes:
             folder / "report.typ", font_paths=[fonts], ignore_system_fonts=True
         )
         data = set_by_typst.compile(format="pdf", pdf_standards="ua-1")
-    assert isinstance(data, bytes)  # one file, and not one for each page
+    assert isinstance(data, bytes)  # one file instead of one for each page
     return data
 
 
 def _content(report: Report, folder: Path) -> dict[str, Any]:
-    """Return what `report.typ` sets; its pictures are in the folder."""
+    """Return the content for `report.typ`; its pictures are in the folder."""
     day = date.fromisoformat(report.source.issued) if report.source.issued else None
     findings = [
         (Verdict.of(finding.severity), finding.code, finding.text) for finding in report.findings

@@ -1,4 +1,4 @@
-"""A run left out and predicted, one after the other."""
+"""Section on runs that are left out one by one and predicted from the others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
     lead = (
         "The vehicle is fitted on all other runs and must then predict the one that was left out; "
         "only the initial state and the sensors' offsets are the run's own. For a linear car what "
-        "is left is noise; friction, a hot damper or a lifted wheel are not predicted. "
+        "remains is noise; friction, a hot damper or a lifted wheel are not predicted. "
         f"Here {good} of {known} runs are predicted down to the noise."
     )
     if known < len(predictions):

@@ -1,4 +1,4 @@
-"""Runs as recorded and as changed by hand, and how to trace them."""
+"""Sections on the runs as recorded and as changed by hand, and on their provenance."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _trace(session: Session, source: Source) -> Table:
         ("identified by", f"bumpbench {source.version}"),
         ("with", ", ".join(f"{name} {version}" for name, version in source.libraries.items())),
     ]
-    # The runs' table has what was decided of each.
+    # The decisions on each run are in the table of the runs.
     texts = ("bench_toml", "dbc", "verdicts", "notes", "overrides")
     rows += [(plain(k), v) for k, v in session.provenance.items() if k not in texts]
     rows += [("note", text) for text in notes_of(session.provenance)]

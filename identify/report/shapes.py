@@ -14,7 +14,7 @@ _DECK_M, _ROOF_M, _HUB_M = 0.62, 1.25, 0.32
 _RADIUS_M = 0.31
 _OVERHANG_M = 0.55
 _EYE = np.array([5.2, 5.6, 3.1])
-"""Where one looks from, m from the middle of the car: ahead, to its left, above."""
+"""Position of the viewer, m from the middle of the car: in front, left, above."""
 _DISTANCE_M = float(np.linalg.norm(_EYE))
 _BACK = _EYE / _DISTANCE_M
 _RIGHT = np.array([-_EYE[1], _EYE[0], 0.0]) / np.hypot(_EYE[0], _EYE[1])
@@ -28,9 +28,9 @@ class Shape:
 
     title: str
     numbers: str
-    """`title`, `numbers`: its name; its frequency and damping."""
+    """`title`, `numbers`: its name; its frequency and damping as text."""
     frequency_hz: float
-    """How fast it moves in truth."""
+    """Frequency of the mode, Hz."""
     motion: NDArray[np.complex128]
     """Displacements of `daq.vehicle.DOF`, turned so that most of it is real, m, shape (7,)."""
     geometry: VehicleGeometry
@@ -45,7 +45,7 @@ class Outline:
     roof: NDArray[np.float64]
     """`deck`, `roof`: corners of two plates of the body, around, shape (4, 2)."""
     springs: NDArray[np.float64]
-    """From body to hub at each wheel, shape (4, k, 2)."""
+    """Lines from body to hub at each wheel, shape (4, k, 2)."""
     wheels: NDArray[np.float64]
     """Their rims, shape (4, k, 2)."""
 
@@ -81,7 +81,7 @@ def _corners(g: VehicleGeometry) -> NDArray[np.float64]:
 
 
 def _lift(g: VehicleGeometry) -> NDArray[np.float64]:
-    """Return what lifts the body's corners and the wheels, (8, 7)."""
+    """Return the lift of body corners and wheels by the degrees of freedom, (8, 7)."""
     rows = np.zeros((8, 7))
     rows[:4, 0] = 1.0
     rows[:4, 1:3] = _corners(g) * [-1.0, 1.0]

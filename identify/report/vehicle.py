@@ -1,4 +1,4 @@
-"""The vehicle as stated beforehand, and how that agrees with the result."""
+"""Section on the vehicle as stated beforehand, and its agreement with the result."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def vehicle_section(session: Session, estimation: Estimation) -> Section:
         "vehicle",
         "Vehicle, facts and model",
         "What is given to the identification. Facts and stated uncertainties are data like the "
-        "samples: they pull, and are pulled.",
+        "samples: they influence the fit, and may disagree with it.",
         tuple(blocks),
     )
 
@@ -108,7 +108,7 @@ def _corrections(estimation: Estimation) -> Table:
         "Stated uncertainties: what the decays say of them",
         ("what", "#stated sigma", "#found off by", "#± sigma", "unit", "#pull, sigma"),
         tuple(rows),
-        "Found off by: how far it lies from what is stated. A pull beyond 3 sigma means that the "
+        "Found off by: fitted less stated value. A pull beyond 3 sigma means that the "
         "statement is wrong.",
     )
 

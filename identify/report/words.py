@@ -44,7 +44,7 @@ MEANING: Mapping[Verdict, str] = MappingProxyType(
         "sensors, and the intervals hold.",
         Verdict.DOUBTFUL: "They may be wrong by more than their intervals say, or the intervals "
         "are wide. The findings say where, and what to do.",
-        Verdict.REFUSED: "The recordings do not carry a result. The findings say why, and what "
+        Verdict.REFUSED: "The recordings do not support a result. The findings say why, and what "
         "to do.",
     }
 )
@@ -54,12 +54,12 @@ SEVERITY: Mapping[Verdict, str] = MappingProxyType(
 
 
 def parameter_words(name: str) -> str:
-    """Say what a parameter is."""
+    """Return the name of a parameter in words."""
     if name in _PARAMETERS:
         return _PARAMETERS[name]
     return f"{_PARAMETERS[name[:3]]}, {_PLACES[name[3:]]}"
 
 
 def plain(name: str) -> str:
-    """Turn a name with underscores into words."""
+    """Return a name with spaces instead of underscores."""
     return name.replace("_", " ")

@@ -1,4 +1,4 @@
-"""The paper's tables and figures, reproduced."""
+"""Reproduces the paper's tables and figures."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Figures 2 to 7 of the paper: how much mass to add, and what an error in it does."""
+"""Figures 2 to 7 of the paper: the size of the added mass, and the effect of an error in it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .campaign import PAPER_ADDED_MASS
 from .result import Column, Curve, CurvePanel, Study, percent
 
 ERRORS_PERCENT = tuple(float(e) for e in range(-5, 6))
-"""The abscissa of Figs. 3 to 8."""
+"""Errors on the abscissa of Figs. 3 to 8, %."""
 
 _ADDED_PERCENT = tuple(float(share) for share in range(2, 15, 2))
 _DYNAMIC = PARAMETER_NAMES[5:11]
@@ -32,9 +32,9 @@ class MassError:
     """One of Figs. 3 to 7."""
 
     quantity: str
-    """Which added inertia is wrong."""
+    """Name of the wrong added inertia."""
     dofs: tuple[int, ...]
-    """Its places on the diagonal of the added mass."""
+    """Its positions on the diagonal of the added mass."""
     says: tuple[str, ...]
     """Values that the paper reads off its figure, and ours."""
 
@@ -74,7 +74,7 @@ _CONVENTION = (
 
 
 def fig2_study() -> Study:
-    """Return how the modes shift when the mass grows by 2 to 14 % (Fig. 2).
+    """Return the shift of the modes when the mass grows by 2 to 14 % (Fig. 2).
 
     The added mass is that share of M itself, so that an undamped frequency would fall as
     ``1 / sqrt(1 + share)``; dampers make some modes fall more and some less.
@@ -126,7 +126,7 @@ def _by_share(title: str, change: NDArray[np.float64]) -> CurvePanel:
 
 
 def mass_error_study(figure: str) -> Study:
-    """Return what an error in one added inertia does to the parameters (Figs. 3 to 7).
+    """Return the effect of an error in one added inertia on the parameters (Figs. 3 to 7).
 
     The chain is the paper's (Eqs. 22-33, then its order of estimation) on the exact modes of both
     mass states: without noise that chain is exact, so all error comes from the added mass.
@@ -185,9 +185,9 @@ def error_panel(
     by_name: Mapping[str, NDArray[np.float64]],
     names: tuple[str, ...],
 ) -> CurvePanel:
-    """Return a diagram of the errors of some parameters over the error of what was stated.
+    """Return a diagram of the errors of some parameters over the error of the stated quantity.
 
-    Kin (front and rear of a kind) share a colour; the rear one is dashed.
+    Front and rear parameters of a kind share a colour; the rear one is dashed.
     """
     curves = tuple(
         Curve(name, np.array(ERRORS_PERCENT), by_name[name], hue=1 + i // 2, dashed=i % 2 == 1)

@@ -1,9 +1,9 @@
 """Simulated campaigns of the paper's vehicle: records with noise of a known level.
 
-Noise of so many dB is white and Gaussian, on each channel by itself, that far below the channel's
-rms over the three complete records (bounce, pitch, roll) of its mass state (docs/method.md, "Noise
-and the bound").  A channel that is silent by symmetry in one run has noise there all the same, and
-one more run leaves the noise as it is.
+Noise of a level in dB is white and Gaussian, independent on each channel, and this level below the
+channel's rms over the three complete records (bounce, pitch, roll) of its mass state
+(docs/method.md, "Noise and the bound").  A channel that is silent by symmetry in one run has noise
+there, too, and one more run does not change the noise.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ class Campaign:
     noise_db: float = 30.0
     """Distance from signal to noise; infinite for none."""
     cases: tuple[Excitation, ...] = PAPER_CASES
-    """How the vehicle is bumped, each once in a mass state."""
+    """Kinds of bumps, each once in a mass state."""
     groups: tuple[ChannelGroup, ...] = SENSOR_SETS["paper"]
-    """The sensors, such as one of `SENSOR_SETS`."""
+    """Sensors, for example one of `SENSOR_SETS`."""
     mass_states: tuple[MassState, ...] = PAPER_MASS_STATES
     """Loading of the vehicle."""
     geometry: VehicleGeometry | None = None
@@ -90,7 +90,7 @@ class Campaign:
 
 
 def require_noise(campaign: Campaign) -> None:
-    """Refuse a campaign whose noise is none, or less than rounding makes.
+    """Refuse a campaign without noise, or with noise below rounding.
 
     Raises InputError if it is above 100 dB.
     """
@@ -119,7 +119,7 @@ def records_of(campaign: Campaign, seed: int) -> tuple[Record, ...]:
 
 
 def noise_levels(campaign: Campaign) -> dict[str, float]:
-    """Return each channel's noise, SI: that of its mass states (which differ little), pooled."""
+    """Return each channel's noise, SI, pooled over its mass states, which differ little."""
     levels = [_sigma(campaign, state) for state in campaign.mass_states]
     return {
         channel.name: float(np.sqrt(np.mean([state[i][c] ** 2 for state in levels])))
@@ -156,7 +156,7 @@ def _facts(campaign: Campaign, seed: int | None) -> tuple[Fact, ...]:
 def _clean(
     campaign: Campaign, state: MassState, cases: tuple[Excitation, ...]
 ) -> dict[Excitation, tuple[Recording, ...]]:
-    """Return what the sensors would see without noise in some cases of one mass state."""
+    """Return the sensors' noise-free signals in some cases of one mass state."""
     loaded = physical_model(FORD_GRANADA).with_mass(delta_mass(state.added, FORD_GRANADA.a).real)
     clean = {}
     for case in cases:

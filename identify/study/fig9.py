@@ -18,11 +18,11 @@ from .result import Column, Curve, CurvePanel, Study
 _SHOWN = {"z_s": "Body, vertical (z_s)", "z_uA": "Front left hub (z_uA)"}
 _SHOWN_S = (0.0, 1.2)
 _TAIL_S = (0.5, 0.8)
-"""Where the wheels come to rest, and the noise shows."""
+"""Time span, s, in which the wheels come to rest and the noise is visible."""
 
 
 def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
-    """Return what the paper's low-pass does to the accelerations of a bounce run (Fig. 9).
+    """Return the effect of the paper's low-pass on the accelerations of a bounce run (Fig. 9).
 
     `rate_hz`: samples a second.  `noise_db`: distance from signal to noise.  `seed`: draws the
     noise.  Raises InputError if a rate or noise level cannot be studied.

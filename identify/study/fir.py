@@ -11,10 +11,12 @@ PASS_HZ = 16.0
 """Section 4.3."""
 
 _MEMORY_S = 0.05
-"""Length of the filter; the paper does not state it.  A filtered free decay is one still, but only
-once the whole memory lies in it, and the wheels lose three fifths of their motion in 50 ms."""
+"""Length of the filter; the paper does not state it.  A filtered free decay is still a free decay,
+but only where the whole memory lies in it, and the wheels lose three fifths of their motion in 50
+ms."""
 _STOP_HZ = 60.0
-"""With so short a memory: 35 dB down from here on, little above 30 Hz."""
+"""Start of the stop band, Hz: with so short a memory, 35 dB down from here, and little above 30
+Hz."""
 
 
 def taps(rate_hz: float) -> NDArray[np.float64]:
@@ -39,10 +41,10 @@ def taps(rate_hz: float) -> NDArray[np.float64]:
 
 
 def filtered(values: NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]:
-    """Return what the filter makes of samples, (n - n_taps + 1, n_channels).
+    """Return the filtered samples, (n - n_taps + 1, n_channels).
 
-    Only where its whole memory is filled; the first result belongs to the middle of the first
-    n_taps samples.
+    There is a result only where the whole memory is filled; the first belongs to the middle of the
+    first n_taps samples.
     """
     weights = taps(rate_hz)
     windows = np.lib.stride_tricks.sliding_window_view(values, len(weights), axis=0)

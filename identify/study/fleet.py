@@ -1,6 +1,6 @@
-"""How well a fleet of different cars is identified: one row a car, and the fractions of all.
+"""Measures how well a fleet of different cars is identified: one row for each car, and fractions.
 
-What each car really is comes from outside, from a simulator that knows no method.
+The true properties of each car come from a simulator that is independent of the method.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .result import Column, Study
 JUDGED = (
     "m_s", "I_yy", "I_xx", "m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "a", "b", "t_f", "t_r",
 )  # fmt: skip
-"""Masses, inertias, stiffnesses and lengths: what the fractions are of."""
+"""Masses, inertias, stiffnesses and lengths: the parameters that the fractions refer to."""
 _DAMPER = ("one_sided_dampers", "damper_knees")
 """Groups of unknowns that make a damper's curve together."""
 GOOD_PERCENT, FAIR_PERCENT = 3.0, 5.0
@@ -35,23 +35,23 @@ class FleetCase:
     verdict: str
     """Verdict of the identification."""
     chi2_per_n: float
-    """Goodness of fit; NaN where there was none."""
+    """Goodness of fit; NaN without a fit."""
     worst_percent: float
     """Largest error among `JUDGED`, per cent of the truth; NaN without parameters."""
     worst: str
-    """Whose it is."""
+    """Parameter with that error."""
     covered: int
-    """How many of them lie within their 95 % interval."""
+    """Number of parameters of `JUDGED` that lie within their 95 % interval."""
     judged: int
-    """How many were reported."""
+    """Number of parameters of `JUDGED` that were reported."""
     cpu_s: float
     """Processor time of the identification, with its helpers, s."""
     there: tuple[str, ...]
     """Force elements that the car has and its runs met."""
     named: tuple[str, ...]
-    """Force elements that its identification says are there."""
+    """Force elements that its identification names as present."""
     expected: tuple[str, ...] = ()
-    """Those of `there` whose true size is above half of its 95 % interval: they can be named."""
+    """Elements of `there` whose true size is above half of its 95 % interval: they can be named."""
 
     @property
     def missed(self) -> tuple[str, ...]:
@@ -60,7 +60,7 @@ class FleetCase:
 
     @property
     def false(self) -> tuple[str, ...]:
-        """Elements that are named and that the car has not."""
+        """Elements that are named but that the car does not have."""
         return tuple(name for name in self.named if name not in self.there)
 
 
@@ -71,10 +71,10 @@ def fleet_case(
     there: Mapping[str, Mapping[str, float]],
     cpu_s: float,
 ) -> FleetCase:
-    """Compare an identification with the car that it is of.
+    """Compare an identification with its true car.
 
     `truth`: its true parameters.  `there`: its force elements with their true sizes
-    (`daq.sim.fleet.elements`).  `cpu_s`: processor time that it took, s.
+    (`daq.sim.fleet.elements`).  `cpu_s`: processor time of the identification, s.
     """
     found = {p: result.parameters[p] for p in JUDGED if p in result.parameters}
     errors = {p: 100.0 * abs(e.value / truth[p] - 1.0) for p, e in found.items()}
@@ -121,7 +121,7 @@ def _expected(forces: Forces | None, there: Mapping[str, Mapping[str, float]]) -
 
 
 def fleet_study(title: str, cases: Sequence[FleetCase]) -> Study:
-    """Return the cars of a fleet and what is to be said of all of them."""
+    """Return the table of the cars of a fleet, with remarks on all of them."""
     columns = (
         Column("car", "car"),
         Column("verdict", "verdict"),
@@ -155,7 +155,7 @@ def fleet_study(title: str, cases: Sequence[FleetCase]) -> Study:
 
 
 def fractions(cases: Sequence[FleetCase]) -> dict[str, float]:
-    """Return what the fleet is judged by; NaN where there is nothing to divide by.
+    """Return the fractions by which the fleet is judged; NaN where the denominator is zero.
 
     `usable` ended ok or doubtful; of these `good` and `fair` have no error above 3 and 5 %;
     `false_ok` ended ok with an error above 5 %; `coverage_ok` and `coverage_doubtful` are the

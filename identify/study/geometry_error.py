@@ -1,4 +1,4 @@
-"""Figure 8 of the paper: what an error in the measured geometry does."""
+"""Figure 8 of the paper: the effect of an error in the measured geometry."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _LENGTHS = ("a", "b", "t_f", "t_r")
 def fig8_study() -> Study:
     """Return the errors of the dynamic parameters by an error in a, b, t_f or t_r (Fig. 8).
 
-    M, C and K are exact, as the chain leaves them without noise, and do not depend on the
-    geometry; only the parameters drawn from C and K do.
+    M, C and K are exact, as the chain gives them without noise, and do not depend on the geometry;
+    only the parameters that are computed from C and K do.
     """
     tables = {length: _errors(length) for length in _LENGTHS}  # each (n_errors, 6)
     columns = [Column("parameter", "parameter")]

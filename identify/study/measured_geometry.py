@@ -1,4 +1,4 @@
-"""The paper's order of estimation where the geometry is measured (its sections 4.2 and 4.3)."""
+"""Follows the paper's order of estimation with measured geometry (its sections 4.2 and 4.3)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def vehicle_of_geometry(model: PhysicalModel, geometry: VehicleGeometry) -> Vehi
     """Return the parameters of a vehicle whose four lengths are measured.
 
     Masses are the diagonal of M, whatever the lengths.  Stiffnesses and damping enter K and C
-    linearly and follow from all their elements by least squares, each element with the same
-    weight: so weighed, the paper's Fig. 8 comes out; with elements scaled to like size it does not.
+    linearly and follow from all their elements by least squares, each element with the same weight:
+    this reproduces the paper's Fig. 8; with elements scaled to equal size the figure differs.
     """
     theta = np.zeros(15)
     theta[-4:] = (geometry.a, geometry.b, geometry.t_f, geometry.t_r)

@@ -1,8 +1,8 @@
 """Monte Carlo of noisy campaigns against the Cramer-Rao bound, without any oracle.
 
-Each campaign goes the whole way of a real one: onset and noise level from the records, start
-values from generic vehicles.  The bound is that of a free decay from the very end of the bump with
-the noise known.
+Each campaign is processed like a real one: onset and noise level from the records, start values
+from generic vehicles.  The bound is that of a free decay from the very end of the bump with the
+noise known.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .result import Column, DotPanel, Dots, Study, percent
 _CHI2_LIMIT = 1.5
 _VAGUE_PERCENT = 25.0
 _UNDETERMINED_PERCENT = 1e6
-"""A bound above this is infinite but for rounding."""
+"""Bound, %, above which a parameter counts as undetermined: it is infinite except for rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def bound_percent(campaign: Campaign) -> NDArray[np.float64]:
     In per cent; infinite where the campaign does not determine a parameter, zero for a length
     that is given.
 
-    Raises InputError if the campaign is without noise worth the name.
+    Raises InputError if the campaign has no noise, or noise below rounding.
     """
     require_noise(campaign)
     box = box_of(campaign, None)
@@ -191,7 +191,7 @@ def _remarks(
 
 
 def _likely_coverage(n: int) -> tuple[float, float]:
-    """Return between which shares, %, 95 % intervals cover in 99 of 100 studies of n campaigns."""
+    """Return the range of coverage, %, of 95 % intervals in 99 of 100 studies of n campaigns."""
     from scipy.stats import binom
 
     low, high = binom.interval(0.99, n, 0.95) if n else (0, 1)

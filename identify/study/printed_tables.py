@@ -1,4 +1,4 @@
-"""Values that the paper prints, for comparison with ours."""
+"""Values printed in the paper, for comparison with ours."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ TABLE2_PERCENT: Mapping[str, float] = MappingProxyType(
         "t_r": -0.161,
     }
 )
-"""Error of each parameter without noise.  The values printed beside them have a misprint (a =
-1.282 m for 1.248 m) and are rounded for t_f and t_r; the errors are the figures to go by."""
+"""Error of each parameter without noise.  The values printed next to them have a misprint (a =
+1.282 m instead of 1.248 m) and are rounded for t_f and t_r; so the errors are the reliable
+figures."""
 
 TABLE3_PERCENT: Mapping[str, float] = MappingProxyType(
     {

@@ -21,9 +21,9 @@ class Column:
     key: str
     """Name of its values in JSON."""
     heading: str
-    """Name for people, with the unit."""
+    """Printed heading, with the unit."""
     form: str = "+z.2f"
-    """How a number is written, a format specification."""
+    """Format specification of the numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +36,9 @@ class Curve:
     y: NDArray[np.float64]
     """`x`, `y`: its points, shape (n,)."""
     hue: int = 0
-    """Which colour of the palette; kin share one."""
+    """Index of the colour in the palette; related curves share one."""
     dashed: bool = False
-    """True to distinguish it from its kin."""
+    """True to distinguish it from related curves."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x", read_only(np.asarray(self.x, dtype=np.float64)))
@@ -57,14 +57,14 @@ class CurvePanel:
 
 @dataclass(frozen=True, slots=True)
 class Dots:
-    """One value for each item of a list, and how far it may reach."""
+    """One value for each item of a list, with an optional whisker."""
 
     label: str
     """Name of the values."""
     values: NDArray[np.float64]
     """In the order of the items, shape (n,); NaN leaves a place empty."""
     hue: int
-    """Which colour of the palette."""
+    """Index of the colour in the palette."""
     reach: NDArray[np.float64] | None = None
     """Other end of a whisker from each value, shape (n,) (or None)."""
 
@@ -82,13 +82,13 @@ class DotPanel:
     x_label: str
     """`title`, `x_label`: what is shown, with the unit."""
     items: tuple[str, ...]
-    """From top to bottom."""
+    """Names of the items, from top to bottom."""
     series: tuple[Dots, ...]
     """The values."""
     logarithmic: bool = False
     """True if the values span decades."""
     expected: tuple[float, float] | None = None
-    """Where the values should lie."""
+    """Range in which the values should lie."""
 
 
 Panel = CurvePanel | DotPanel
@@ -129,5 +129,5 @@ class Study:
 def percent(
     found: Sequence[float] | NDArray[np.float64], known: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the error of what was found in per cent of what is known, (..., n)."""
+    """Return the errors of found values in per cent of the true values, (..., n)."""
     return np.asarray(100.0 * (np.asarray(found) / known - 1.0), dtype=np.float64)

@@ -18,7 +18,7 @@ _IMU = ChannelGroup(
         Channel("roll_rate", Quantity.ROLL_RATE, "rad/s"),
     ),
 )
-"""On the tunnel, 0.2 m before the CG, as on the shipped bench."""
+"""IMU on the tunnel, 0.2 m in front of the CG, as on the shipped bench."""
 
 _HUBS = ChannelGroup(
     "hubs",

@@ -47,7 +47,7 @@ _NOTES: Mapping[ResponseName, tuple[str, ...]] = MappingProxyType(
         "wilson": (
             "The Wilson-theta method (theta 1.4, 1 ms) makes the errors that the paper prints: all"
             " five inertias to the last digit, the rest to 0.022 percentage points.",
-            "The paper's table has a = 1.282 m beside -0.141 %: a misprint for 1.248 m.",
+            "The paper's table has a = 1.282 m next to -0.141 %: a misprint for 1.248 m.",
         ),
     }
 )

@@ -1,8 +1,8 @@
 """Table 3 of the paper: 30 dB of noise, a 16 Hz low-pass, the geometry measured.
 
 The paper's chain and the maximum-likelihood estimate on the same simulated campaigns.  The chain
-is given more than a car would give it: the number of modes, and each seed its best chance with and
-without the low-pass.  The likelihood takes the records as they are.
+gets more than a real car provides: the number of modes, and each seed with and without the
+low-pass.  The likelihood takes the records as they are.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .result import Column, DotPanel, Dots, Study, percent
 _N = len(TABLE3_PERCENT)
 _STEP_S = 0.01
 _BLOCKS = 30
-"""Delay vectors of 0.3 s in steps of 10 ms: of 8, 15 and 30 steps the steadiest."""
+"""Number of delays, in steps of 10 ms over 0.3 s: of 8, 15 and 30 steps the most robust."""
 _LENGTH_S = 1.5
 """Seconds of each decay that are used; what follows is mostly noise."""
 
@@ -55,9 +55,9 @@ class Attempt:
     filtered: NDArray[np.float64]
     unfiltered: NDArray[np.float64]
     """`filtered`, `unfiltered`: errors of the paper's chain, %, with and without the low-pass,
-    shape (11,); NaN if it has no answer."""
+    shape (11,); NaN if the chain has no answer."""
     likelihood: NDArray[np.float64]
-    """Errors of the maximum-likelihood estimate, %, shape (11,); NaN if it refuses."""
+    """Errors of the maximum-likelihood estimate, %, shape (11,); NaN if it is refused."""
 
     def __post_init__(self) -> None:
         for name in ("filtered", "unfiltered", "likelihood"):
@@ -118,7 +118,7 @@ def _modes(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> ModalModel:
 
 
 def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
-    """Return the table of many attempts beside the paper's single one.
+    """Return the table of many attempts next to the paper's single one.
 
     `campaign`: as made by `table3_campaign`.
     """

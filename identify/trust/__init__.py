@@ -1,1 +1,1 @@
-"""Trust: may a result be used?  One gate a file, each from the fit to findings."""
+"""Judges whether a result may be used: one gate in each file, each from the fit to findings."""

@@ -1,4 +1,4 @@
-"""Likely causes: which effect that the model lacks would explain what the residuals show."""
+"""Ranks likely causes: the effects that the model lacks and that would explain the residuals."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ from .score_test import FittedDecay, Score, Trace, fitted_decays, scores
 
 _NAMED = 3  # parts of a cause that are listed, the surest first
 _CHANCE = 1e-6
-"""How often noise alone makes as much of a cause: a session has some forty."""
+"""Probability that noise alone gives so large a cause; a session has some forty."""
 _RATE_HZ = 500.0  # the motion ends at 20 Hz; more samples say little more
 
 
 @dataclass(frozen=True, slots=True)
 class Suspect:
-    """A cause and how well it is founded."""
+    """A cause and its significance."""
 
     cause: str
     """Effect that the model lacks."""
     effects: tuple[Effect, ...]
     """Its parts."""
     score: Score
-    """Their sizes, and what they would change."""
+    """Their sizes, and the shifts that they mean."""
     explained: float
-    """Share of the excess of the squared residuals over the noise that it explains."""
+    """Share of the excess of the squared residuals over the noise that the cause explains."""
     strength: float
-    """Fall of the squared residuals in units of what chance would give to so many effects; noise
-    stays below 1 in all but one of a million cases."""
+    """Fall of the squared residuals in units of what chance would give with so many effects; noise
+    stays below 1 except in one of a million cases."""
     shift: float
-    """Largest relative change of a parameter that it means."""
+    """Largest relative change of a parameter by the cause."""
     shifted: str
-    """Which parameter that is."""
+    """Parameter with that change."""
 
     def moved(self, names: Sequence[str]) -> dict[str, float]:
-        """Return the change of each parameter's unknown that it means."""
+        """Return the change of each parameter's unknown by the cause."""
         return dict(zip(names, self.score.shift[: len(names)].tolist(), strict=True))
 
     @property
     def sizes(self) -> str:
-        """The size of the surest parts with their 95 % intervals, for people."""
+        """Sizes of the surest parts with their 95 % intervals, as text."""
         rows = [
             (abs(size / std), f"{effect.label} "
              f"{with_half(size * effect.factor, COVERAGE_95 * std * abs(effect.factor))} "
@@ -62,7 +62,7 @@ class Suspect:
 
 
 def rank_causes(estimation: Estimation) -> tuple[Suspect, ...]:
-    """Hold every known cause against the residuals; the one that explains most comes first."""
+    """Test every known cause on the residuals; the one that explains most comes first."""
     fitted = fitted_decays(estimation, _RATE_HZ)
     kinds = [structural(estimation, fitted), lateness(estimation), gains(estimation)]
     forces = suspension_forces(estimation)

@@ -1,4 +1,4 @@
-"""The likely cause in words: what the model lacks or which sensor is wrong, and what to do."""
+"""Puts the likely cause in words: what the model lacks or which sensor is wrong, and what to do."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from .sensor_faults import gain_of, sensor_explanations
 from .swaps import swap_explanation
 
 _MATTERS = 0.02
-"""Relative change of a parameter from which on an effect makes the result doubtful."""
+"""Relative change of a parameter above which an effect makes the result doubtful."""
 _REFUSES = 0.10
-"""Relative change from which on the result must not be used."""
+"""Relative change of a parameter above which the result must not be used."""
 _EXPLAINS = 0.35
-"""Share of the misfit from which on an effect is called its cause."""
+"""Share of the misfit above which an effect is called its cause."""
 _CLEARLY = 0.9
-"""Share from which on no other cause is looked for."""
+"""Share of the misfit above which no other cause is sought."""
 _AHEAD = 0.95
-"""An effect of the vehicle gives way to a sensor only if that explains clearly more."""
+"""Share of a sensor's explanation that an effect of the vehicle must reach to be preferred."""
 
 _ADVICE = {
     "anti-roll bars": "set anti_roll_bars = true in [vehicle.structure]",
@@ -44,16 +44,16 @@ _ADVICE = {
 
 @dataclass(frozen=True, slots=True)
 class Causes:
-    """The named cause of a misfit, and everything that was tried as one."""
+    """The named cause of a misfit, and all causes that were tried."""
 
     findings: tuple[Finding, ...] = ()
-    """The cause that is named, if any."""
+    """Finding on the named cause, if there is one."""
     tried: tuple[Explanation, ...] = ()
-    """Every cause that stands out of the noise, with what it would move."""
+    """Every cause that stands out of the noise, with the changes of parameters that it means."""
 
 
 def causes_of(estimation: Estimation, suspects: Sequence[Suspect]) -> Causes:
-    """Name the likely cause of a misfit, or an effect that hides below it and matters.
+    """Name the likely cause of a misfit, or an effect that matters although there is no misfit.
 
     `suspects`: its causes as `rank_causes` has them.
     """
@@ -78,7 +78,7 @@ def causes_of(estimation: Estimation, suspects: Sequence[Suspect]) -> Causes:
 
 
 def _preferred(ranked: list[Suspect]) -> Suspect:
-    """Return the strongest; of lateness against earliness of the others, the lateness."""
+    """Return the strongest cause; lateness of some is preferred to earliness of the others."""
     best = ranked[0].strength
     equal = [s for s in ranked if s.strength > 0.98 * best]
     return max(equal, key=lambda s: ("late" in s.cause and s.score.sizes[0] > 0, s.strength))
@@ -118,7 +118,7 @@ def _finding(cause: Explanation) -> Finding:
 
 
 def _swap_finding(swap: Explanation) -> Finding:
-    """Refuse the result however little it moves: a label can be set right and the rest kept."""
+    """Refuse the result even if it moves little: a label can be corrected, and all else is kept."""
     share = f"{min(swap.explained, 1.0) * 100:.0f} %"
     text = f"likely cause: {swap.name} (explains {share} of the misfit): {swap.advice}"
     return Finding("swapped_labels", Severity.ERROR, text)

@@ -1,4 +1,4 @@
-"""Consistency of the runs, and of large and small motion: do they show the same vehicle.
+"""Tests whether all runs, and large and small motion, show the same vehicle.
 
 Each part of the data has its own pull on the parameters; at the common optimum the pulls cancel.
 If the parts agree, each pull is noise of known covariance (Hausman 1978); a part that disagrees
@@ -21,17 +21,17 @@ from ..fit.likelihood import covariance_of, fit, normal_blocks, residuals
 from ..fit.varpro import NormalBlock
 
 _LARGE_S = 0.4
-"""From here on the wheels are at rest and the body moves with half its first amplitude."""
+"""Time, s, after which the wheels are at rest and the body moves with half its first amplitude."""
 _SEEN = 1e-6
 _HEIGHTS = 1.3
-"""Ratio of bump heights from which on they count as two."""
+"""Ratio of bump heights above which they count as two heights."""
 _MATTERS = 0.02
 _RATE_HZ = 250.0
 
 
 @dataclass(frozen=True, slots=True)
 class Pull:
-    """How hard a part of the data pulls away from the common optimum."""
+    """Pull of a part of the data away from the common optimum."""
 
     strength: float
     """Square of the pull in units of what chance would give; noise stays below 1."""
@@ -44,7 +44,7 @@ class Pull:
 def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]:
     """Name runs that disagree with the others, and a dependence on amplitude.
 
-    `rival`: strength of the likeliest cause that all runs share: it may set them at odds too.
+    `rival`: strength of the likeliest cause that all runs share: it may also make runs disagree.
     """
     parts = normal_blocks(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
     runs = {decay.label: parts[decay.label] for decay in estimation.decays}
@@ -57,7 +57,7 @@ def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]
 
 
 def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
-    """Return the pull of some shares of the data."""
+    """Return the pull of some parts of the data."""
     chosen = tuple(parts)
     H = np.sum([part.information for part in chosen], axis=0)
     g = np.sum([part.gradient for part in chosen], axis=0)
@@ -77,7 +77,7 @@ def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
 
 
 def _odd_run(estimation: Estimation, label: str, pull: Pull, rival: float) -> tuple[Finding, ...]:
-    """Say whether the fit holds without the run that disagrees most."""
+    """Return a finding if the fit holds without the run that disagrees most."""
     odd = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
     if len(estimation.decays) < 3 or (estimation.holds and not odd):
         return ()
@@ -97,7 +97,7 @@ def _odd_run(estimation: Estimation, label: str, pull: Pull, rival: float) -> tu
 
 
 def moves_without(estimation: Estimation, label: str) -> dict[str, float]:
-    """Return by how much each parameter's unknown moves if a run is left out, to first order."""
+    """Return the change of each parameter's unknown if a run is left out, to first order."""
     parts = normal_blocks(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
     others = [part.information for name, part in parts.items() if name != label]
     covariance = covariance_of(np.sum(others, axis=0))

@@ -1,8 +1,8 @@
 """Stated facts, places, delays and weights that the runs contradict, each named once.
 
-One wrong statement drags the fit along and sets others at odds with it.  So the one that explains
-most is taken out first, and only what is still at odds is named after it (data snooping, Baarda
-1968).  All weights by one common factor are a statement of their own.
+One wrong statement distorts the fit and makes others disagree with it.  So the one that explains
+most is removed first, and only statements that still disagree are named after it (data snooping,
+Baarda 1968).  A common factor of all weights counts as a separate statement.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ from .scale import scale_facts
 
 _LIMIT_SIGMAS = 4.0
 _LEAST_REDUNDANCY = 1e-5
-"""Share of a statement's variance that other data must leave to it; the fit is no more exact."""
+"""Least share of a statement's variance in its misfit; below, the fit is not exact enough to test
+it."""
 _REFUSED_SHIFT = 0.1
-"""Relative change of a parameter by what is contradicted, from which on none is used."""
+"""Relative change of a parameter by contradicted statements above which the result is refused."""
 _ALIKE = 0.95
-"""Correlation of two tests from which on the runs cannot say which statement is wrong."""
+"""Correlation of two tests above which the runs cannot tell which statement is wrong."""
 ALL_WEIGHTS = "all weights by a common factor"
 
 
@@ -33,15 +34,15 @@ class Contradiction:
     """One statement that the runs contradict."""
 
     name: str
-    """The statement; others that the runs do not separate from it follow after "or"."""
+    """Name of the statement; others that the runs do not separate from it follow after "or"."""
     sigmas: float
-    """Its misfit in its own standard deviations, those named before it taken out."""
+    """Misfit in its own standard deviations, after the statements named before it were removed."""
     direction: NDArray[np.float64]
-    """By how many of its sigmas each statement would be off, (n_stated,)."""
+    """Error of each statement, in its sigmas, that this one means, (n_stated,)."""
 
 
 def contradiction_findings(estimation: Estimation) -> tuple[Finding, ...]:
-    """Name what is stated and contradicted by the runs."""
+    """Return a finding on the statements that the runs contradict."""
     found = contradictions(estimation)
     if not found:
         return ()
@@ -58,7 +59,7 @@ def contradiction_findings(estimation: Estimation) -> tuple[Finding, ...]:
 def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     """Return the statements that the runs contradict, the worst first.
 
-    Where the model leaves more than noise, a misfit counts in units of what it leaves.
+    Where the residuals exceed the noise, a misfit counts in units of the residuals.
     """
     rows, left = _stated(estimation)
     spread = 1.0 if estimation.holds else float(np.sqrt(max(1.0, estimation.chi2_per_n)))
@@ -68,9 +69,9 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
 def contradicted_shift(
     estimation: Estimation, found: tuple[Contradiction, ...]
 ) -> NDArray[np.float64]:
-    """Return by how much each parameter moves without the contradicted statements, (n,).
+    """Return the change of each parameter without the contradicted statements, (n,).
 
-    Relative to its value, with its sign; zero for parameters that may be zero.
+    It is relative to the value, with its sign; zero for parameters that may be zero.
     """
     C = _finite(estimation.fit.covariance)
     rows, left = _stated(estimation)
@@ -84,7 +85,7 @@ def contradicted_shift(
 
 
 def _finite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a covariance in which unknowns that were not released have none."""
+    """Return a covariance in which unknowns that were not released have zero variance."""
     return np.where(np.isfinite(covariance), covariance, 0.0)
 
 
@@ -116,7 +117,7 @@ def suspects(box: GreyBox) -> tuple[tuple[str, ...], NDArray[np.float64]]:
             if weight.sigma_kg > 0.0:
                 at = names.index(f"weight {i} of state {state.name}")
                 together[at] = weight.mass_kg / weight.sigma_kg
-    # Without a fact nothing else fixes the scale: gravity's second order is no witness.
+    # Without a fact nothing else fixes the scale: the second-order effect of gravity is too weak.
     if np.count_nonzero(together) > 1 and scale_facts(box):
         columns.append(together)
         return (*names, ALL_WEIGHTS), np.array(columns).T
@@ -126,7 +127,7 @@ def suspects(box: GreyBox) -> tuple[tuple[str, ...], NDArray[np.float64]]:
 def _snooped(
     box: GreyBox, Q: NDArray[np.float64], left: NDArray[np.float64]
 ) -> tuple[Contradiction, ...]:
-    """Name the worst suspect, take it out, and go on until none is at odds."""
+    """Name the worst suspect, remove it, and repeat until no statement disagrees."""
     names, D = suspects(box)
     first = np.einsum("ik,ij,jk->k", D, Q, D)
     scale = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)

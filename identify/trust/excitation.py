@@ -1,7 +1,7 @@
-"""Excitation: how far each mode stands out of the noise in each run, and what no run excites.
+"""Excitation: how far each mode stands out of the noise in each run, and modes that no run excites.
 
 The modes of a vehicle that is alike left and right move either both sides alike or against each
-other: a bounce or pitch run shows nothing of the second kind.  That is normal as long as another
+other: a bounce or pitch run shows no mode of the second kind.  That is normal as long as another
 run does.
 """
 
@@ -36,8 +36,8 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
     """Return the energy of each mode in each run over the noise.
 
     The energy is that of the matched filter: the squares of the mode's share in every sample, in
-    units of the noise, summed over all channels, as far as no other mode could show the same.  A
-    run that does not excite a mode has some 3 dB by the noise alone.
+    units of the noise, summed over all channels, as far as other modes cannot reproduce it.  A run
+    that does not excite a mode has some 3 dB by the noise alone.
 
     Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
     """
@@ -96,7 +96,7 @@ def _unexcited(
 
 
 def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64]) -> Excitation:
-    """Return the run that drives a mode: the road's force seen by the mode's left eigenvector."""
+    """Return the kind of run that drives a mode, by the road's force on its left eigenvector."""
     poles, right = np.linalg.eig(model.A)
     left = np.linalg.inv(right)[int(np.argmin(np.abs(poles - pole)))]
     gain = {}

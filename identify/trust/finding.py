@@ -1,4 +1,4 @@
-"""The nouns of trust: a finding, the verdict that the worst of them makes."""
+"""The classes of trust: verdict and quality of an identification."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class Verdict(StrEnum):
 
     @classmethod
     def of(cls, severity: Severity) -> Verdict:
-        """Return what a finding of a severity makes of the result at least."""
+        """Return the verdict that a finding of this severity requires at least."""
         return tuple(cls)[severity]
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How far an identification can be trusted."""
+    """Trust in an identification: verdict, findings, goodness of fit."""
 
     findings: tuple[Finding, ...]
     """The worst first."""
@@ -36,12 +36,12 @@ class Quality:
     """Mean square residual in units of the noise; 1 if the linear model holds, NaN without a
     fit."""
     chi2_by_run: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """The same for each run and channel."""
+    """chi2/n of each run and channel."""
     snr_db: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """Energy of each mode in the run over the noise, in the order of the modes of the run's mass
     state, dB."""
     survival: Survival = field(default_factory=Survival)
-    """Which parameters can be used and which are lost, by the causes that were sized."""
+    """Parameters that can be used, and those that are lost by a cause whose size was estimated."""
 
     def __post_init__(self) -> None:
         ranked = sorted(self.findings, key=lambda finding: -finding.severity)

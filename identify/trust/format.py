@@ -1,4 +1,4 @@
-"""How findings say where: a few places by name, the rest by number."""
+"""Formats the places of findings: a few by name, the rest as a number."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _NAMED = 3
 
 
 def listed(places: Iterable[str]) -> str:
-    """Return the first three different places, and how many more there are."""
+    """Return the first three different places, and the number of the others."""
     unique = tuple(dict.fromkeys(places))
     text = ", ".join(unique[:_NAMED])
     more = len(unique) - _NAMED

@@ -1,4 +1,4 @@
-"""All gates, and the verdict they make together."""
+"""Applies all gates; together they give the verdict."""
 
 from __future__ import annotations
 
@@ -31,9 +31,10 @@ _NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_i
 
 
 def judge(session: Session, estimation: Estimation, signs: Sequence[Finding] = ()) -> Quality:
-    """Judge an estimation by everything that is known of it.
+    """Judge an estimation by all gates.
 
-    Of a nonlinear fit no cause is sought that a linear model lacks: its elements are there.
+    For a nonlinear fit, no cause is sought that only a linear model lacks: its elements are in the
+    fit.
 
     `signs`: channels whose sign is wrong (`daq.check.opposed_signs`), the cause if there are any.
     """
@@ -89,13 +90,13 @@ def _causes(estimation: Estimation) -> Causes:
 
 
 def _explains(estimation: Estimation, causes: Causes) -> bool:
-    """Return whether a named cause is why stated values are at odds with the runs."""
+    """Return whether a named cause is the reason why stated values disagree with the runs."""
     named = {finding.code for finding in causes.findings} - {"amplitude"}
     return bool(named) and (not estimation.holds or WEIGHTS.replace(" ", "_") in named)
 
 
 def _hypotheses(estimation: Estimation, causes: Causes, at_odds: bool) -> Iterator[Hypothesis]:
-    """Yield every sized cause with what it moves; where nothing is left to explain, all compete."""
+    """Yield every sized cause with the changes that it means; without a misfit, all compete."""
     for cause in causes.tried:
         yield Hypothesis(cause.name, inf if estimation.holds else cause.explained, cause.moved)
     found = contradictions(estimation) if at_odds else ()

@@ -1,8 +1,8 @@
 """Lift-off: wheels in the air when the free decay should begin.
 
-The fitted motion shows how far each tyre is relieved.  A tyre can only push; where the linear model
-has it pull, the wheel was in the air and the model does not hold.  The fit finds that out by itself
-and begins a decay when the wheels are down: then it begins late, with hardly any load on a tyre.
+The fitted motion shows how far each tyre is relieved.  A tyre can only push; where it pulls in the
+linear model, the wheel was in the air and the model does not hold.  The fit detects this and begins
+a decay when the wheels are down: the decay then begins late, with hardly any load on a tyre.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ PULL_LIMIT = 0.1
 """Share of the static load that a tyre may seem to pull.  The start of the decay lies up to one
 sample before the first that is fitted, and in that time a landing tyre gains as much."""
 LANDING_LIMIT = 0.2
-"""Share of the static load below which a tyre has just landed, by the same token."""
+"""Share of the static load below which a tyre has just landed, for the same reason."""
 LATE_S = 0.005
-"""A decay that starts so long after the stated end of the bump was not free before."""
+"""Delay after the stated end of the bump, s, above which a decay was not free before its start."""
 _SURE = 3.0  # standard deviations
 _STEP_S = 1e-3
 _LONGEST_S = 1.0  # wheels that have not lifted by then will not
@@ -44,9 +44,9 @@ class _Light:
     """Wheel and run."""
     load_n: float
     static_n: float
-    """`load_n`, `static_n`: its least load in the decay, and the one at rest, N."""
+    """`load_n`, `static_n`: its least load in the decay, and its load at rest, N."""
     late_s: float
-    """How long after the stated end of the bump the decay starts; NaN if that is not known."""
+    """Delay of the decay's start after the stated end of the bump, s; NaN if that is not known."""
 
     @property
     def in_the_air(self) -> bool:
@@ -55,7 +55,7 @@ class _Light:
 
 
 def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
-    """Find the wheels that leave the road by the bump and come down during the decay.
+    """Find the wheels that leave the road over the bump and land during the decay.
 
     `estimation`: the fit; tyre loads follow from its parameters and the fitted initial state of
     each run.
@@ -84,7 +84,7 @@ def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
 
 
 def _light(estimation: Estimation) -> Iterator[_Light]:
-    """Return the wheels whose tyres have to pull, or have no more load than at a late landing."""
+    """Return the wheels whose tyres would have to pull, or have only the load of a late landing."""
     box, eta = estimation.box, estimation.fit.eta
     full = box.full(eta.astype(complex)).real
     tyres = full[11:15]
@@ -115,7 +115,7 @@ def static_loads_n(model: PhysicalModel, tyre_n_m: NDArray[np.float64]) -> NDArr
     """Return the load under each wheel at rest on a flat road, (4,) N.
 
     Gravity acts as if everything were accelerated upwards by g, so its forces are a column of the
-    mass matrix, added weights included; the springs share them out.
+    mass matrix, added weights included; the springs distribute them.
     """
     heave = np.concatenate([[1.0, 0.0, 0.0], np.ones(4)])
     sunk = np.linalg.solve(model.K, GRAVITY_M_S2 * (model.M @ heave))

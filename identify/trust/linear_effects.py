@@ -1,6 +1,6 @@
-"""Linear effects that a model may lack, each by the trace of one unit of it in a decay.
+"""Linear effects that a model may lack, each with the trace of one unit of it in a decay.
 
-Springs, dampers, unequal sides, wrong lengths; sensors that are late or read too much.
+Springs, dampers, unequal sides, wrong lengths; sensors that are late or have a wrong gain.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Traces = tuple[NDArray[np.float64], ...]
 """Trace of each of q effects in each recording of a decay."""
 
 WEIGHTS = "added weights off by a common factor"
-"""Cause: the scale that the weights were weighed on, or their unit."""
+"""Name of the cause: the scale on which the weights were weighed, or their unit."""
 RICHEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
 _LATE_S = 0.001
 
@@ -35,11 +35,11 @@ class Effect:
     cause: str
     """Suspected cause; several effects may share it (both anti-roll bars)."""
     label: str
-    """Which of them."""
+    """Name of this effect among those of its cause."""
     unit: str
-    """Unit of its size, for people."""
+    """Printed unit of its size."""
     factor: float = 1.0
-    """From one unit of the trace to `unit`."""
+    """Factor from one unit of the trace to `unit`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +48,14 @@ class Effects:
 
     effects: tuple[Effect, ...]
     trace_of: Callable[[FittedDecay], Traces]
-    """Of one unit of each: on the real basis of the motion, (n_channels, 28, q), or sampled."""
+    """Returns the traces of one unit of each, on the real basis of the motion, (n_channels, 28, q),
+    or sampled."""
 
 
 def structural(estimation: Estimation, fitted: Sequence[FittedDecay]) -> Effects:
     """Return the springs, dampers, places and differences that the structure does not have.
 
-    `fitted`: the decays beside their fits.
+    `fitted`: the decays with their fits.
     """
     box = estimation.box
     states = tuple(_with_unsure_weights(state) for state in box.mass_states)
@@ -65,7 +66,8 @@ def structural(estimation: Estimation, fitted: Sequence[FittedDecay]) -> Effects
     eta = rich.unknowns_of(full)
     eta[len(rich.parameters) :] = [stated.get(name, 0.0) for name in rich.corrections]
     effects, directions = _lacking(box, rich)
-    # All that the richest structure has beyond is zero here: its state matrix is that of the fit.
+    # All further parameters of the richest structure are zero here: its state matrix is that of the
+    # fit.
     points = {
         state: evaluate(rich, eta, state, estimation.noise, modes)
         for state, modes in {one.decay.mass_state: one.at.modes for one in fitted}.items()

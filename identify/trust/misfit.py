@@ -1,4 +1,4 @@
-"""Does the model hold?  Convergence, chi2, and where the misfit is."""
+"""Judges whether the model holds: convergence, chi2, and the place of the misfit."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ _MODEL = (
 )
 _UNSETTLED = (
     "check units, signs and positions of the channels",
-    "its numbers may lie beside the optimum; add runs, or forbid in [vehicle.structure] what the "
-    "car has not",
+    "its numbers may be away from the optimum; add runs, or forbid in [vehicle.structure] the "
+    "elements that the car does not have",
 )
 _INTERVALS = (
     "the intervals do not hold",
-    "the intervals are widened by what is left unexplained",
+    "the intervals are widened by the unexplained rest",
 )
 _LATE_S = 0.015
-"""Onset and guard explain less than this between the stated end of the bump and a decay's start."""
+"""Delay, s, of a decay's start after the stated end of the bump that onset and guard cannot
+explain."""
 
 
 def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
@@ -49,7 +50,7 @@ def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
     if not estimation.fit.converged:
         advice = _UNSETTLED[bool(estimation.nonlinear)]
         text = f"the fit did not converge in {estimation.fit.iterations} iterations: {advice}"
-        # The nonlinear fit ends near its optimum even where it takes no further step.
+        # The nonlinear fit ends near its optimum even if it has not converged.
         severity = Severity.WARNING if estimation.nonlinear else Severity.ERROR
         findings.append(Finding("convergence", severity, text))
     if not estimation.holds:

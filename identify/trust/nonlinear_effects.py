@@ -24,7 +24,7 @@ from .score_test import FittedDecay
 
 _GRID_S = 0.001
 _FRICTION_SPEED_M_S = 0.005
-"""Friction turns its sign over this speed; a bushing gives way before a seal slides."""
+"""Speed, m/s, over which friction changes its sign: a bushing deforms before a seal slides."""
 _AXLES = (slice(0, 2), slice(2, 4))
 
 
@@ -33,18 +33,19 @@ class _Drives:
     """One unit of each of q forces, on the two corners of an axle."""
 
     force: NDArray[np.float64]
-    """Over the time grid, N, shape (q, n, 2)."""
+    """Forces over the time grid, N, shape (q, n, 2)."""
     push: NDArray[np.float64]
-    """Acceleration of the degrees of freedom by one newton at either corner, shape (q, 7, 2)."""
+    """Acceleration of the degrees of freedom by 1 N at either corner, shape (q, 7, 2)."""
     modal: NDArray[np.complex128]
-    """State of the vehicle in modal coordinates, driven from rest, of each conjugate pair one,
+    """State of the vehicle in modal coordinates, driven from rest, one for each conjugate pair,
     shape (n, q, m)."""
     V: NDArray[np.complex128]
-    """From there to the state, of which it is the real part, shape (14, m)."""
+    """Matrix from modal coordinates to the state, which is the real part of the product, shape (14,
+    m)."""
 
 
 def suspension_forces(estimation: Estimation) -> Effects:
-    """Return friction, N, and what rebound has more than compression, N s/m, of each axle.
+    """Return friction, N, and excess of rebound damping over compression, N s/m, of each axle.
 
     Their traces are sampled, (n_samples, n_channels, 4).
     """
@@ -90,7 +91,7 @@ def _speeds(one: FittedDecay, time_s: NDArray[np.float64]) -> NDArray[np.float64
 
 def _drives(at: Evaluated, force: NDArray[np.float64], push: NDArray[np.float64]) -> _Drives:
     """Drive the vehicle from rest with forces, (q, n, 2), linear between the points of the grid."""
-    # Of a conjugate pair one stands for both.
+    # One of a conjugate pair represents both.
     upper = at.modes.poles.imag >= 0.0
     poles, W = at.modes.poles[upper], at.modes.W[upper, 7:]
     V = at.modes.V[:, upper] * np.where(poles.imag > 0.0, 2.0, 1.0)
@@ -108,7 +109,7 @@ def _drives(at: Evaluated, force: NDArray[np.float64], push: NDArray[np.float64]
 def _driven(gained: NDArray[np.complex128], step: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return ``z[k] = step z[k - 1] + gained[k]``, (n, q, len(step)), from rest.
 
-    Stretches of the grid are driven from rest side by side, then each carries on the last.
+    Segments of the grid are driven from rest in parallel; then each continues the one before.
     """
     n, width = len(gained), isqrt(len(gained))
     stretches = -(-n // width)
@@ -126,11 +127,11 @@ def _driven(gained: NDArray[np.complex128], step: NDArray[np.complex128]) -> NDA
 def _seen(
     at: Evaluated, recording: Recording, grid: NDArray[np.float64], drives: _Drives
 ) -> NDArray[np.float64]:
-    """Return what the driven motions give in each channel, (n_samples, n_channels, q)."""
+    """Return the driven motions in each channel, (n_samples, n_channels, q)."""
     time = at.time_s(recording)
     channels = recording.group.channels
     rows = np.array([at.system.rows[c.name] for c in channels])
-    # An acceleration feels the force itself, not only the motion that it makes.
+    # An accelerometer senses the force itself, not only the motion that the force causes.
     accelerations = np.array([TIME_DERIVATIVE[c.quantity] == 2 for c in channels])
     displaced = rows[:, :7] @ np.linalg.inv(at.system.A[7:, :7]) * accelerations[:, None]
     at_once = drives.force @ (displaced @ drives.push).swapaxes(1, 2)  # (q, n, n_channels)

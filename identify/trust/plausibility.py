@@ -1,4 +1,4 @@
-"""Parameters that are undetermined, or that no usual vehicle has."""
+"""Finds parameters that are undetermined, or impossible for a usual vehicle."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ..numbers import half_width_percent
 from .contradiction import contradiction_findings
 
 _WIDE_SHARE = 0.025
-"""Beyond this one the 95 % interval is wider than 5 % to either side."""
+"""Relative standard deviation above which the 95 % interval is wider than 5 % to either side."""
 _WIDE_SHARE_NONLINEAR = 0.05 / 3.0
-"""The same where elements were chosen, too: three standard deviations are 5 % then.  With 13
-parameters of which each may have two to 5 %, one car in four would be off by more."""
+"""The same limit where elements were chosen, too: three standard deviations are then 5 %.  If two
+standard deviations of each of 13 parameters might be 5 %, one car in four would be off by more."""
 _PLAUSIBLE = {
     "front_ride_damping_ratio": (0.03, 1.2),
     "rear_ride_damping_ratio": (0.03, 1.2),
@@ -26,7 +26,8 @@ _PLAUSIBLE = {
     "front_wheel_hop_frequency": (5.0, 30.0),
     "rear_wheel_hop_frequency": (5.0, 30.0),
 }
-"""Road vehicles lie well inside; a result outside has a wrong scale or unit somewhere."""
+"""Limits far outside the values of road vehicles; a result beyond them has a wrong scale or
+unit."""
 _MEASURED = {
     "roll_gyration_over_track": (0.367, 0.512),
     "pitch_index": (0.816, 1.298),
@@ -34,7 +35,7 @@ _MEASURED = {
 """Least and largest value, whole vehicle, of 204 cars, vans and light trucks that were measured:
 NHTSA Light Vehicle Inertial Parameter Database."""
 _MARGIN = 0.1
-"""Share by which a vehicle may lie beyond all measured ones: published sets of small cars have
+"""Share by which a vehicle may exceed the range of measured ones: published data of small cars have
 0.357 in roll."""
 _BELOW_SIGMAS = 3.0
 
@@ -42,8 +43,8 @@ _BELOW_SIGMAS = 3.0
 def undetermined(estimation: Estimation) -> tuple[str, ...]:
     """Return the parameters that the data must determine and do not.
 
-    What may be zero (a bar, tyre damping) may stay open, as long as its variance is finite: it is
-    printed as not determined, and the others hold.
+    A parameter that may be zero (a bar, tyre damping) may stay undetermined, as long as its
+    variance is finite: it is printed as not determined, and the others hold.
     """
     found = estimates(estimation.box, estimation.fit)
     return tuple(
@@ -54,7 +55,7 @@ def undetermined(estimation: Estimation) -> tuple[str, ...]:
 
 
 def parameter_findings(estimation: Estimation) -> tuple[Finding, ...]:
-    """Judge what the fit says of the parameters."""
+    """Judge the estimates of the parameters."""
     vague = undetermined(estimation)
     if vague:
         text = (
@@ -121,12 +122,12 @@ def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
             solid.append(f"k_a{axle} {bar.value:,.0f} N/m")
     findings = []
     if odd:
-        text = f"no usual vehicle: {'; '.join(odd)}: check weights, units and positions"
+        text = f"not a usual vehicle: {'; '.join(odd)}: check weights, units and positions"
         findings.append(Finding("implausible", Severity.WARNING, text))
     if solid:
         text = (
             f"{', '.join(solid)} below zero: the springs act on a shorter lever in roll than in "
-            "heave, as on a solid axle; this is no fault"
+            "heave, as on a solid axle; this is not a fault"
         )
         findings.append(Finding("solid_axle", Severity.NOTE, text))
     return tuple(findings)

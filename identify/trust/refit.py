@@ -1,8 +1,8 @@
-"""Fits a problem again under another description of the bench: the price of each hypothesis.
+"""Fits a problem again under another description of the bench, to test a hypothesis by its cost.
 
-A wrong sensor or label drags the whole fit along, so that a score test, which looks from the
-fitted point, sees it dimly.  Here the decays are described otherwise, the vehicle is fitted again
-on fewer samples, and the cost shows how much better that description is.
+A wrong sensor or label distorts the whole fit, so that a score test at the fitted point shows it
+only weakly.  Here the decays get another description, the vehicle is fitted again on fewer samples,
+and the cost shows how much better that description is.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _COMPARED_HZ = 125.0
 _TOLERANCE = 0.3
 _STEPS = 15
 RANKING_STEPS = 6
-"""Steps after which hypotheses are compared: labels as they really are stand ahead of all others
-after four, from a generic car."""
+"""Steps after which hypotheses are compared: from a generic car, the true labels have the lowest
+cost after four."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +39,17 @@ class Explanation:
     name: str
     """The fault."""
     sizes: str
-    """How much."""
+    """Size of the fault, as text."""
     advice: str
     """Advice on what to do."""
     explained: float
-    """Share of the excess of the squared residuals that it explains."""
+    """Share of the excess of the squared residuals that the cause explains."""
     shift: float
-    """Largest relative change of a parameter that it means."""
+    """Largest relative change of a parameter by the cause."""
     shifted: str
-    """Which parameter that is."""
+    """Parameter with that change."""
     moved: Mapping[str, float]
-    """Change of each parameter's unknown that it means: relative, or in units of what may be
+    """Change of each parameter's unknown by the cause: relative, or in its unit if it may be
     zero."""
 
 
@@ -60,18 +60,18 @@ class Refit:
     box: GreyBox
     """Structure, with the channels as described."""
     decays: tuple[FreeDecay, ...]
-    """Thinned and cut to the first second."""
+    """Decays, thinned and cut to the first second."""
     fit: Fit
     """The optimum."""
 
     @property
     def excess(self) -> float:
-        """Mean square residual above the noise's."""
+        """Mean square residual in excess of that of the noise."""
         return self.fit.cost / sum(decay.n_values for decay in self.decays) - 1.0
 
 
 def as_described(channel: Channel) -> Channel:
-    """Return the channel itself: the description of the bench as it is stated."""
+    """Return the channel itself: the stated description of the bench."""
     return channel
 
 
@@ -83,22 +83,22 @@ def refit(
     hold: float = 0.0,
     steps: int = _STEPS,
 ) -> Refit:
-    """Fit the problem with its channels or mass states described otherwise, on fewer samples.
+    """Fit the problem with other descriptions of its channels or mass states, on fewer samples.
 
     Parameters
     ----------
     estimation : Estimation
         The fit as the bench is stated.
     change : callable
-        From a channel to the channel in its place, or to None to leave it out.
+        From a channel to its replacement, or to None to leave it out.
     near : (n,) float64
         Unknowns to start from.
     mass_states : callable, optional
-        From the stated mass state of a run to the one in its place.
+        From the stated mass state of a run to its replacement.
     hold : float
-        Of the first steps (`identify.fit.likelihood.fit`).
+        Hold of the first steps (`identify.fit.likelihood.fit`).
     steps : int
-        Steps at most.
+        Largest number of steps.
     """
     changed = (
         with_channels(_short(decay.thinned(_RATE_HZ)), change) for decay in estimation.decays
@@ -126,7 +126,7 @@ def parameters_as_start(
 
 
 def shift_between(before: Refit, after: Refit) -> tuple[float, str, dict[str, float]]:
-    """Return the largest relative change of a parameter, which one it is, and all changes."""
+    """Return the largest relative change of a parameter, that parameter, and all changes."""
     names = before.box.parameters
     n = len(names)
     moved = dict(zip(names, (after.fit.eta[:n] - before.fit.eta[:n]).tolist(), strict=True))
@@ -134,7 +134,7 @@ def shift_between(before: Refit, after: Refit) -> tuple[float, str, dict[str, fl
 
 
 def largest_shift(moved: Mapping[str, float]) -> tuple[float, str]:
-    """Return the largest relative change of a parameter, and which one it is."""
+    """Return the largest relative change of a parameter, and that parameter."""
     sizes = {name: 0.0 if name in SIGNED else abs(by) for name, by in moved.items()}
     worst = max(sizes, key=lambda name: sizes[name])
     return sizes[worst], worst

@@ -1,8 +1,8 @@
 """Time stamps: samples that are missing or mistimed while the vehicle moves.
 
 Every sample is fitted at its own time, so uneven sampling is legal and a lost frame costs no more
-than its information.  What hurts is to lose the wheels' motion, which is over in 0.2 s, or a
-channel that looks alive and is not.
+than its information.  The harmful faults are losing the wheels' motion, which is over in 0.2 s, and
+a channel that looks alive but is not.
 """
 
 from __future__ import annotations
@@ -24,24 +24,29 @@ from .format import listed
 from .stuck import stuck_findings
 
 WHEEL_MOTION_S = 0.2
-"""After this long the wheels' motion has decayed by 97 %."""
+"""Time, s, in which the wheels' motion decays by 97 %."""
 GAP_S = 0.02
-"""A gap of a quarter of a period of the wheels; waiting so long for a decay costs a fifth."""
+"""Longest gap, s: a quarter of a period of the wheels; a decay that starts so late loses a fifth of
+the precision."""
 GAP_PERIODS = 3.5
-"""A gap is more than two lost samples in a row, however slow the sampling."""
+"""Least length of a gap, in sampling periods: more than two lost samples in a row, however slow the
+sampling."""
 LOST_SHARE = 0.1
-"""So many losses have a cause (bus load, a loose plug) that may well know of the bump."""
+"""Share of lost samples that must have a cause (bus load, a loose plug), which the bump itself may
+trigger."""
 JITTER_S = 1e-4
-"""The acceleration of a wheel changes by the noise of its sensor in about this time."""
+"""Scatter of time stamps, s, in which the acceleration of a wheel changes by about the noise of its
+sensor."""
 _MOSTLY = 0.5
-"""Share of samples at their arrival from which on no clock was found for their message."""
-_EVEN = 0.12  # of the period; times that know of no clock scatter by 0.2 or more
+"""Share of samples stamped on arrival above which no clock was found for their message."""
+_EVEN = 0.12  # of the period; times without a clock scatter by 0.2 or more
 
 
 def sampling_findings(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
     """Judge the time stamps of the accepted runs.
 
-    `session`: as recorded; rejected runs do not count.  `records`: of its runs, as they are fitted.
+    `session`: as recorded; rejected runs do not count.  `records`: those of its runs, as they are
+    fitted.
     """
     runs = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
     stretches = _stretches(runs, records)
@@ -63,11 +68,12 @@ class _Stretch:
     place: str
     """Message and run."""
     time_s: NDArray[np.float64]
-    """Usable samples from just before the decay on, s since the decay's start, shape (n,)."""
+    """Times of usable samples, from just before the decay, s since its start, shape (n,)."""
     period_s: float
     """The group's median interval over all runs."""
     arrival_sigma_s: float | None = None
-    """Where the times are those at which frames arrived: stated uncertainty of their lateness."""
+    """Stated uncertainty of the lateness, s, where the times are those of the frames' arrival; else
+    None."""
 
     @property
     def intervals_s(self) -> NDArray[np.float64]:
@@ -87,7 +93,7 @@ class _Stretch:
 
     @property
     def is_unsure(self) -> bool:
-        """True if frames arrived with more scatter than is stated of their lateness."""
+        """True if arrival times scatter more than the stated uncertainty of the lateness."""
         return self.arrival_sigma_s is not None and self.jitter_s > self.arrival_sigma_s
 
     @property
@@ -97,7 +103,7 @@ class _Stretch:
 
     @property
     def lost_share(self) -> float:
-        """Share of samples that the intervals say are missing; 0 if they are uneven by nature."""
+        """Share of missing samples according to the intervals; 0 if these are uneven by nature."""
         if not self.even:
             return 0.0
         lost = float(np.sum(np.maximum(np.rint(self.intervals_s / self.period_s) - 1.0, 0.0)))
@@ -206,7 +212,7 @@ def _order(runs: Sequence[Run]) -> Iterator[Finding]:
         yield Finding(
             "time_order",
             Severity.WARNING,
-            f"sample times do not increase: {listed(backwards)}; samples then stand at wrong "
+            f"sample times do not increase: {listed(backwards)}; samples then have wrong "
             "times: sort them, remove doubles, or record again",
         )
     swapped = [place for place, g in groups if (np.diff(g.t_ns) < 0).any()]

@@ -1,4 +1,4 @@
-"""Saturation: tops cut flat because the sensor or its message ends there."""
+"""Saturation: peaks that are cut flat because the range of the sensor or its message ends there."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .format import listed
 
 @dataclass(frozen=True, slots=True)
 class _Top:
-    """A flat top: where, how many samples, at which value, and whether within the decay."""
+    """A flat top: its place, number of samples, value, and whether it lies within the decay."""
 
     channel: str
     run: str
@@ -32,9 +32,10 @@ class _Top:
 def saturation_findings(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
     """Find flat tops and samples outside the range of their message.
 
-    On the bump they are harmless, for only the free decay is fitted.
+    On the bump they are harmless, because only the free decay is fitted.
 
-    `session`: as recorded; rejected runs do not count.  `records`: of its runs, as they are fitted.
+    `session`: as recorded; rejected runs do not count.  `records`: those of its runs, as they are
+    fitted.
     """
     used = {c.name for c in session.channels if c.quantity is not Quantity.UNUSED}
     groups = {
@@ -55,7 +56,7 @@ def _flat(tops: list[_Top]) -> Iterator[Finding]:
             "saturation",
             Severity.WARNING,
             f"flat tops in the free decay, {worst.samples} equal samples at {worst.value:.4g} "
-            f"{worst.unit}, which is no chance: {_places(decay)}; the sensor saturates and the "
+            f"{worst.unit}, which is not by chance: {_places(decay)}; the sensor saturates and the "
             "true motion is larger: use a lower bump or a sensor with a wider range",
         )
     elif tops:
@@ -88,7 +89,7 @@ def _tops(record: Record) -> Iterator[_Top]:
 
 
 def _outside(record: Record, groups: Sequence[SampleGroup]) -> Iterator[tuple[str, int, bool]]:
-    """Return message and run, samples out of range, and whether some lie within the decay."""
+    """Return message and run, samples out of range, and whether any is within the decay."""
     start = decay_start_s(record) - GUARD_S
     for group in groups:
         flagged = (group.quality & Quality.OUT_OF_RANGE) != 0

@@ -1,4 +1,4 @@
-"""The scale of all masses and what it rests on: free decays determine ratios only."""
+"""Judges the source of the scale of all masses: free decays determine ratios only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _LENGTHS = {
     FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK,
     "a", "b", "t_f", "t_r", "y_s",
 }  # fmt: skip
-"""Facts that say nothing of the scale."""
+"""Facts that do not depend on the scale."""
 
 
 def scale_facts(box: GreyBox) -> tuple[str, ...]:
@@ -20,7 +20,7 @@ def scale_facts(box: GreyBox) -> tuple[str, ...]:
 
 
 def scale_findings(box: GreyBox) -> tuple[Finding, ...]:
-    """Say that the scale rests on the added weights alone, where it does.
+    """Return a finding where the scale rests on the added weights alone.
 
     `box`: structure of a problem that the runs determine.
     """

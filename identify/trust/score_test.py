@@ -1,8 +1,8 @@
-"""Score tests: whether a fit would be better with something more, and with how much of it.
+"""Score tests: whether a further effect would improve a fit, and the size of that effect.
 
 At the optimum of a model, an effect that the model lacks leaves a trace of known shape in the
-residuals.  How much of the effect there is, how surely, and by how much it has moved the
-parameters follow from one projection (Lagrange multiplier test, Rao 1948): no other fit is needed.
+residuals.  The size of the effect, its uncertainty, and the change of the parameters follow from
+one projection (Lagrange multiplier test, Rao 1948): no other fit is needed.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_parts, over_two
 class Trace:
     """Change of the channels of one recording by each effect.
 
-    Those of some are sums of the functions that the motion consists of, and need no samples.
+    Some traces are sums of the functions of which the motion consists, and need no samples.
     """
 
     on_basis: NDArray[np.float64]
-    """The first effects, on the real basis of the motion, shape (n_channels, 28, p)."""
+    """Traces of the first p effects, on the real basis of the motion, shape (n_channels, 28, p)."""
     sampled: NDArray[np.float64]
-    """The others, shape (n_samples, n_channels, q - p)."""
+    """Traces of the other effects at the samples, shape (n_samples, n_channels, q - p)."""
 
 
 @dataclass(frozen=True, slots=True)
 class FittedDecay:
-    """A decay beside its fit."""
+    """A decay with its fit."""
 
     at: Evaluated
     """The model."""
@@ -42,7 +42,7 @@ class FittedDecay:
     linear: LinearPart
     """Initial state and constants."""
     basis: tuple[NDArray[np.float64], ...]
-    """The functions that each recording consists of (`Evaluated.basis`)."""
+    """Functions of which each recording consists (`Evaluated.basis`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,23 +51,23 @@ class Score:
 
     sizes: NDArray[np.float64]
     stds: NDArray[np.float64]
-    """`sizes`, `stds`: how much there is of each effect, all q present, and its standard deviation,
-    shape (q,)."""
+    """`sizes`, `stds`: size of each effect, with all q present, and its standard deviation, shape
+    (q,)."""
     gain: float
-    """By how much the squared residuals would fall, in units of the noise."""
+    """Fall of the squared residuals with the effects, in units of the noise."""
     shift: NDArray[np.float64]
-    """By how much the unknowns would move, shape (P,)."""
+    """Change of the unknowns with the effects, shape (P,)."""
     covariance: NDArray[np.float64]
     """Covariance of the sizes, shape (q, q)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Traces of many effects, seen by the fit; any choice of them can be tested."""
+    """Products of the traces of many effects with a fit; any choice of them can be tested."""
 
     gradient: NDArray[np.float64]
-    """Traces times residuals, less what the unknowns would take over: thinned samples have an
-    optimum of their own, a little beside that of all, shape (q,)."""
+    """Traces times residuals, less the part that the unknowns would absorb: the optimum of thinned
+    samples differs slightly from that of all samples, shape (q,)."""
     information: NDArray[np.float64]
     """Information on the effects, everything linear projected out, shape (q, q)."""
     mixed: NDArray[np.float64]
@@ -91,11 +91,11 @@ class Scores:
 
 
 _SEEN = 1e-9
-"""Share of an effect that the unknowns must leave over for it to be testable."""
+"""Least share of an effect's information that the unknowns must leave for it to be testable."""
 
 
 def fitted_decays(estimation: Estimation, rate_hz: float) -> tuple[FittedDecay, ...]:
-    """Return the decays of an estimation beside their fits, thinned to about `rate_hz`."""
+    """Return the decays of an estimation with their fits, thinned to about `rate_hz`."""
     fit, sigma = estimation.fit, estimation.noise
     states = {decay.mass_state for decay in estimation.decays}
     points = {state: evaluate(estimation.box, fit.eta, state, sigma) for state in states}
@@ -113,10 +113,10 @@ def scores(
     traces_of: Callable[[FittedDecay], Iterable[Trace]],
     q: int,
 ) -> Scores:
-    """Hold effects against the residuals of a fit.
+    """Compute the products of effects with the residuals of a fit.
 
-    `traces_of`: what each of the effects, one unit of it, does to each recording of a decay.  `q`:
-    number of effects.
+    `traces_of`: trace of one unit of each effect in each recording of a decay.  `q`: number of
+    effects.
     """
     eta, prior = estimation.fit.eta, estimation.box.prior_sigma**-2
     misfits, by_fact = estimation.box.fact_misfits(eta)

@@ -1,8 +1,8 @@
-"""A sensor that is wrong: late, slow, upside down, in another unit.  Found by fitting again.
+"""Finds a faulty sensor (late, slow, upside down, in another unit) by fitting again.
 
-A large error of a sensor drags the whole fit along, so that the score test, which looks from the
-fitted point, sees it dimly.  Here the suspected channel is described otherwise or left out, and the
-fit says how much better it is.
+A large error of a sensor distorts the whole fit, so that the score test at the fitted point shows
+it only weakly.  Here the suspected channel gets another description or is left out, and the
+improvement of the fit is compared.
 """
 
 from __future__ import annotations
@@ -28,15 +28,16 @@ from .refit import (
 )
 
 _SUSPECTED = 4
-"""Channels that are left out in turn."""
+"""Number of suspected channels that are left out in turn."""
 _CLEARS = 0.9
-"""Share of the misfit that must go with a channel to call it wrong."""
+"""Share of the misfit that must disappear without a channel to call it wrong."""
 _ALONE = 0.97
-"""Share from which on it needs no comparison; below, it may be the slowest of several."""
+"""Share above which a wrong channel is not compared with lateness and low-pass; below, it may be
+the slowest of several sensors."""
 _CHOICE = 1.5
 _LATE_SIGMA_S = 0.03
 _ALIKE = 0.2
-"""Share of the largest difference below which a kind of sensors is as early as the earliest."""
+"""Share of the largest difference below which a kind of sensors counts as early as the earliest."""
 _COARSE_HZ = (15.0, 40.0)
 _FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
 
@@ -60,7 +61,7 @@ def sensor_explanations(estimation: Estimation, suspected: Sequence[str]) -> lis
 
 
 def gain_of(estimation: Estimation, name: str) -> Explanation:
-    """Hold one channel against what all others predict."""
+    """Compare one channel with the prediction by all others."""
     before = refit(estimation, as_described, estimation.fit.eta)
     return _left_out(estimation, before, name)
 
@@ -97,7 +98,7 @@ def _left_out(estimation: Estimation, before: Refit, name: str) -> Explanation:
 
 
 def gain_advice(gain: float) -> str:
-    """Return what to do about a channel that shows `gain` times the motion."""
+    """Return the advice on a channel that shows `gain` times the motion."""
     if abs(gain + 1.0) < 0.2:
         return "it is upside down: turn its sign"
     if gain > 0.0 and not 0.7 < gain < 1.4:
@@ -140,7 +141,7 @@ def _kind(channel: Channel) -> str:
 def _late_ms(delays_ms: dict[str, float]) -> dict[str, float]:
     """Return which kinds of sensors are later than the earliest kind, and by how much, ms.
 
-    The fit knows differences only, and no sensor shows a motion before it is there.
+    The fit determines differences only, and no sensor shows a motion before it happens.
     """
     early = min(delays_ms.values())
     most = max(delays_ms.values()) - early

@@ -1,4 +1,4 @@
-"""Prerequisites of a fit that a session lacks, and what to measure to have them."""
+"""Names prerequisites of a fit that a session lacks, and the measurements that provide them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ..model.matrices import delta_mass
 from ..paper.physical_matrices import MASS_ADVICE, massless_motions
 
 _ANY_CG_M = 1.3
-"""Where the CG is does not decide whether weights leave a motion massless."""
+"""Assumed place of the CG, m; it does not affect whether weights leave a motion massless."""
 
 
 def shortcomings(records: Sequence[Record], session: Session) -> tuple[Finding, ...]:
-    """Say what is missing before a fit can be tried, with what to do about it."""
+    """Return findings on what is missing for a fit, with advice."""
     if not records:
         text = "no accepted run: record bounce, pitch and roll in both mass states"
         return (_refused("no_runs", text),)
@@ -46,7 +46,7 @@ def _channels(records: Sequence[Record]) -> Iterator[Finding]:
 
 
 def _scale(records: Sequence[Record], session: Session) -> Iterator[Finding]:
-    """Free decays leave one scale open: known masses or scales must fix it."""
+    """Return findings on a missing scale, which known masses or scales must fix."""
     if _scale_is_known(session.vehicle):
         return
     present = {record.mass_state for record in records}

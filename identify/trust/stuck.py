@@ -1,4 +1,4 @@
-"""Channels that look alive and are not: dead in every run, or frozen while the vehicle moves."""
+"""Finds channels that are dead in every run, or frozen while the vehicle moves."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from ..decays.onset import decay_start_s, onset_s
 from .format import listed
 
 FROZEN_S = 0.2
-"""Two periods of the wheels, and too long for a saturated top."""
-_MOVING_S = 0.5  # after this, a coarse sensor may rest on one step of its converter
+"""Time, s, after which a constant channel counts as frozen: two periods of the wheels, too long for
+a saturated top."""
+_MOVING_S = 0.5  # after this time, a coarse sensor may stay at one step of its converter
 
 
 @dataclass(frozen=True, slots=True)
 class _Hold:
-    """How long one channel held one value in one run, and how often it changes otherwise."""
+    """Longest hold of one value by one channel in one run, and the usual rate of its changes."""
 
     channel: str
     run: str
     kind: str
     """`channel`, `run`, `kind`: name, label, and the label without the number of the repeat."""
     held_s: float
-    """The longest hold that begins in the first half second of the decay, s."""
+    """Length of the longest hold that begins in the first half second of the decay, s."""
     held: int
     """Its number of samples."""
     rest_rate: float
@@ -42,9 +43,9 @@ class _Hold:
 def stuck_findings(records: Sequence[Record]) -> tuple[Finding, ...]:
     """Find channels that do not move.
 
-    A channel may be silent by symmetry (roll in a bounce run), and a coarse one may rest on one
-    step of its converter.  So a value held is held against it only where the channel changes often
-    enough at rest before the bump, or, if it is constant there too, in a repeat of the run.
+    A channel may be silent by symmetry (roll in a bounce run), and a coarse one may stay at one
+    step of its converter.  So a held value is a finding only where the channel changes often enough
+    at rest before the bump, or, if it is constant there too, in a repeat of the run.
     """
     starts = _starts_s(records)
     holds = [
@@ -91,7 +92,7 @@ def _is_frozen(hold: _Hold, holds: Sequence[_Hold]) -> bool:
 
 
 def _starts_s(records: Sequence[Record]) -> list[float]:
-    """Return when each decay starts; a stuck channel may hide it, then as in the other runs."""
+    """Return the start of each decay, s; where a stuck channel hides it, that of the other runs."""
     starts = [decay_start_s(r) if onset_s(r) is not None else np.nan for r in records]
     known = [start for start in starts if np.isfinite(start)]
     usual = float(np.median(known)) if known else -np.inf

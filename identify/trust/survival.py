@@ -1,9 +1,9 @@
-"""Which parameters of a result that is not ok can still be used, and which are lost to what.
+"""Divides the parameters of a result that is not ok into usable ones and lost ones with a cause.
 
-Every cause that was sized says by how much it would move each parameter.  A parameter survives if
+Every cause whose size was estimated implies a change of each parameter.  A parameter survives if
 none of the causes that may still be true moves it by more than its standard deviation: with noise
-and cause together it then still lies within three of them.  (Half of the 95 % interval as the limit
-left errors of four standard deviations among the survivors of the stress list.)
+and cause together it then still lies within three of them.  (With half of the 95 % interval as the
+limit, survivors of the stress list had errors of four standard deviations.)
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from ..fit.uncertainty import determined
 from .misfit import CHI2_LIMIT
 
 _EXPLAINS = 0.35
-"""Share of the misfit that the best cause must explain; below, what is left may be anything."""
+"""Share of the misfit that the best cause must explain; below, the rest may have any cause."""
 _RIVAL = 0.5
-"""Share of what the best cause explains from which on another one may be the true one."""
+"""Share of the best cause's explanation above which another cause may be the true one."""
 
 _UNEXPLAINED = "no cause that was tried explains the misfit"
 _MOST = 3.0
-"""Change of a logarithm beyond which its size says nothing: a factor of twenty."""
+"""Change of a logarithm beyond which its size has no meaning: a factor of twenty."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """Something that may be wrong, with what follows for the parameters."""
+    """A possible fault, with its effect on the parameters."""
 
     cause: str
     """In words."""
     explained: float
-    """Share of the misfit that it explains; infinite where it competes for no misfit."""
+    """Share of the misfit that it explains; infinite where there is no misfit to explain."""
     moved: Mapping[str, float]
-    """By how much each parameter's unknown would move."""
+    """Change of each parameter's unknown by the cause."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """Why a parameter is lost."""
+    """The cause for which a parameter is lost."""
 
     cause: str
     """In words."""
     shift: float = nan
-    """By how much the cause would move it, as a share of it; NaN where that is not known."""
+    """Shift of the parameter by the cause, as a share of its value; NaN where that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,18 +56,19 @@ class Survival:
     """The parameters of a result, divided."""
 
     surviving: tuple[str, ...] = ()
-    """Those that no cause moves by more than their standard deviation."""
+    """Parameters that no cause moves by more than their standard deviation."""
     lost: Mapping[str, Loss] = field(default_factory=dict)
-    """The others."""
+    """The other parameters, each with its cause."""
 
 
 def survival(estimation: Estimation, hypotheses: Sequence[Hypothesis]) -> Survival:
     """Divide the parameters into those that survive and those that are lost.
 
-    A nonlinear fit that converged and leaves a little has intervals that hold for it.  A linear one
-    that leaves something keeps a parameter only if the known causes explain nearly all of it.
+    The intervals of a nonlinear fit that converged include the little that it leaves unexplained.
+    In a linear fit with a misfit, a parameter survives only if the known causes explain nearly all
+    of the misfit.
 
-    `hypotheses`: all causes that were refitted or sized, and stand out of the noise.
+    `hypotheses`: all causes that were refitted or sized, and that stand out of the noise.
     """
     box, fit = estimation.box, estimation.fit
     names, linear = box.parameters, estimation.nonlinear is None

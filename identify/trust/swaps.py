@@ -1,6 +1,7 @@
-"""Labels that were swapped: mass states, channels of two corners, the two rates of the body.
+"""Finds swapped labels: mass states, channels of two corners, the two rates of the body.
 
-Each hypothesis has no unknown more than the fit as stated, so its refit competes by cost alone.
+No hypothesis has more unknowns than the fit as stated, so the costs of the refits are compared
+directly.
 """
 
 from __future__ import annotations
@@ -24,18 +25,19 @@ from .refit import (
 )
 
 _CLEARS = 0.6
-"""Share of the misfit that must go with a swap to call it the cause: what else may be wrong keeps
-the rest; without a swap none explains more than a third (`tests/identify/trust/test_swaps.py`)."""
+"""Share of the misfit that a swap must explain to be called the cause; other faults may cause the
+rest.  Without a swap, no hypothesis explains more than a third
+(`tests/identify/trust/test_swaps.py`)."""
 _LEAST_GAIN = 100.0
 """Fall of the squared residuals, in units of the noise, below which a swap is chance."""
 _RUNAWAY = 30.0
-"""Sprung mass in units of the added mass above which a fit says that the mass does nothing."""
+"""Sprung mass in units of the added mass above which the added mass has no effect in a fit."""
 
 _ROTATIONS = (
     (Quantity.PITCH_RATE, Quantity.ROLL_RATE),
     (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
 )
-"""Quantities of the body that an exchanged axis confuses."""
+"""Quantities of the body that an exchange of axes swaps."""
 _FL, _FR, _RL, _RR = Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RIGHT
 _EXCHANGES: dict[str, dict[Corner, Corner]] = {
     "front left and front right": {_FL: _FR, _FR: _FL},
@@ -56,13 +58,13 @@ class _Hypothesis:
     advice: str
     """Advice on what to do."""
     channel: Callable[[Channel], Channel]
-    """From a channel as stated to the one whose samples it carries."""
+    """Maps a stated channel to the channel whose samples it carries."""
     mass_state: Callable[[str], str]
-    """From the mass state as stated to the one in which the run was made."""
+    """Maps the stated mass state to the one in which the run was made."""
 
 
 def swap_explanation(estimation: Estimation) -> Explanation | None:
-    """Return the swapped labels that clear a misfit, None if none do.
+    """Return the swapped labels that explain a misfit; None if there are none.
 
     `estimation`: a fit that does not hold.
     """
@@ -113,7 +115,7 @@ def _hypotheses(estimation: Estimation) -> Iterator[_Hypothesis]:
 
 def _swapped(name: str, other: dict[str, Channel]) -> _Hypothesis:
     def carries(c: Channel) -> Channel:
-        """Describe the samples of a channel as those of the other; their clock stays."""
+        """Return a channel's samples described as those of the other; their clock stays."""
         if c.name not in other:
             return c
         return replace(
@@ -128,7 +130,7 @@ def _swapped(name: str, other: dict[str, Channel]) -> _Hypothesis:
 
 
 def _runs_away(problem: Refit) -> bool:
-    """Return whether the fit takes the sprung mass so large that the added mass does nothing."""
+    """Return whether the fitted sprung mass is so large that the added mass has no effect."""
     values = dict(zip(problem.box.names, problem.box.values(problem.fit.eta), strict=True))
     added = max(
         sum(weight.mass_kg for weight in state.added.weights) + float(state.added.matrix[0, 0])

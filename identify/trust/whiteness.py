@@ -1,7 +1,7 @@
-"""Whiteness: what the fit leaves of each channel against its noise at rest.
+"""Whiteness: compares the residuals of each channel with its noise at rest.
 
-The intervals rest on white noise.  If the noise is coloured at rest already, they are too narrow;
-if it is white at rest and the residuals are not, the model leaves motion behind.
+The intervals assume white noise.  If the noise is already coloured at rest, they are too narrow; if
+it is white at rest and the residuals are not, the model leaves motion unexplained.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ from .format import listed
 Z_LIMIT = 4.5
 """Normal deviate of a correlation: one false alarm in 20,000 campaigns of seven channels."""
 NARROW_LIMIT = 1.3
-"""Intervals too narrow by this factor cover 87 % instead of 95 %."""
+"""Factor by which intervals may be too narrow: they then cover 87 % instead of 95 %."""
 EARLY_S = 0.3
-"""Looked at apart: what is wrong with the wheels' motion is over by then."""
+"""Length of the early part, s, which is tested separately: errors of the wheels' motion end within
+it."""
 _FEWEST = 100  # pairs of samples that give a correlation to 0.1
 _FEWEST_LEVELS = 5  # a coarser converter shows its own steps instead of the noise
 _SILENT = 0.01  # of the noise's power: rounding of data without noise
@@ -35,7 +36,7 @@ _MARGIN_S = 0.005  # the onset of motion is seen a little late
 class _Pairs:
     """Running sums over pairs of successive samples of one channel.
 
-    `fitted` is the number of values that the fit has taken out of the samples, `levels` the largest
+    `fitted` is the number of values that the fit has removed from the samples, `levels` the largest
     number of different values in one stretch.
     """
 
@@ -60,7 +61,7 @@ class _Pairs:
 
     @property
     def correlation(self) -> float:
-        # What is fitted is smooth, so its correlation of almost 1 is missing in what is left.
+        # The fitted part is smooth, so its correlation of almost 1 is missing in the residuals.
         r = self.products / self.squares + self.fitted / self.n
         return min(max(r, -0.99), 0.99)
 
@@ -70,7 +71,7 @@ class _Pairs:
         return self.n >= _FEWEST and loud and self.levels >= _FEWEST_LEVELS
 
     def z(self, other: float, n_other: float) -> float:
-        """Return by how many standard deviations the correlation exceeds another one."""
+        """Return the excess of the correlation over another one, in standard deviations."""
         spread = (1.0 - other**2) * (1.0 / self.n + 1.0 / n_other)
         return float((self.correlation - other) / np.sqrt(spread))
 

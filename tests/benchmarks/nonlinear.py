@@ -11,7 +11,7 @@ import numpy as np
 from identify.nonlinear import fast, linearised, reference
 from identify.nonlinear.car import car
 from identify.nonlinear.level import PATH, USUAL
-from identify.nonlinear.path import Own
+from identify.nonlinear.path import InitialState
 from identify.nonlinear.tangent import acting, plan_of, start_of
 
 from ..identify.nonlinear.cars import model_of, moving, rich
@@ -26,7 +26,7 @@ def main() -> None:
     model = model_of(knots="K7")
     free = np.array([i for i, n in enumerate(model.names) if not n.startswith("s_m")])
     one, own = car(model, rich(model, False), BASELINE, free), moving()
-    cars, owns, ends = [one] * RUNS, [own] * RUNS, [END_S] * RUNS
+    cars, initials, ends = [one] * RUNS, [own] * RUNS, [END_S] * RUNS
     acts = acting([one])
     for name, integrate, tangents in (
         ("Numba", fast.integrate, fast.tangents),
@@ -34,7 +34,7 @@ def main() -> None:
     ):
         _warm(integrate, tangents, one, own, acts)
         began = time.process_time()
-        paths = integrate(cars, owns, ends, USUAL.step_s, PATH)
+        paths = integrate(cars, initials, ends, USUAL.step_s, PATH)
         path_s = time.process_time() - began
         began = time.process_time()
         for path in paths:
@@ -45,7 +45,11 @@ def main() -> None:
 
 
 def _warm(
-    integrate: Callable[..., Any], tangents: Callable[..., Any], one: Any, own: Own, acts: Any
+    integrate: Callable[..., Any],
+    tangents: Callable[..., Any],
+    one: Any,
+    own: InitialState,
+    acts: Any,
 ) -> None:
     """Compile, or load what was compiled."""
     (path,) = integrate([one], [own], [0.05], USUAL.step_s, PATH)

@@ -36,7 +36,7 @@ def test_a_package_of_another_distribution_is_named_in_a_line(name: str, tmp_pat
         assert done.stderr == (
             f"bumpbench: error: package {name}: {whose} has that name, too"
             f" ({tmp_path / name / '__init__.py'}) (uninstall or move it, then install bumpbench"
-            " again; each in an environment of its own, and both work)\n"
+            " again; both work in separate environments)\n"
         )
         about.mkdir(exist_ok=True)
         (about / "METADATA").write_text(

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, Structure, Vehicle
-from identify.alike import alike
 from identify.change import Change, change_of
+from identify.common_structure import with_common_structure
 from identify.fit.estimation import Estimation, estimate
-from identify.joint import Model, differences, first_share, share_at
+from identify.joint import Model, differences, likelihood_at, likelihood_at_optimum
 from identify.pipeline import grey_box, usable_records
 
 from .changes import session
@@ -47,7 +47,7 @@ def test_what_explains_nearly_as_much_is_said_to_be_possible_in_its_place() -> N
     change = change_of([session({}, 1), session({"t_f": 0.01}, 2)])
     (one,) = change.named
     assert {one.name, *one.instead} == {"t_f", "t_r"}
-    assert f", or in its place {' or '.join(one.instead)} (these runs do not" in change.sentence
+    assert f", or instead {' or '.join(one.instead)} (these runs do not" in change.sentence
     (sure,) = change_of([session({}, 1), session({"c_sf": 0.03}, 2)]).named
     assert sure.instead == ()
 
@@ -123,7 +123,7 @@ def test_sessions_of_other_parameters_are_not_compared() -> None:
 
 def test_a_difference_is_that_of_generalised_least_squares() -> None:
     """All parameters free: the difference of two full fits; one alone: weighted by both errors."""
-    shares = tuple(first_share(session({}, seed)) for seed in (1, 4))
+    shares = tuple(likelihood_at_optimum(session({}, seed)) for seed in (1, 4))
     free = Model(tuple(range(15)), (np.array([[0.0], [1.0]]),) * 15)
     found = differences(shares, free)
     fits = [session({}, seed).fit for seed in (1, 4)]
@@ -137,7 +137,7 @@ def test_a_difference_is_that_of_generalised_least_squares() -> None:
 
 def test_a_share_about_another_point_says_the_same() -> None:
     one = session({}, 1)
-    near, far = first_share(one), share_at(one, one.fit.eta + 0.002, np.zeros(0))
+    near, far = likelihood_at_optimum(one), likelihood_at(one, one.fit.eta + 0.002, np.zeros(0))
     assert far.information == pytest.approx(
         near.information, rel=0.02, abs=1e-3 * np.max(near.information)
     )
@@ -234,7 +234,7 @@ def test_a_linear_fit_is_compared_with_one_of_more_parameters() -> None:
     session_after = stress_session("bars", 1, 100.0, vehicle=bars)
     records = usable_records(session_after)
     after = estimate(grey_box(session_after, records), records, [FORD_GRANADA.to_array()])
-    again, same = alike([before, after])
+    again, same = with_common_structure([before, after])
     assert same is after
     assert again.box.parameters[15:] == ("k_af", "k_ar")
     for i, scale in ((15, 1e4), (16, 1e4)):

@@ -16,7 +16,7 @@ from daq.control.messages import Phase, Reply, SessionState, SessionStatus, Stat
 from daq.control.orders import Arm, Order, Stop, Until
 from daq.control.systemd import Systemd
 from daq.recorder.recorder import Publish
-from tui.recorders.daemon import Habits, _Daemon, _Signals
+from tui.recorders.daemon import Lifetime, _Daemon, _Signals
 from tui.recorders.log import Log
 
 from ..daq.a_status import a_status
@@ -40,8 +40,8 @@ class Engine:
 
 
 def daemon(engine: Engine, arm: bool = True, keep_on: bool = True, stay: bool = False) -> _Daemon:
-    habits = Habits(arm, keep_on, None, lambda: cast(Bench, None), stay=stay)
-    return _Daemon(cast(Any, engine), cast(Any, None), cast(Any, None), habits, Log(None))
+    lifetime = Lifetime(arm, keep_on, None, lambda: cast(Bench, None), stay=stay)
+    return _Daemon(cast(Any, engine), cast(Any, None), cast(Any, None), lifetime, Log(None))
 
 
 def at(recording: str, phase: Phase, session: SessionState = SessionState.NONE) -> Status:
@@ -144,8 +144,8 @@ def test_a_demonstration_ends_ten_seconds_after_its_last_terminal(
     attended: bool, alone_s: tuple[float, ...], left: list[float] | None
 ) -> None:
     both = Deserted(*alone_s)
-    habits = Habits(False, True, None, lambda: cast(Bench, None), attended=attended)
-    one = _Daemon(cast(Any, both), cast(Any, both), Systemd(), habits, Log(None))
+    lifetime = Lifetime(False, True, None, lambda: cast(Bench, None), attended=attended)
+    one = _Daemon(cast(Any, both), cast(Any, both), Systemd(), lifetime, Log(None))
     one.run(_Signals(threading.Event()), lambda *_: None)
     assert both.stopped == (left is not None)
     if left is not None:

@@ -154,7 +154,7 @@ def test_a_folder_that_may_not_be_entered_is_one_line(
 def test_a_display_of_no_folder_does_not_wait(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    assert "is not there" in _fails(capsys, ["display", str(tmp_path / "absent")], 2)
+    assert "does not exist" in _fails(capsys, ["display", str(tmp_path / "absent")], 2)
     path = tmp_path / "bench.toml"
     path.touch()
-    assert "is no folder" in _fails(capsys, ["display", str(path)], 2)
+    assert "is not a folder" in _fails(capsys, ["display", str(path)], 2)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tui.jobs.start import terminated_after
+from tui.jobs.start import sigterm_deferred
 
 _COUNTED = """
 import atexit, gc, sys
@@ -59,7 +59,7 @@ def ended() -> Iterator[list[int]]:
 
 
 def test_sigterm_waits_until_a_process_is_started(ended: list[int]) -> None:
-    with terminated_after():
+    with sigterm_deferred():
         signal.raise_signal(signal.SIGTERM)
         signal.raise_signal(signal.SIGTERM)
         assert ended == []

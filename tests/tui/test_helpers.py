@@ -36,7 +36,7 @@ def test_no_process_to_be_had_is_reported_in_a_line(monkeypatch: pytest.MonkeyPa
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
     monkeypatch.setattr("multiprocessing.context.ForkServerProcess._Popen", refused)
-    with pytest.raises(InputError, match="no process to work in"), helpers(LIGHT) as pool:
+    with pytest.raises(InputError, match="no process can be started"), helpers(LIGHT) as pool:
         pool.submit(abs, -3).result()
 
 

@@ -129,7 +129,7 @@ def test_json(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "made", "why"),
     [
-        ("m.xyz", _made(), "model of no known form"),
+        ("m.xyz", _made(), "not a known form of model"),
         ("m.mat", _made(std=0.5), "not determined: m_s"),
         ("m.mat", _made(refused=True), "identification is refused"),
         ("none/m.mat", _made(), "cannot be written"),

@@ -104,7 +104,7 @@ def test_import_and_export_choose_a_bus_by_name_and_number(
     capsys.readouterr()
     csv = ["export", str(whole), "--format", "csv", "--force"]
     for words, reason in (
-        (["--bus", "2"], "--bus 2: is no bus of the bench (name one of can0, rear)"),
+        (["--bus", "2"], "--bus 2: is not a bus of the bench (name one of can0, rear)"),
         (["--bus", "can0", "--sensor", "imu_b"], "--bus can0: has no channel of imu_b"),
     ):
         assert run([*csv, *words]) == 2
@@ -133,8 +133,8 @@ def test_import_says_that_two_sensors_are_read_as_one(
     [
         (["--sensor", "imu_c"], "--sensor imu_c: is not on the bench"),
         (["--sensor", "pot_rl", "--bus", "can0"], "--sensor pot_rl: not on that bus (but on rear)"),
-        (["--bus", "can9"], "--bus can9: is no bus of the bench (name one of can0, rear)"),
-        (["--bus", "2"], "--bus 2: is no bus of the bench (name one of can0, rear)"),
+        (["--bus", "can9"], "--bus can9: is not a bus of the bench (name one of can0, rear)"),
+        (["--bus", "2"], "--bus 2: is not a bus of the bench (name one of can0, rear)"),
     ],
 )
 def test_a_sensor_or_bus_that_is_not_there_is_one_line(

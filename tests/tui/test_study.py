@@ -20,7 +20,7 @@ from identify.trust.finding import Quality
 from tui.cli import run
 from tui.jobs import spread
 from tui.jobs.fleet import identified_car
-from tui.jobs.spread import over_all
+from tui.jobs.spread import map_items
 
 QUICK = ["fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9"]
 ALL = ["table2", "table3", *QUICK, "noise", "fleet"]
@@ -84,7 +84,7 @@ def test_noise_in_worker_processes(capsys: pytest.CaptureFixture[str], tmp_path:
 
 def test_workers_answer_in_the_order_of_the_items() -> None:
     shares: list[float] = []
-    found = over_all(abs, range(-5, 3), 2, lambda done, text="": shares.append(done), "sizes")
+    found = map_items(abs, range(-5, 3), 2, lambda done, text="": shares.append(done), "sizes")
     assert found == [5, 4, 3, 2, 1, 0, 1, 2]
     assert shares == [(i + 1) / 8 for i in range(8)]
     assert active_children() == []
@@ -92,13 +92,13 @@ def test_workers_answer_in_the_order_of_the_items() -> None:
 
 def test_what_fails_in_a_worker_fails_here() -> None:
     with pytest.raises(ValueError, match="math domain"):
-        over_all(math.sqrt, range(-1, 1), 1, _silent, "roots")
+        map_items(math.sqrt, range(-1, 1), 1, _silent, "roots")
     assert active_children() == []
 
 
 def test_a_worker_that_dies_is_reported() -> None:
     with pytest.raises(InputError, match="ends: a worker process died"):
-        over_all(os._exit, range(3), 1, _silent, "ends")
+        map_items(os._exit, range(3), 1, _silent, "ends")
     assert active_children() == []
 
 
@@ -109,9 +109,9 @@ def test_ctrl_c_ends_the_workers(
         raise KeyboardInterrupt
 
     def begun(function: object, seeds: range, count: int, *_: object) -> list[int]:
-        return over_all(abs, range(50), count, interrupted, "sizes")
+        return map_items(abs, range(50), count, interrupted, "sizes")
 
-    monkeypatch.setattr(spread, "over_all", begun)
+    monkeypatch.setattr(spread, "map_items", begun)
     assert run(["study", "noise", "--fits", "50"]) == 130
     assert capsys.readouterr() == ("", "")
     assert active_children() == []
@@ -170,7 +170,7 @@ def _made_up(work: object, items: range, *_: object) -> list[FleetCase]:
 def test_a_fleet_is_as_asked(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(spread, "over_all", _made_up)
+    monkeypatch.setattr(spread, "map_items", _made_up)
     asked = ["study", "fleet", "--cars", "3", "--seed", "7", "--facts", "--sensors", "imu+hubs"]
     assert run([*asked, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)

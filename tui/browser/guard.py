@@ -1,9 +1,9 @@
-"""Admits to a served page only those who have its link, and only pages that were served by it.
+"""Admits only requests that have the link of a served page, and only from pages of this server.
 
 Any program and any user of this machine can reach a port of 127.0.0.1, and any page in a browser
-can send requests to it.  A link has a random token in its path, which neither knows.  Besides, the
-request must name this server as its host, and come from this server's own page: a foreign name
-that is made to point at 127.0.0.1 reads nothing.
+can send requests to it.  The link has a random token in its path, which neither of them knows.  In
+addition, the request must name this server as its host, and come from this server's own page: a
+foreign name that is made to point at 127.0.0.1 reads nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-"""For every answer: the token is in the address, which a browser must neither keep nor pass on."""
+"""Headers of every answer: the address has the token, so a browser must neither keep nor pass it
+on."""
 
 
 class Guard:
@@ -59,7 +60,7 @@ class Guard:
         socket = request.headers.get(hdrs.UPGRADE, "").lower() == "websocket"
         if request.headers.getall(hdrs.HOST, []) != [self._host]:
             return "this address leads elsewhere"
-        # A browser names the origin of every socket; of a page that is opened it names none.
+        # A browser names the origin of every socket, but not of a page that is opened.
         if origin != self.origin and (socket or origin is not None):
             return "this is for pages of this server only"
         if not secrets.compare_digest(token.encode(), self._token.encode()):

@@ -1,4 +1,4 @@
-"""Serving `bumpbench tui` to browsers of this machine, with a page that needs no network."""
+"""Serves `bumpbench tui` to browsers of this machine, with a page that needs no network."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ _PAGES = Path(__file__).with_name("templates")
 
 
 def serve(arguments: Sequence[str]) -> None:
-    """Serve a command of `bumpbench` until Ctrl-C: each tab is a terminal of its own.
+    """Serve a command of `bumpbench` until Ctrl-C: each tab is a separate terminal.
 
     Raises InputError if no port is free.
     """
-    # A network that swallows what is sent to the world would keep the library's own page blank: it
-    # fetches a font there.
+    # On a network that drops packets to the internet, the library's own page would stay blank,
+    # because it fetches a font there.
     command = shlex.join([sys.executable, "-m", "tui", *arguments])
     port = _free_port()
     _Guarded(command, port, Guard(HOST, port)).serve()
 
 
 class _Guarded(Server):
-    """Serves those who have the link, and prints that link and nothing else."""
+    """Serves requests with the link, and prints that link and nothing else."""
 
     def __init__(self, command: str, port: int, guard: Guard) -> None:
         super().__init__(command, HOST, port, title="Bumpbench", templates_path=_PAGES)
@@ -45,11 +45,11 @@ class _Guarded(Server):
         return self._guard.application(await super()._make_app())
 
     def initialize_logging(self) -> None:
-        """Say nothing of every page that is asked for."""
+        """Log no requests for pages."""
         logging.getLogger().setLevel(logging.WARNING)
 
     async def on_startup(self, app: object) -> None:
-        """Say where the terminal is."""
+        """Print the link to the terminal."""
         sys.stderr.write(
             f"open {self._guard.link} in a browser of this machine; who has the link has the "
             "terminal; Ctrl-C ends this server, the recorder goes on\n"
@@ -59,7 +59,7 @@ class _Guarded(Server):
 def _free_port() -> int:
     for port in (_PORT, 0):
         with socket.socket() as place:
-            # As the server itself does: a port that has just been left is free.
+            # As the server itself does: a port that was just released counts as free.
             place.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 place.bind((HOST, port))

@@ -1,4 +1,4 @@
-"""`bumpbench check`: whether map, bus and sensors fit together."""
+"""`bumpbench check`: tests whether map, bus and sensors fit together."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def check(
     layout: Annotated[
         list[str] | None,
         typer.Option(
-            help="Ready-made channel map in place of a bench.toml; repeatable with --propose."
+            help="Ready-made channel map instead of a bench.toml; repeatable with --propose."
         ),
     ] = None,
     push: Annotated[
@@ -102,7 +102,7 @@ def check(
         described = _bench(bench, layout[0] if layout else None, log, interface, channel)
         frames = None
     numbers = bus_numbers(described, bus or [])
-    with_sensors(described, sensor or [], numbers)  # refuses names that are not there
+    with_sensors(described, sensor or [], numbers)  # refuses unknown names
     codec = bench_codec(described)  # before anything is opened
     say_left_out(codec)
     with bench_witness(described, codec) as witness:  # at work while the bus is listened to
@@ -138,18 +138,18 @@ def _bench(
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """Where the traffic of a proposal comes from."""
+    """Source of the traffic of a proposal."""
 
     log: Path | None
     """A log; None: the bus."""
     seconds: float
-    """Rest at its beginning."""
+    """Duration of the rest at its beginning, s."""
     push_s: float
-    """Time after the rest in which the corners are pushed; 0: they are not."""
+    """Time after the rest in which the corners are pushed, s; 0: they are not pushed."""
     interface: str | None
     """python-can's interface."""
     channel: str | None
-    """Its channels, with commas between them."""
+    """Its channels, separated by commas."""
     bitrate: int | None
     """Bit rate of all of them, bit/s; None: not stated."""
 
@@ -221,7 +221,7 @@ def _proposed(
 
 
 def _refuse_silence(buses: Sequence[BusConfig], frames: FrameBatch, seconds: float) -> None:
-    """Report each bus of which nothing came; raise BusError if nothing came at all."""
+    """Report each bus that sent nothing; raise BusError if no bus sent anything."""
     from daq import BusError
 
     silent = [bus.label for number, bus in enumerate(buses) if not (frames.bus == number).any()]
@@ -239,7 +239,7 @@ def _databases(
     layouts: Sequence[str],
     dbcs: Sequence[Path],
 ) -> list[Database]:
-    """Return the databases that are named, else that of a bench, called as seen from `target`."""
+    """Return the named databases, else that of a bench, with paths relative to `target`."""
     import os
 
     from daq import InputError
@@ -261,7 +261,7 @@ def _databases(
 
 
 def _frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> FrameBatch:
-    """Return some seconds of a log, from `skip_s` after its beginning, or the next of the bus."""
+    """Return some seconds of a log, from `skip_s` after its beginning, or of the bus from now."""
     import time
 
     from dbc import FrameBatch

@@ -1,4 +1,4 @@
-"""`bumpbench compare`: what differs between sessions, and how surely."""
+"""`bumpbench compare`: finds what differs between sessions, and how surely."""
 
 from __future__ import annotations
 

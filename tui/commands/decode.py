@@ -22,7 +22,7 @@ def decode(
         Path, typer.Argument(help="BLF, ASC, MF4, candump, pcap and others (docs/formats.md).")
     ],
     bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml: its sensors and buses, in place of --dbc.")
+        Path | None, typer.Argument(help="bench.toml: its sensors and buses, instead of --dbc.")
     ] = None,
     dbc: Annotated[
         list[Path] | None, typer.Option(help="DBC file; repeatable; default: the shipped one.")
@@ -99,7 +99,10 @@ class _Described:
 
     @classmethod
     def of_bench(cls, path: Path, sensors: Sequence[str], buses: Sequence[str]) -> Self:
-        """Return the chosen part of a bench; raises InputError if it has no such part."""
+        """Return the chosen part of a bench.
+
+        Raises InputError if it has no such part.
+        """
         from dataclasses import replace
 
         from daq import InputError, bench_codec, load_bench
@@ -109,7 +112,7 @@ class _Described:
 
         bench = load_bench(path)
         numbers = bus_numbers(bench, buses)
-        with_sensors(bench, sensors, numbers)  # refuses names that are not there
+        with_sensors(bench, sensors, numbers)  # refuses unknown names
         codec = bench_codec(bench)
         kept = tuple(m for m in codec.messages if not sensors or sensor_of(m.name) in sensors)
         if not kept:
@@ -133,7 +136,7 @@ class _Described:
 
 
 def _databases(paths: Sequence[Path]) -> Codec:
-    """Return one database as it is, several under the names of their files.
+    """Return one database as it is, several with the names of their files.
 
     A database that is named twice, or lies in two files, is one.  Raises InputError if each message
     has the identifier of one in another database.
@@ -156,7 +159,7 @@ def _databases(paths: Sequence[Path]) -> Codec:
     databases = [Database(str(path), text) for text, path in files.items()]
     parts = [file_and_bus(str(path)) for path in files.values()]
     stems = [(bus or Path(file).stem).replace(".", "_") for file, bus in parts]
-    # Two folders may have files of one name.
+    # Two folders may have files of the same name.
     names = [f"{s}_{n}" if stems.count(s) > 1 else s for n, s in enumerate(stems, start=1)]
     sensors = [Sensor(name, each.name) for name, each in zip(names, databases, strict=True)]
     codec = sensors_codec(sensors, databases, 1)

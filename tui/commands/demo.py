@@ -1,4 +1,4 @@
-"""`bumpbench demo`: the whole job against a simulated car, through a bus and the recorder."""
+"""`bumpbench demo`: does the whole job with a simulated car, through a bus and the recorder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from threading import Event
 
 _PATIENCE_S = 10.0
-"""Seconds without a further frame after which the recorder has taken all that were sent."""
+"""Seconds without a further frame after which the recorder has taken all sent frames."""
 
 
 def demo(
@@ -41,7 +41,7 @@ def demo(
     from daq.sim import GRANADA, campaign_frames, named_car, present_parameters
 
     from ..output import print_json, print_line, progress
-    from ..recorders.daemon import Habits
+    from ..recorders.daemon import Lifetime
     from ..recorders.log import Log
     from ..recorders.process import LOG
     from ..recorders.recording import (
@@ -69,7 +69,7 @@ def demo(
         if status.phase is not Phase.IDLE:
             armed.set()
 
-    habits = Habits(True, False, None, lambda: bench, follow)
+    lifetime = Lifetime(True, False, None, lambda: bench, follow)
 
     def drive() -> None:
         armed.wait()
@@ -79,14 +79,14 @@ def demo(
                 if stop.is_set():
                     return
         _wait_for_the_last(lambda: latest_ns, stop)
-        habits.end.set()  # a run was rejected, and the simulated car has no more bumps
+        lifetime.end.set()  # a run was rejected, and the simulated car has no more bumps
 
     driver = threading.Thread(target=drive, name="simulated car")
     with lone_recorder(out), Log(out / LOG) as lines, progress("record") as stage:
         source = OpenedAtStart(bench, open_source)
         driver.start()
         try:
-            last = record_campaign(bench, source, out, habits, lines, stage)
+            last = record_campaign(bench, source, out, lifetime, lines, stage)
         finally:
             stop.set()
             armed.set()

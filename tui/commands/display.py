@@ -1,4 +1,4 @@
-"""`bumpbench display`: a page for phone, tablet or TV at the bench."""
+"""`bumpbench display`: serves a page for phone, tablet or TV at the bench."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def display(
 ) -> int:
     """Show the state of a folder's recorder in one word that fills a screen.
 
-    The page looks on unless --control is given, and is for this machine unless --host is.
+    The page only looks on unless --control is given, and is for this machine only unless --host is
+    given.
     """
     import getpass
     import sys
@@ -47,10 +48,10 @@ def display(
         from ..display.link import link_lines
         from ..display.run import run_display
     except ImportError as error:
-        raise InputError("display", "aiohttp is not there", "install bumpbench[web]") from error
+        raise InputError("display", "aiohttp is not installed", "install bumpbench[web]") from error
 
     if not folder.is_dir():
-        what = "is not there" if not folder.exists() else "is no folder"
+        what = "does not exist" if not folder.exists() else "is not a folder"
         raise InputError(str(folder), what, "name the folder that the recorder was started in")
 
     def announce(served: Served, _: Callable[[], object]) -> None:

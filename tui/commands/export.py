@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Format(StrEnum):
-    """The formats, named here so that --help need not load their writers."""
+    """Names of the formats, listed here so that --help need not load their writers."""
 
     MF4 = "mf4"
     MAT = "mat"
@@ -49,7 +49,8 @@ def export(
         bool, typer.Option("--modes", help="Identify, and add the mode shapes (UFF).")
     ] = False,
     rate: Annotated[
-        float | None, typer.Option(help="Even times at so many samples a second, by splines (UFF).")
+        float | None,
+        typer.Option(help="Even times at this number of samples a second, by splines (UFF)."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
@@ -97,9 +98,10 @@ def export(
 
 
 def _part(session: Session, sensors: Sequence[str], buses: Sequence[str]) -> Session:
-    """Return the channels and frames of some sensors and buses; empty: of all.
+    """Return the channels and frames of some sensors and buses; of all if these are empty.
 
-    Raises InputError if the session has no such sensor or bus, or nothing of both.
+    Raises InputError if the session has no such sensor or bus, or neither channel nor frame of
+    them.
     """
     from daq import InputError, session_part
     from daq.bench import parse_bench
@@ -129,7 +131,7 @@ def _sensor(channel: Channel) -> str:
 
 
 def _mode_shapes(session: Session) -> tuple[ModeShapes, ...] | None:
-    """Return the modes of every state of loading; None, and why, if they are refused."""
+    """Return the modes of every mass state; None, after a message, if they are refused."""
     import identify as method
     from daq import VehicleGeometry
     from daq.formats import ModeShapes

@@ -1,4 +1,4 @@
-"""`bumpbench identify`: a session in, parameters with intervals and a verdict out."""
+"""`bumpbench identify`: computes parameters with intervals and a verdict from a session."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`bumpbench import`: logs of other tools, or of ours, become a session."""
+"""`bumpbench import`: makes a session from logs of other tools, or of ours."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from ..output import Stage
 
 RELATIVE_BEFORE_NS = 631_152_000_000_000_000
-"""UNIX time of 1990, s: earlier stamps count from the start of the log, for CAN is no older."""
+"""UNIX time of 1990, ns: earlier stamps count from the start of the log, because CAN is not
+older."""
 
 
 def import_(
@@ -49,7 +50,9 @@ def import_(
     dbc: Annotated[Path | None, typer.Option(help="DBC to use instead of the bench's.")] = None,
     channels: Annotated[
         Path | None,
-        typer.Option(help="Channel map of CSV, MF4, MAT, TDMS, Parquet or HDF5 that are no logs."),
+        typer.Option(
+            help="Channel map of CSV, MF4, MAT, TDMS, Parquet or HDF5 files that are not logs."
+        ),
     ] = None,
     propose: Annotated[
         Path | None, typer.Option(help="Write a channel map guessed from such a file.")
@@ -60,8 +63,9 @@ def import_(
     """Find the bumps in logs, cut them into runs and write a session.
 
     One log may hold many runs, labelled in the order of the campaign, or by --runs.  A file that
-    export has written is the session again.  A bench.toml among the logs describes the bench.
-    With --channels the files hold channels that are decoded already; --propose writes such a map.
+    export has written gives the same session again.  A bench.toml among the logs describes the
+    bench.  With --channels the files hold channels that are already decoded; --propose writes such
+    a map.
     """
     from importlib.metadata import version
     from json import dumps
@@ -120,15 +124,15 @@ def import_(
         parts = _parts(bench, codec, sources, numbers, stage, apart=bool(singles))
         if singles:
             for part, source in zip(parts, sources, strict=True):
-                _some_bump([part], [source], len(bench.buses))
+                _require_a_bump([part], [source], len(bench.buses))
             pairs = zip(parts, steps, strict=True)
             parts = [labelled([part], [step], 0)[0] for part, step in pairs]
         else:
-            _some_bump(parts, sources, len(bench.buses))
+            _require_a_bump(parts, sources, len(bench.buses))
             parts = list(labelled(parts, steps, skip))
         stage(1.0, "reading the logs' hashes")
         about = {"software": f"bumpbench {version('bumpbench')}"}
-        # Of several logs the one that was not measured decides.
+        # If any of several logs was not measured, its origin counts.
         origins = [source.origin for source in sources if source.origin != Origin.REAL]
         about["origin"] = str((origins or [Origin.REAL])[0])
         facts = [_facts(source) for source in sources]
@@ -165,7 +169,7 @@ def import_(
 
 
 def _import_export(path: Path, out: Path, json: bool) -> bool:
-    """Write the session of an export that describes itself; return False if the file is none."""
+    """Write the session of a self-describing export; return False if the file is not one."""
     from daq import InputError, write_session
     from daq.formats import exported_session
 
@@ -203,9 +207,9 @@ def _parts(
     stage: Stage,
     apart: bool,
 ) -> list[LogPart]:
-    """Read all logs; one that goes on where the last one ended is one part with it.
+    """Read all logs; one that continues where the previous one ended forms one part with it.
 
-    `buses`: whose frames are read; empty: all.
+    `buses`: buses whose frames are read; empty: all.
     """
     import numpy as np
 
@@ -231,8 +235,8 @@ def _parts(
     return [intake.part() for intake in intakes]
 
 
-def _some_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -> None:
-    """Refuse logs without a bump, with the reason as far as it is known."""
+def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -> None:
+    """Raise InputError for logs without a bump, with the reason if it is known."""
     from daq import InputError
 
     if any(part.bumps for part in parts):
@@ -252,7 +256,7 @@ def _some_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -
 
 
 def _facts(source: Log) -> dict[str, Any]:
-    """Return what the session is to know of a log."""
+    """Return the facts on a log that the session stores."""
     from hashlib import file_digest
 
     files = []
@@ -270,7 +274,7 @@ def _facts(source: Log) -> dict[str, Any]:
 
 
 def _remarks(sources: Sequence[Log], session: Session, bumps: int, planned: int) -> list[str]:
-    """Say what the reader should know of what was imported."""
+    """Print remarks on what was imported."""
     remarks = [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
     lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
     remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]

@@ -1,4 +1,4 @@
-"""`bumpbench inspect`: what is in a session file."""
+"""`bumpbench inspect`: shows the contents of a session file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`bumpbench notebook`: a worked example to begin from."""
+"""`bumpbench notebook`: writes a worked example to begin from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`bumpbench plan`: the precision that a campaign will reach, and what would improve it."""
+"""`bumpbench plan`: predicts the precision of a campaign, and steps that would improve it."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
         for action in advice.remedies:
             print_line(f"  - add: {action}")
         if not advice.remedies:
-            print_line("  - no step that is known here makes up for it")
+            print_line("  - no known step changes that")
         print_line()
     steps = [["(as planned)", *_cells(now.worst, now.mean, now.undetermined)]]
     for step in advice.steps:
@@ -192,12 +192,12 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
         for other in others:
             o = other.outlook
             rows.append([other.action, *_cells(o.worst, o.mean, o.undetermined)])
-        columns = ["campaign in place of it", "worst", "mean", "not determined"]
+        columns = ["campaign instead of it", "worst", "mean", "not determined"]
         print_table("Other campaigns with the same sensors", columns, rows)
 
 
 def _print_elements(now: Outlook) -> None:
-    """Print what the campaign will know of friction, dampers and further elements."""
+    """Print the expected precision of friction, dampers and further elements."""
     from identify.plan import element_label
     from identify.report import half_width, number, rounded
 

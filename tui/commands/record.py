@@ -1,4 +1,4 @@
-"""`bumpbench record`: from the buses into a journal, and from the journal into session files."""
+"""`bumpbench record`: records buses into a journal, and builds session files from the journal."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ def record(
     from ..bench import shared_bench
     from ..display.start import display_beside_recorder
     from ..output import progress
-    from ..recorders.daemon import Habits
+    from ..recorders.daemon import Lifetime
     from ..recorders.log import Log
     from ..recorders.recording import OpenedAtStart, print_outcome, record_campaign
 
     described = shared_bench(bench, interface, channel)
-    habits = Habits(not idle, keep_on, figures, lambda: shared_bench(bench, interface, channel))
+    lifetime = Lifetime(not idle, keep_on, figures, lambda: shared_bench(bench, interface, channel))
     with (
         lone_recorder(out),
         display_beside_recorder(out, display, display_control),
@@ -58,5 +58,5 @@ def record(
         progress("record") as stage,
     ):
         source = open_source if keep_on else OpenedAtStart(described, open_source)
-        last = record_campaign(described, source, out, habits, lines, stage)
+        last = record_campaign(described, source, out, lifetime, lines, stage)
     return ExitCode.OK if keep_on else print_outcome(last, json)

@@ -1,4 +1,4 @@
-"""`bumpbench recover`: session files from a journal, after a crash or once more."""
+"""`bumpbench recover`: builds session files from a journal, after a crash or again."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def recover(
 
     segments = _segments(journal)
     found = recordings_of(segments)
-    # A recording without a run gives an empty session: only on its own is that what is meant.
+    # A recording without a run gives an empty session: that is intended only if it is the only one.
     wanted = [info for info in found if info.bumps] or list(found)
     documents: list[dict[str, Any]] = []
     lost = False
@@ -58,7 +58,7 @@ def recover(
 
 
 def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """Return the segments that are named, and those of folders that are."""
+    """Return the named segments, and those in named folders."""
     from daq import InputError
     from daq.journal import segments_in
 

@@ -1,4 +1,4 @@
-"""`bumpbench redecode`: a session from the raw frames of another, with a corrected DBC."""
+"""`bumpbench redecode`: makes a session from the raw frames of another, with a corrected DBC."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _bench(old: Session, where: str, dbc: Path | None, config: Path | None) -> B
     if config:
         bench = bench_with_dbc(config, dbc)
         if dbc is None and bench.dbc_text == shipped_dbc() and "dbc" in old.provenance:
-            # It names no DBC: that of the session was right.
+            # It names no DBC: the DBC of the session was right.
             return replace(bench, dbc_text=old.provenance["dbc"], dbc_name=f"DBC in {where}")
         return bench
     if "bench_toml" not in old.provenance:

@@ -1,4 +1,4 @@
-"""`bumpbench replay`: a log or a session back onto a bus."""
+"""`bumpbench replay`: sends a log or a session on a bus again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`bumpbench report`: a session in, a page that convinces out."""
+"""`bumpbench report`: writes a report with all evidence from a session."""
 
 from __future__ import annotations
 
@@ -30,8 +30,12 @@ def report(
     figure_format: Annotated[
         FigureFormat, typer.Option("--format", help="Format of the single figures.")
     ] = FigureFormat.SVG,
-    operator: Annotated[str, typer.Option(help="Name of who measured, for the certificate.")] = "",
-    approver: Annotated[str, typer.Option(help="Name of who answers for the result.")] = "",
+    operator: Annotated[
+        str, typer.Option(help="Name of the person who measured, for the certificate.")
+    ] = "",
+    approver: Annotated[
+        str, typer.Option(help="Name of the person responsible for the result.")
+    ] = "",
     json: Annotated[bool, typer.Option("--json", help="Print files and verdict as JSON.")] = False,
 ) -> int:
     """Identify a session and write its report as one HTML page."""

@@ -22,7 +22,7 @@ def simulate(
     push: Annotated[
         float | None,
         typer.Option(
-            help="No campaign: stand still for so many seconds, then be pushed down at each corner"
+            help="No campaign: stand still for these seconds, then be pushed down at each corner"
             " and kicked against its tyre; then stand still until Ctrl-C.",
             min=0,
             max=600,
@@ -47,7 +47,7 @@ def simulate(
 
     if push is not None and (fast or json):
         raise InputError("--push", "goes on until Ctrl-C, in real time", "leave out the rest")
-    # On a busy host the frames of a bump arrive late, and the rest after it must still be seen.
+    # On a busy host the frames of a bump arrive late, and the rest after it must still be recorded.
     simulated = named_car(car).simulated(tail_s=3.5)
     described = shared_bench(bench, interface, channel)
     if push is not None:

@@ -1,4 +1,4 @@
-"""`bumpbench status`: how the recorder of a folder is."""
+"""`bumpbench status`: prints the status of a folder's recorder."""
 
 from __future__ import annotations
 

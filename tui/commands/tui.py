@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from daq.control import Setup
 
 COLLECTOR_RESTS_S = 2.0
-"""From the start of the command until its first screen, on a slow machine, s; without the rest it
-comes a tenth of a second later."""
+"""Time from the start of the command to its first screen on a slow machine, s; if the collector ran
+meanwhile, the screen would come 0.1 s later."""
 FAULTS = ("double-bump", "overload", "lost-frames", "weak", "wrong-mode", "unplug")
 
 
@@ -67,7 +67,7 @@ def tui(
     import sys
     from functools import partial
 
-    rest_collector(COLLECTOR_RESTS_S)
+    pause_collector(COLLECTOR_RESTS_S)
 
     from ..display.start import display_beside_terminal
     from ..terminal.app import BenchApp
@@ -91,15 +91,15 @@ def tui(
     with display_beside_terminal(folder, display, name, display_control) as link:
         app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted, choices=choices)
         app.display_link = partial(DisplayLinkScreen, link) if link is not None else None
-        attach(folder, start)  # once nothing can be wrong with the command any more
+        attach(folder, start)  # after all checks of the command
         app.run()
     return app.return_code or ExitCode.OK
 
 
-def rest_collector(seconds: float) -> None:
-    """Keep the garbage collector from looking through all modules while they are loaded.
+def pause_collector(seconds: float) -> None:
+    """Keep the garbage collector from searching all modules while they are loaded.
 
-    `seconds`: until it works again, but not on what was there by then.
+    `seconds`: time until it works again, without the objects that exist by then.
     """
     import gc
     import threading
@@ -115,7 +115,7 @@ def rest_collector(seconds: float) -> None:
 
 
 def known_operator(folder: Path, demo: bool) -> str:
-    """Return the operator of the vehicle form in this folder; else "demo" for a demo, or empty."""
+    """Return the operator of the vehicle form in this folder; else "demo" for a demo, else ""."""
     from ..terminal.state.drafts import VEHICLE_FORM, read_draft
 
     entered = read_draft(folder / VEHICLE_FORM).get("operator")
@@ -130,21 +130,21 @@ def _check_terminal() -> None:
 
     from daq import InputError
 
-    if "TEXTUAL_DRIVER" in os.environ:  # a server says how to draw: a browser is the terminal
+    if "TEXTUAL_DRIVER" in os.environ:  # a server draws in the browser, which is its terminal
         return
     for name in ("stdin", "stdout", "stderr"):
         if not getattr(sys, name).isatty():
             advice = "start it in one; `bumpbench record` and `status` need none"
-            raise InputError("bumpbench tui", f"{name} is no terminal", advice)
+            raise InputError("bumpbench tui", f"{name} is not a terminal", advice)
 
 
 def check_fault(folder: Path, fault: str | None) -> None:
-    """Raise InputError for a fault where a recorder runs already: it would go on without."""
+    """Raise InputError for a fault if a recorder already runs: it would ignore the fault."""
     from daq import InputError
     from daq.control import control_address, is_running
 
     if fault and is_running(control_address(folder)):
-        why = f"a recorder runs in {folder} already, and takes up no fault"
+        why = f"a recorder already runs in {folder} and cannot take a fault"
         advice = "leave --fault out to attach to it, or name another folder with --out"
         raise InputError(f"--fault {fault}", why, advice)
 
@@ -174,7 +174,7 @@ def _check_options(demo: bool, fault: str | None, replay: Path | None) -> None:
 def _wanted(
     bench: Path | None, interface: str | None, channel: str | None, demo: bool, replay: Path | None
 ) -> Setup:
-    """Return what the terminal is started for; what is not named may be anything.
+    """Return the setup that the terminal is started for; parts that are not named are open.
 
     Raises InputError if the bench that is named is bad, also if a recorder runs already.
     """
@@ -186,7 +186,7 @@ def _wanted(
     origin = Origin.SIMULATED if demo else Origin.REPLAYED if replay else Origin.REAL
     if replay or not (bench or interface or channel):
         return Setup(origin)
-    from daq import load_bench  # with the reader of databases behind it
+    from daq import load_bench  # it also loads the reader of databases
 
     from ..bench import shared_bench
 
@@ -205,7 +205,7 @@ def _starter(
     speed: float,
     replay: Path | None,
 ) -> Callable[[], subprocess.Popen[bytes]]:
-    """Return what starts the recorder that is wanted."""
+    """Return a function that starts the wanted recorder."""
     from ..recorders.process import start_demo_recorder, start_recorder, start_replay_recorder
 
     if demo:
@@ -226,7 +226,7 @@ def _check_is_there(path: Path) -> None:
     from daq import InputError
 
     if not path.is_file():
-        raise InputError(str(path), "is no file", "name a session file")
+        raise InputError(str(path), "is not a file", "name a session file")
 
 
 def _serve(arguments: list[str]) -> int:
@@ -236,6 +236,8 @@ def _serve(arguments: list[str]) -> int:
     try:
         from ..browser.server import serve
     except ImportError as error:
-        raise InputError("--web", "textual-serve is not there", "install bumpbench[web]") from error
+        raise InputError(
+            "--web", "textual-serve is not installed", "install bumpbench[web]"
+        ) from error
     serve([argument for argument in arguments if argument != "--web"])
     return ExitCode.OK

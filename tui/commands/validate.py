@@ -1,4 +1,4 @@
-"""`bumpbench validate`: whether session files are what they should be."""
+"""`bumpbench validate`: checks session files."""
 
 from __future__ import annotations
 

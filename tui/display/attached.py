@@ -1,4 +1,4 @@
-"""Serves the display of a recorder for as long as the program lives that started it.
+"""Serves the display of a recorder as long as the program that started it runs.
 
 ``python -m tui.display.attached FOLDER --host lan --operator MK``
 """
@@ -30,7 +30,7 @@ def attached_display(
     operator: Annotated[str, typer.Option(help="Name stored with every verdict.")],
     control: Annotated[bool, typer.Option("--control", help="Let the page give orders.")] = False,
 ) -> None:
-    """Serve until stdin ends; print the link as JSON on stdout, and for a person on stderr."""
+    """Serve until stdin ends; print the link as JSON on stdout, and as text on stderr."""
     run_display(folder, host, operator or "display", control, _announce)
 
 

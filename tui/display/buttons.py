@@ -1,4 +1,4 @@
-"""The three buttons of a display with control: what each does now, and the order it gives."""
+"""The three buttons of a display with control: the label and the order of each."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ class Buttons:
     next: str = ""
     """Label of the first button."""
     next_label: str = ""
-    """Mass state that the first button says is on the car: the page sends it back, so that a late
-    touch answers no other question."""
+    """Mass state that the first button confirms: the page sends it back, so that a late touch
+    cannot answer another question."""
     reject: str = ""
     """Label of the second button."""
     reject_label: str = ""
-    """Label of the run that the second button rejects: the page sends it back, so that a late
-    touch rejects no other."""
+    """Label of the run that the second button rejects: the page sends it back, so that a late touch
+    cannot reject another run."""
     pause: str = ""
     """Label of the third button."""
 
 
 NO_BUTTONS = Buttons()
-"""No button does anything: there is no status."""
+"""Without a status, no button does anything."""
 
 
 def buttons_of(status: Status) -> Buttons:
@@ -60,7 +60,7 @@ def buttons_of(status: Status) -> Buttons:
 def order_of(button: str, label: str, status: Status) -> Order | None:
     """Return the order of a button; None if it does nothing now.
 
-    `label`: the one that the page named with the button.
+    `label`: label that the page sent with the button.
     """
     if button == NEXT and _arms(status) and label == changed_weights(status):
         return next_action(status).order

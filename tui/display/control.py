@@ -1,13 +1,13 @@
-"""The second secret of a display: who types it on the page may give orders there."""
+"""The second secret of a display: a person who types it on the page may give orders there."""
 
 from __future__ import annotations
 
 import secrets
 
 TRIES = 5
-"""Wrong numbers in a minute after which none is taken: a million of them take 140 days so."""
+"""Wrong numbers in a minute after which none is accepted: to try a million then takes 140 days."""
 LOCKED_S = 60.0
-"""Time for which none is taken then, s."""
+"""Time for which no number is accepted then, s."""
 _MOST_PAGES = 32
 
 

@@ -1,4 +1,4 @@
-"""Curves of the last run, few enough numbers for a phone."""
+"""Curves of the last run, with few enough numbers for a phone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from daq import Bench
 
 BEFORE_S, AFTER_S = 0.5, 4.0
-"""Time shown before and after the bump, s: a car has swung out after four."""
+"""Time shown before and after the bump, s: a car has come to rest after four."""
 MOST_CURVES = 4
 """Most curves: more look alike on a phone."""
 STEPS = 1000
@@ -50,7 +50,7 @@ class Curves:
 
 
 NO_CURVES = Curves("", 0.0, 0.0, ())
-"""There is no run yet, or its samples have gone."""
+"""Without a run, or if its samples are not available any more."""
 
 
 def curves_of(run: str, bump_ns: int, lanes: Lanes, bench: Bench | None) -> Curves:

@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     from daq import Bench
 
 HISTORY_S = 60.0
-"""Seconds of samples that are asked for at the beginning: the last run is mostly among them."""
+"""Seconds of samples that are requested at the beginning: they usually include the last run."""
 CURVES_EVERY = 3
-"""Live messages from one drawing of the run in progress to the next: three times a second."""
+"""Number of live messages between two drawings of the run in progress: three drawings a second."""
 
 
 class Follower:
     """Turns the news of a feed into messages for the pages; all in the hub's event loop.
 
-    `folder`: of the recorder; bench.toml is read as lying there.
+    `folder`: folder of the recorder; paths in bench.toml are relative to it.
     """
 
     def __init__(self, feed: Feed, folder: Path, hub: Hub) -> None:
@@ -117,7 +117,7 @@ class Follower:
 
     def _run(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)
-        self._tasks.add(task)  # the loop itself keeps no hold of it
+        self._tasks.add(task)  # the loop itself keeps no reference to it
         task.add_done_callback(self._tasks.discard)
 
     def _post_view(self) -> None:

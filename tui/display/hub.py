@@ -1,4 +1,4 @@
-"""Hands the newest state to every page; a page that does not read misses states, and delays none.
+"""Sends the newest state to every page; one that does not read misses states, and delays none.
 
 Only the newest message of each topic is kept, once for all pages.
 """
@@ -28,7 +28,7 @@ class Hub:
         return len(self._waiting)
 
     def post(self, topic: str, data: bytes) -> None:
-        """Keep a message as the newest of its topic, and wake the pages if it is another one."""
+        """Keep a message as the newest of its topic, and wake the pages if it has changed."""
         if topic in self._messages and self._messages[topic][1] == data:
             return
         self._number += 1
@@ -43,7 +43,7 @@ class Hub:
             event.set()
 
     async def messages(self) -> AsyncGenerator[bytes, None]:
-        """Yield server-sent events: all topics at first, then what changes, and a sign of life."""
+        """Yield server-sent events: first all topics, then changed ones, and heartbeats."""
         fresh = asyncio.Event()
         self._waiting.add(fresh)
         seen = 0

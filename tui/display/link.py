@@ -1,4 +1,4 @@
-"""Where a display listens, and how its link is shown in a terminal."""
+"""Address on which a display listens, and lines that show its link in a terminal."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import segno
 from daq import InputError
 
 HERE, LAN = "here", "lan"
-"""Words for the address that only this machine reaches, and for its address in its network."""
+"""Words for the address that only this machine reaches, and for its address in the network."""
 _LOOPBACK = "127.0.0.1"
 _PORT = 8010
 _SOMEWHERE = ("192.0.2.1", 9)
-"""An address that belongs to no machine (RFC 5737): nothing is sent, only the way there is asked
-for."""
+"""An address that belongs to no machine (RFC 5737): nothing is sent, only the route is
+requested."""
 
 
 def address_of(host: str) -> str:
@@ -44,7 +44,7 @@ def is_loopback(host: str) -> bool:
 def free_port(host: str) -> int:
     """Return a port that nothing listens on, the usual one if possible.
 
-    Raises InputError if the address is none of this machine's.
+    Raises InputError if the address is not one of this machine's.
     """
     for port in (_PORT, 0):
         try:
@@ -60,25 +60,25 @@ def free_port(host: str) -> int:
 
 
 def host_in_link(host: str) -> str:
-    """Return an address as it stands in a link: that of IPv6 in brackets."""
+    """Return an address as a link contains it: that of IPv6 in brackets."""
     return f"[{host}]" if ":" in host else host
 
 
 def link_lines(link: str, host: str, secret: str, colours: bool) -> Iterator[str]:
     """Yield what a terminal shows: link, warning, number, and a code for a phone's camera.
 
-    `secret`: number that gives control; empty without.  `colours`: False where escape sequences
-    would be shown as such; then there is no code.
+    `secret`: number that gives control; empty without control.  `colours`: False where the terminal
+    would show escape sequences as text; then there is no code.
     """
     yield f"display: open {link}"
     if not is_loopback(host):
         yield (
-            "warning: who has this link sees the bench, and what is sent is not encrypted: use a "
+            "warning: anyone with this link sees the bench, and nothing is encrypted: use a "
             "network that you trust"
         )
     if secret:
         yield (
-            f"control: type {secret[:3]} {secret[3:]} on the page; who knows the number can start, "
+            f"control: type {secret[:3]} {secret[3:]} on the page; anyone who knows it can start, "
             "reject and pause runs"
         )
     if colours and not is_loopback(host):

@@ -1,4 +1,4 @@
-"""Parts of the page beside its word: alarm, sketch, progress."""
+"""Parts of the page in addition to its word: alarm, sketch, progress."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class AlarmLine:
     """The gravest alarm in words."""
 
     cue: str
-    """Changes when another alarm has come."""
+    """Changes when another alarm comes."""
     text: str
     advice: str
     more: int
@@ -52,7 +52,7 @@ class Sketch:
     wheels: tuple[bool, bool, bool, bool]
     """Wheels with a board or block, in the order of `Corner`; none for a push."""
     hand: tuple[int, int] | None
-    """Where hands push: forward and to the left of the body's middle; None if they do not."""
+    """Place where hands push, forward and to the left of the body's middle; None without a push."""
     legend: str
     """Text of the sketch: the board or block, with its height."""
 

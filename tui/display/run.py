@@ -1,4 +1,4 @@
-"""Runs a display until it is ended: recorder, guard, server."""
+"""Runs a display (follower, guard, server) until it is ended."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def run_display(
 ) -> None:
     """Serve the display of a folder's recorder until Ctrl-C or SIGTERM.
 
-    `host`: as of `address_of`.  `announce`: called once with the link, and with what ends the
-    display, from any thread.  Raises InputError if it cannot listen there.
+    `host`: as of `address_of`.  `announce`: called once with the link, and with a function that
+    ends the display from any thread.  Raises InputError if it cannot listen there.
     """
     address = address_of(host)
     port = free_port(address)
@@ -40,7 +40,7 @@ def run_display(
         failures: list[BaseException] = []
 
         def fail(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-            # A page that goes on without its recorder would show what was, as if it were so.
+            # A page that went on without its recorder would show an old state as the present one.
             failures.append(context.get("exception") or RuntimeError(context["message"]))
             ended.set()
 

@@ -12,6 +12,6 @@ class Served:
     link: str
     """Address of the page, with its token."""
     host: str
-    """Address that is listened on."""
+    """Address on which the display listens."""
     secret: str
-    """Number that gives control; empty for a display that looks on."""
+    """Number that gives control; empty for a display without control."""

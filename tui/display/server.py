@@ -44,14 +44,15 @@ _POLICY = (
     "img-src 'self'; manifest-src 'none'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'; require-trusted-types-for 'script'; trusted-types 'none'"
 )
-"""Nothing from anywhere else, no script or style within the page, no text that becomes markup."""
+"""Content security policy: nothing from other servers, no inline script or style, no text that
+becomes markup."""
 
 
 class DisplayServer:
     """The page of one recorder.
 
-    `guard`: admits requests.  `folder`: of the recorder.  `name`: who gives the orders, for the
-    journal.  `control`: None for a page that looks on.
+    `guard`: admits requests.  `folder`: folder of the recorder.  `name`: name for the journal of
+    the person who gives orders.  `control`: None for a display without control.
     """
 
     def __init__(
@@ -143,7 +144,7 @@ class DisplayServer:
 
 
 async def _body(request: web.Request) -> Mapping[str, Any] | None:
-    """Return the JSON object of a request; None if it is none, or names no page of ours."""
+    """Return the JSON object of a request; None if it is not one, or names no page of ours."""
     if request.headers.get("Origin") is None or request.content_type != "application/json":
         return None
     try:

@@ -1,4 +1,4 @@
-"""Starts a display beside a recorder or a terminal, and ends it with them."""
+"""Starts a display next to a recorder or a terminal, and ends it with them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _END_S = 2.0
 
 @contextmanager
 def display_beside_recorder(folder: Path, host: str | None, control: bool) -> Iterator[None]:
-    """Serve the display of a recorder that runs here; it writes link and code to stderr.
+    """Serve the display of a recorder in this process; the display writes link and code to stderr.
 
     Nothing waits for it.  `host`: as of `tui.display.link.address_of`; None for no display.  Raises
     InputError if it cannot listen there.
@@ -70,7 +70,9 @@ def _wanted(host: str | None, control: bool) -> bool:
     try:
         from .link import address_of, free_port
     except ImportError as error:
-        raise InputError("--display", "aiohttp is not there", "install bumpbench[web]") from error
+        raise InputError(
+            "--display", "aiohttp is not installed", "install bumpbench[web]"
+        ) from error
     free_port(address_of(host))
     return True
 

@@ -60,17 +60,17 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """The word that fills the screen, and what belongs to it."""
+    """The word that fills the screen, with its reason, digits and sound."""
 
     kind: Kind
     word: tuple[str, ...]
-    """One or two words, each on a line of its own where the screen is narrow."""
+    """One or two words, on separate lines where the screen is narrow."""
     why: str
-    """One line: the reason, or what to do."""
+    """One line with the reason, or with what to do."""
     advice: str = ""
     """A second line: the remedy."""
     digits: str = ""
-    """Seconds to be read from afar; may be empty."""
+    """Seconds, to be read from a distance; may be empty."""
     digits_are: str = ""
     """Meaning of the digits."""
     share: float | None = None
@@ -83,21 +83,21 @@ class Headline:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Everything that the page shows, curves excepted."""
+    """Everything that the page shows, except curves."""
 
     headline: Headline
     title: str = ""
     """Mass state and run that are due, or the run that was judged."""
     instruction: str = ""
-    """How to make the bump that is due."""
+    """Instruction for the bump that is due."""
     sketch: Sketch | None = None
     """Sketch of the bump that is due; None if none is, or bench.toml is not known yet."""
     rows: tuple[Row, ...] = ()
     """Progress of each mass state and kind of bump, in the order of the campaign."""
     done: int = 0
-    """Accepted runs, of those that are planned."""
+    """Number of accepted runs among the planned ones."""
     planned: int = 0
-    """Planned runs of the campaign."""
+    """Number of planned runs of the campaign."""
     alarm: AlarmLine | None = None
     """The gravest alarm."""
     overload: str = ""
@@ -265,7 +265,7 @@ def _again(status: Status) -> Headline:
 
 
 def _spoken_reason(run: LoggedRun | None) -> str:
-    """Return the reason of a rejection without figures: they are hard to understand by ear."""
+    """Return the reason of a rejection without figures, which are hard to understand by ear."""
     if run is None:
         return ""
     if run.by:

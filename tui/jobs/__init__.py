@@ -1,1 +1,1 @@
-"""Work that takes long, in processes of its own."""
+"""Does long work in separate processes."""

@@ -1,4 +1,4 @@
-"""A comparison of sessions: identified in processes of their own, and set as tables."""
+"""Compares sessions: identifies them in several processes, and prints tables of differences."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from identify.compare import Compared, Comparison
 from identify.report import plus_minus, plus_minus_percent, rounded, unchanged_line
 
 from ..output import Stage, print_line, print_table
-from .spread import over_all
+from .spread import map_items
 
 
 def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
@@ -21,11 +21,11 @@ def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
     `stage`: called with the share done, 0..1.  Raises InputError if one cannot be read.
     """
     workers = min(len(paths), os.cpu_count() or 1)
-    return over_all(_results, paths, workers, stage, "compare")
+    return map_items(_results, paths, workers, stage, "compare")
 
 
 def _results(path: str) -> Identification:
-    """Return the results without residuals: with all, a trend would fill the memory."""
+    """Return the results without residuals, which would fill the memory in a long trend."""
     result = identify_parameters(read_foreign_session(path))
     if result.estimation is None:
         return result

@@ -1,4 +1,4 @@
-"""A comparison of two sessions as lines of text of 80 columns; made in the worker."""
+"""Writes a comparison of two sessions as lines of text of 80 columns; runs in the worker."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from identify.report import plus_minus_percent, rounded, unchanged_line
 
 
 def comparison_lines(comparison: Comparison) -> Iterator[str]:
-    """Yield what the second session differs in from the first, parameters before modes."""
+    """Yield the differences of the second session from the first, parameters before modes."""
     first, second = comparison.labels[:2]
     differing = [row.name for row in comparison.quantities if row.differences[0].significant]
     yield f"1  {first}: {comparison.verdicts[0]}"

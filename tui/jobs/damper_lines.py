@@ -1,4 +1,4 @@
-"""Damper curves and force elements as lines of text of 78 columns; made in the worker."""
+"""Writes damper curves and force elements as lines of text of 78 columns; runs in the worker."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """Executors: processes of this machine, or a Dask cluster.
 
-Nothing is queued beyond a few items a worker, so that memory
-does not grow with the number of items.
+Only a few items for each worker are queued, so that memory does not grow with the number of items.
 """
 
 from __future__ import annotations
@@ -18,21 +17,22 @@ from time import monotonic
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar
 
-from .start import deaf_to_interrupts, end_with_parent, loaded_once, terminated_after
+from .start import end_with_parent, ignoring_interrupts, preloaded, sigterm_deferred
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _AHEAD = 2
-"""Items in flight for each worker: one at work, one at hand."""
+"""Items in flight for each worker: one at work, one waiting."""
 _ITEMS_A_POOL = 200
-"""Items after which a worker makes room for a fresh one: what libraries leak is given back."""
+"""Items after which a worker is replaced by a fresh one, which frees the memory that libraries
+leak."""
 _LOOK_AFTER_S = 2.0
 _CONNECT_S = 4.0
 _NO_WORKER_S = 60.0
 
 
-class Crew(Protocol):
+class Workers(Protocol):
     """Workers that take items."""
 
     @property
@@ -55,7 +55,7 @@ class Crew(Protocol):
     ) -> None: ...
 
 
-def crew_of(workers: int, scheduler: str | None) -> Crew:
+def workers_of(workers: int, scheduler: str | None) -> Workers:
     """Return processes of this machine, or the cluster at a scheduler's address.
 
     Raises InputError if Dask is not installed, no scheduler answers, or it has no workers.
@@ -64,12 +64,12 @@ def crew_of(workers: int, scheduler: str | None) -> Crew:
 
 
 def as_finished(
-    crew: Crew, function: Callable[[Item], Result], items: Iterable[Item]
+    crew: Workers, function: Callable[[Item], Result], items: Iterable[Item]
 ) -> Iterator[tuple[Item, Future[Result]]]:
     """Yield each item with its finished future, in the order in which they finish.
 
-    A worker process that dies does not say at which item.  All that were in flight are then done
-    again one at a time, and only one whose worker dies while it is alone fails, with
+    A worker process that dies does not tell at which item.  All items that were in flight are then
+    done again one at a time, and only an item whose worker dies while it is alone fails, with
     `BrokenProcessPool`.
 
     `function`: picklable: a module's function, or a `functools.partial` of one.  `items`: taken
@@ -109,8 +109,8 @@ def _worker_died(future: Future[Result]) -> bool:
 class Processes:
     """Worker processes on this machine.
 
-    Ctrl-C reaches only the parent, which then ends its workers: they say nothing and leave nothing
-    behind.
+    Ctrl-C reaches only the parent, which then ends its workers: they print nothing and leave
+    nothing behind.
     """
 
     def __init__(self, workers: int) -> None:
@@ -134,7 +134,7 @@ class Processes:
             return self._submit(function, item)
 
     def check(self) -> None:
-        """Do nothing: a process that dies says so by its future."""
+        """Do nothing: a process that dies sets an exception in its future."""
 
     def __enter__(self) -> Self:
         return self
@@ -153,23 +153,23 @@ class Processes:
         self._pool.shutdown(cancel_futures=True)
 
     def _open(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self._workers, loaded_once(("identify",)), end_with_parent)
+        return ProcessPoolExecutor(self._workers, preloaded(("identify",)), end_with_parent)
 
     def _renew(self) -> None:
-        self._pool.shutdown(wait=False)  # what it has begun it finishes
+        self._pool.shutdown(wait=False)  # it finishes the items that it has begun
         self._pool = self._open()
         self._given = 0
 
     def _submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
         self._given += 1
-        with terminated_after(), deaf_to_interrupts():  # a worker may start here
+        with sigterm_deferred(), ignoring_interrupts():  # a worker may start here
             return self._pool.submit(function, item)
 
 
 class Cluster:
     """The workers of a Dask scheduler, however many there are at the moment.
 
-    The scheduler gives what a lost worker had to another one.
+    The scheduler gives the items of a lost worker to another one.
 
     `address`: such as ``tcp://host:8786``.  Raises InputError if Dask is not installed, no
     scheduler answers there, or it has no workers.
@@ -187,7 +187,8 @@ class Cluster:
             raise InputError(
                 "--scheduler", "needs Dask, which is not installed", "install bumpbench[cluster]"
             ) from None
-        # It logs lost connections with tracebacks; what matters arrives as exceptions.
+        # Dask logs lost connections with tracebacks; everything that matters arrives as an
+        # exception.
         for name in ("distributed", "tornado", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         self._address = address
@@ -216,7 +217,7 @@ class Cluster:
         self.check()
 
     def _same_version(self) -> None:
-        """Raise InputError if a worker has another Bumpbench: its rows would mean other things."""
+        """Raise InputError if a worker has another version, whose rows would not be comparable."""
         from dbc import InputError
 
         own = version("bumpbench")
@@ -277,7 +278,7 @@ class Cluster:
 
 
 async def _greet(address: str) -> None:
-    """Exchange Dask's greeting, and no more: a client that fails in this is slow to give up."""
+    """Exchange only Dask's greeting: a client that fails in this gives up slowly."""
     from distributed.comm.core import connect
 
     greet: Any = connect

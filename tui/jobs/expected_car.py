@@ -1,4 +1,4 @@
-"""The car that a plan expects: a named one, that of a session, or a typical one."""
+"""Returns the car that a plan expects: a named one, that of a session, or a typical one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from identify.plan import ExpectedElements
 
 _LINEAR = {"anti_roll_bars", "tyre_damping", "cg_offset"}
-"""Elements that the linear plan knows, too."""
+"""Elements that the linear plan also knows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,15 +25,15 @@ class ExpectedCar:
     vehicle: NDArray[np.float64]
     """Parameters, (28,)."""
     elements: ExpectedElements | None
-    """Friction, damper curves and what else; None for a linear car."""
+    """Friction, damper curves and further elements; None for a linear car."""
     whose: str
-    """Where they come from, in words."""
+    """Source of the parameters, in words."""
 
 
 def named_one(name: str) -> ExpectedCar:
     """Return a car of `daq.sim` by its name.
 
-    Raises InputError if there is none of that name.
+    Raises InputError if there is no such car.
     """
     from daq.sim import named_car, true_elements, true_parameters
     from identify.plan import ExpectedElements, full_vector
@@ -49,7 +49,7 @@ def named_one(name: str) -> ExpectedCar:
 
 
 def of_session(path: Path, held: Session) -> ExpectedCar:
-    """Return the car that is identified from a session; the typical one where that fails."""
+    """Return the car identified from a session; the typical one where that fails."""
     import identify as method
     from identify.plan import full_vector, identified_elements, vague
 
@@ -65,7 +65,7 @@ def of_session(path: Path, held: Session) -> ExpectedCar:
 
 
 def typical(why: str = "") -> ExpectedCar:
-    """Return the paper's car, and why it stands for another."""
+    """Return the paper's car, and why it replaces another."""
     from daq import FORD_GRANADA
     from identify.plan import full_vector
 

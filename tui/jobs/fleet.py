@@ -1,4 +1,4 @@
-"""One car of a simulated fleet, identified: simulator and method meet here."""
+"""Simulates and identifies one car of a fleet: only here simulator and method meet."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 def identified_car(seed: int, facts: bool, travels: bool, number: int) -> FleetCase:
     """Simulate a car of a fleet, identify it, and compare.
 
-    `seed`: of the fleet.  `facts`: scales and tape measure in place of added mass.  `travels`:
-    suspension travels beside the inertial unit and the hubs.  `number`: which car.
+    `seed`: of the fleet.  `facts`: scales and tape measure instead of added mass.  `travels`:
+    suspension travels in addition to the inertial unit and the hubs.  `number`: number of the car.
     """
     from time import process_time
 

@@ -1,4 +1,4 @@
-"""Predicts what the weights on the car will gain, in a process of its own.
+"""Predicts the gain in precision by the weights on the car, in a separate process.
 
 The terminal starts ``python -m tui.jobs.gain``, writes one JSON object (bench.toml and the
 recorder's folder) to its standard input and reads one back.  The terminal itself imports no scipy
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 WANTED_SPREADS = 3.0
 """Least shift of a frequency by the weights, in units of its spread from run to run."""
 USUAL_SPREAD = 0.005
-"""Relative spread of a frequency that was not measured yet; typical of repeated bumps."""
+"""Assumed relative spread of a frequency that was not measured yet; typical of repeated bumps."""
 BODY_MODES = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
 
 
@@ -38,7 +38,7 @@ class Shift:
 
     @property
     def share(self) -> float:
-        """Change of the frequency as a share of it."""
+        """Change of the frequency, as a share of the frequency."""
         return self.after_hz / self.before_hz - 1.0
 
 
@@ -57,11 +57,11 @@ class Gain:
     undetermined: tuple[str, ...] = ()
     """Parameters that the campaign cannot determine."""
     reasons: tuple[str, ...] = ()
-    """Why it cannot."""
+    """Reasons why it cannot."""
     remedies: tuple[str, ...] = ()
-    """Changes of the campaign that would determine them."""
+    """Changes of the campaign that would determine these parameters."""
     error: str = ""
-    """Why there is no answer; empty if there is."""
+    """Reason why there is no answer; empty if there is one."""
 
 
 def expected_gain(bench: Bench) -> Gain:

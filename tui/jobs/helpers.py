@@ -1,4 +1,4 @@
-"""Processes that share the work of one identification or report."""
+"""Starts processes that share the work of one identification or report."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from contextlib import contextmanager, suppress
 from threading import Thread
 from typing import ParamSpec, TypeVar
 
-from .start import deaf_to_interrupts, end_with_parent, loaded_once
+from .start import end_with_parent, ignoring_interrupts, preloaded
 
 _HELPERS = 2
-"""One works while the parent does, both while it waits."""
+"""Number of helpers: one works while the parent works, both while the parent waits."""
 P = ParamSpec("P")
 Result = TypeVar("Result")
 
 
 @contextmanager
 def helpers(modules: Sequence[str]) -> Iterator[Executor]:
-    """Give processes that share the work of one identification or report.
+    """Yield processes that share the work of one identification or report.
 
     Their libraries take a second to load: start them when the parent has begun a fit, which keeps
     one processor busy.
 
-    Raises InputError if there is no process to be had, or one dies.
+    Raises InputError if no process can be started, or one dies.
     """
     from dbc import InputError
 
-    with _Helpers(_HELPERS, loaded_once(modules), _made_ready) as pool:
+    with _Helpers(_HELPERS, preloaded(modules), _made_ready) as pool:
 
         def start() -> None:
-            with deaf_to_interrupts(), suppress(InputError):  # a use raises it again
+            with ignoring_interrupts(), suppress(InputError):  # a use raises it again
                 for _ in range(_HELPERS):
                     pool.submit(int)
 
@@ -41,15 +41,15 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
         try:
             yield pool
         except BrokenProcessPool:
-            what, advice = "a helper process died", "close other programs: it wants memory"
+            what, advice = "a helper process died", "close other programs: it needs memory"
             raise InputError("helpers", what, advice) from None
         finally:
             starting.join()
-            pool.shutdown(cancel_futures=True)  # after Ctrl-C, not first all that was planned
+            pool.shutdown(cancel_futures=True)  # after Ctrl-C, drop the planned work
 
 
 class _Helpers(ProcessPoolExecutor):
-    """Says in a line that there is no process to be had."""
+    """Reports in one line that no process can be started."""
 
     def submit(
         self, fn: Callable[P, Result], /, *args: P.args, **kwargs: P.kwargs
@@ -60,7 +60,7 @@ class _Helpers(ProcessPoolExecutor):
         try:
             return super().submit(fn, *args, **kwargs)
         except (OSError, EOFError) as error:
-            what = f"no process to work in ({error})"
+            what = f"no process can be started ({error})"
             raise InputError("helpers", what, "end other programs, and try again") from error
 
 

@@ -45,7 +45,7 @@ class CompareTask:
 
 @dataclass(frozen=True, slots=True)
 class ExportTask:
-    """Write a session in the format of another tool, beside it."""
+    """Write a session in the format of another tool, next to the session file."""
 
     session: str
     form: str
@@ -69,7 +69,7 @@ _TASK: TypeAdapter[Task] = TypeAdapter(Task)
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Share of the work that is done, 0..1, and what comes next."""
+    """Share of the work that is done, 0..1, and the next stage."""
 
     share: float
     text: str = ""
@@ -78,7 +78,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One of several answers, as soon as it is there."""
+    """One of several answers, sent as soon as it is ready."""
 
     body: dict[str, Any]
     line: Literal["item"] = "item"
@@ -94,7 +94,7 @@ class Done:
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """There is no answer: where, what is wrong, what to do; as `dbc.errors.BumpbenchError`."""
+    """There is no answer: the place, what is wrong, what to do; as `dbc.errors.BumpbenchError`."""
 
     where: str
     what: str

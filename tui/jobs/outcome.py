@@ -1,7 +1,7 @@
 """An identification as the terminal shows it: plain numbers and words, made in the worker.
 
-`outcome_of` makes it there; here it is only read, so that the terminal needs neither SciPy nor the
-session itself.
+The worker makes it with `outcome_of`; the terminal only reads it, so that it needs neither SciPy
+nor the session itself.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ class Estimated:
     words: str
     """The quantity in words."""
     value: str
-    """In `unit`, with as many digits as its interval knows."""
+    """Value in `unit`, with the digits that its interval justifies."""
     interval: str
     """Both ends; empty where the value was given or is not determined."""
     half_percent: float | None
-    """Half of the interval as a share of the value, %; None where that says nothing, NaN where
+    """Half of the interval as a share of the value, %; None where that has no meaning, NaN where
     the value is not determined."""
     share: str
-    """The same with two digits."""
+    """`half_percent` as text with two digits."""
     unit: str
     rests_on: str
-    """Which runs or facts most of its precision comes from."""
+    """Runs or facts that most of its precision comes from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,13 +75,13 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """One run: what became of it, and its decay where it was used."""
+    """One run: its status, and its decay where it was used."""
 
     label: str
     status: str
     """`accepted`, `rejected`, or `left out`."""
     reasons: tuple[str, ...]
-    """Why it was not used."""
+    """Reasons why it was not used."""
     chi2_per_n: float
     """Mean over its channels; NaN where it was not used."""
     curves: tuple[Curve, ...]
@@ -98,14 +98,14 @@ class FindingRow:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """All that the screens show of one identification."""
+    """Everything that the screens show of one identification."""
 
     session: str
     """The session file."""
     vehicle: str
-    """Its vehicle."""
+    """Name of its vehicle."""
     created: str
-    """When it was made."""
+    """Time of the recording."""
     without: tuple[str, ...]
     """Runs left out for a trial; the file is not changed by that."""
     verdict: str
@@ -118,9 +118,9 @@ class Outcome:
     findings: tuple[FindingRow, ...]
     """The worst first."""
     survival: tuple[str, ...]
-    """Lines that say which parameters survive and which are lost; none where it is ok."""
+    """Lines that say which parameters survive and which are lost; none where the verdict is ok."""
     overrides: tuple[str, ...]
-    """Warnings that a person answered for, with reason and name."""
+    """Warnings that a person overrode, with reason and name."""
     parameters: tuple[Estimated, ...]
     derived: tuple[Estimated, ...]
     states: tuple[StateOutcome, ...]
@@ -130,7 +130,7 @@ class Outcome:
 
     @property
     def used(self) -> int:
-        """How many runs the result is of."""
+        """Number of runs that the result is based on."""
         return sum(run.status == "accepted" for run in self.runs)
 
 

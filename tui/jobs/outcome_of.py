@@ -1,4 +1,4 @@
-"""From session and identification to what the terminal shows of them; runs in the worker."""
+"""Makes the outcome that the terminal shows from session and identification; runs in the worker."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def without(session: Session, labels: Sequence[str]) -> Session:
 def outcome_of(
     path: str, session: Session, result: Identification, left_out: Sequence[str] = ()
 ) -> Outcome:
-    """Gather what the terminal shows of an identification."""
+    """Return the outcome of an identification for the terminal."""
     document = result.document()
     verdict = result.quality.verdict
     return Outcome(

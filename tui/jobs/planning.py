@@ -1,4 +1,4 @@
-"""A bench as a plan: what the campaign in bench.toml will measure."""
+"""Makes a plan from a bench: the campaign in bench.toml."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ def planned(
 ) -> Plan:
     """Return the campaign of a bench as a plan.
 
-    `bench`: sensors, weights, campaign, and what is known of the vehicle.  `vehicle`, (15,) or
-    (28,) float64: parameters that are expected.  `rate_hz`: samples a second; None: as the DBC has
-    it.  `elements`: friction, damper curves and what else is expected; None for a linear car.
+    `bench`: sensors, weights, campaign, and the known facts of the vehicle.  `vehicle`, (15,) or
+    (28,) float64: parameters that are expected.  `rate_hz`: samples a second; None: the rates of
+    the DBC.  `elements`: friction, damper curves and further expected elements; None for a linear
+    car.
     """
     from identify.model import Bump
     from identify.plan import Plan, Runs

@@ -1,4 +1,4 @@
-"""A report on disk: made by several processes, its files complete or absent."""
+"""Writes a report with several processes; its files are complete or absent."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def file_sha256(path: Path) -> str:
 
 
 def source_of(path: Path, operator: str = "", approver: str = "") -> Source:
-    """Return where the numbers of a session file come from, and who answers for them."""
+    """Return the source of the numbers of a session file, and the persons responsible for them."""
     from identify.report import Source
 
     digest = file_sha256(path)
@@ -56,7 +56,7 @@ def write_report(
 
     `html` and `pdf`: what to write; no PDF if None.  `stage`: called with the share done, 0..1, and
     the present stage.  `written`: called with each finished file.  `signed`: names of the operator
-    and of who approves.  Raises InputError if the session cannot be read or a file cannot be
+    and of the approver.  Raises InputError if the session cannot be read or a file cannot be
     written.
     """
     stage(0.02, "reading")
@@ -105,7 +105,7 @@ def _pdf_of(page: Report) -> bytes:
 
 
 def make_room(path: Path) -> None:
-    """Create the folder of a file; before long work, so that a wrong name fails at once.
+    """Create the folder of a file before long work, so that a wrong name fails at once.
 
     Raises InputError if it cannot be made.
     """

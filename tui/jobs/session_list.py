@@ -19,7 +19,7 @@ class SessionState(StrEnum):
     """States of a session."""
 
     OPEN = "open"
-    """It is being recorded."""
+    """The session is being recorded."""
     CUT_OFF = "cut off"
     """Its recorder ended in the middle, and there is no session file yet."""
     READY = "ready"
@@ -29,22 +29,22 @@ class SessionState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SessionEntry:
-    """One line of the list; every text may be foreign."""
+    """One line of the list; every text may come from a foreign file."""
 
     path: str
     """The session file; empty where there is a journal only."""
     folder: str
-    """The folder that it is in."""
+    """Folder of the session."""
     date: str
-    """`2026-11-21 10:42`, UTC; the file's own where the session has none."""
+    """`2026-11-21 10:42`, UTC; that of the file where the session has none."""
     vehicle: str
     state: SessionState
     accepted: int = 0
     rejected: int = 0
     note: str = ""
-    """The first note, or what is wrong."""
+    """First note, or error."""
     recording: str = ""
-    """Identity of the recording, of a journal."""
+    """Identity of the recording; only for a journal."""
 
     @property
     def name(self) -> str:
@@ -55,7 +55,7 @@ class SessionEntry:
 def sessions_in(folder: Path) -> Iterator[SessionEntry]:
     """Yield the unfinished recording of a folder, then its session files; runs in the worker.
 
-    Files a folder below are listed too: a bench keeps one folder a vehicle.
+    Files one folder below are listed, too: a bench has one folder for each vehicle.
     """
     from daq.session import glances
 
@@ -85,7 +85,7 @@ def sessions_in(folder: Path) -> Iterator[SessionEntry]:
 
 
 def report_of(session: Path) -> Path:
-    """Return where the report of a session goes."""
+    """Return the path of the report of a session."""
     return session.with_suffix(".html")
 
 
@@ -94,13 +94,13 @@ def _session_files(folder: Path) -> list[Path]:
     for path in (*folder.glob("*.h5"), *folder.glob("*/*.h5")):
         try:
             found.append((path.stat().st_mtime, path))
-        except OSError:  # gone since, or a link to nothing
+        except OSError:  # deleted meanwhile, or a broken link
             continue
     return [path for _, path in sorted(found, reverse=True)[:_MOST]]
 
 
 def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
-    """Return the newest campaign of a folder's journal if no session file is made of it."""
+    """Return the newest campaign of a folder's journal if it has no session file."""
     from daq.bench import parse_bench
     from daq.journal import last_campaign
     from daq.runlog import LoggedStatus, fold
@@ -119,7 +119,7 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
         return None
     accepted = sum(run.status is LoggedStatus.ACCEPTED for run in log.runs)
     state = SessionState.CUT_OFF
-    note = next((note.text for note in reversed(log.notes) if note.by), "")  # else a mark
+    note = next((note.text for note in reversed(log.notes) if note.by), "")  # the others: marks
     day = _day(tail.head.wall_ns * 1e-9)
     rejected = len(log.runs) - accepted
     return SessionEntry(
@@ -140,14 +140,14 @@ def found(entry: SessionEntry, words: str) -> bool:
 
 
 def with_open(entry: SessionEntry, recording: str) -> SessionEntry:
-    """Return the entry as open if it is what the recorder is recording."""
+    """Return the entry, marked as open if the recorder is recording it."""
     if entry.recording and entry.recording == recording:
         return replace(entry, state=SessionState.OPEN)
     return entry
 
 
 def heading(width: int) -> str:
-    """Return the line above the entries."""
+    """Return the heading of the entries."""
     return _line(("date", "vehicle", "  state", "runs", "rejected", "note"), width)
 
 
@@ -170,7 +170,7 @@ def _line(cells: tuple[str, str, str, str, str, str], width: int) -> str:
 
 
 def size_text(n_bytes: int) -> str:
-    """Return a size for people."""
+    """Return a size as text with a unit."""
     size = float(n_bytes)
     for unit in ("B", "kB", "MB"):
         if size < _UNITS:

@@ -13,8 +13,8 @@ from multiprocessing.context import BaseContext
 from threading import Thread, current_thread, main_thread
 
 
-def loaded_once(modules: Sequence[str]) -> BaseContext:
-    """Return a way to start processes that have these modules, which are loaded once for all."""
+def preloaded(modules: Sequence[str]) -> BaseContext:
+    """Return a context that starts processes with these modules, which are loaded once for all."""
     if "forkserver" not in get_all_start_methods():  # Windows: each process loads its own
         return get_context("spawn")
     context = get_context("forkserver")
@@ -23,8 +23,8 @@ def loaded_once(modules: Sequence[str]) -> BaseContext:
 
 
 @contextmanager
-def deaf_to_interrupts() -> Iterator[None]:
-    """Let processes that are started here leave Ctrl-C to the parent: they inherit the mask."""
+def ignoring_interrupts() -> Iterator[None]:
+    """Make processes that are started in the body ignore Ctrl-C: they inherit the signal mask."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -37,9 +37,9 @@ def deaf_to_interrupts() -> Iterator[None]:
 
 @contextmanager
 def ended_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM end the body as an exception, so that nothing is left half done.
+    """Turn SIGTERM in the body into an exception, so that nothing is left half done.
 
-    The exit code is that of a process which the signal ends.
+    The exit code is that of a process that the signal ends.
     """
 
     def end(number: int, _: object) -> None:
@@ -53,13 +53,13 @@ def ended_by_sigterm() -> Iterator[None]:
 
 
 @contextmanager
-def terminated_after() -> Iterator[None]:
+def sigterm_deferred() -> Iterator[None]:
     """Let SIGTERM wait for the end of the body.
 
-    A process that is started in it is known to its parent only then: ended before, the parent would
-    leave one behind that finds its locks gone, and says so with a traceback.
+    Only then does the parent know a process that is started in the body: a parent that ended before
+    would leave a process behind, which then prints a traceback because its locks are gone.
     """
-    if current_thread() is not main_thread():  # signals are not its business
+    if current_thread() is not main_thread():  # only the main thread handles signals
         yield
         return
     came: list[int] = []
@@ -73,9 +73,9 @@ def terminated_after() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """Let a worker end when its parent was killed; it would wait for work for ever."""
+    """Make a worker end when its parent is killed; otherwise it would wait for work for ever."""
     parent = parent_process()
-    assert parent is not None  # a worker has one
+    assert parent is not None  # a worker has a parent
 
     def watch() -> None:
         wait([parent.sentinel])

@@ -1,4 +1,4 @@
-"""Long work of the terminal, in a process of its own: `python -m tui.jobs.work TASK`.
+"""Does long work of the terminal in a separate process: `python -m tui.jobs.work TASK`.
 
 TASK is JSON (`lines.task_text`); every line on stdout is a `lines.Line`.  The process
 ends when its standard input does: a terminal that is killed leaves no work behind.
@@ -33,7 +33,7 @@ from .lines import (
 
 Send = Callable[[Line], None]
 _NICE = 10
-"""The recorder comes first."""
+"""Niceness of the worker: the recorder has priority."""
 _READ = 0.05
 
 

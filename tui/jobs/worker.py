@@ -1,4 +1,4 @@
-"""A worker process as the terminal sees it: started, listened to, ended with the screen."""
+"""Starts a worker process for the terminal, passes on its lines, and ends it with the screen."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from .lines import Done, Line, Task, Trouble, ended, parse_line, task_text
 
 
 async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
-    """Do a task in a process of its own; yield its lines, the last a `Done` or a `Trouble`.
+    """Do a task in a separate process; yield its lines, the last a `Done` or a `Trouble`.
 
-    The process ends with the iteration, and with this process however that ends: it watches its
-    standard input.
-
-    `where`: what a process that ended without an answer was about, for the operator.
+    The process ends with the iteration, and also when this process ends in any way, because it
+    watches its standard input.  `where`: subject of the error for the operator if the process ends
+    without an answer.
     """
     try:
         child = subprocess.Popen(
@@ -31,12 +30,12 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
             start_new_session=True,
         )
     except OSError as error:
-        what = f"no process to work in ({error.strerror or error})"
+        what = f"no process can be started ({error.strerror or error})"
         yield Trouble(where, what, "end other programs, and try again")
         return
     heard: asyncio.Queue[bytes | int] = asyncio.Queue()
-    # A thread, not the loop's own subprocess: that one must be awaited to its end, and is left with
-    # open pipes by a screen that is closed twice in a row.
+    # A thread is used instead of the loop's own subprocess, which must be awaited to its end, and
+    # which a screen that is closed twice in a row leaves with open pipes.
     arguments = (child, heard, asyncio.get_running_loop())
     Thread(target=_listen, args=arguments, name="worker", daemon=True).start()
     try:

@@ -1,1 +1,1 @@
-"""Recorders as processes: started, fed, followed."""
+"""Starts, feeds and follows recorder processes."""

@@ -1,7 +1,7 @@
 """Runs a recorder for weeks: signals, systemd, log, figures file, progress.
 
-The recorder has a thread of its own.  The main thread does all that may block (a terminal, a file
-for the monitoring) without losing a frame.
+The recorder has its own thread.  So everything in the main thread may block (a terminal, a file for
+the monitoring) without the loss of a frame.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ if TYPE_CHECKING:
     from daq.control import Live, Reply, Server, Systemd
 
 BY = "record"
-"""Author of the daemon's own orders, in the journal."""
+"""Author, in the journal, of the daemon's own orders."""
 TURN_S = 0.1
-"""Seconds between two turns of the main thread."""
+"""Seconds between two cycles of the main thread."""
 FIGURES_S = 5.0
 LEFT_S = 10.0
-"""Seconds without any terminal after which a recorder that is attended ends."""
+"""Seconds without any terminal after which an attended recorder ends."""
 SAME_S = 0.5
 """Seconds within which two signals count as one: timeout(1) signals process and group."""
 REPORT_S = 1.0
 """Seconds between two reports to systemd; its watchdog waits ten times as long."""
 _RELOAD: int | None = getattr(signal, "SIGHUP", None)
-"""Windows has no SIGHUP; there only an order reloads the bench."""
+"""Signal to reload the bench; Windows has no SIGHUP, so there only an order reloads it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Habits:
-    """Options of a recorder's life."""
+class Lifetime:
+    """Options for the start and the end of a recorder."""
 
     arm: bool
     """Arm each campaign as a whole at its start; else a terminal arms."""
     keep_on: bool
-    """Go on recording after a campaign, until a signal comes; the next begins by an order or by a
-    new bench.toml."""
+    """Go on recording after a campaign, until a signal comes; an order or a new bench.toml begins
+    the next campaign."""
     figures: Path | None
     """Prometheus text file, written every 5 s."""
     reread: Callable[[], Bench]
@@ -59,26 +59,26 @@ class Habits:
     stay: bool = False
     """Keep a complete campaign open, so that a terminal can go on to its results."""
     attended: bool = False
-    """End with the last terminal: what a demonstration records is no measurement."""
+    """End with the last terminal: the recording of a demonstration is not a measurement."""
     end: threading.Event = field(default_factory=threading.Event)
-    """Ends the recorder as a signal does."""
+    """Event that ends the recorder as a signal does."""
 
 
 def run_recorder(
-    recorder: Recorder, bench: Bench, folder: Path, habits: Habits, log: Log, stage: Stage
+    recorder: Recorder, bench: Bench, folder: Path, lifetime: Lifetime, log: Log, stage: Stage
 ) -> Status:
     """Run a recorder until its campaign is complete, a signal comes or a client shuts it down.
 
-    `bench`: that it was started with.  Returns the last one: its `session` says where the session
-    file is.  Raises InputError if no client could speak to it.
+    `bench`: the bench at the start.  Returns the last status: its `session` has the path of the
+    session file.  Raises InputError if no client could connect to it.
     """
     from daq.control import Server, Systemd, control_address, setup_of
 
     server = Server(recorder.submit, control_address(folder), setup_of(bench))
     systemd = Systemd()
     try:
-        with _signals(habits.end) as signals:
-            return _Daemon(recorder, server, systemd, habits, log).run(signals, stage)
+        with _signals(lifetime.end) as signals:
+            return _Daemon(recorder, server, systemd, lifetime, log).run(signals, stage)
     finally:
         server.close()
         systemd.close()
@@ -97,7 +97,7 @@ class _Signals:
             return
         now_s = time.monotonic()
         if self.end.is_set() and now_s - self._asked_s > SAME_S:
-            os._exit(128 + number)  # what was acknowledged is on the disk
+            os._exit(128 + number)  # everything that was acknowledged is on the disk
         if not self.end.is_set():
             self._asked_s = now_s
         self.end.set()
@@ -119,12 +119,12 @@ class _Daemon:
     """Main loop of a recorder, from its first block to its last."""
 
     def __init__(
-        self, recorder: Recorder, server: Server, systemd: Systemd, habits: Habits, log: Log
+        self, recorder: Recorder, server: Server, systemd: Systemd, lifetime: Lifetime, log: Log
     ) -> None:
         self._recorder = recorder
         self._server = server
         self._systemd = systemd
-        self._habits = habits
+        self._lifetime = lifetime
         self._log = log
         self._stop = threading.Event()
         self._status: Status | None = None
@@ -140,11 +140,11 @@ class _Daemon:
         self._writer.start()
         while self._writer.is_alive():
             self._writer.join(TURN_S)
-            attended = self._habits.attended and not signals.end.is_set()
+            attended = self._lifetime.attended and not signals.end.is_set()
             if attended and self._server.alone_s() > LEFT_S:
                 self._log.line("the last terminal has gone, and a demonstration ends with it")
                 signals.end.set()
-            if signals.end.is_set() and (self._habits.keep_on or self._status is None):
+            if signals.end.is_set() and (self._lifetime.keep_on or self._status is None):
                 self._stop.set()
             if self._status is None:
                 continue
@@ -169,15 +169,15 @@ class _Daemon:
 
     def _publish(self, status: Status, live: Live | None) -> None:
         self._status = status
-        if self._habits.follow is not None:
-            self._habits.follow(status)
+        if self._lifetime.follow is not None:
+            self._lifetime.follow(status)
         self._server.publish(status, live)
 
     def _is_watched(self) -> bool:
-        return self._habits.follow is not None or self._server.has_clients()
+        return self._lifetime.follow is not None or self._server.has_clients()
 
     def _watched(self, status: Status) -> Status:
-        """Return the status; if the writer itself hangs, with that alarm, and publish it."""
+        """Return the status; if the writer itself hangs, add that alarm and publish the status."""
         from daq.alarms import with_not_recording
 
         watched = with_not_recording(status, self._recorder.storage(), time.time_ns())
@@ -186,20 +186,20 @@ class _Daemon:
         return watched
 
     def _lead(self, status: Status, end: bool) -> None:
-        """Arm each campaign once; end it when it is complete, once more if that was refused."""
+        """Arm each campaign once; end it when it is complete, and try again if that was refused."""
         from daq.control import Arm, Phase, SessionState, Stop, Until
 
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
-        if self._habits.arm and waits:
+        if self._lifetime.arm and waits:
             self._armed = status.recording
             self._recorder.submit(Arm(Until.COMPLETE), BY)
-        ends = self._habits.arm and not self._habits.stay
+        ends = self._lifetime.arm and not self._lifetime.stay
         complete = ends and status.phase is Phase.COMPLETE
-        over = complete or (end and not self._habits.keep_on)
+        over = complete or (end and not self._lifetime.keep_on)
         if over and status.recording not in ("", self._ended):
             self._ended = status.recording
             self._ending = self._recorder.submit(Stop(), BY)
-        elif self._ending and self._ending.done() and self._habits.keep_on:
+        elif self._ending and self._ending.done() and self._lifetime.keep_on:
             if self._ending.exception():
                 self._ended = ""
             self._ending = None
@@ -214,7 +214,7 @@ class _Daemon:
 
         self._systemd.reloading()
         try:
-            bench = self._habits.reread()
+            bench = self._lifetime.reread()
         except BumpbenchError as error:
             self._log.line(f"reload: {error}; the bench.toml in force stays")
             return
@@ -241,11 +241,11 @@ class _Daemon:
             self._reported_s = now_s
             if hanging := self._systemd.notify(self._recorder.heartbeats(), status, now_s):
                 self._log.line(hanging, "hanging")
-        if self._habits.figures and now_s - self._figures_s >= FIGURES_S:
+        if self._lifetime.figures and now_s - self._figures_s >= FIGURES_S:
             from daq.control import write_figures
 
             self._figures_s = now_s
             try:
-                write_figures(self._habits.figures, status)
+                write_figures(self._lifetime.figures, status)
             except OSError as error:
-                self._log.line(f"{self._habits.figures}: {error.strerror}", "figures")
+                self._log.line(f"{self._lifetime.figures}: {error.strerror}", "figures")

@@ -1,4 +1,4 @@
-"""Makes a session of files whose channels are decoded already, for `import --channels`."""
+"""Makes a session from files with decoded channels, for `import --channels`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def propose_channel_map(target: Path, files: Sequence[Path], has_map: bool) -> int:
-    """Write a channel map that fits a file, and print what is to be asked."""
+    """Write a channel map that fits a file, and print the open questions."""
     from daq import InputError
     from daq.check import propose_map
     from daq.formats import read_columns
@@ -48,9 +48,9 @@ def import_channels(
 ) -> int:
     """Find or cut the runs in files of channels, and write a session.
 
-    `files`: with many runs each.  `singles`: in place of them, files of one run with mass state and
-    excitation.  `runs`: kinds of the bumps in order, in place of the campaign's.  `skip`: bumps to
-    leave out at the beginning.
+    `files`: files with many runs each.  `singles`: instead of these, files of one run with mass
+    state and excitation.  `runs`: kinds of the bumps in order, instead of those of the campaign.
+    `skip`: number of bumps to leave out at the beginning.
     """
     from daq import InputError, write_session
     from daq.bench import load_channel_map
@@ -92,7 +92,7 @@ def import_channels(
 
 
 def sign_remarks(session: Session) -> list[str]:
-    """Name the channels of imported runs whose sign is wrong, with what to do."""
+    """Return remarks on the channels of imported runs whose sign is wrong, with advice."""
     from daq.check import opposed_signs
 
     found = opposed_signs(session.runs, session.channels)
@@ -107,7 +107,7 @@ def _session(
     skip: int,
     stage: Stage,
 ) -> tuple[Session, int]:
-    """Return the session in files, and the number of bumps in them."""
+    """Return the session that files contain, and the number of bumps in them."""
     from importlib.metadata import version
 
     from daq import InputError

@@ -1,4 +1,4 @@
-"""A recorder on a simulated bench: runs the operator's terminal without any hardware.
+"""Runs a recorder on a simulated bench, for the operator's terminal without any hardware.
 
 ``python -m tui.recorders.demo FOLDER --speed 1 --fault double-bump``
 """
@@ -16,7 +16,7 @@ from ..invocation import invoke
 commands = typer.Typer(pretty_exceptions_enable=False, rich_markup_mode=None)
 
 _SEED = 1
-"""Draws noise and sensor errors."""
+"""Seed of noise and sensor errors."""
 
 
 @commands.command()
@@ -27,7 +27,7 @@ def demo_recorder(
     fault: Annotated[str | None, typer.Option(help="Fault that spoils a run.")] = None,
     log: Annotated[Path | None, typer.Option(help="Log to this file.")] = None,
 ) -> None:
-    """Record a simulated bench, idle, until a client shuts it down."""
+    """Record a simulated bench; start idle, and run until a client shuts it down."""
     import time
     from dataclasses import replace
 
@@ -38,7 +38,7 @@ def demo_recorder(
     from daq.sim import Fault, SimulatedBench, SimulatedCar
 
     from ..output import progress
-    from .daemon import Habits
+    from .daemon import Lifetime
     from .log import Log
     from .recording import record_campaign
 
@@ -66,9 +66,9 @@ def demo_recorder(
     def reread() -> Bench:
         return replace(load_bench(bench), origin=Origin.SIMULATED)
 
-    habits = Habits(False, True, None, reread, follow, attended=True)
+    lifetime = Lifetime(False, True, None, reread, follow, attended=True)
     with lone_recorder(folder), Log(log) as lines, progress("demo") as stage:
-        record_campaign(described, open_source, folder, habits, lines, stage)
+        record_campaign(described, open_source, folder, lifetime, lines, stage)
 
 
 if __name__ == "__main__":

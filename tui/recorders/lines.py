@@ -1,4 +1,4 @@
-"""A recorder's status in words: for its log, its progress line and `bumpbench status`."""
+"""Writes a recorder's status in words: for its log, its progress line and `bumpbench status`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BETWEEN = "between two campaigns, recording goes on"
 
 
 def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
-    """Yield the log lines of a change of status, each with the key that limits its number."""
+    """Yield the log lines of a change of status, each with the key that limits its repetition."""
     if before is None:
         origin = "" if status.origin == "real" else f" ({status.origin})"
         yield f"recording {status.vehicle}{origin} into {status.folder}", ""
@@ -43,7 +43,7 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
 
 
 def progress_words(status: Status) -> tuple[float, str]:
-    """Return how far the campaign is, as a share and in words."""
+    """Return the progress of the campaign, as a share and in words."""
     if not status.recording:
         building = status.session.state == "building"
         return 1.0, "building the session file" if building else BETWEEN
@@ -67,7 +67,7 @@ def progress_words(status: Status) -> tuple[float, str]:
 
 
 def status_lines(status: Status) -> Iterator[str]:
-    """Yield a status in a few lines for a person."""
+    """Yield a status as a few lines of text."""
     from daq.control import status_line
 
     what = status.vehicle if status.origin == "real" else f"{status.vehicle} ({status.origin})"
@@ -98,7 +98,7 @@ def status_lines(status: Status) -> Iterator[str]:
 
 
 def _storage_line(status: Status) -> str:
-    """Return whether what arrives is stored."""
+    """Return a line that says whether received frames are stored."""
     storage = status.storage
     counts = f"{storage.stored_frames:,} of {storage.received_frames:,} frames stored"
     if any(alarm.code == "not_recording" for alarm in status.alarms):

@@ -1,4 +1,4 @@
-"""A log that never blocks its caller: neither on a full pipe nor on a fault that repeats."""
+"""A log that never blocks its caller: neither on a full pipe nor on a repeating fault."""
 
 from __future__ import annotations
 
@@ -14,26 +14,27 @@ from pathlib import Path
 from types import TracebackType
 
 BURST, PER_S = 5, 60.0
-"""Most lines with one key in a period, and the period, s; further lines are only counted."""
+"""Largest number of lines with one key in a period, and the period, s; further lines are only
+counted."""
 HELD_LINES = 1000
 MAX_FILE_BYTES = 1_000_000
 _FLUSH_S = 0.5
 
 
 class Log:
-    """Writes lines to stderr or to a file, from a thread of its own.
+    """Writes lines to stderr or to a file, from its own thread.
 
     Log records, warnings and uncaught thread errors of libraries are written too.  In a file each
-    line begins with the UTC at which it was logged; stderr is stamped by what keeps it.
-
-    `path`: a file in place of stderr; beyond 1 MB it is renamed to `*.1`, in place of the one
-    before, and a new one begun.  Raises InputError if the file cannot be written.
+    line begins with the UTC at which it was logged; lines on stderr are stamped by the program that
+    stores them.  `path`: a file instead of stderr; beyond 1 MB it is renamed to `*.1`, which
+    replaces an earlier one, and a new file is begun.  Raises InputError if the file cannot be
+    written.
     """
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._file = sys.stderr.fileno() if path is None else _opened(path)
-        # Clears a progress bar in this line; the bar draws itself again below.
+        # Clears a progress bar in this line; the bar is drawn again below.
         self._before = "\r\x1b[K" if os.isatty(self._file) else ""
         self._lines: deque[tuple[float, str]] = deque(maxlen=HELD_LINES)
         self._dropped = 0
@@ -45,7 +46,7 @@ class Log:
     def __enter__(self) -> Log:
         self._handler = _Handler(self)
         self._hook, threading.excepthook = threading.excepthook, self._thread_died
-        # A handler that cannot write must not write about it to the same stderr.
+        # A handler that cannot write must not report that to the same stderr.
         logging.raiseExceptions = False
         logging.captureWarnings(True)
         logging.getLogger().addHandler(self._handler)
@@ -64,12 +65,12 @@ class Log:
         threading.excepthook = self._hook
         self._closing.set()
         self._fresh.set()
-        self._thread.join(_FLUSH_S)  # behind a full pipe it may not end
+        self._thread.join(_FLUSH_S)  # with a full pipe it may not end
         if self._path is not None and not self._thread.is_alive():
             os.close(self._file)
 
     def line(self, text: str, key: str = "") -> None:
-        """Write a line; those with the same key are limited in number."""
+        """Write a line; the number of lines with the same key is limited."""
         from daq.errors import printable
 
         now_s = time.monotonic()
@@ -105,7 +106,7 @@ class Log:
                     os.write(self._file, f"{self._before}{stamp}bumpbench: {text}\n".encode())
 
     def _rotate(self) -> None:
-        """Begin a new file if this one is full, and keep this one until the next is full."""
+        """Begin a new file if this one is full, and keep this one until the new one is full."""
         if self._path is None or os.fstat(self._file).st_size <= MAX_FILE_BYTES:
             return
         self._path.replace(self._path.with_name(f"{self._path.name}.1"))

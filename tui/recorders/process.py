@@ -19,7 +19,7 @@ def start_recorder(
     """Start the recorder of a folder, idle; it runs until a client shuts it down.
 
     `bench`: bench.toml; the shipped one if None.  `folder`: for journal, sessions and the log.
-    `interface` and `channel`: in place of those of the file.
+    `interface` and `channel`: replace those of the file.
     """
     arguments = ["tui", "record", *([str(bench.resolve())] if bench else [])]
     arguments += ["--out", str(folder.resolve()), "--keep-on", "--idle"]
@@ -34,8 +34,8 @@ def start_demo_recorder(
 ) -> subprocess.Popen[bytes]:
     """Start a recorder on a simulated bench, which bumps its car whenever a run is armed.
 
-    `speed`: how many seconds of the car pass in one.  `fault`: what spoils a run
-    (`tui.recorders.demo`); empty for nothing.  `bench`: the shipped one if None.
+    `speed`: simulated seconds per second.  `fault`: fault that spoils a run (`tui.recorders.demo`);
+    empty for nothing.  `bench`: the shipped one if None.
     """
     arguments = ["tui.recorders.demo", str(folder.resolve()), "--speed", f"{speed:g}"]
     arguments += ["--fault", fault] if fault else []
@@ -51,7 +51,7 @@ def start_replay_recorder(folder: Path, session: Path, speed: float) -> subproce
 
 
 def wait_for_recorder(process: subprocess.Popen[bytes], folder: Path) -> None:
-    """Wait until a recorder that was started answers.
+    """Wait until a started recorder answers.
 
     Raises InputError if it ends, with the last line of its log, or does not answer in time.
     """
@@ -92,7 +92,7 @@ def _start(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:
             folder.mkdir(parents=True, exist_ok=True)
             log = (folder / LOG).open("ab")
         with log:
-            # A session of its own: what ends a terminal's processes does not reach it.
+            # Its own session: a signal that ends the terminal's processes does not reach it.
             return subprocess.Popen(
                 [sys.executable, "-m", *arguments],
                 stdin=subprocess.DEVNULL,

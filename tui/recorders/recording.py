@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..diagnostics import ExitCode, say_left_out
 from ..output import Stage, print_json, print_line, print_table
-from .daemon import Habits, run_recorder
+from .daemon import Lifetime, run_recorder
 from .log import Log
 
 if TYPE_CHECKING:
@@ -20,12 +20,13 @@ if TYPE_CHECKING:
 
 
 class OpenedAtStart:
-    """Opens the buses of a bench at once, so that without any bus nothing begins.
+    """Opens the buses of a bench at once, so that nothing begins without any bus.
 
     Called like `daq.bus.interfaces.open_source`: the first call for a bus returns the source opened
     here, later calls open it again.
 
-    `bench`: its buses are opened.  Raises BusError if none can be opened: the first one's reason.
+    `bench`: its buses are opened.  Raises BusError if none can be opened, with the reason of the
+    first.
     """
 
     def __init__(self, bench: Bench, open_source: Callable[[BusConfig, int], FrameSource]) -> None:
@@ -51,16 +52,16 @@ def record_campaign(
     bench: Bench,
     open_source: Callable[[BusConfig, int], FrameSource],
     out: Path,
-    habits: Habits,
+    lifetime: Lifetime,
     log: Log,
     stage: Stage,
 ) -> Status:
     """Record until the campaign is complete or a signal comes.
 
-    `open_source`: opens a bus, given its description and its number.  `out`: folder.  The journal
-    goes to a folder in it, and a session file carries the number of the journal's first segment.
-    `habits`: when to begin and when to end.  `log`: alarms, verdicts and what else is worth a line.
-    Returns the last one of the recorder.
+    `open_source`: opens a bus, given its description and its number.  `out`: folder; the journal is
+    in a folder in it, and a session file has the number of the journal's first segment.
+    `lifetime`: when to begin and when to end.  `log`: receives alarms, verdicts and other important events.
+    Returns the last status of the recorder.
     """
     from importlib.metadata import version
 
@@ -69,12 +70,12 @@ def record_campaign(
     codec = bench_codec(bench)
     say_left_out(codec)
     map_channels(bench.channels, codec.messages, bench.dbc_name)  # before anything is made
-    if habits.arm:  # no operator reviews the runs: the next bump may come at once
-        reread = habits.reread
-        habits = replace(habits, reread=lambda: _unreviewed(reread()))
+    if lifetime.arm:  # no operator reviews the runs, so the next bump may come at once
+        reread = lifetime.reread
+        lifetime = replace(lifetime, reread=lambda: _unreviewed(reread()))
         bench = _unreviewed(bench)
     recorder = Recorder(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
-    return run_recorder(recorder, bench, out, habits, log, stage)
+    return run_recorder(recorder, bench, out, lifetime, log, stage)
 
 
 def _unreviewed(bench: Bench) -> Bench:
@@ -114,7 +115,7 @@ def summary(path: Path, session: Session) -> dict[str, Any]:
 
 
 def outline_document(path: Path, vehicle: str, runs: Sequence[RunOutline]) -> dict[str, Any]:
-    """Return a session whose runs are known in outline as a JSON document."""
+    """Return the outline of a session as a JSON document."""
     return {
         "session": str(path),
         "vehicle": vehicle,
@@ -133,12 +134,12 @@ def outline_document(path: Path, vehicle: str, runs: Sequence[RunOutline]) -> di
 
 
 def print_summary(path: Path, session: Session) -> None:
-    """Write a session as a table: one row a run."""
+    """Write a session as a table with one row for each run."""
     print_outline(path, session.vehicle.name, [run.outline for run in session.runs])
 
 
 def print_outline(path: Path, vehicle: str, runs: Sequence[RunOutline]) -> None:
-    """Write a session whose runs are known in outline as a table."""
+    """Write the outline of a session as a table."""
     rows = []
     for run in runs:
         losses = ", ".join(f"{n} {name}" for name, n in asdict(run.losses).items() if n)

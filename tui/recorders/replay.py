@@ -1,4 +1,4 @@
-"""A recorder on a recorded session: the operator's terminal shows it as if it were live.
+"""Runs a recorder on a recorded session, which the operator's terminal shows as if it were live.
 
 ``python -m tui.recorders.replay FOLDER SESSION --speed 1``
 """
@@ -23,7 +23,7 @@ def replay_recorder(
     speed: Annotated[float, typer.Option(min=0.1, max=20.0, help="Times real time.")] = 1.0,
     log: Annotated[Path | None, typer.Option(help="Log to this file.")] = None,
 ) -> None:
-    """Play a session's frames to a recorder that is armed: each bump is judged anew."""
+    """Play a session's frames to an armed recorder, which judges each bump anew."""
     import time
     from dataclasses import replace
 
@@ -34,7 +34,7 @@ def replay_recorder(
     from daq.replay import RecordedSource, whole_frames
 
     from ..output import progress
-    from .daemon import Habits
+    from .daemon import Lifetime
     from .log import Log
     from .recording import record_campaign
 
@@ -45,16 +45,16 @@ def replay_recorder(
     frames = whole_frames(played, session)
     about = played.provenance
     bench = parse_bench(about["bench_toml"], str(session), Path(), dbc_text=about["dbc"])
-    # Without a driver: such a bus reports its end and is not opened again.
+    # The bus has no driver: it reports its end and is not opened again.
     buses = tuple(BusConfig("virtual", f"session{i}", b.bitrate) for i, b in enumerate(bench.buses))
     bench = replace(bench, buses=buses, origin=Origin.REPLAYED)
 
     def open_source(bus: BusConfig, number: int) -> FrameSource:
         return RecordedSource(frames, number, speed, time.time_ns())
 
-    habits = Habits(True, True, None, lambda: bench, stay=True, attended=True)
+    lifetime = Lifetime(True, True, None, lambda: bench, stay=True, attended=True)
     with lone_recorder(folder), Log(log) as lines, progress("replay") as stage:
-        record_campaign(bench, open_source, folder, habits, lines, stage)
+        record_campaign(bench, open_source, folder, lifetime, lines, stage)
 
 
 if __name__ == "__main__":

@@ -52,12 +52,12 @@ if TYPE_CHECKING:
 HISTORY_S = 10.0
 """Seconds of samples that a new terminal asks for: more than the chart shows."""
 AUTO_S = 0.25
-"""Seconds between two looks of `--auto` at the next action."""
+"""Seconds between two checks of `--auto` for a next action."""
 MOST_NEWS = 1200
-"""Messages kept for a terminal whose output is stopped: one minute of news."""
+"""Largest number of messages kept for a terminal whose output is stopped: one minute of news."""
 _WIDTHS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]
 _HEIGHTS = [(0, "-low"), (36, "-tall")]
-"""Columns and rows from which a screen has a class of style."""
+"""Numbers of columns and rows from which a screen has a style class."""
 
 
 def _palette() -> type[Provider]:
@@ -129,7 +129,7 @@ class BenchApp(ScreensApp, KeyboardApp):
 
     async def on_mount(self) -> None:
         """Start the feed; the first status decides which screen comes first."""
-        self.feed.start(self.post)  # it connects while the screen is made
+        self.feed.start(self.post)  # the feed connects while the screen is built
         await self.push_screen("home")
         if self.auto:
             self.set_interval(AUTO_S, self._press_next)
@@ -190,7 +190,7 @@ class BenchApp(ScreensApp, KeyboardApp):
         before, self.status, self.lost = self.status, status, None
         if before is not None and before.recording != status.recording:
             self.lanes.clear()
-        home = self.screen is self.get_screen("home")  # no dialog, which would be left by itself
+        home = self.screen is self.get_screen("home")  # a dialog in front would be stranded
         if home and not self._started and not self._other.asking:
             self._started = True
             step = BenchStep.BASELINE if waits_unarmed(status) else progress(status).due
@@ -200,7 +200,7 @@ class BenchApp(ScreensApp, KeyboardApp):
             if self.display_link is not None and not self.auto:
                 self.push_screen(self.display_link())
         elif before is not None and not in_run(before) and in_run(status) and self._gives_way(home):
-            await self.open("run")  # also if another terminal or the display has armed
+            await self.open("run")  # also if another terminal or the display armed
         self._announce_phase(before, status)
         self._publish(StatusArrived(status))
         self.call_after_refresh(self._fetch_missing, before, status)  # the screen comes first
@@ -209,7 +209,7 @@ class BenchApp(ScreensApp, KeyboardApp):
         self._halted = status.halted
 
     def _fetch_missing(self, before: Status | None, status: Status) -> None:
-        """Fetch the samples before this terminal's time, and the bench, where they are new."""
+        """Fetch the samples from before this terminal's start, and the bench, if they are new."""
         if self._history_of != status.recording:
             self._history_of = status.recording
             begin(self, self._fetch_history, group="history", exclusive=True)
@@ -217,12 +217,12 @@ class BenchApp(ScreensApp, KeyboardApp):
             begin(self, self._fetch_bench, group="bench", exclusive=True)
 
     def _publish(self, message: Message) -> None:
-        """Send news to the screen in front; a worker may bring some when all have been closed."""
+        """Send news to the screen in front; a worker may bring news after all are closed."""
         if self.screen_stack:
             self.screen.post_message(message)
 
     def _ask_name(self) -> None:
-        """Ask for the operator's name; called where the vehicle form, which asks too, is passed."""
+        """Ask for the operator's name; called after the vehicle form, which also asks for it."""
         from .screens.dialogs import Question
 
         async def answered(name: str | None) -> None:
@@ -249,14 +249,14 @@ class BenchApp(ScreensApp, KeyboardApp):
                 self._publish(StatusArrived(self.status))
 
     def _gives_way(self, home: bool) -> bool:
-        """Return True if the screen in front is left when a run begins: home, or one before it."""
+        """Return True if the screen in front gives way to a run: home, or a screen before it."""
         early = self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
         return home or (early and self.status is not None and waits_unarmed(self.status))
 
     # Orders -------------------------------------------------------------------------------------
 
     async def ask(self, order: Order) -> Reply | None:
-        """Send an order; None after a refusal, of which the operator sees the reason."""
+        """Send an order; return None after a refusal, whose reason is shown to the operator."""
         if not self.in_control and not isinstance(order, QUESTIONS):
             self.warn("this terminal is a viewer: C asks for control")
             return None
@@ -265,7 +265,7 @@ class BenchApp(ScreensApp, KeyboardApp):
         except OrderRefusedError as refused:
             self.warn(str(refused))
             return None
-        if reply.status is not None:  # the next action builds on it
+        if reply.status is not None:  # the next action depends on it
             self.post(reply.status)
             await self._process_news()
         return reply
@@ -283,11 +283,11 @@ class BenchApp(ScreensApp, KeyboardApp):
             self.warn(str(refused))
 
     def action_sound(self) -> None:
-        """Mute the signals or let them sound."""
+        """Mute the signals, or unmute them."""
         self._show_choice(self.signals.toggle_sound())
 
     def action_big(self) -> None:
-        """Show the state in big letters or not."""
+        """Switch the state in big letters on or off."""
         self._show_choice(self.signals.toggle_big())
         if not self.screen.query("BigWord"):
             self.inform(f"big letters on the run screen: {'on' if self.signals.big else 'off'}")
@@ -306,7 +306,7 @@ class BenchApp(ScreensApp, KeyboardApp):
             await screen.action_next()
 
     def _announce_phase(self, before: Status | None, status: Status) -> None:
-        """Signal what has changed, and set the window's title when the phase has."""
+        """Signal a change, and set the window's title if the phase has changed."""
         self.signals.play(signal_of(before, status))
         if before is not None and before.phase is status.phase:
             return

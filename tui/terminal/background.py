@@ -1,4 +1,4 @@
-"""Starts work of a screen that goes on beside its messages."""
+"""Starts work of a screen that runs in parallel with its messages."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ def begin(
     group: str = "default",
     exclusive: bool = False,
 ) -> None:
-    """Start work of a screen; `exclusive`: it ends what the group did before.
+    """Start work of a screen; `exclusive`: end the earlier work of the group.
 
-    Its coroutine is made when the work begins: one that is ended before is never made.
+    The coroutine is created when the work begins, so it is not created for work that ends before.
     """
     made: WorkType[None] = work
     node.run_worker(made, group=group, exclusive=exclusive)

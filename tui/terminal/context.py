@@ -1,4 +1,4 @@
-"""The app as its screens, widgets and palette see it: they import this, never the app."""
+"""Protocol of the app for its screens, widgets and palette: they import this, never the app."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ class BenchContext(Protocol):
     """The recorder's folder; sessions, reports and drafts are in it."""
     glyphs: Glyphs
     operator: str
-    """Who gives the orders; the journal stores this name with every verdict."""
+    """Name of the person who gives the orders; the journal stores it with every verdict."""
     signals: Signals
     """The bell, and the choices of sound and big letters."""
     clock: Callable[[], float]
     """Monotonic seconds."""
     display_link: Callable[[], Any] | None
-    """Makes the screen with the link of the display beside this terminal; None without one."""
+    """Makes the screen with the link of this terminal's display; None without a display."""
     typed: dict[str, str]
-    """Text typed last in answer to each question."""
+    """Last typed answer to each question."""
     answered: str
-    """Change of the weights that the operator has answered for; each is asked once."""
+    """Change of the weights that the operator has confirmed; each is asked once."""
     auto: bool
-    """True if SPACE presses itself, as in a replay."""
+    """True if SPACE is pressed automatically, as in a replay."""
     status: Status | None
     """The newest status; None before the first, and kept after the recorder is lost."""
     lost: Lost | None
@@ -51,16 +51,16 @@ class BenchContext(Protocol):
     bench: Bench | None
     """The bench in force; None until the recorder has sent it."""
     bench_text: str
-    """Its bench.toml."""
+    """Text of its bench.toml."""
 
     async def ask(self, order: Order) -> Reply | None:
-        """Send an order; None after a refusal, of which the operator sees the reason."""
+        """Send an order; return None after a refusal, whose reason is shown to the operator."""
 
     def inform(self, text: str) -> None:
-        """Show the operator in a corner of the screen that something is done."""
+        """Show the operator a message that something is done."""
 
     def warn(self, text: str) -> None:
-        """Show the operator a warning in a corner of the screen."""
+        """Show the operator a warning."""
 
     async def go_to(self, step: BenchStep) -> None:
         """Show the screen of a step; the run screen while a run is in progress."""
@@ -81,7 +81,7 @@ class BenchContext(Protocol):
         """Show the report screen of a session file; write the report at once if asked."""
 
     async def action_step(self, number: int) -> None:
-        """Show the screen of a step that is reached."""
+        """Show the screen of a step if it is reached."""
 
     async def action_sessions(self) -> None:
         """Show the sessions of the folder."""
@@ -102,10 +102,10 @@ class BenchContext(Protocol):
         """Start a recorder if none runs."""
 
     def action_sound(self) -> None:
-        """Mute the signals or let them sound."""
+        """Mute the signals, or unmute them."""
 
     def action_big(self) -> None:
-        """Show the state in big letters or not."""
+        """Switch the state in big letters on or off."""
 
     async def action_quit(self) -> None:
         """Close the terminal; the recorder goes on."""

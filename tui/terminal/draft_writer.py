@@ -1,4 +1,4 @@
-"""Writes the draft of a form beside the messages of its screen."""
+"""Writes the draft of a form in parallel with the messages of its screen."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from .state.drafts import remove_draft, write_draft
 
 
 class DraftWriter:
-    """Writes one draft at a time, and of those that wait the newest.
+    """Writes one draft at a time; of the waiting drafts, only the newest.
 
     A thread cannot be ended: two at once would write to one file, and the older could come last.
 
-    `path`: the draft.  `warn`: shows the operator why a draft could not be written, once a reason.
+    `path`: file of the draft.  `warn`: shows the operator why a draft could not be written, once
+    for each reason.
     """
 
     def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
@@ -25,7 +26,7 @@ class DraftWriter:
         self._failure = ""
 
     async def write(self, values: Mapping[str, Any]) -> None:
-        """Write a draft, unless a newer one or its removal has been asked for meanwhile."""
+        """Write a draft, unless a newer one or its removal was requested meanwhile."""
         self._newest = values
         async with self._one_at_a_time:
             if self._newest is not values:

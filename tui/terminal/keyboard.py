@@ -1,8 +1,8 @@
 """Handles keys one at a time, in the order in which they are typed.
 
 Textual sends a key to the widget that has the cursor, and looks for the key's binding when the key
-has come back through the widgets around it.  A key that is typed meanwhile overtakes it: of
-`1 Tab 2` both digits land in the first field, and a text typed at once behind the key that opens a
+has returned through the surrounding widgets.  A key that is typed meanwhile overtakes it: with `1
+Tab 2`, both digits land in the first field, and text typed immediately after the key that opens a
 dialog is lost (https://github.com/Textualize/textual/issues/6605).  Here a key waits until the key
 before it has had its effect: until its messages are processed and the screen that it opened has its
 cursor.
@@ -19,27 +19,27 @@ from textual.dom import DOMNode
 from textual.events import Event, InputEvent, MouseMove, Paste
 
 PATIENCE_S = 5.0
-"""Seconds that the effect of a key is waited for: as long as a recorder may take for its answer."""
+"""Longest wait for the effect of a key, s: as long as a recorder may take for its answer."""
 LOOK_S = 0.05
-"""Seconds between two looks whether a widget that is waited for is still there."""
+"""Seconds between two checks whether a widget that is waited for still exists."""
 FEWEST_PASSES = 2
-"""Passes for one key: one behind the key itself, one behind the messages of its action."""
+"""Number of waits for one key: one after the key itself, one after the messages of its action."""
 
 
 class KeyboardApp(App[None]):
-    """An app whose keys, clicks and pasted texts take effect in the order in which they come."""
+    """An app whose keys, clicks and pasted texts take effect in the order of their arrival."""
 
     def __init__(self) -> None:
         super().__init__()
         self._waiting: deque[Event] = deque()
-        """Input that has come and is not delivered."""
+        """Input that has arrived but is not delivered yet."""
         self._delivered: Event | None = None
-        """Input that is on its way through the app's queue for the second time."""
+        """Input that passes through the app's queue for the second time."""
         self._effect: asyncio.Task[None] | None = None
         """Waits until the last key has had its effect."""
 
     async def on_event(self, event: Event) -> None:
-        """Deliver input if nothing is before it; all other events go their way."""
+        """Deliver input if no other input is waiting; pass all other events on."""
         if not _is_input(event):
             await super().on_event(event)
         elif event is self._delivered or self._idle:
@@ -51,13 +51,13 @@ class KeyboardApp(App[None]):
             self._waiting.append(event)
 
     def on_unmount(self) -> None:
-        """Wait for no effect any more."""
+        """Stop waiting for effects."""
         if self._effect is not None:
             self._effect.cancel()
 
     @property
     def _idle(self) -> bool:
-        """True if no input is before one that comes now, nor on its way for the second time."""
+        """True if no input is waiting, and none passes through the queue for the second time."""
         return self._effect is None and not self._waiting and self._delivered is None
 
     @property
@@ -87,7 +87,7 @@ class KeyboardApp(App[None]):
             self.post_message(self._delivered)
 
     async def _passed(self, widget: DOMNode) -> None:
-        """Wait until a widget has processed all messages that it has now."""
+        """Wait until a widget has processed all messages in its queue."""
         passed = asyncio.Event()
         if not widget.call_later(passed.set):
             return

@@ -1,4 +1,4 @@
-"""Every command by its name: Ctrl+P, then type a part of it."""
+"""Command palette: every command by its name (Ctrl+P, then type a part of it)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from daq.control import Order
 
 Command = tuple[str, str, Callable[[], object]]
-"""Name with its namespace, what the command does, and the call that does it."""
+"""Name with its namespace, description of the command, and the function that executes it."""
 
 _ORDERS: tuple[tuple[str, str, Order], ...] = (
     ("run: pause", "count no bump until armed again; frames are still recorded", Pause()),
@@ -35,7 +35,7 @@ class BenchCommands(Provider):
     """Offers the commands of the app and of the screen in front."""
 
     async def discover(self) -> Hits:
-        """Yield all commands before anything is typed."""
+        """Yield all commands, as long as nothing is typed."""
         for name, words, do in self._commands():
             yield DiscoveryHit(name, do, help=words)
 
@@ -52,7 +52,7 @@ class BenchCommands(Provider):
 
 
 def commands(app: App[Any]) -> Iterator[Command]:
-    """Yield every command that can be given now."""
+    """Yield every command that is possible now."""
     bench = cast("BenchContext", app)
     yield "run: arm", "wait for the next bump and count it", partial(_arm, bench)
     for name, words, order in _ORDERS:
@@ -74,7 +74,7 @@ def commands(app: App[Any]) -> Iterator[Command]:
     if (display := bench.display_link) is not None:
         words = "how to open the display at the bench"
         yield "display: link", words, lambda: app.push_screen(display())
-    yield "view: sound", "mute the bell at verdicts and alarms, or let it sound", bench.action_sound
+    yield "view: sound", "mute or unmute the bell at verdicts and alarms", bench.action_sound
     yield "view: big letters", "show the state in big letters, or not", bench.action_big
     for theme in ("bench-dark", "bench-light", "ansi-dark", "ansi-light"):
         if theme in app.available_themes:
@@ -84,7 +84,7 @@ def commands(app: App[Any]) -> Iterator[Command]:
 
 
 def _of_screen(app: App[Any]) -> Iterator[Command]:
-    """Yield what the screen in front can export, report or exclude."""
+    """Yield the commands of the screen in front to export, report or exclude."""
     names = {
         "export": ("session: export", "write the session in another tool's format"),
         "exclude": ("run: exclude and identify again", "leave the chosen run out of the result"),
@@ -97,7 +97,7 @@ def _of_screen(app: App[Any]) -> Iterator[Command]:
 
 
 async def _arm(bench: BenchContext) -> None:
-    """Do what SPACE does on the run screen: it asks for the weights where they change."""
+    """Do the same as SPACE on the run screen, which asks about the weights when they change."""
     await bench.open("run")
     await cast("App[Any]", bench).screen.run_action("next")
 

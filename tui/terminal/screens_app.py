@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def _screen(module: str, name: str) -> Screen[Any]:
-    """Return a new screen; its module is imported now, so that the first screen comes at once."""
+    """Return a new screen; its module is imported only now, to open the first screen at once."""
     made: Screen[Any] = getattr(import_module(f".screens.{module}", __package__), name)()
     return made
 
@@ -38,11 +38,11 @@ class ScreensApp(MessageApp):
     def __init__(self) -> None:
         super().__init__()
         self.status: Status | None = None
-        """The newest of the recorder; None before the first."""
+        """Newest status of the recorder; None before the first."""
 
     @property
     def step(self) -> BenchStep | None:
-        """The step of the screen in front; None for a dialog and for a session of the past."""
+        """The step of the screen in front; None for a dialog and for an earlier session."""
         return getattr(self.screen, "step_shown", None)
 
     async def go_to(self, step: BenchStep) -> None:

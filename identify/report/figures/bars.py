@@ -1,4 +1,4 @@
-"""Bars and dots of the report: intervals, what they rest on, predictions."""
+"""Draws bars and dots of the report: intervals, sources of precision, predictions."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _SOURCES = ("#0072b2", "#56b4e9", "#004468", "#d55e00", "#e69f00", "#8a3c00", "#
 
 
 def bars_height_in(rows: int, legend: int) -> float:
-    """Return the height of so many bars over a legend of so many entries."""
+    """Return the height of a number of bars over a legend with a number of entries, inches."""
     return _HEAD_IN + _FOOT_IN + _LEGEND_IN * -(-legend // _ACROSS) + _ROW_IN * rows
 
 
 def draw_intervals(panel: IntervalPanel, figure: FigureBase) -> None:
-    """Draw the relative intervals to the left, what they rest on to the right."""
+    """Draw the relative intervals on the left, and what they rest on, on the right."""
     n = len(panel.names)
     left, right = line_axes(figure, n, (0.075, 0.5))
-    # A bar of 2,000 % of a value near zero would leave nothing of the others.
+    # A bar of 2,000 %, of a value near zero, would make all others invisible.
     shown = np.where(panel.half_percent <= LARGEST_PERCENT, panel.half_percent, np.nan)
     _interval_bars(left, shown)
     left.set_yticks(range(n), panel.names)
@@ -52,7 +52,7 @@ def draw_intervals(panel: IntervalPanel, figure: FigureBase) -> None:
 
 
 def draw_closed_form(panel: ClosedFormPanel, figure: FigureBase) -> None:
-    """Draw what the paper's chain says beside the likelihood's intervals."""
+    """Draw the results of the paper's chain with the likelihood's intervals."""
     n = len(panel.names)
     (axes,) = line_axes(figure, n, (0.075,))
     _interval_bars(axes, panel.half_percent)

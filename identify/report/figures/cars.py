@@ -14,7 +14,7 @@ _ROW_IN = 1.55
 
 
 def shapes_height_in(shapes: int) -> float:
-    """Return the height of so many shapes."""
+    """Return the height of a number of shapes, inches."""
     return _ROW_IN * max(-(-shapes // _ACROSS), 1)
 
 

@@ -1,4 +1,4 @@
-"""One run: measured against fitted, with what is left."""
+"""Draws one run: measured against fitted, with the residuals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from .style import FAINT, INK, PALETTE
 
 _WINDOW = "#eef4f9"
 _SPAN = 6.0
-"""Residuals are shown to so many standard deviations of the noise, or to the largest."""
+"""Range of the residuals that is shown, in standard deviations of the noise, unless the largest
+exceeds it."""
 
 
 def draw_decay(panel: DecayPanel, figure: FigureBase) -> None:

@@ -20,7 +20,7 @@ _DARK = 0.62
 
 
 def heat_height_in(rows: int) -> float:
-    """Return the height of so many rows under a header of up to two lines."""
+    """Return the height of a number of rows under a header of up to two lines, inches."""
     return 2.0 * _HEAD_IN + _ROW_IN * rows
 
 

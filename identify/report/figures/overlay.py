@@ -1,4 +1,4 @@
-"""One run of several sessions, as measured."""
+"""Draws one run of several sessions, as measured."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from ..panels import OverlayPanel
 from .style import PALETTE
 
 _ROW = 0.08
-"""Height of a row of the legend, of the figure's."""
+"""Height of a row of the legend, as a share of the figure's."""
 _LONGEST = 22
-"""Letters of a session's name: two of them stand in a row."""
+"""Largest number of letters of a session's name: two names fit in a row."""
 
 
 def draw_overlay(panel: OverlayPanel, figure: FigureBase) -> None:
     """Draw the curves over each other, the first session broad and grey beneath."""
-    top = 0.9 - _ROW * -(-len(panel.labels) // 2)  # channel and legend stand above the curves
+    top = 0.9 - _ROW * -(-len(panel.labels) // 2)  # channel and legend are above the curves
     axes = figure.add_axes((0.13, 0.17, 0.855, top - 0.17))
     for number, (label, curve) in enumerate(zip(panel.labels, panel.curves, strict=True)):
         hue = PALETTE[number % len(PALETTE)]

@@ -1,4 +1,4 @@
-"""Figures of the report: each kind of panel on a figure of its own."""
+"""Draws the figures of the report: each kind of panel on a separate figure."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def look() -> dict[Any, Any]:
 
 
 def figure_of(panel: Panel) -> Figure:
-    """Draw a panel on a matplotlib figure of its own."""
+    """Draw a panel on a new matplotlib figure."""
     with matplotlib.rc_context(look()):
         figure = Figure(figsize=size_in(panel))
         draw(panel, figure)

@@ -10,7 +10,7 @@ from .style import FAINT, PALETTE
 
 
 def draw_stabilisation(panel: StabilisationPanel, figure: FigureBase) -> None:
-    """Draw frequency across and rank upwards; stable poles stand out."""
+    """Draw frequency across and rank upwards; stable poles are emphasised."""
     axes = figure.add_axes((0.125, 0.155, 0.86, 0.75))
     for mode in panel.modes_hz:
         axes.axvline(float(mode), color=PALETTE[2], lw=0.8, alpha=0.7)
@@ -30,7 +30,7 @@ def draw_stabilisation(panel: StabilisationPanel, figure: FigureBase) -> None:
     axes.set_ylabel("rank")
     axes.grid(axis="y", color=FAINT, lw=0.4)
     handles = [
-        axes.plot([], [], "o", ms=4.0, mew=0, color=PALETTE[1], label="comes again")[0],
+        axes.plot([], [], "o", ms=4.0, mew=0, color=PALETTE[1], label="recurs")[0],
         axes.plot([], [], "x", ms=4.0, color="#a8a8a8", label="does not")[0],
         axes.plot([], [], "-", lw=1.0, color=PALETTE[2], label="identified mode")[0],
     ]

@@ -1,4 +1,4 @@
-"""How figures look: colours that the colour-blind distinguish, thin axes, no frame."""
+"""Style of the figures: colours that the colour-blind can distinguish, thin axes, no frame."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ SETTINGS: Mapping[Any, Any] = MappingProxyType(
         "text.color": INK,
         "xtick.color": INK,
         "ytick.color": INK,
-        "svg.fonttype": "none",  # text stays text: it can be searched and read aloud
-        "svg.hashsalt": "bumpbench",  # the same study draws the same bytes
+        "svg.fonttype": "none",  # text stays text, which can be searched and read aloud
+        "svg.hashsalt": "bumpbench",  # so that the same study gives the same bytes
     }
 )
 

@@ -1,4 +1,4 @@
-"""Figures of the studies as SVG; the only place that knows matplotlib, and no state of pyplot."""
+"""Draws the figures of the studies as SVG; only these modules use matplotlib, without pyplot."""
 
 from .sheet import svg
 

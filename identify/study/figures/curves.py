@@ -1,4 +1,4 @@
-"""Curves with their names at their ends."""
+"""Draws curves with their names at their ends."""
 
 from __future__ import annotations
 
@@ -66,9 +66,9 @@ def _coinciding(curves: Sequence[Curve], tolerance: float) -> list[list[Curve]]:
 
 
 def _apart(wanted: np.ndarray, least: float) -> np.ndarray:
-    """Move places as little as need be so that none are closer than `least`, (n,)."""
+    """Move places as little as necessary, so that none are closer than `least`, (n,)."""
     order = np.argsort(wanted, kind="stable")
-    # Places less their rank times `least` need only ascend: isotonic regression by pooling.
+    # Places less their rank times `least` only have to ascend: isotonic regression by pooling.
     pools: list[tuple[float, int]] = []
     for rank, place in enumerate(wanted[order]):
         pools.append((float(place) - rank * least, 1))

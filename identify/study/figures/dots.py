@@ -15,7 +15,7 @@ _SPREAD = 0.5
 
 
 def draw_dots(axes: Axes, panel: DotPanel) -> None:
-    """Draw a panel; the legend stands above it, in the order of the series."""
+    """Draw a panel with the legend above it, in the order of the series."""
     n = len(panel.items)
     axes.set_title(panel.title, pad=24.0)
     axes.set_xlabel(panel.x_label)

@@ -22,7 +22,7 @@ _ITEM_IN = 0.3
 def svg(study: Study) -> str:
     """Draw the panels of a study.
 
-    Returns an SVG document; its text is text, in DejaVu Sans where there is that font.
+    Returns an SVG document; its text stays text, in DejaVu Sans where this font is installed.
     """
     with matplotlib.rc_context(dict(SETTINGS)):
         text = StringIO()

@@ -21,7 +21,7 @@ from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalWriter
 from daq.recorder.storage_watch import StorageWatch
 from dbc import Codec, FrameBatch
-from tui.recorders.daemon import Habits, _Daemon
+from tui.recorders.daemon import Lifetime, _Daemon
 from tui.recorders.lines import status_lines
 from tui.recorders.log import Log
 
@@ -103,8 +103,8 @@ def watched(running: Running) -> Callable[[], Status]:
         def publish(self, status: Status, live: object) -> None:
             published.append(status)
 
-    habits = Habits(False, True, None, lambda: cast(Bench, None))
-    daemon = _Daemon(running.recorder, cast(Any, Publisher()), cast(Any, None), habits, Log(None))
+    lifetime = Lifetime(False, True, None, lambda: cast(Bench, None))
+    daemon = _Daemon(running.recorder, cast(Any, Publisher()), cast(Any, None), lifetime, Log(None))
     return lambda: daemon._watched(running.last)
 
 

@@ -29,7 +29,7 @@ from daq.journal.reader import read_journal
 from dbc import Codec, FrameBatch
 from tui.commands.recover import recover
 from tui.output import progress
-from tui.recorders.daemon import Habits
+from tui.recorders.daemon import Lifetime
 from tui.recorders.log import Log
 from tui.recorders.recording import record_campaign
 
@@ -168,10 +168,10 @@ def test_no_frame_is_lost_over_three_campaigns_and_between_them(
     sender, file = Sender(codec), [quick]
     operator = Operator(tmp_path, sender, quick, file)
     log = tmp_path / "recorder.log"
-    habits = Habits(True, True, None, lambda: file[0], end=operator.end)
+    lifetime = Lifetime(True, True, None, lambda: file[0], end=operator.end)
     operator.start()
     with Log(log) as lines, progress("test") as stage:
-        last = record_campaign(quick, lambda *_: sender, tmp_path, habits, lines, stage)
+        last = record_campaign(quick, lambda *_: sender, tmp_path, lifetime, lines, stage)
     operator.join()
     if operator.error:
         raise operator.error

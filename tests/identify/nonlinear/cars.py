@@ -12,7 +12,7 @@ from identify.decays.decay import ChannelGroup, Record
 from identify.fit.grey_box import GreyBox
 from identify.model.matrices import SYMMETRIC
 from identify.nonlinear.car import Model
-from identify.nonlinear.path import Own
+from identify.nonlinear.path import InitialState
 from identify.nonlinear.unknowns import KNOTS
 
 from .truth import ADDED, BASELINE
@@ -59,8 +59,8 @@ def rich(model: Model, mounted: bool) -> NDArray[np.float64]:
     )  # fmt: skip
 
 
-def moving() -> Own:
+def moving() -> InitialState:
     """Return a car in motion in every direction."""
     heave = [0.01, 0.002, 0.003, 0.03, 0.02, 0.01, -0.01]
     speed = [0.1, -0.05, 0.07, 0.3, -0.2, 0.1, 0.25]
-    return Own(np.array([*heave, *speed]), np.array([0.3, -0.2, 0.1, 0.0]), np.zeros(4))
+    return InitialState(np.array([*heave, *speed]), np.array([0.3, -0.2, 0.1, 0.0]), np.zeros(4))

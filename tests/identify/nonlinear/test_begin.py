@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.begin import misshapen, of_vehicle_size
+from identify.nonlinear.begin import is_impossible, scaled_to_vehicle
 
 from ..bumps import GROUP, MASS_STATES, TRUTH
 from .cars import RICH, granada
@@ -27,7 +27,7 @@ def test_masses_and_forces_of_no_vehicle_are_scaled_together(
     full[0] = body_kg
     eta = BOX.unknowns_of(full)
     before = dict(zip(BOX.names, BOX.values(eta), strict=True))
-    after = dict(zip(BOX.names, BOX.values(of_vehicle_size(BOX, eta, VEHICLES)), strict=True))
+    after = dict(zip(BOX.names, BOX.values(scaled_to_vehicle(BOX, eta, VEHICLES)), strict=True))
     factor = kept_kg / before["m_s"]
     for name in ("m_s", "I_yy", "I_xx", "m_uf", "m_ur", "k_sf", "k_tr", "c_sf", "k_af", "k_ar"):
         assert after[name] == pytest.approx(factor * before[name], rel=1e-12), name
@@ -46,8 +46,8 @@ def test_a_parameter_four_times_beyond_all_vehicles_is_that_of_none(
     wide = tuple(TRUTH * np.where(np.arange(15) == 0, share, 1.0) for share in (1.0, 0.5, 4.0))
     theta = TRUTH.copy()
     theta[index] *= factor
-    assert misshapen(BOX, BOX.unknowns(theta), wide) is no_vehicle
+    assert is_impossible(BOX, BOX.unknowns(theta), wide) is no_vehicle
 
 
 def test_no_bar_and_no_offset_are_those_of_a_vehicle() -> None:
-    assert not misshapen(BOX, BOX.unknowns(TRUTH), VEHICLES)
+    assert not is_impossible(BOX, BOX.unknowns(TRUTH), VEHICLES)

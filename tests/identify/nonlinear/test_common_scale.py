@@ -14,7 +14,7 @@ from identify.fit.grey_box import GreyBox
 from identify.nonlinear.car import Model
 from identify.nonlinear.common_scale import all_scaled, at_likely_scale, scaled
 from identify.nonlinear.level import USUAL
-from identify.nonlinear.path import Own
+from identify.nonlinear.path import InitialState
 from identify.nonlinear.priors import weak_priors
 from identify.nonlinear.problem import Problem, point
 from identify.nonlinear.run import run_of
@@ -48,7 +48,9 @@ def rich_car(model: Model) -> NDArray[np.float64]:
 
 
 def cost_of_motion(given: Problem, eta: NDArray[np.float64]) -> float:
-    at = point(given, eta, (Own(0.3 * moving().motion, np.full(4, 0.2), np.zeros(4)),), USUAL)
+    at = point(
+        given, eta, (InitialState(0.3 * moving().motion, np.full(4, 0.2), np.zeros(4)),), USUAL
+    )
     assert at is not None
     return at.predicted[0].cost
 

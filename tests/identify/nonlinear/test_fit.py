@@ -9,8 +9,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from identify.nonlinear.fit import _stands_still, _Step, _step, inverse, unit_size
-from identify.nonlinear.path import Own
+from identify.nonlinear.fit import _is_settled, _Step, _step, inverse, unit_size
+from identify.nonlinear.path import InitialState
 from identify.nonlinear.problem import Normal
 from identify.nonlinear.run import Block
 
@@ -41,8 +41,8 @@ def with_segments(given: Normal, lacks: np.ndarray, lifts: np.ndarray) -> Normal
     )
 
 
-def at_rest(friction: float) -> Own:
-    return Own(np.zeros(14), np.array([friction, 0.0, 0.0, 0.0]), np.zeros(4))
+def at_rest(friction: float) -> InitialState:
+    return InitialState(np.zeros(14), np.array([friction, 0.0, 0.0, 0.0]), np.zeros(4))
 
 
 def test_a_free_step_is_that_of_the_whole_equations() -> None:
@@ -50,7 +50,7 @@ def test_a_free_step_is_that_of_the_whole_equations() -> None:
     found = _step(given, (at_rest(0.0),), 0.0, -FREE, FREE)
     whole = np.linalg.solve(H, g)
     assert found.shared == pytest.approx(whole[N_OWN:])
-    assert found.owns[0] == pytest.approx(whole[:N_OWN])
+    assert found.initials[0] == pytest.approx(whole[:N_OWN])
     assert found.fall == pytest.approx(float(g @ whole))
 
 
@@ -59,8 +59,10 @@ def test_friction_that_acts_in_full_stops_and_the_others_step_with_it() -> None:
     found = _step(given, (at_rest(0.75),), 0.0, -FREE, FREE)
     rest = np.delete(np.arange(N_OWN + N_SHARED), 14)
     with_it = np.linalg.solve(H[np.ix_(rest, rest)], g[rest] - 0.25 * H[rest, 14])
-    assert found.owns[0][14] == pytest.approx(0.25)
-    assert np.concatenate([np.delete(found.owns[0], 14), found.shared]) == pytest.approx(with_it)
+    assert found.initials[0][14] == pytest.approx(0.25)
+    assert np.concatenate([np.delete(found.initials[0], 14), found.shared]) == pytest.approx(
+        with_it
+    )
 
 
 def test_an_unknown_at_its_bound_does_not_hold_up_the_others() -> None:
@@ -120,4 +122,4 @@ def test_a_fit_stands_still_if_only_elements_would_move(mass: float, still: bool
     model = SimpleNamespace(box=SimpleNamespace(parameters=("m_s",)))
     problem = cast(Any, SimpleNamespace(free=np.array([0, 40]), model=model))
     full = _Step(np.array([mass, 5.0]), (), 9.0)
-    assert _stands_still(problem, full, np.diag([100.0, 1.0])) is still
+    assert _is_settled(problem, full, np.diag([100.0, 1.0])) is still

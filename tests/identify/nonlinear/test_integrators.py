@@ -12,8 +12,15 @@ from identify.nonlinear import fast, linearised, reference
 from identify.nonlinear.car import KNEES, Car, car
 from identify.nonlinear.filtered import filtered
 from identify.nonlinear.level import PATH, POLISH, USUAL
-from identify.nonlinear.path import Own, Path
-from identify.nonlinear.tangent import Plan, Seen, acting, plan_of, seen_of, start_of
+from identify.nonlinear.path import InitialState, Path
+from identify.nonlinear.tangent import (
+    Plan,
+    SampledChannels,
+    acting,
+    plan_of,
+    sampled_channels,
+    start_of,
+)
 
 from .cars import model_of, moving, rich
 from .truth import BASELINE
@@ -74,15 +81,17 @@ def test_machine_code_and_numpy_give_the_same_tangents(mounted: bool) -> None:
     assert np.allclose(sampled.slopes, again.slopes, rtol=1e-9, atol=1e-9)
     every = everything(plan, path, times)
     compiled, plain = (np.zeros((len(times), 21, start.matrix.shape[1])) for _ in range(2))
-    fast.seen(fast.tangents(one, acts, path, start, plan), every, compiled)
-    linearised.seen(linearised.tangents(one, acts, path, start, plan), every, plain)
+    fast.add_sampled(fast.tangents(one, acts, path, start, plan), every, compiled)
+    linearised.add_sampled(linearised.tangents(one, acts, path, start, plan), every, plain)
     size = np.abs(compiled).max(axis=0)
     assert np.max(np.abs(compiled - plain) / np.maximum(size, 1e-12)) < 1e-9
 
 
-def everything(plan: Plan, path: Path, times: np.ndarray) -> Seen:
+def everything(plan: Plan, path: Path, times: np.ndarray) -> SampledChannels:
     """Return channels for displacement, speed and acceleration of each degree of freedom."""
-    return seen_of(plan, path.step_s, times, np.repeat([0, 1, 2], 7), np.tile(np.eye(7), (3, 1)))
+    return sampled_channels(
+        plan, path.step_s, times, np.repeat([0, 1, 2], 7), np.tile(np.eye(7), (3, 1))
+    )
 
 
 def test_machine_code_and_numpy_give_the_same_low_pass() -> None:
@@ -94,7 +103,7 @@ def test_machine_code_and_numpy_give_the_same_low_pass() -> None:
         assert np.allclose(found, filtered(low_pass, values, 0.0025, times), rtol=1e-9, atol=1e-12)
 
 
-def motion(one: Car, own: Own, times: np.ndarray) -> np.ndarray:
+def motion(one: Car, own: InitialState, times: np.ndarray) -> np.ndarray:
     path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
     seen = fast.sample(one, path, times)
     return np.concatenate([seen.motion(k) for k in range(3)], axis=1)
@@ -114,7 +123,9 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
     polish = plan_of(one, path, POLISH)
     plan = Plan(polish.starts, polish.lengths, polish.fine, (CORNERS, CORNERS))
     found = np.zeros((len(times), 21, start.matrix.shape[1]))
-    fast.seen(fast.tangents(one, acts, path, start, plan), everything(plan, path, times), found)
+    fast.add_sampled(
+        fast.tangents(one, acts, path, start, plan), everything(plan, path, times), found
+    )
     n_own = start.matrix.shape[1] - len(acts)
     for column in (0, 4, 9, 12, 15):
         step = np.zeros(n_own)

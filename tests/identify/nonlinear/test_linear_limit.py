@@ -11,7 +11,7 @@ from identify.decays.decay import FreeDecay
 from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import fit as linear_fit
-from identify.nonlinear.begin import owns_of
+from identify.nonlinear.begin import initial_states_of
 from identify.nonlinear.car import Model
 from identify.nonlinear.fit import fit, inverse
 from identify.nonlinear.groups import positions
@@ -50,9 +50,9 @@ def test_parameters_and_intervals_are_those_of_the_linear_fit() -> None:
         model, tuple(run_of(model, decay, sigma) for decay in runs), centre, prior,
         positions(model, (), True),
     )  # fmt: skip
-    owns = owns_of(model, eta, runs, sigma)
+    initials = initial_states_of(model, eta, runs, sigma)
     eta[: len(linear.eta)] += 0.01  # from a little beside
-    found = fit(problem, eta, owns, grade=POLISH, tolerance=1e-9, max_iterations=8)
+    found = fit(problem, eta, initials, grade=POLISH, tolerance=1e-9, max_iterations=8)
     assert found is not None
     std = np.sqrt(np.diag(linear.covariance))
     assert np.allclose(found.eta[: model.first], linear.eta, rtol=0.0, atol=1e-7)

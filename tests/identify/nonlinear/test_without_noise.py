@@ -15,12 +15,12 @@ from daq.vehicle import FORD_GRANADA
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
 from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.begin import owns_of
+from identify.nonlinear.begin import initial_states_of
 from identify.nonlinear.car import Model
 from identify.nonlinear.fit import _Step, fit, inverse
 from identify.nonlinear.groups import positions
 from identify.nonlinear.level import USUAL
-from identify.nonlinear.path import Own
+from identify.nonlinear.path import InitialState
 from identify.nonlinear.priors import weak_priors
 from identify.nonlinear.problem import Normal, Problem, point
 from identify.nonlinear.run import run_of
@@ -50,7 +50,9 @@ def test_friction_that_acts_in_full_moves_no_parameter() -> None:
         model, tuple(run_of(model, decay, sigma) for decay in decays), centre, prior,
         positions(model, ("anti_roll_bars", "friction"), True),
     )  # fmt: skip
-    best = fit(problem, truth, owns_of(model, truth, decays, sigma), USUAL, tolerance=0.01)
+    best = fit(
+        problem, truth, initial_states_of(model, truth, decays, sigma), USUAL, tolerance=0.01
+    )
     assert best is not None
     off = (best.eta - truth)[problem.free] / np.sqrt(np.diag(inverse(best.information)))
     assert np.abs(off).max() < 0.06
@@ -75,7 +77,9 @@ def test_friction_that_acts_in_full_costs_nothing(share: float) -> None:
     centre, prior = weak_priors(model, car)
     run = run_of(model, decay, {c.name: NOISE[c.quantity] for c in group.channels})
     problem = Problem(model, (run,), centre, prior, positions(model, ("friction",), True))
-    at = point(problem, car, (Own(moving().motion, np.full(4, share), np.zeros(4)),), USUAL)
+    at = point(
+        problem, car, (InitialState(moving().motion, np.full(4, share), np.zeros(4)),), USUAL
+    )
     assert at is not None
     misfits, _ = problem.prior_terms(car)
     assert at.cost - at.predicted[0].cost - float(misfits @ misfits) < 0.05
@@ -113,7 +117,7 @@ def test_a_full_step_that_would_raise_the_cost_is_no_optimum(
     """Tangents that grew beyond use promise anything: a polish ended with -391 as converged."""
     problem, start = stop_off(0.015, 0.015)
 
-    def step(equations: Normal, owns: Sequence[Own], *_: object) -> _Step:
+    def step(equations: Normal, initials: Sequence[InitialState], *_: object) -> _Step:
         own = tuple(np.zeros(len(block.A)) for block in equations.blocks)
         return _Step(np.zeros(len(equations.right)), own, fall)
 

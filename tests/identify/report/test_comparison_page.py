@@ -99,7 +99,7 @@ def test_sessions_are_numbered_and_a_verdict_that_is_not_ok_is_remarked() -> Non
     found = tables(first(lost))
     assert texts(found["Sessions"]) == [["1", "a", "ok"], ["2", "b", "doubtful"]]
     assert found["Sessions"].note == (
-        "Where a verdict is not ok the intervals do not hold, and neither does a significance."
+        "Where a verdict is not ok, neither intervals nor significances hold."
     )
     title = "Not compared: a session does not determine it"
     assert texts(found[title]) == [["t_f", "not determined"]]
@@ -203,12 +203,12 @@ def test_each_further_session_of_a_jump_has_a_row_and_others_may_stand_in_its_pl
     made = change("varies", (-200.0, 10.0, -0.01), (50.0, 10.0, nan))
     made = replace(made, named=(replace(made.named[0], instead=("k_sr", "k_tf")),))
     rows = texts(shown(made))
-    name = "k_sf, or in its place k_sr, or in its place k_tf"
+    name = "k_sf, or instead k_sr, or instead k_tf"
     assert [row[0] for row in rows] == [f"{name}, session 2", f"{name}, session 3"]
     assert [row[2] for row in rows] == ["-200", "+50"]
     assert [row[6] for row in rows] == ["-1.000 %", ""]
     assert made.sentence == (
-        "Changed: k_sf (-1.000 ± 0.098 %, +50 ± 20 N/m from the first), or in its place k_sr or "
+        "Changed: k_sf (-1.000 ± 0.098 %, +50 ± 20 N/m from the first), or instead k_sr or "
         "k_tf (these runs do not separate them); all else is unchanged."
     )
 
@@ -250,7 +250,7 @@ def test_a_change_is_said_in_a_line(made: Change, sentence: str) -> None:
         (
             "not compared",
             "The sessions are not described by the same parameters: no joint fit.",
-            "Compared is each quantity by itself.",
+            "Each quantity is compared by itself.",
         ),
     ],
 )

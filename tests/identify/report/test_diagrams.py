@@ -115,8 +115,8 @@ def test_poles_that_come_again_stand_out_from_those_that_do_not() -> None:
     assert heads(axes) == ["1", "2", "3", "5", "7", "10"]
     assert axes.get_xticks().tolist() == [1, 2, 3, 5, 7, 10]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("frequency, Hz", "rank")
-    assert legend(axes) == ["comes again", "does not", "identified mode"]
-    assert named(axes, "comes again").get_marker() == "o"
+    assert legend(axes) == ["recurs", "does not", "identified mode"]
+    assert named(axes, "recurs").get_marker() == "o"
     assert named(axes, "does not").get_marker() == "x"
     assert named(axes, "identified mode").get_linestyle() == "-"
     figure.canvas.draw()

@@ -153,7 +153,7 @@ def test_no_screen_hides_that_nothing_is_measured(
     ("options", "words"),
     [
         (["--demo", "--replay", "x.h5"], "cannot be combined"),
-        (["--demo", "--fault", "nonsense"], "is no fault"),
+        (["--demo", "--fault", "nonsense"], "is not a fault"),
         (["--fault", "weak"], "works on simulated runs only"),
         (["BENCH"], "bench.toml"),
         (["--demo", "BENCH"], "bench.toml"),

@@ -31,7 +31,7 @@ def test_without_a_terminal_nothing_is_started(
     assert run(["tui", "--demo", "--out", str(tmp_path / "demo")]) == ExitCode.BAD_INPUT
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "is no terminal" in said
+    assert "is not a terminal" in said
     assert not (tmp_path / "demo").exists()
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .tally import Tally
 
 _SHOWN = 20
-"""Refused and failed sessions to name; the table has all."""
+"""Largest number of refused and failed sessions to name; the table has all."""
 
 
 def batch(
@@ -25,7 +25,8 @@ def batch(
         ),
     ],
     workers: Annotated[
-        int | None, typer.Option(min=1, max=64, help="Processes; one a core if not said.")
+        int | None,
+        typer.Option(min=1, max=64, help="Number of processes; default: one for each core."),
     ] = None,
     scheduler: Annotated[
         str | None,
@@ -51,8 +52,8 @@ def batch(
     """Identify many sessions: one row each, with parameters, modes, verdict and reasons.
 
     A session that fails is a row with its reason.  Rows are kept in OUT.jsonl as they finish: run
-    the same command again, after Ctrl-C or a crash or with more files, and it goes on where it
-    stopped.  Done again are sessions that failed, and all after an update of bumpbench.
+    the same command again, after Ctrl-C or a crash or with more files, and it continues where it
+    stopped.  Sessions that failed are done again, and after an update of bumpbench all sessions.
 
     Exit code 1 if any of the sessions was refused or failed.
     """
@@ -63,7 +64,7 @@ def batch(
     from dbc import InputError
 
     from ...diagnostics import say
-    from ...jobs.executors import crew_of
+    from ...jobs.executors import workers_of
     from ...jobs.start import ended_by_sigterm
     from ...output import print_json, progress
     from .journal import RowJournal
@@ -86,12 +87,12 @@ def batch(
         try:
             with (
                 ended_by_sigterm(),
-                crew_of(workers or os.cpu_count() or 1, scheduler) as crew,
+                workers_of(workers or os.cpu_count() or 1, scheduler) as crew,
                 progress("batch") as stage,
             ):
                 tally = work_off(crew, sessions, journal, publish, stage)
         except (KeyboardInterrupt, SystemExit):
-            say("stopped; the rows so far are kept, the same command goes on from here")
+            say("stopped; the rows so far are kept, the same command continues from here")
             raise
         finally:
             publish()

@@ -20,12 +20,12 @@ GROUP = 1000
 """Rows of a group in Parquet: what is in memory at once."""
 _FILE = "rows.parquet"
 _NO_VEHICLE = "__HIVE_DEFAULT_PARTITION__"
-"""Name by which readers know a partition without a value; failed sessions are in it."""
+"""Standard name of a partition without a value; failed sessions are in it."""
 _KEY = b"bumpbench.rows"
 
 
 def schema_of(newest: Newest, without: str = "") -> pa.Schema:
-    """Return the columns of a table of all rows: text or float64; one may be left out."""
+    """Return the columns of a table of all rows, as text or float64; one column may be left out."""
     import pyarrow as pa
 
     names = [name for name in newest.columns if name != without]
@@ -43,10 +43,11 @@ def write_parquet(path: Path, schema: pa.Schema, rows: Rows) -> None:
 
 
 def write_dataset(folder: Path, newest: Newest) -> None:
-    """Bring a data set up to date: only vehicles with other rows than before are written.
+    """Bring a data set up to date: only vehicles whose rows have changed are written.
 
-    Every file has all columns, so that a reader that takes them from the first file misses none;
-    new columns rewrite all.  Each file is complete or as it was before.  Raises OSError.
+    Every file has all columns, so that a reader that takes the columns from the first file misses
+    none; a new column rewrites all files.  Each file is complete or as it was before.  Raises
+    OSError.
     """
     schema = schema_of(newest, without="vehicle")
     places: dict[str, list[int]] = defaultdict(list)
@@ -65,7 +66,7 @@ def write_dataset(folder: Path, newest: Newest) -> None:
 
 
 def _key_of(path: Path) -> bytes | None:
-    """Return which rows a file holds; None if there is no such file, or it is none of ours."""
+    """Return the key of the rows in a file; None if there is no such file, or it is not ours."""
     from pyarrow import ArrowInvalid, parquet
 
     try:

@@ -1,4 +1,4 @@
-"""Rows as they finish: one JSON line each, safe the moment it is written."""
+"""Stores rows as they finish: one JSON line each, on the disk as soon as it is written."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from .work import FAILED, software
 
 
 class RowJournal:
-    """The rows of a batch beside its table, appended to and never rewritten.
+    """The rows of a batch, stored next to its table; rows are appended and never rewritten.
 
-    What a kill left of a line that was being written is cut off.  One batch at a time may write.
+    The rest of a line that was being written when the process was killed is cut off.  One batch at
+    a time may write.
 
-    `path`: the file; made if need be.  Raises InputError if it cannot be written, another batch is
-    writing to it, or it is something else.
+    `path`: the file; created if necessary.  Raises InputError if it cannot be written, another
+    batch is writing to it, or it is something else.
     """
 
     def __init__(self, path: Path) -> None:
@@ -89,7 +90,7 @@ class RowJournal:
 
 
 def _note(verdicts: dict[str, str], row: dict[str, Cell]) -> None:
-    """Note a result that need not be made again; a failure might have been the machine's."""
+    """Note a result that need not be computed again; a failure may be due to the machine."""
     if row["verdict"] != FAILED and row["software"] == software():
         verdicts[str(row["sha256"])] = str(row["verdict"])
 
@@ -97,7 +98,7 @@ def _note(verdicts: dict[str, str], row: dict[str, Cell]) -> None:
 def rows_in(path: Path) -> Iterator[tuple[int, dict[str, Cell]]]:
     """Yield the place and the content of each row of a journal.
 
-    Raises InputError naming the line that is no row.
+    Raises InputError with the number of a line that is not a row.
     """
     with path.open("rb") as stream:
         place = 0
@@ -107,14 +108,14 @@ def rows_in(path: Path) -> Iterator[tuple[int, dict[str, Cell]]]:
                 row["file"], row["sha256"], row["verdict"], row["software"]
             except (ValueError, KeyError, TypeError):
                 raise InputError(
-                    f"{path}:{number}", "is no row of a batch", "choose another --out"
+                    f"{path}:{number}", "is not a row of a batch", "choose another --out"
                 ) from None
             yield place, row
             place += len(line)
 
 
 def _lock(stream: IO[bytes]) -> None:
-    """Hold a file for this process alone, as long as it is open.
+    """Lock a file for this process, as long as it is open.
 
     Raises OSError if another process holds it.
     """

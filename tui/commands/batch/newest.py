@@ -1,4 +1,4 @@
-"""The newest row of each session of a journal, read again where it is wanted: rows are not kept."""
+"""Finds the newest row of each session in a journal; rows are read when needed, not kept."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Rows = Iterator[dict[str, Cell]]
 
 @dataclass(frozen=True, slots=True)
 class Newest:
-    """Where the newest rows of a journal are, in the order in which sessions were first seen."""
+    """Places of the newest rows of a journal, in the order in which sessions first appear."""
 
     journal: Path
     vehicles: dict[int, str]
     """Name of the vehicle by the place of its row; empty where a failed row has none."""
     columns: tuple[str, ...]
-    """All columns; those that every row ends with are last."""
+    """All columns; the last columns of every row are last."""
     texts: frozenset[str]
     """Columns that hold text."""
 
@@ -35,7 +35,7 @@ class Newest:
 
 
 def newest_rows(journal: Path) -> Newest:
-    """Find the newest rows; one is superseded by a later one of its content, or of its file."""
+    """Find the newest rows; a row replaces earlier ones of the same content or the same file."""
     newest: dict[str, tuple[int, str]] = {}
     by_file: dict[str, str] = {}
     columns: dict[str, None] = {}
@@ -52,6 +52,6 @@ def newest_rows(journal: Path) -> Newest:
 
 
 def _ordered(columns: dict[str, None]) -> list[str]:
-    """Put what a failed row lacks before what every row ends with."""
+    """Put the columns that a failed row lacks before the last columns of every row."""
     last = ("seconds", "software", "libraries")
     return [name for name in columns if name not in last] + [n for n in last if n in columns]

@@ -1,4 +1,4 @@
-"""Sessions whose parameters lie apart from those of the other sessions of their vehicle."""
+"""Finds sessions whose parameters lie apart from those of the other sessions of their vehicle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LEAST = 5
-"""Sessions of a vehicle below which its usual value is not known."""
+"""Least number of sessions of a vehicle to know its usual value."""
 _APART = 3.5
 """Standard deviations, robust, beyond which a value counts as apart (Iglewicz and Hoaglin 1993)."""
 _SIGMA_OF_MAD = 1.4826
@@ -25,7 +25,8 @@ class Outlier:
     usual: float
     """Median of the vehicle's sessions, SI."""
     apart: float
-    """Distance from it in standard deviations: scatter of the sessions and own uncertainty."""
+    """Distance from the median in standard deviations: scatter of the sessions and own
+    uncertainty."""
 
 
 def outliers(
@@ -33,7 +34,8 @@ def outliers(
 ) -> list[Outlier]:
     """Return values that are apart, the farthest first.
 
-    `vehicles`: of each row.  `values` and `stds`, (n, p): SI, NaN where a row does not count.
+    `vehicles`: vehicle of each row.  `values` and `stds`, (n, p): SI, NaN where a row does not
+    count.
     """
     found = []
     names = np.array(vehicles, dtype=object)

@@ -1,4 +1,4 @@
-"""A page over the rows of a batch: table with filters, trends by vehicle, outliers, reports.
+"""Makes a page from the rows of a batch: table with filters, trends by vehicle, outliers, reports.
 
 One HTML file with its data, style and script; nothing is fetched.
 """
@@ -19,13 +19,13 @@ from identify.batch import Cell
 from .newest import Newest
 
 _MOST_OUTLIERS = 200
-"""Outliers that the page lists; the farthest."""
+"""Largest number of outliers that the page lists, the farthest first."""
 _DIGITS = 7
 _NO_PARAMETER = ("_hz", "_damping")
 
 
 def page_of(newest: Newest, folder: Path) -> str:
-    """Return the page; links lead from `folder` to reports that stand beside their sessions."""
+    """Return the page; links lead from `folder` to reports that are next to their sessions."""
     import numpy as np
 
     from .outliers import outliers
@@ -77,7 +77,7 @@ def _about(row: dict[str, Cell], folder: Path) -> list[Any]:
 
 
 def _report(file: str, folder: Path) -> str:
-    """Return the link to the report of a session, empty if there is none beside it."""
+    """Return the link to the report of a session; empty if there is none next to it."""
     place = Path(file).with_suffix(".html")
     if "://" in file or not place.is_file():
         return ""
@@ -91,7 +91,7 @@ def _rounded(cell: Cell) -> float | None:
 
 
 def _unit(name: str) -> str:
-    """Return the unit of a parameter that has a symbol; forces of elements say theirs in words."""
+    """Return the unit of a parameter with a symbol; the names of element forces include theirs."""
     from daq.vehicle import parameter_unit
 
     symbol, _, _ = name.partition("_")

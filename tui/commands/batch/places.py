@@ -1,4 +1,4 @@
-"""Session files of a batch: on this machine, or at any address that fsspec knows."""
+"""Finds the session files of a batch: on this machine, or at any address that fsspec knows."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _ADVICE = "name session files, folders or patterns"
 
 
 def session_files(names: Sequence[str]) -> list[str]:
-    """Return the session files that are meant, each once: absolute paths, or addresses.
+    """Return the named session files, each once, as absolute paths or addresses.
 
     `names`: files, folders (every .h5 in them and below), patterns such as ``2026-*/*.h5``, each of
-    them also as an address (``s3://bench-7/2026/``).  Raises InputError if one means no file.
+    them also as an address (``s3://bench-7/2026/``).  Raises InputError if a name matches no file.
     """
     found: dict[str, None] = {}
     for name in names:
@@ -50,8 +50,8 @@ def opened(file: str) -> Iterator[BufferedIOBase]:
 
 
 @contextmanager
-def at_hand(file: str) -> Iterator[Path]:
-    """Give a session file as one of this machine; a copy of a remote one goes when it was used.
+def local_copy(file: str) -> Iterator[Path]:
+    """Yield a session file as a local one; the copy of a remote file is deleted after its use.
 
     Raises OSError if it cannot be fetched.
     """
@@ -108,9 +108,9 @@ def _remote(name: str) -> list[str]:
 
 
 def _address(name: str, file: str) -> str:
-    """Return the address of a file that was found under a name: through the same chain.
+    """Return the address of a file that was found under a name, through the same protocol chain.
 
-    ``zip://*.h5::s3://bench/all.zip`` lies in an archive; ``simplecache::s3://bench/`` is kept.
+    ``zip://*.h5::s3://bench/all.zip`` lies in an archive; ``simplecache::s3://bench/`` is cached.
     """
     parts = name.split("::")
     caches = next(i for i, part in enumerate(parts) if "://" in part)
@@ -119,10 +119,10 @@ def _address(name: str, file: str) -> str:
 
 @contextmanager
 def _as_os_error() -> Iterator[None]:
-    """Give whatever a library of some protocol raises as an OSError."""
+    """Convert any exception of a protocol's library to an OSError."""
     try:
         yield
     except OSError:
         raise
-    except Exception as error:  # each protocol has a library of its own
+    except Exception as error:  # each protocol has its own library
         raise OSError(f"{type(error).__name__}: {error}") from error

@@ -1,4 +1,4 @@
-"""From the journal of rows to a table: CSV, Parquet or a folder of Parquet, and a page over it."""
+"""Writes the journal of rows as a table (CSV, Parquet or a folder of Parquet) and as a page."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def check_outputs(out: Path, page: Path | None) -> None:
     if not partitioned and out.suffix.lower() not in _ENDINGS:
         endings = " or *".join(_ENDINGS)
         advice = f"name it *{endings}, or a folder without an ending"
-        raise InputError(str(out), "is no table that can be written", advice)
+        raise InputError(str(out), "is not a table that can be written", advice)
     if partitioned and out.exists() and not _is_dataset(out):
-        raise InputError(str(out), "is something else than a batch's folder", "name another one")
+        raise InputError(str(out), "is not a folder of a batch", "name another one")
     if page is not None and page.suffix.lower() not in (".html", ".htm"):
-        raise InputError(str(page), "is no page that can be written", "name it *.html")
+        raise InputError(str(page), "is not a page that can be written", "name it *.html")
     for path in (out, *([] if page is None else [page])):
         if (path.is_dir() and not (partitioned and path == out)) or not path.parent.is_dir():
             what = "is a directory" if path.is_dir() else "its directory does not exist"
@@ -44,8 +44,8 @@ def write_outputs(out: Path, page: Path | None, journal: Path) -> None:
     """Write the newest row of each session, in the order in which they were first seen.
 
     `out`: ``.csv``, ``.parquet``, or a folder for a data set partitioned by vehicle.  `page`: HTML
-    over the same rows, or none.  Each file is complete or as it was before.  Raises InputError if
-    one cannot be written.
+    page from the same rows, or None.  Each file is complete or as it was before.  Raises InputError
+    if one cannot be written.
     """
     newest = newest_rows(journal)
     path = out

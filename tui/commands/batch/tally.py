@@ -1,4 +1,4 @@
-"""All sessions of a batch through the workers, and what came of them."""
+"""Passes all sessions of a batch to the workers, and counts the results."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from time import monotonic
 
 from dbc import InputError
 
-from ...jobs.executors import Crew, as_finished
+from ...jobs.executors import Workers, as_finished
 from ...output import Stage
 from .journal import RowJournal
 from .work import FAILED, Job, job_of, row_of, row_of_lost
 
 _PUBLISH_S = 60.0
-"""How old the table may be while the batch runs."""
+"""Longest time between two updates of the table while the batch runs, s."""
 _BAD = ("refused", FAILED)
 
 
@@ -24,23 +24,23 @@ class Tally:
     """Results of the sessions of one batch, counted."""
 
     sessions: int
-    """How many there are; a copy of another one does not count."""
+    """Number of sessions; a copy of another one does not count."""
     done_now: int
-    """How many of them were not done before."""
+    """Number of sessions that were not done before."""
     verdicts: dict[str, int]
-    """How many have each."""
+    """Number of sessions with each verdict."""
     bad: list[dict[str, str]]
-    """File, verdict and reasons of the refused and failed ones."""
+    """File, verdict and reasons of the refused and failed sessions."""
 
 
 def work_off(
-    crew: Crew,
+    crew: Workers,
     files: Sequence[str],
     journal: RowJournal,
     publish: Callable[[], None],
     stage: Stage,
 ) -> Tally:
-    """Identify what the journal does not know yet.
+    """Identify the sessions that are not in the journal yet.
 
     `files`: session files.  `publish`: writes what the journal holds; called every minute.  Raises
     InputError if rows cannot be kept, or the cluster has gone.
@@ -72,7 +72,7 @@ def work_off(
     for job, future in as_finished(crew, row_of, jobs()):
         if future.cancelled():
             raise InputError(
-                "--scheduler", "the cluster has gone", "the same command goes on from here"
+                "--scheduler", "the cluster has gone", "the same command continues from here"
             )
         row = row_of_lost(job, future) if future.exception() else future.result()
         journal.append(row)

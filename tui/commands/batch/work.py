@@ -16,7 +16,7 @@ from dbc import BumpbenchError
 from dbc.errors import printable
 from identify.batch import Cell
 
-from .places import at_hand, opened
+from .places import local_copy, opened
 
 FAILED = "failed"
 """Verdict of a session that has no identification."""
@@ -43,23 +43,23 @@ def job_of(file: str) -> Job:
 
 @cache
 def software() -> str:
-    """Return the version that makes the results what they are."""
+    """Return the versions on which the results depend."""
     return f"bumpbench {version('bumpbench')}"
 
 
 def row_of(job: Job) -> dict[str, Cell]:
-    """Read, identify, and return the row; whatever goes wrong is its reason."""
+    """Read and identify a session, and return its row; any error becomes its reason."""
     from daq import read_session
     from identify.batch import session_row
 
     began_s = perf_counter()
     try:
-        with at_hand(job.file) as path:
+        with local_copy(job.file) as path:
             try:
                 row = session_row(read_session(path))
             except BumpbenchError as error:
                 row = _failed(str(error).removeprefix(f"{path}: "))  # the row names the file
-    except Exception as error:  # one strange session of thousands must not cost the others
+    except Exception as error:  # one strange session of thousands must not stop the others
         last = extract_tb(error.__traceback__)[-1]
         where = f"{Path(last.filename).name}:{last.lineno}"
         row = _failed(f"{type(error).__name__} in {where}: {error}")

@@ -1,4 +1,4 @@
-"""`bumpbench study`: the paper's tables and figures, reproduced, and what noise does."""
+"""`bumpbench study`: reproduces the paper's tables and figures, and studies noise."""
 
 from __future__ import annotations
 

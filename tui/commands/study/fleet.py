@@ -1,4 +1,4 @@
-"""`bumpbench study fleet`: plausible real cars, each identified and compared with what it is."""
+"""`bumpbench study fleet`: identifies plausible real cars and compares each with the truth."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def fleet(
     from identify.study import fleet_study, fractions
 
     from ...jobs.fleet import identified_car
-    from ...jobs.spread import over_all
+    from ...jobs.spread import map_items
     from ...output import print_json, progress
 
     work = partial(identified_car, seed, facts, sensors is FleetSensors.ALL)
     with progress("fleet") as stage:
-        cases = over_all(work, range(cars), workers, stage, "study", scheduler)
+        cases = map_items(work, range(cars), workers, stage, "study", scheduler)
     way = "scales and tape measure" if facts else "added mass"
     result = fleet_study(f"{cars} plausible cars, {sensors.value} sensors, {way}", cases)
     if json:

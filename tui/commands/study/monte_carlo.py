@@ -47,14 +47,14 @@ def table3(
     from identify.study import attempt, table3_campaign
     from identify.study import table3_study as study
 
-    from ...jobs.spread import over_all
+    from ...jobs.spread import map_items
     from ...output import progress
 
     check_figure_file(figure)
     campaign = table3_campaign(rate_hz, noise_db)
     with progress("table3") as stage:
         seeds = range(seed, seed + fits)
-        attempts = over_all(partial(attempt, campaign), seeds, workers, stage, "study", scheduler)
+        attempts = map_items(partial(attempt, campaign), seeds, workers, stage, "study", scheduler)
     deliver(study(campaign, attempts), json, figure)
 
 
@@ -97,7 +97,7 @@ def noise(
         outcome,
     )
 
-    from ...jobs.spread import over_all
+    from ...jobs.spread import map_items
     from ...output import progress
 
     check_figure_file(figure)
@@ -113,7 +113,7 @@ def noise(
     bound = bound_percent(campaign)
     with progress("noise") as stage:
         seeds = range(seed, seed + fits)
-        outcomes = over_all(partial(outcome, campaign), seeds, workers, stage, "study", scheduler)
+        outcomes = map_items(partial(outcome, campaign), seeds, workers, stage, "study", scheduler)
     deliver(noise_study(campaign, bound, outcomes), json, figure)
 
 

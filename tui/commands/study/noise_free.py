@@ -1,4 +1,4 @@
-"""The studies that take a moment: Table 2 and the figures."""
+"""The quick studies: Table 2 and the figures."""
 
 from __future__ import annotations
 

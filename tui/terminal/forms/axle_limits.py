@@ -26,7 +26,7 @@ class AxleLimits:
 
 
 def parse_limits(text: str) -> AxleLimits:
-    """Return the limits that were typed as two numbers.
+    """Return the limits from two typed numbers.
 
     Raises InputError if they are not.
     """
@@ -47,12 +47,12 @@ def read_limits(folder: Path) -> AxleLimits | None:
 
 
 def keep_limits(folder: Path, limits: AxleLimits) -> str:
-    """Keep the limits for the next start; return why that failed, or nothing."""
+    """Store the limits for the next start; return the reason if that failed, else ""."""
     return write_draft(folder / _FILE, asdict(limits))
 
 
 def check_axles(loads_kg: Sequence[float], limits: AxleLimits | None) -> tuple[FieldError, ...]:
-    """Say which axle would carry more than it may."""
+    """Return an error for each axle that would carry more than permitted."""
     if limits is None:
         return ()
     return tuple(
@@ -64,7 +64,7 @@ def check_axles(loads_kg: Sequence[float], limits: AxleLimits | None) -> tuple[F
 
 
 def axles_line(loads_kg: Sequence[float], total_kg: float, limits: AxleLimits | None) -> str:
-    """Return what the axles carry, of what they may."""
+    """Return the axle loads and their limits as text."""
     front, rear = (f"{load:.0f}" for load in loads_kg)
     if limits is None:
         return f"front {front} kg, rear {rear} kg (the car alone {total_kg:.0f} kg)   L = limits"

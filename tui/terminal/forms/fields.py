@@ -1,4 +1,4 @@
-"""Forms as data: the fields, their limits and the reasons of the limits.
+"""Forms as data: fields, limits, and the reasons of the limits.
 
 Values are the text that a person typed.  Checking never changes them, and every error names the
 field, the limit and the reason.  The forms are in `tui.terminal.forms.vehicle_form` and
@@ -22,24 +22,24 @@ class Field:
     name: str
     """Key of the value."""
     label: str
-    """Words on the screen."""
+    """Label on the screen."""
     unit: str = ""
     """Unit of a number; empty for text."""
     low: float = -math.inf
     high: float = math.inf
     """Limits of a number; `high` is included, and `low` too unless `above_low`."""
     reason: str = ""
-    """Why these limits."""
+    """Reason of the limits."""
     help: str = ""
-    """Text on what to enter."""
+    """Help text on what to enter."""
     needed: bool = False
-    """True if it must not stay empty."""
+    """True if the field must not stay empty."""
     choices: tuple[str, ...] = ()
     """The values to choose from; empty for free text."""
     whole: bool = False
     """True for a whole number."""
     most: int = 60
-    """Characters of a text."""
+    """Largest number of characters of a text."""
     above_low: bool = False
     """True if a number must be above `low`; False if it may equal it."""
 
@@ -61,7 +61,7 @@ class Field:
 
     @property
     def advice(self) -> str:
-        """Advice on the entry, its limits, and how a choice is changed."""
+        """Help on the entry, its limits, and the keys that change a choice."""
         keys = "; left and right change it" if self.choices else ""
         return f"{self.help} ({self.limit}{keys})"
 
@@ -76,7 +76,7 @@ class FieldError:
     reason: str
 
     def __str__(self) -> str:
-        """Return it as one line."""
+        """Return the error as one line."""
         return f"{self.label}: {self.reason} (limit: {self.limit})"
 
 
@@ -112,7 +112,7 @@ def _checked(field: Field, typed: str) -> FieldError | None:
 
 
 def number(text: str) -> float | None:
-    """Return the number that was typed, with point or comma; None if it is none."""
+    """Return the typed number, with decimal point or comma; None if it is not a number."""
     try:
         value = float(text.strip().replace(",", "."))
     except ValueError:
@@ -123,5 +123,5 @@ def number(text: str) -> float | None:
 def stated(typed: str) -> float:
     """Return the number in a field that has been checked."""
     value = number(typed)
-    assert value is not None  # held by check_fields
+    assert value is not None  # check_fields guarantees it
     return value

@@ -1,4 +1,4 @@
-"""The weights on the car as the operator handles them: what, where, and which are bolted."""
+"""The weights on the car for the operator: mass, place, and whether each is bolted."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Entry:
 
 
 def entries_of(weights: Sequence[Weight], draft: Mapping[str, Any]) -> tuple[Entry, ...]:
-    """Return the weights of a draft if it has any that can be read, else those of the bench."""
+    """Return the weights of a draft if it has any readable ones, else those of the bench."""
     stored = draft.get("entries")
     if not isinstance(stored, list):
         return tuple(Entry(weight) for weight in weights)
@@ -45,7 +45,7 @@ def entries_of(weights: Sequence[Weight], draft: Mapping[str, Any]) -> tuple[Ent
 
 
 def entry_values(entries: Sequence[Entry]) -> list[dict[str, Any]]:
-    """Return what a draft keeps of them."""
+    """Return the entries in the form that a draft stores."""
     return [{**weight_values(e.weight, e.serial), "bolted": e.bolted} for e in entries]
 
 
@@ -110,7 +110,7 @@ def _put(
 
 
 def effect_line(load: Loading) -> str:
-    """Say what the weights change on the car."""
+    """Return the effect of the weights on the car as text."""
     return (
         f"{load.body_kg:+.1f} kg body, {load.hub_kg:+.1f} kg hubs, CG {load.x_shift_m * 1e3:+.0f}"
         f" {load.y_shift_m * 1e3:+.0f} mm, Ixx {load.I_xx:+.0f} Iyy {load.I_yy:+.0f} kg m2"
@@ -120,7 +120,7 @@ def effect_line(load: Loading) -> str:
 def shift_line(
     shift: Shift, spread: float | None, entries: Sequence[Entry], car: VehicleParameters
 ) -> tuple[str, str]:
-    """Return how far a frequency moves against its scatter, and what to move if that is weak."""
+    """Return the shift of a frequency compared with its scatter, and advice if it is weak."""
     scatter = USUAL_SPREAD if spread is None else max(spread, 1e-5)
     times = abs(shift.share) / scatter
     text = f"{shift.mode:<6} {shift.before_hz:.2f} -> {shift.after_hz:.2f} Hz {shift.share:+6.1%}"
@@ -142,14 +142,14 @@ def _remedy(mode: str, entries: Sequence[Entry], car: VehicleParameters) -> str:
 
 
 def gain_line(gain: Gain) -> tuple[str, str]:
-    """Return the expected intervals, and what is weak about them."""
+    """Return the expected intervals, and their weakness if there is one."""
     if gain.error:
         return "", f"no outlook: {gain.error}"
     if gain.undetermined:
         names = ", ".join(gain.undetermined)
         what = f"WEAK, not determined: {names}"
         return "", what + (f"; add: {gain.remedies[0]}" if gain.remedies else "")
-    assert gain.worst is not None  # held by Gain: nothing is undetermined
+    assert gain.worst is not None  # Gain guarantees it: nothing is undetermined
     assert gain.mean is not None
     text = f"parameters ± {gain.mean:.1%} in the mean, {gain.widest} ± {gain.worst:.1%} at worst"
     return text, ""
@@ -163,7 +163,7 @@ def sag_line(
 ) -> str:
     """Return the spring rates that the sag of the body gives, and the expected ones.
 
-    `before` and `after`: what the channels read at rest without and with the weights.
+    `before` and `after`: levels of the channels at rest without and with the weights.
     """
     travels = {
         c.name: c.corner
@@ -191,7 +191,7 @@ def sag_line(
 
 
 def axle_loads_with(load: Loading, car: VehicleParameters) -> tuple[float, tuple[float, float]]:
-    """Return the mass of the car without the weights, and what its axles carry with them, kg."""
+    """Return the mass of the car without the weights, and its axle loads with them, kg."""
     body = car.m_s / (car.a + car.b)
     front = body * car.b + 2 * car.m_uf + load.front_kg
     rear = body * car.a + 2 * car.m_ur + load.rear_kg

@@ -1,4 +1,4 @@
-"""The form of the vehicle and its campaign: fields, plausibility, and bench.toml to and fro."""
+"""The form of the vehicle and its campaign: fields, plausibility, and conversion to bench.toml."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ FACTS: tuple[tuple[FactQuantity, str, str, float, float, str], ...] = (
 USUAL_SIGMA = {"kg": 1.0, "m": 0.003}
 _FLAGS = (
     ("symmetric", "Left = right", "springs, dampers, tyres and wheels alike on both sides"),
-    ("anti_roll_bars", "Anti-roll bars", "a bar on each axle is identified beside the springs"),
-    ("tyre_damping", "Tyre damping", "a damper beside each tyre's spring"),
+    ("anti_roll_bars", "Anti-roll bars", "a bar on each axle is identified, too"),
+    ("tyre_damping", "Tyre damping", "a damper parallel to each tyre's spring"),
     ("cg_offset", "CG off the middle", "the centre of gravity may lie left or right"),
 )
 _TIMES = "number of accepted runs of each excitation, without and with the added mass"
@@ -133,7 +133,7 @@ def _lengths(known: Mapping[FactQuantity, float], bench: Bench) -> list[FieldErr
 
 
 def vehicle_values(bench: Bench, operator: str) -> dict[str, str]:
-    """Return the form as the bench in force fills it."""
+    """Return the form filled with the bench in force."""
     facts = {fact.quantity: fact for fact in bench.vehicle.facts}
     values = {"name": bench.vehicle.name, "operator": operator, "notes": ""}
     for name, _, unit, *_ in FACTS:
@@ -153,9 +153,9 @@ def vehicle_values(bench: Bench, operator: str) -> dict[str, str]:
 
 
 def vehicle_text(text: str, bench: Bench, values: Values) -> str:
-    """Return bench.toml with what the form says, which has been checked.
+    """Return bench.toml with the values of the checked form.
 
-    Facts that the form has no field for stay.
+    Facts for which the form has no field stay.
     """
     from daq.bench import with_campaign, with_facts, with_vehicle
 

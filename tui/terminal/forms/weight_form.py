@@ -1,4 +1,4 @@
-"""The form of an added weight: fields, and whether it is on the car."""
+"""The form of an added weight: fields, and the check that the weight is on the car."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _OVERHANG_M, _BESIDE_M = 1.2, 0.3
 
 
 def check_weight(values: Values, wheelbase_m: float, half_track_m: float) -> tuple[FieldError, ...]:
-    """Check the form of one weight against the car's outline."""
+    """Check the form of one weight, and its place against the car's outline."""
     fields = [f for f in WEIGHT_FIELDS if values.get("place") == BODY or f.name not in _ON_BODY]
     errors = list(check_fields(fields, values))
     bad = {error.field for error in errors}
@@ -65,7 +65,7 @@ def check_weight(values: Values, wheelbase_m: float, half_track_m: float) -> tup
                 reason = "is empty, and a weight on the body needs its place"
                 errors.append(FieldError(name, field.label, limit, reason))
         elif name not in bad and not low <= value <= high:
-            reason = f"{value:g} m is beside the car"
+            reason = f"{value:g} m is outside the car"
             errors.append(FieldError(name, field.label, limit, reason))
     return tuple(errors)
 
@@ -82,7 +82,7 @@ def weight_of(values: Values) -> Weight:
 
 
 def weight_values(weight: Weight, serial: str) -> dict[str, str]:
-    """Return the form of a weight that is there."""
+    """Return the form of an existing weight."""
     values = {
         "serial": serial,
         "mass_kg": f"{weight.mass_kg:.10g}",
@@ -98,7 +98,7 @@ def check_inventory(
     weights: Iterable[Weight],
     total_kg: float,
 ) -> tuple[FieldError, ...]:
-    """Check all weights together: there is one, and their sum is no other car."""
+    """Check all weights together: at least one, and a plausible sum."""
     errors = []
     added = sum(weight.mass_kg for weight in weights)
     if added > 0.5 * total_kg:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from daq import Status
 
 LOCK_OUT_S = 0.3
-"""Seconds in which a repeated key counts as held: keyboards repeat faster."""
+"""Time between two presses, s, below which a key counts as held: keyboards repeat faster."""
 
 
 class BenchScreen(Screen[None]):
@@ -51,7 +51,7 @@ class BenchScreen(Screen[None]):
 
     @property
     def bench_app(self) -> BenchContext:
-        """The app, as a screen sees it."""
+        """The app, by the protocol for screens."""
         return cast("BenchContext", self.app)
 
     @property
@@ -71,7 +71,7 @@ class BenchScreen(Screen[None]):
 
     @property
     def lost_words(self) -> str:
-        """Next action while no recorder takes an order; empty while one does."""
+        """Next action while no recorder accepts orders; empty while one does."""
         lost = self.bench_app.lost
         if lost is None:
             return ""
@@ -85,7 +85,7 @@ class BenchScreen(Screen[None]):
         return self.acts if (action, parameters) == ("press", ("next",)) else True
 
     def compose(self) -> ComposeResult:
-        """Lay out the lines that all screens have, around the screen's own part."""
+        """Compose the lines that all screens have, around the screen's own part."""
         yield TopLine(self.bench_app.glyphs)
         yield StepBar(self.bench_app.glyphs)
         yield from self.compose_body()
@@ -103,11 +103,11 @@ class BenchScreen(Screen[None]):
         """Do the next action of this screen."""
 
     async def action_start_recorder(self) -> None:
-        """Start a recorder in place of the one that is lost."""
+        """Start a recorder to replace the lost one."""
         await self.bench_app.action_restart_recorder()
 
     async def action_press(self, name: str) -> None:
-        """Do the action of a key once a press, also while a glove holds the key down."""
+        """Do the action of a key once for each press, also while a glove holds the key down."""
         now_s = self.bench_app.clock()
         last, self._pressed = self._pressed, (name, now_s)
         if last[0] == name and now_s - last[1] < LOCK_OUT_S:
@@ -134,11 +134,11 @@ class BenchScreen(Screen[None]):
             self.call_after_refresh(self._show, self.bench_app.status)
 
     def on_descendant_focus(self, _: DescendantFocus) -> None:
-        """Say whether X is a key now or would be typed."""
+        """Update the words for a lost recorder: X would be typed into the field."""
         self._show_lost()
 
     def on_descendant_blur(self, _: DescendantBlur) -> None:
-        """Say that X is a key again."""
+        """Update the words for a lost recorder: X is a key again."""
         self._show_lost()
 
     def _show_lost(self) -> None:

@@ -31,7 +31,7 @@ AT_EASE = (Phase.IDLE, Phase.COMPLETE)
 
 
 class BumpingScreen(BenchScreen):
-    """Arms, pauses, rejects and undoes; no key asks for confirmation, because all can be undone."""
+    """Arms, pauses, rejects and undoes; no key asks to confirm, because all can be undone."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("backspace,pageup", "press('reject')", "Reject", key_display="Bksp"),
@@ -57,13 +57,13 @@ class BumpingScreen(BenchScreen):
 
     @property
     def acts(self) -> bool:
-        """True while there is a next action and a recorder to take it."""
+        """True while there is a next action and a recorder that accepts it."""
         app = self.bench_app
         return app.lost is None and self._next.words.startswith("SPACE")
 
     @property
     def ready(self) -> bool:
-        """True while SPACE would begin something; `--auto` lets a countdown run out."""
+        """True while SPACE would begin something; `--auto` waits for the end of a countdown."""
         status = self.bench_app.status
         return status is not None and status.phase in AT_EASE and not status.halted and self.acts
 
@@ -104,7 +104,7 @@ class BumpingScreen(BenchScreen):
             await app.open("run")
 
     async def _weights_are_right(self, yes: bool | None) -> None:
-        """Arm after the operator has looked at the weights."""
+        """Arm after the operator has checked the weights."""
         if yes:
             self.bench_app.answered = self._change
             await self.action_next()
@@ -123,7 +123,7 @@ class BumpingScreen(BenchScreen):
         await self.bench_app.ask(Redo())
 
     async def action_leave_out(self) -> None:
-        """Leave out the runs that are unlike the others of their kind."""
+        """Leave out the runs that differ from the others of their kind."""
         if await self.bench_app.ask(LeaveOut()) is not None:
             self.bench_app.inform("left out, kept in the recording; U = undo")
 
@@ -140,7 +140,7 @@ class BumpingScreen(BenchScreen):
         await self.bench_app.ask(Acknowledge())
 
     async def action_more(self) -> None:
-        """Bump the chosen kind next, also beyond what was planned."""
+        """Bump the chosen kind next, also beyond the planned number."""
         status = self.bench_app.status
         if status is not None and status.tallies:
             tally = status.tallies[min(self.query_one(TallyList).chosen, len(status.tallies) - 1)]
@@ -168,7 +168,7 @@ class BumpingScreen(BenchScreen):
 
     @property
     def _change(self) -> str:
-        """The last run and the mass state that follows it; `--auto` has answered for all."""
+        """The last run and the next mass state; with `--auto` every change counts as confirmed."""
         app = self.bench_app
         if app.auto or app.status is None or app.status.due is None or not app.status.runs:
             return app.answered

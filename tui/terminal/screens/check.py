@@ -56,7 +56,7 @@ _ON = "SPACE = the bench is fit: go on to step 3 Baseline"
 
 
 class CheckScreen(BenchScreen):
-    """Shows lines OK, WARN or FAIL; then guides the push test, then the zeros."""
+    """Shows lines OK, WARN or FAIL; then guides through the push test and the zeros."""
 
     HELP_PAGE: ClassVar[str] = "check"
     STEP: ClassVar[BenchStep] = BenchStep.CHECK
@@ -87,17 +87,17 @@ class CheckScreen(BenchScreen):
         self._still_s = 0.0
 
     def compose_body(self) -> ComposeResult:
-        """Lay out the lines, and the marked one's explanation."""
+        """Compose the lines, and the explanation of the marked one."""
         yield RowList()
         yield Static(id="explained", classes="box", markup=False)
 
     def on_mount(self) -> None:
-        """Ask again each second."""
+        """Request the check again each second."""
         self.set_interval(AGAIN_S, self._tick)
 
     @property
     def ready(self) -> bool:
-        """True while SPACE would go on without an answer of the operator."""
+        """True while SPACE would go on without an answer by the operator."""
         return self._due in (_PUSH, _HANDS_OFF, _TARE, _ON)
 
     @property
@@ -107,7 +107,7 @@ class CheckScreen(BenchScreen):
 
     def show_status(self, status: Status) -> None:
         """Show the lines."""
-        if not self._asked:  # then each second: an answer brings a status of its own
+        if not self._asked:  # then each second: an answer brings its own status
             self.run_worker(self._ask(WINDOW_S))
         self._show_rows()
 
@@ -119,7 +119,7 @@ class CheckScreen(BenchScreen):
             return
         if self._hands_off_s:
             left_s = max(0.0, self._hands_off_s - AGAIN_S)
-            if not left_s:  # the last second lasts until the answer is there
+            if not left_s:  # the last second lasts until the answer arrives
                 self._zeroed = await self._ask(HANDS_OFF_S)
             if left_s or self._zeroed:
                 self._hands_off_s = left_s
@@ -163,7 +163,7 @@ class CheckScreen(BenchScreen):
         width = max(len(row.subject) for row in rows)
         lines.show([check_line(row, width, app.glyphs) for row in rows])
         failing = {row.subject for row in rows if row.blocks}
-        if failing - self._failing:  # once: then the arrows are the person's
+        if failing - self._failing:  # only once: then the person moves the mark
             lines.move_to(next(i for i, row in enumerate(rows) if row.blocks))
         self._failing = failing
         self._explain()
@@ -194,7 +194,7 @@ class CheckScreen(BenchScreen):
 
     @property
     def _due(self) -> str:
-        """Text on what SPACE does now; it begins with SPACE only if it does something."""
+        """Text on the action of SPACE now; it begins with SPACE only if there is one."""
         if self.lost_words:
             return self.lost_words
         if self._corner is not None:
@@ -234,7 +234,7 @@ class CheckScreen(BenchScreen):
     # SPACE --------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
-        """Do the first of these that is open: push test, zero, warnings, next step."""
+        """Do the first open one of these: push test, zero, warnings, next step."""
         app, due = self.bench_app, self._due
         corner = self._next_corner()
         if due == _PUSH and corner is not None:
@@ -252,7 +252,7 @@ class CheckScreen(BenchScreen):
             self.action_override()
 
     async def action_again(self) -> None:
-        """Repeat the marked check: push that corner again, measure zero again, or ask again."""
+        """Repeat the marked check: push that corner again, measure zero again, or check again."""
         row = self._marked
         corner = next((c for c in ORDER if row and row.subject == wiggle_subject(c)), None)
         if again := self._corner or corner:
@@ -383,7 +383,7 @@ class CheckScreen(BenchScreen):
         tares = {offset.channel: (None, offset.tare) for offset in self._offsets()}
         if not tares or not await self._configure(tares):
             return
-        self._items = ()  # readings from before the new zero are void
+        self._items = ()  # readings from before the new zero are invalid
         self._still_s = WINDOW_S
         self._show_rows()
 

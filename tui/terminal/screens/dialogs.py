@@ -23,7 +23,7 @@ from .base import LOCK_OUT_S
 class ChoiceScreen(ModalScreen[str | None]):
     """Returns the chosen entry; None after Esc.
 
-    `options`, sequence of (str, str): what is returned, and what the operator reads.
+    `options`, sequence of (str, str): returned value, and text for the operator.
     """
 
     DEFAULT_CSS = """
@@ -42,7 +42,7 @@ class ChoiceScreen(ModalScreen[str | None]):
         self._title, self._options = title, tuple(options)
 
     def compose(self) -> ComposeResult:
-        """Lay out the list."""
+        """Compose the list."""
         with Vertical():
             yield Static(self._title, markup=False)
             yield OptionList(*(Option(Content(words)) for _, words in self._options))
@@ -74,7 +74,7 @@ class TextScreen(ModalScreen[None]):
         self._title, self._lines = title, tuple(lines)
 
     def compose(self) -> ComposeResult:
-        """Lay out the text."""
+        """Compose the text."""
         with Vertical() as box:
             box.border_title = self._title
             box.border_subtitle = "Esc closes"
@@ -85,8 +85,8 @@ class TextScreen(ModalScreen[None]):
 class Question(ModalScreen[str | None]):
     """Returns a line of text; None after Esc.
 
-    The same question shows the text typed before: after Esc, and after an answer that the recorder
-    refused.
+    After Esc, or after an answer that the recorder refused, the same question shows the text typed
+    before.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "Leave")]
@@ -100,7 +100,7 @@ class Question(ModalScreen[str | None]):
         return cast("BenchContext", self.app)
 
     def compose(self) -> ComposeResult:
-        """Lay out question, line and keys."""
+        """Compose question, line and keys."""
         typed = self._bench_app.typed.get(self._words, "")
         with Vertical(classes="box"):
             yield Static(self._words, markup=False)
@@ -122,7 +122,7 @@ class Question(ModalScreen[str | None]):
 
 
 class Confirm(ModalScreen[bool | None]):
-    """Returns True after SPACE, None after Esc; a SPACE that is held down is no answer."""
+    """Returns True after SPACE, None after Esc; a SPACE that is held down is not an answer."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space,pagedown,enter", "yes", "Yes"),
@@ -139,14 +139,14 @@ class Confirm(ModalScreen[bool | None]):
         return cast("BenchContext", self.app).clock
 
     def compose(self) -> ComposeResult:
-        """Lay out question and keys."""
+        """Compose question and keys."""
         self._pressed_s = self._clock()
         with Vertical(classes="box"):
             yield Static(self._words, markup=False)
             yield Static("SPACE = yes, start   Esc = no, not yet", markup=False)
 
     def action_yes(self) -> None:
-        """Return yes, unless the key has been down since before."""
+        """Return yes, unless the key was already down before the dialog."""
         now_s = self._clock()
         before_s, self._pressed_s = self._pressed_s, now_s
         if now_s - before_s >= LOCK_OUT_S:

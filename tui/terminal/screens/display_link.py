@@ -1,4 +1,4 @@
-"""Link and code of the display, over a screen."""
+"""Shows link and code of the display over a screen."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..state.display_link import DisplayLink
 
 
 class DisplayLinkScreen(ModalScreen[None]):
-    """Black on white whatever the theme is: cameras want a dark code on light ground."""
+    """Black on white with every theme, because cameras need a dark code on a light ground."""
 
     DEFAULT_CSS = """
     DisplayLinkScreen { align: center middle; }
@@ -30,7 +30,7 @@ class DisplayLinkScreen(ModalScreen[None]):
         self._display = display
 
     def compose(self) -> ComposeResult:
-        """Lay out words and code."""
+        """Compose words and code."""
         with Horizontal() as box:
             box.border_title = "Display"
             box.border_subtitle = "Esc closes; again: Ctrl+P, display"

@@ -1,4 +1,4 @@
-"""Help over a screen: its purpose, its keys and the marked field."""
+"""Shows help over a screen: its purpose, its keys and the marked field."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class HelpScreen(ModalScreen[None]):
         self._page = page
 
     def compose(self) -> ComposeResult:
-        """Lay out page and keys."""
+        """Compose page and keys."""
         with Vertical() as box:
             box.border_title = "Help"
             box.border_subtitle = "Esc closes, arrows scroll"
@@ -43,7 +43,7 @@ class HelpScreen(ModalScreen[None]):
                 yield Static("\n".join(self._keys()), id="keys", markup=False)
 
     def on_recorder_lost(self, _: RecorderLost) -> None:
-        """Close: the screen below says what to do."""
+        """Close, because the screen below shows what to do."""
         self.dismiss()
 
     def _keys(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Home: the next action of the campaign, and how far it is."""
+"""Home: the next action and the progress of the campaign."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class HomeScreen(BumpingScreen):
     HELP_PAGE: ClassVar[str] = "home"
 
     def compose_body(self) -> ComposeResult:
-        """Lay out the next action and the lists."""
+        """Compose the next action and the lists."""
         glyphs = self.bench_app.glyphs
         with Horizontal(id="body"):
             with Vertical(id="left"):
@@ -38,11 +38,11 @@ class HomeScreen(BumpingScreen):
         yield AlarmList(glyphs)
 
     def on_mount(self) -> None:
-        """Show at once that the terminal waits for a recorder."""
+        """Show immediately that the terminal waits for a recorder."""
         self._show_next()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Hide Esc while nothing is armed: it would only come back here."""
+        """Hide Esc while nothing is armed, because it would only return here."""
         status = self.bench_app.status
         if (action, parameters) == ("press", ("pause",)) and status and status.phase in AT_EASE:
             return False
@@ -78,5 +78,5 @@ class HomeScreen(BumpingScreen):
         self.query_one(NextPanel).show(app.status, self._next, app.lost)
 
     def action_view(self) -> None:
-        """Change between sketch and runs, where there is no room for both."""
+        """Switch between sketch and runs where there is no room for both."""
         self.toggle_class("-runs")

@@ -25,7 +25,7 @@ from .work import OUTDATED, WorkScreen
 
 _BUILD_ADVICE = "SPACE = try again; the journal is untouched"
 _KEPT = 8
-"""Outcomes kept in memory, for an operator who switches between sessions."""
+"""Number of outcomes kept in memory, for an operator who switches between sessions."""
 
 
 class IdentifyScreen(WorkScreen):
@@ -45,7 +45,7 @@ class IdentifyScreen(WorkScreen):
 
     @property
     def step_shown(self) -> BenchStep | None:
-        """Step 6; None while a session of the past is identified."""
+        """Step 6; None while an earlier session is identified."""
         path = self.work.session
         return BenchStep.IDENTIFY if not path or self._is_current(path) else None
 
@@ -67,7 +67,7 @@ class IdentifyScreen(WorkScreen):
             await self.bench_app.open_results(self.outcome)
 
     async def build(self) -> None:
-        """Order the session file from the recorder; identify it as soon as it is built."""
+        """Order the recorder to build the session file; identify it as soon as it is built."""
         reply = await self.bench_app.ask(Build())
         if reply is None or reply.status is None:
             return

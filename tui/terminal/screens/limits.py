@@ -1,4 +1,4 @@
-"""Asks what the axles may carry."""
+"""Asks for the permitted axle loads."""
 
 from __future__ import annotations
 

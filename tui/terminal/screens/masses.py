@@ -60,7 +60,7 @@ _ANOTHER = "new"
 
 
 class MassesScreen(BenchScreen):
-    """The inventory of weights, the car from above, and the outlook."""
+    """Shows the inventory of weights, the car from above, and the expected precision."""
 
     HELP_PAGE: ClassVar[str] = "masses"
     STEP: ClassVar[BenchStep] = BenchStep.MASSES
@@ -88,7 +88,7 @@ class MassesScreen(BenchScreen):
         self._entries: tuple[Entry, ...] = ()
         self._before: list[tuple[Entry, ...]] = []
         self._open: dict[str, dict[str, str]] = {}
-        """Text typed into a weight and not applied, by the weight's number."""
+        """Text typed for a weight and not applied yet, by the weight's number."""
         self._gain: Gain | None = None
         self._limits: AxleLimits | None = None
         self._asked_text = ""
@@ -96,7 +96,7 @@ class MassesScreen(BenchScreen):
         self._rest: dict[str, float] = {}
 
     def compose_body(self) -> ComposeResult:
-        """Lay out the car, the table and the outlook."""
+        """Compose the car, the table and the expected precision."""
         yield Static(f"{'':25}{table_head()}", id="head", markup=False)
         with Horizontal(id="top"):
             yield Static(id="car", markup=False)
@@ -140,7 +140,7 @@ class MassesScreen(BenchScreen):
 
     @property
     def _car(self) -> VehicleParameters:
-        assert self.bench_app.bench is not None  # show_status returns before without one
+        assert self.bench_app.bench is not None  # show_status returns earlier without one
         return expected_car(self.bench_app.bench.vehicle)
 
     @property
@@ -168,7 +168,7 @@ class MassesScreen(BenchScreen):
 
     def _show_outlook(self) -> None:
         app, car = self.bench_app, self._car
-        assert app.bench is not None  # show_status returns before without one
+        assert app.bench is not None  # show_status returns earlier without one
         load = loading(self._weights, car)
         total, axles = axle_loads_with(load, car)
         lines = [self._next_line(), Content(f"Effect    {effect_line(load)}")]
@@ -250,7 +250,7 @@ class MassesScreen(BenchScreen):
         begin(self, partial(self._draft.write, draft), group="draft")
 
     def action_add(self) -> None:
-        """Add a weight; text typed into a cancelled one is still there."""
+        """Add a weight; the form still has the text of a cancelled one."""
         self._edit("Add a weight", NEW_WEIGHT, len(self._entries))
 
     def action_edit(self) -> None:
@@ -283,14 +283,14 @@ class MassesScreen(BenchScreen):
         self.app.push_screen(WeightScreen(title, {**values, **typed}, check, keep), done)
 
     def action_remove(self) -> None:
-        """Take the marked weight off; U puts it back."""
+        """Remove the marked weight; U puts it back."""
         at = self.query_one(RowList).cursor
         if at < len(self._entries):
             self._renumber()
             self._change((*self._entries[:at], *self._entries[at + 1 :]))
 
     def _renumber(self) -> None:
-        """Discard text typed into weights whose number has changed."""
+        """Discard text typed for weights whose number has changed."""
         self._open = {key: typed for key, typed in self._open.items() if key == _ANOTHER}
 
     def action_undo(self) -> None:
@@ -310,7 +310,7 @@ class MassesScreen(BenchScreen):
     # The outlook --------------------------------------------------------------------------------
 
     def _predict(self) -> None:
-        """Predict the gain of these weights, in a process of its own."""
+        """Predict the gain by these weights in a separate process."""
         app = self.bench_app
         try:
             text = with_weights(app.bench_text, self._weights)
@@ -349,7 +349,7 @@ class MassesScreen(BenchScreen):
         ask_limits(self, take)
 
     async def action_measure(self) -> None:
-        """Measure the levels at rest, from which the sag under the weights follows."""
+        """Measure the levels at rest, which give the sag under the weights."""
         reply = await self.bench_app.ask(AskCheck(_REST_S))
         if reply is not None:
             self._levels = rest_levels(reply.check)

@@ -1,4 +1,4 @@
-"""A note on the session or on the last run; its text is kept when the dialog is left."""
+"""Edits a note on the session or on the last run; its text is kept when the dialog is left."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _DRAFT_S = 0.5
 class NoteScreen(ModalScreen[None]):
     """Ctrl+S stores the note; Esc leaves and keeps the text as a draft.
 
-    `label`: the run that the note is on; empty for the session.
+    `label`: label of the run; empty for the session.
     """
 
     HELP_PAGE: ClassVar[str] = "note"
@@ -52,7 +52,7 @@ class NoteScreen(ModalScreen[None]):
         return cast("BenchContext", self.app)
 
     def compose(self) -> ComposeResult:
-        """Lay out the text."""
+        """Compose the text."""
         draft = read_draft(self._draft_path)
         text = draft.get("text", "")
         with Vertical() as box:
@@ -78,7 +78,7 @@ class NoteScreen(ModalScreen[None]):
         self._show_subject()
 
     def action_about(self) -> None:
-        """Change between the session and the last run."""
+        """Switch between the session and the last run."""
         status = self._bench_app.status
         last = status.runs[-1].label if status is not None and status.runs else ""
         self._label = "" if self._label else last

@@ -1,4 +1,4 @@
-"""Asks before a terminal is attached to a recorder that is not the one it was started for."""
+"""Asks before a terminal is attached to a recorder with another setup than requested."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ ATTACH, REPLACE, END = "attach", "replace", "end"
 class OtherRecorder:
     """Compares the running recorder to the wanted one, once for each terminal.
 
-    `wanted`: None if the terminal was started for whatever runs.  `asking`: True while the operator
-    has not answered; no other screen comes before that.
+    `wanted`: None if the terminal accepts any setup.  `asking`: True while the operator has not
+    answered; no other screen opens before.
     """
 
     def __init__(self, app: App[None], wanted: Setup | None) -> None:
@@ -44,11 +44,11 @@ class OtherRecorder:
         self._app.push_screen(ChoiceScreen(printable(title, 400), options), self._settle)
 
     async def _settle(self, choice: str | None) -> None:
-        """Carry out the answer; without one nothing is touched and the terminal ends."""
+        """Carry out the answer; without one nothing is changed and the terminal ends."""
         if choice in (REPLACE, END):
             await self._bench_app.ask(Stop())  # refused if nothing is being recorded
             if await self._bench_app.ask(ShutDown()) is None:
-                self.asking = False  # the reason is shown, and it is asked again
+                self.asking = False  # the reason is shown, and the question is asked again
                 return
         if choice in (ATTACH, REPLACE):
             self._wanted, self.asking = None, False

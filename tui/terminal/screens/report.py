@@ -39,7 +39,7 @@ class ReportScreen(WorkScreen):
 
     @property
     def step_shown(self) -> BenchStep | None:
-        """Step 7; None for a session of the past."""
+        """Step 7; None for an earlier session."""
         status = self.bench_app.status
         own = not self._session or (status is not None and status.own_session == self._session)
         return BenchStep.REPORT if own else None
@@ -58,7 +58,7 @@ class ReportScreen(WorkScreen):
 
     @property
     def acts(self) -> bool:
-        """True while SPACE does something: not during the writing, nor after it."""
+        """True while SPACE does something: neither during the writing nor after it."""
         idle = self.work.stage in (Stage.IDLE, Stage.FAILED)
         return not self._session or idle or (self._outdated and self.work.stage is Stage.DONE)
 
@@ -75,7 +75,7 @@ class ReportScreen(WorkScreen):
         self.draw()
 
     def show_status(self, status: Status) -> None:
-        """Take the recording's own session if none was chosen."""
+        """Take the session of this recording if none was chosen."""
         ready = status.session.state is SessionState.READY
         if not self._session and ready:
             self._session = status.own_session

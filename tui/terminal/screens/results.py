@@ -35,13 +35,13 @@ from .work import OUTDATED
 _PAGES = ("Parameters", "Modes", "M C K", "Decays", "Findings", "Derived")
 _DECAYS = _PAGES.index("Decays")
 _WIDE = 160
-"""Columns from which the decays are shown next to every page."""
+"""Least number of columns to show the decays next to every page."""
 _VERDICT_LINES, _VERDICT_LINES_TALL = 4, 8
 _REASON = "excluded at the results"
 
 
 class ResultsScreen(BenchScreen):
-    """The results of one session; the page is chosen by Tab."""
+    """Shows the results of one session; Tab chooses the page."""
 
     HELP_PAGE: ClassVar[str] = "results"
     DEFAULT_CSS = """
@@ -87,7 +87,7 @@ class ResultsScreen(BenchScreen):
         return super().check_action(action, parameters)
 
     def compose_body(self) -> ComposeResult:
-        """Lay out verdict, page and decay."""
+        """Compose verdict, page and decay."""
         yield Static(id="verdict", markup=False)
         yield Static(id="pages", markup=False)
         with Horizontal(id="body"):
@@ -98,7 +98,7 @@ class ResultsScreen(BenchScreen):
                 yield DecayPlot(self.bench_app.glyphs)
 
     def on_mount(self) -> None:
-        """Show an outcome that came before the screen."""
+        """Show an outcome that arrived before the screen was composed."""
         self._fill()
 
     def on_resize(self) -> None:
@@ -107,11 +107,11 @@ class ResultsScreen(BenchScreen):
 
     @property
     def step_shown(self) -> BenchStep | None:
-        """Step 6; None for a session of the past."""
+        """Step 6; None for an earlier session."""
         return BenchStep.IDENTIFY if self._is_current(self.bench_app.status) else None
 
     def show_status(self, status: Status) -> None:
-        """Show when the recording has changed since."""
+        """Show whether the recording has changed since."""
         if self._outdated is not self._shown_outdated:
             self._draw()
 
@@ -122,7 +122,7 @@ class ResultsScreen(BenchScreen):
 
     @property
     def _pages(self) -> tuple[str, ...]:
-        """The pages; that of the dampers where the car has curves."""
+        """Names of the pages; that of the dampers only where the car has curves."""
         return (*_PAGES, "Dampers") if self.outcome and self.outcome.dampers else _PAGES
 
     @property
@@ -164,7 +164,7 @@ class ResultsScreen(BenchScreen):
         self._draw()
 
     def action_move(self, step: int) -> None:
-        """Move among the runs where they are shown; else scroll."""
+        """Move between the runs where they are shown; else scroll."""
         runs = self.query_one("#runs", OptionList)
         if not self._runs_shown:
             self.query_one("#scroll").scroll_relative(y=2 * step, animate=False)
@@ -213,7 +213,7 @@ class ResultsScreen(BenchScreen):
             await self.bench_app.open_build()
 
     async def _try_without(self, outcome: Outcome, label: str) -> None:
-        """Identify a session of the past without a run; its file stays unchanged."""
+        """Identify an earlier session without a run; its file stays unchanged."""
         without = tuple(sorted(set(outcome.without) ^ {label}))
         await self.bench_app.open_identify(outcome.session, without)
 

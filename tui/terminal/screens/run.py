@@ -21,7 +21,7 @@ from .news import LiveArrived, RecorderLost
 
 
 class RunScreen(BumpingScreen):
-    """Banner and lanes; on a wide terminal progress, runs and journal beside them."""
+    """Banner and lanes; on a wide terminal also progress, runs and journal."""
 
     HELP_PAGE: ClassVar[str] = "run"
 
@@ -30,7 +30,7 @@ class RunScreen(BumpingScreen):
         self._page = 0
 
     def compose_body(self) -> ComposeResult:
-        """Lay out the run."""
+        """Compose the run."""
         glyphs = self.bench_app.glyphs
         yield BigWord(glyphs)
         yield BannerBar(glyphs)

@@ -32,7 +32,7 @@ _ENTRY = TypeAdapter(SessionEntry)
 
 
 class SessionsScreen(BenchScreen):
-    """A list that is read again whenever the screen comes to the front."""
+    """Shows the list, which is read again whenever the screen comes to the front."""
 
     HELP_PAGE: ClassVar[str] = "sessions"
     DEFAULT_CSS = """
@@ -61,7 +61,7 @@ class SessionsScreen(BenchScreen):
         self._stale = True
 
     def compose_body(self) -> ComposeResult:
-        """Lay out heading, list, place of the marked session and search line."""
+        """Compose heading, list, place of the marked session and search line."""
         yield Static(id="head", markup=False)
         yield OptionList(id="list")
         yield Static(id="about", markup=False)
@@ -106,7 +106,7 @@ class SessionsScreen(BenchScreen):
         await self.action_open()
 
     async def action_open(self) -> None:
-        """Show the results of a session; go on with the recording that is open."""
+        """Show the results of a session; for the open recording, go to its due step."""
         entry = self._chosen()
         if entry is None:
             return
@@ -178,7 +178,7 @@ class SessionsScreen(BenchScreen):
         self._about()
 
     async def on_option_list_option_selected(self, _: OptionList.OptionSelected) -> None:
-        """Enter opens."""
+        """Open the session on Enter."""
         await self.action_open()
 
     # Inside -------------------------------------------------------------------------------------
@@ -221,7 +221,7 @@ class SessionsScreen(BenchScreen):
 
     def _draw(self) -> None:
         if len(self.query("#head, #list, #about, #find")) < 4:
-            return  # not laid out yet, or being removed widget by widget
+            return  # not composed yet, or being removed
         words = self.query_one("#find", Input).value
         chosen = self._chosen()
         self._shown = [entry for entry in self._entries if found(entry, words)]

@@ -70,7 +70,7 @@ class VehicleScreen(BenchScreen):
         self._writing: Timer | None = None
 
     def compose_body(self) -> ComposeResult:
-        """Lay out the form, and a box for help on the field."""
+        """Compose the form, and a box for help on the field."""
         by_name = {field.name: field for field in VEHICLE_FIELDS}
         yield Form([[by_name[name] for name in row] for row in _ROWS], 15)
         yield Static(id="help", classes="box", markup=False)
@@ -98,7 +98,7 @@ class VehicleScreen(BenchScreen):
 
     @property
     def acts(self) -> bool:
-        """True while a recorder takes the form."""
+        """True while a recorder accepts the form."""
         return not self.lost_words
 
     # Editing ------------------------------------------------------------------------------------
@@ -121,7 +121,7 @@ class VehicleScreen(BenchScreen):
         self._advise()
 
     def on_form_changed(self, _: Form.Changed) -> None:
-        """Keep the text, right or wrong."""
+        """Keep the text, valid or not."""
         field = self.query_one(Form).current
         if field is not None:
             self._touched.add(field.name)
@@ -134,7 +134,7 @@ class VehicleScreen(BenchScreen):
         self._writing = self.set_timer(_DRAFT_S, self._keep_draft)
 
     async def on_form_submitted(self, _: Form.Submitted) -> None:
-        """Enter in the last field applies."""
+        """Apply the form on Enter in the last field."""
         await self.action_next()
 
     def _remember(self, name: str) -> None:

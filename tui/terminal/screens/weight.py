@@ -47,7 +47,7 @@ class WeightScreen(ModalScreen[Values | None]):
         self._check, self._keep = check, keep
 
     def compose(self) -> ComposeResult:
-        """Lay out the fields."""
+        """Compose the fields."""
         with Vertical(classes="box") as box:
             box.border_title = self._title
             yield Form([(field,) for field in WEIGHT_FIELDS], 11)
@@ -62,7 +62,7 @@ class WeightScreen(ModalScreen[Values | None]):
         form.enter()
 
     def on_form_changed(self, _: Form.Changed) -> None:
-        """Keep the text, right or wrong."""
+        """Keep the text, valid or not."""
         self._keep(self.query_one(Form).values)
         self._advise()
 
@@ -71,7 +71,7 @@ class WeightScreen(ModalScreen[Values | None]):
         self._advise()
 
     def on_form_submitted(self, _: Form.Submitted) -> None:
-        """Enter in the last field applies."""
+        """Apply the form on Enter in the last field."""
         self.action_apply()
 
     def _advise(self) -> None:

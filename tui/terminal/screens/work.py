@@ -1,4 +1,4 @@
-"""Base of the screens of long work: one box, drawn again with every line of the worker."""
+"""Base of the screens for long work: one box, drawn again with every line of the worker."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OUTDATED = "runs, weights or vehicle have changed since the session file was bui
 
 
 class WorkScreen(BenchScreen):
-    """Shows the progress of a worker, and what SPACE does before and after."""
+    """Shows the progress of a worker, and the action of SPACE before and after."""
 
     DEFAULT_CSS = """
     WorkScreen #work { height: 1fr; }
@@ -27,7 +27,7 @@ class WorkScreen(BenchScreen):
         self.work = LongWork()
 
     def compose_body(self) -> ComposeResult:
-        """Lay out the box."""
+        """Compose the box."""
         box = Static(id="work", classes="box", markup=False)
         box.border_title = self.TITLE_OF_BOX
         yield box

@@ -1,1 +1,1 @@
-"""Pure functions from the recorder's status to what the terminal shows."""
+"""Pure functions from the recorder's status to the contents of the screens."""

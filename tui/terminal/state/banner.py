@@ -34,7 +34,7 @@ _BAR = 20
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """Three lines that are read from three metres."""
+    """Three lines, to be read from three metres."""
 
     kind: str
     """`armed`, `moving`, `good`, `bad`, `quiet`: chooses the colour, which only adds to the
@@ -43,7 +43,7 @@ class Banner:
     word: str
     """The state in one word."""
     title: str
-    """The run, behind symbol and word."""
+    """The run, after symbol and word."""
     first: str
     """Present event."""
     second: str = ""

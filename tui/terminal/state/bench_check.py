@@ -11,7 +11,7 @@ from daq.control import BusState, CheckItem
 
 OK, WARN, FAIL, NOW, WAIT = "OK", "WARN", "FAIL", "NOW", "wait"
 TARED = (Quantity.SUSPENSION_TRAVEL, Quantity.PITCH_RATE, Quantity.ROLL_RATE)
-"""Quantities that are zero at rest; not accelerations, where a tare would hide gravity."""
+"""Quantities that are zero at rest; not accelerations, for which a tare would hide gravity."""
 _SMALL = {"m": 0.5e-3, "rad/s": 1e-3}
 """Largest offset that counts as zero, by unit: below what a tare can improve."""
 _LITTLE_BYTES, _LEAST_BYTES = 5e9, 0.5e9
@@ -20,7 +20,7 @@ _HEAVY_LOAD = 0.8
 
 @dataclass(frozen=True, slots=True)
 class CheckRow:
-    """One line: state in a word, what it is about, what was found, and what to do."""
+    """One line: state in a word, subject, result and advice."""
 
     state: str
     subject: str
@@ -30,7 +30,7 @@ class CheckRow:
 
     @property
     def blocks(self) -> bool:
-        """True if no campaign may begin with it."""
+        """True if it keeps a campaign from beginning."""
         return self.state == FAIL and not self.overridden
 
     @property
@@ -84,7 +84,7 @@ def recorder_rows(status: Status) -> tuple[CheckRow, ...]:
 
 
 def item_rows(items: Sequence[CheckItem]) -> tuple[CheckRow, ...]:
-    """Return the lines of the bench check; what has several findings has several lines."""
+    """Return the lines of the bench check; an item with several findings has several lines."""
     return tuple(CheckRow(item.verdict, item.subject, item.reason, item.advice) for item in items)
 
 
@@ -93,9 +93,9 @@ def wiggle_rows(
 ) -> tuple[CheckRow, ...]:
     """Return the lines of the guided wiggle, by corner.
 
-    `results`: what the last push on each corner showed.  `active`: the corner that is to be pushed
-    now; empty if none.  `skipped`: why a corner was left out.  `possible`: True if a sensor of the
-    bench can distinguish corners.
+    `results`: result of the last push on each corner.  `active`: the corner that is to be pushed
+    now; empty if none.  `skipped`: reason why a corner was left out.  `possible`: True if a sensor
+    of the bench can distinguish corners.
     """
     if not possible:
         text = "no sensor of this bench can distinguish the corners"
@@ -118,12 +118,12 @@ def wiggle_rows(
 
 
 def wiggle_subject(corner: str) -> str:
-    """Return the name of the line on a corner."""
+    """Return the subject of the line on a corner."""
     return f"wiggle {corner}"
 
 
 def rest_levels(items: Sequence[CheckItem]) -> dict[str, float]:
-    """Return what each channel reads at rest, SI, by its name."""
+    """Return the level of each channel at rest, SI, by its name."""
     return {
         item.subject.removeprefix("channel "): item.figures["level"]
         for item in items
@@ -132,7 +132,7 @@ def rest_levels(items: Sequence[CheckItem]) -> dict[str, float]:
 
 
 def zero_offsets(items: Sequence[CheckItem], channels: Sequence[Channel]) -> tuple[ZeroOffset, ...]:
-    """Return the channels that should read zero at rest and do not."""
+    """Return the channels that should read zero at rest but do not."""
     levels = rest_levels(items)
     return tuple(
         ZeroOffset(c.name, levels[c.name], c.unit, round(c.tare + levels[c.name], 7))
@@ -142,7 +142,7 @@ def zero_offsets(items: Sequence[CheckItem], channels: Sequence[Channel]) -> tup
 
 
 def with_overrides(rows: Sequence[CheckRow], overridden: Mapping[str, str]) -> list[CheckRow]:
-    """Return the lines, overridden warnings marked as such."""
+    """Return the lines with overridden warnings marked."""
     return [
         CheckRow(row.state, row.subject, row.text, f"overridden: {overridden[row.subject]}", True)
         if row.state == WARN and row.subject in overridden

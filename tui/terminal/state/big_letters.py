@@ -1,4 +1,4 @@
-"""Words in letters of five rows, and of twice and three times as many where there is room."""
+"""Words in letters of five rows, or of ten or fifteen where there is room."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _FONT = {
 
 
 def big_word(word: str, width: int, height: int, full: str) -> list[str]:
-    """Return the rows of a word as large as it fits; no row where it does not fit.
+    """Return the rows of a word in the largest size that fits; no row where none fits.
 
     `width`, `height`: cells.  `full`: the character that fills a cell.
     """

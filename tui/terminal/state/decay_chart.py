@@ -1,7 +1,7 @@
-"""A decay, measured against fitted, as rows of characters; it reads without colour too.
+"""A decay, measured against fitted, as rows of characters; it is readable without colour, too.
 
-The measurement is a line of dots, the fit rings every few columns upon it: where the two agree the
-rings lie on the line.
+The measurement is a line of dots; the fit is shown by rings every few columns: where the two agree,
+the rings lie on the line.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _line_mark(glyphs: Glyphs) -> str:
 
 
 def _canvas(scale: Scale, time_s: Floats, values: Floats) -> NDArray[np.bool_]:
-    """Return which dots the line of a curve covers, no gap between columns."""
+    """Return the dots that the line of a curve covers, without gaps between columns."""
     canvas = np.zeros((scale.rows, scale.columns), np.bool_)
     # The points are an envelope already; between two of them the line is straight.
     steps = np.linspace(time_s[0], time_s[-1], 4 * scale.columns)
@@ -120,7 +120,7 @@ def _canvas(scale: Scale, time_s: Floats, values: Floats) -> NDArray[np.bool_]:
 
 
 def _packed(canvas: NDArray[np.bool_], glyphs: Glyphs) -> list[str]:
-    """Return a canvas as rows of characters, some dots each."""
+    """Return a canvas as rows of characters, each of several dots."""
     across, down = _dots(glyphs)
     rows, columns = canvas.shape
     blocks = canvas.reshape(rows // down, down, columns // across, across)
@@ -146,7 +146,7 @@ def _rings(
 
 
 def _pieces(line: list[str], rings: set[int]) -> list[Piece]:
-    """Return a row in as few pieces as its inks allow."""
+    """Return a row in the smallest number of pieces of one ink."""
     pieces: list[Piece] = []
     for column, character in enumerate(line):
         ink = Ink.FITTED if column in rings else Ink.MEASURED
@@ -158,7 +158,7 @@ def _pieces(line: list[str], rings: set[int]) -> list[Piece]:
 
 
 def _labels(scale: Scale, lines: int, glyphs: Glyphs) -> list[str]:
-    """Return what stands left of each line: highest, middle and lowest value, or zero."""
+    """Return the labels on the left of the lines: highest, middle and lowest value, or zero."""
     middle = 0.0 if scale.low < 0.0 < scale.high else (scale.low + scale.high) / 2.0
     at = {int(scale.row(np.array([middle]))[0]) * lines // scale.rows: middle}
     at |= {0: scale.high, lines - 1: scale.low}

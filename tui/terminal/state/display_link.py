@@ -1,4 +1,4 @@
-"""The display that was started beside this terminal."""
+"""The display that was started with this terminal."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class DisplayLink:
-    """How to open it."""
+    """The link of the display, as text and code."""
 
     lines: tuple[str, ...]
     """Link, warning and number, in words."""

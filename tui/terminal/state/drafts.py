@@ -29,7 +29,7 @@ def read_draft(path: Path) -> dict[str, Any]:
 
 
 def write_draft(path: Path, values: Mapping[str, Any]) -> str:
-    """Write the draft in one step; return why it could not be written, or nothing."""
+    """Write the draft in one step; return the reason if it could not be written, else ""."""
     try:
         write_text(path, json.dumps(values))
     except OSError as error:
@@ -43,7 +43,7 @@ def remove_draft(path: Path) -> None:
 
 
 def last_form(folder: Path, name: str, vehicle: str) -> dict[str, str]:
-    """Return the newest form of that vehicle among the folders beside this one; empty if none."""
+    """Return the newest form of that vehicle in the neighbouring folders; empty if none."""
     found = []
     for path in folder.resolve().parent.glob(f"*/{name}"):
         form = read_draft(path)

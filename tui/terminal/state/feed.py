@@ -1,4 +1,4 @@
-"""Connects the terminal to its recorder: news in, orders out, over its sockets."""
+"""Connects the terminal to its recorder: receives news and sends orders over its sockets."""
 
 from __future__ import annotations
 
@@ -33,13 +33,14 @@ RETRY_S = 0.5
 SLICE_S = 0.25
 ANSWER_S, SLOW_S = 2.0, 15.0
 HEIR_S = 4.0
-"""Seconds in which a new terminal takes control once it is free: the one before was killed."""
+"""Seconds in which a new terminal takes control as soon as it is free, after the previous one was
+killed."""
 BIRTH_S = 5.0
 """Seconds that a new recorder may take to answer; two suffice on a fast machine."""
 SLOW_BIRTH_S = 30.0
-"""Seconds that it may take if its process is there: a busy machine takes that long to start it."""
+"""Seconds that it may take if its process exists: a busy machine needs that long to start it."""
 END_S = 20.0
-"""Seconds that a recorder which was shut down may take to end."""
+"""Seconds that a recorder may take to end after a shutdown."""
 SILENT_S = 2.0
 """Seconds without news after which a recorder counts as lost; it publishes ten times a second."""
 
@@ -66,7 +67,7 @@ class Role:
     in_control: bool
     """True if it may give orders."""
     text: str = ""
-    """Why it may not; empty if it may."""
+    """Reason why it may not; empty if it may."""
 
 
 News = Status | Live | Lost | Role | Setup
@@ -88,17 +89,17 @@ class Feed(Protocol):
         """Ask for control, also if another terminal has it."""
 
     def restart(self) -> None:
-        """Start a recorder, as soon as the one before has ended."""
+        """Start a recorder as soon as the previous one has ended."""
 
     def stop(self) -> None:
         """End."""
 
 
 class RecorderFeed:
-    """The recorder of a folder, over `daq.control.client`; it may go and come back.
+    """The recorder of a folder, over `daq.control.client`; it may end and start again.
 
-    `name`: the person.  `start_recorder`: starts a recorder in the folder; called when the operator
-    asks for it.  `control`: False to look on until a `Hello` asks for control.
+    `name`: name of the person.  `start_recorder`: starts a recorder in the folder; called when the
+    operator requests it.  `control`: False to look on until a `Hello` requests control.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class RecorderFeed:
         self._take_over = False
         self._client: Client | None = None
         self._born_s = 0.0
-        """Monotonic time at which the recorder was started last."""
+        """Monotonic time of the last start of the recorder, s."""
         self._post: Callable[[News], None] | None = None
         self._reported: Lost | None = None
         self._thread: threading.Thread | None = None
@@ -135,9 +136,9 @@ class RecorderFeed:
         self._reconnect.set()
 
     def restart(self) -> None:
-        """Start a recorder, as soon as the one before has ended; the listener finds it.
+        """Start a recorder as soon as the previous one has ended; the listener finds it.
 
-        Raises OrderRefusedError if it does not come up, or the one before does not end.
+        Raises OrderRefusedError if it does not start, or the previous one does not end.
         """
         deadline_s = time.monotonic() + END_S
         while is_locked(self._folder):
@@ -170,7 +171,7 @@ class RecorderFeed:
         except RecorderGoneError as error:
             raise OrderRefusedError(f"{error.what}: {error.advice}") from error
         if isinstance(order, Hello):
-            self._name = order.name  # also to a recorder that comes back
+            self._name = order.name  # also to a recorder that is started again
         return reply
 
     def _listen(self, post: Callable[[News], None]) -> None:
@@ -180,14 +181,14 @@ class RecorderFeed:
                 client, role = self._connect()
             except BumpbenchError as error:
                 lost = self._lost(error)
-                # A recorder that was started just now is not lost yet.
+                # A recorder that has just been started is not lost yet.
                 if self._reported is None and not self._is_starting():
                     post(lost)
                     self._reported = lost
                 self._stop.wait(RETRY_S)
                 continue
             self._reported, self._born_s = None, float("-inf")
-            self._client = client  # before the news, which the terminal answers with questions
+            self._client = client  # before the news, to which the terminal replies with requests
             self._post_first(client, role, post)
             lost_text = self._post_news(client, post)
             self._client = None
@@ -209,7 +210,7 @@ class RecorderFeed:
         return age_s <= BIRTH_S or (age_s <= SLOW_BIRTH_S and is_locked(self._folder))
 
     def _connect(self) -> tuple[Client, Role]:
-        """Return a connection: in control if that is free or asked for, else looking on."""
+        """Return a connection: in control if control is free or requested, else looking on."""
         address = control_address(self._folder)
         take_over, self._take_over = self._take_over, False
         self._reconnect.clear()
@@ -220,9 +221,9 @@ class RecorderFeed:
         return client, Role(self._control)
 
     def _post_first(self, client: Client, role: Role, post: Callable[[News], None]) -> None:
-        """Post what is known with the connection: role, setup and status."""
+        """Post everything that is known with the connection: role, setup and status."""
         post(role)
-        # One of an earlier version does not know the question.
+        # A recorder of an earlier version does not know this request.
         with suppress(OrderRefusedError, RecorderGoneError):
             if (setup := client.ask(AskSetup()).setup) is not None:
                 post(setup)
@@ -230,7 +231,7 @@ class RecorderFeed:
             post(client.first_status)
 
     def _post_news(self, client: Client, post: Callable[[News], None]) -> str:
-        """Post news until the recorder is silent; return what happened, '' if stopped."""
+        """Post news until the recorder is silent; return what happened, or '' if stopped."""
         silent_s, in_control = 0.0, client.in_control
         begun_s, was_refused = time.monotonic(), self._control and not in_control
         while not self._stop.is_set() and not self._reconnect.is_set():

@@ -1,4 +1,4 @@
-"""Sets of characters that a terminal can show; every symbol has its word next to it."""
+"""Sets of characters that a terminal can show; every symbol is shown with a word."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Glyphs:
     overload: str
 
     def bar(self, done: int, planned: int, mark: str = "") -> str:
-        """Return a piece for each of what is planned, ten at most; `mark` is the one after."""
+        """Return a piece for each planned item, at most ten; `mark` is the next one."""
         cells = min(planned, MOST_PIECES)
         filled = min(done, planned) * cells // max(planned, 1)
         bar = self.full * filled + (mark if filled < cells else "")
@@ -53,7 +53,7 @@ _SETS = {glyphs.name: glyphs for glyphs in (_BRAILLE, _BLOCKS, _ASCII)}
 
 
 def choose_glyphs(wanted: GlyphSet, environment: Mapping[str, str], encoding: str) -> Glyphs:
-    """Return the wanted set; for `auto` the best that the terminal reports to show.
+    """Return the wanted set; for `auto` the best that the terminal reports to support.
 
     `wanted`: from the command line.  `environment`: `TERM` of the Linux console and of old ones
     have no braille; Windows Terminal sets `WT_SESSION`, the old console host does not.  `encoding`:

@@ -23,8 +23,7 @@ _NONE = "# Help\n\nThere is no page for this. F1 on another screen shows its hel
 def page_of(name: str) -> str:
     """Return a page as Markdown.
 
-    `name`: a screen, the code of a finding (also a name of a rejected run's reason), or of an
-    alarm.
+    `name`: a screen, or the code of a finding (the reason of a rejected run) or of an alarm.
     """
     if name in SCREEN_PAGES:
         return (files("tui.terminal") / "help" / f"{name}.md").read_text("utf-8")

@@ -40,13 +40,13 @@ class LaneSpec:
     label: str
     """Short words on the left."""
     unit: str
-    """As shown."""
+    """Unit as shown."""
     factor: float
     """Factor from SI to the shown unit."""
     least: float
     """Smallest range, in the shown unit."""
     scale: str
-    """Lanes of the same word share one scale: those of one quantity at the wheels."""
+    """Lanes with the same word share one scale: those of one quantity at the wheels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +65,8 @@ def lane_specs(bench: Bench | None, lanes: Lanes, page: int, room: int) -> list[
     """Return the lanes to draw: those of the body, then of each quantity at the wheels.
 
     `bench`: None while it is not known: then the channels are drawn as the recorder sends them.
-    `page`: with which of these groups to begin, counted round; groups follow as far as they fit
-    whole.  `room`: most lanes.
+    `page`: number of the first group to show, modulo their number; further groups follow if they
+    fit completely.  `room`: largest number of lanes.
     """
     if bench is None:
         return [LaneSpec(name, name[:10], "", 1.0, 0.5, name) for name in lanes.channels[:room]]
@@ -96,7 +96,7 @@ def _spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
 
 
 def window(status: Status | None, lanes: Lanes, span_s: float = SPAN_S) -> Window:
-    """Return what is drawn: the run around its bump while there is one, else the last seconds."""
+    """Return the window to draw: the run around its bump if there is one, else the last seconds."""
     bin_s = lanes.bin_s or 0.02
     count = round(span_s / bin_s)
     if status is None or not status.bump_ns:

@@ -13,8 +13,8 @@ RING_S = 60.0
 class Lanes:
     """Rolling history of live samples.
 
-    Lowest and highest value of each bin of each channel; NaN where there is no sample, and where
-    news were lost on the way.
+    Lowest and highest value of each bin of each channel; NaN where there is no sample, or where a
+    message was lost.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Lanes:
         return round(self.end * self.bin_s * 1e9)
 
     def clear(self) -> None:
-        """Forget everything: another recording begins."""
+        """Delete everything, because another recording begins."""
         self.bin_s = 0.0
         self.end = 0
         """The bin after the newest."""

@@ -28,7 +28,7 @@ class LongWork:
 
     stage: Stage = Stage.IDLE
     session: str = ""
-    """The session file that is worked on."""
+    """Session file that is being processed."""
     share: float = 0.0
     """Share of the work that is done, 0..1."""
     begun: tuple[str, ...] = ()
@@ -44,7 +44,7 @@ def after(work: LongWork, line: Line) -> LongWork:
     match line:
         case Progress(share, text):
             begun = work.begun if text in work.begun else (*work.begun, text)
-            # Work in two processes reports in its own order; a bar never goes back.
+            # Two processes report in any order, but a bar never goes back.
             share = max(work.share, min(1.0, share))
             return replace(work, stage=Stage.WORKING, share=share, begun=begun)
         case Done(body):
@@ -63,7 +63,7 @@ def bar_line(share: float, width: int, glyphs: Glyphs) -> str:
 
 
 def work_text(work: LongWork, glyphs: Glyphs, width: int) -> list[str]:
-    """Return bar and stages, or what went wrong and what to do."""
+    """Return bar and stages, or the error and what to do."""
     if work.stage is Stage.FAILED and work.trouble is not None:
         trouble = work.trouble
         return [

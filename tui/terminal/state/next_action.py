@@ -50,7 +50,7 @@ def _next_action(status: Status | None) -> NextAction:
             return NextAction("SPACE = again", arm)
         case Phase.ACCEPTED if status.countdown_s is not None:
             return NextAction("SPACE = now", arm)
-        case Phase.ACCEPTED:  # the boards have to be moved: IDLE follows, and says how
+        case Phase.ACCEPTED:  # the boards must be moved: IDLE follows, and shows how
             return NextAction()
     if status.due is None:
         return NextAction(f"SPACE = step {due.title}", step=due)

@@ -16,18 +16,18 @@ _SENSORS = (
     "none_of_dbc",
     "stale",
 )
-"""Alarms that matter to a run if sensors of the bench are silent."""
+"""Alarms that affect a run if sensors of the bench are silent."""
 _LOSSES = ("queue_dropped", "overrun", "bus_full", "counter_gap")
 _LASTING_NS = 3_000_000_000
-"""Age from which on an alarm of lost frames is more than one disturbance, ns: one alone lasts for
-2.5 s, as its frames are counted over a second and alarms are held for 1.5 s."""
+"""Age above which an alarm of lost frames means more than one disturbance, ns: a single disturbance
+lasts for 2.5 s, because its frames are counted over 1 s and alarms are held for 1.5 s."""
 
 RUNNING = (Phase.TRIGGERED, Phase.DECAY)
 """Phases in which a run is recorded."""
 
 
 def first_obstacle(status: Status) -> Alarm | None:
-    """Return the obstacle that is shown in place of the state; a verdict is read first."""
+    """Return the obstacle that is shown instead of the state; a verdict has priority."""
     read = status.phase is Phase.REJECTED or (
         status.phase is Phase.ACCEPTED and not frames_stand_still(status)
     )
@@ -35,9 +35,9 @@ def first_obstacle(status: Status) -> Alarm | None:
 
 
 def obstacle(status: Status) -> Alarm | None:
-    """Return the gravest alarm for which the next run would be lost; None without one.
+    """Return the gravest alarm that would spoil the next run; None without one.
 
-    There is none while a run is recorded, and where no run is due.
+    There is none while a run is recorded, or where no run is due.
     """
     if status.due is None or status.phase in RUNNING:
         return None
@@ -54,7 +54,7 @@ def obstacle(status: Status) -> Alarm | None:
 
 
 def frames_stand_still(status: Status) -> bool:
-    """Return True if no sensor of the bench sends, so that the time in the frames does not pass."""
+    """Return True if no sensor of the bench sends, so that the time in the frames stands still."""
     return status.sensors_expected > 0 and status.sensors_alive == 0
 
 

@@ -1,4 +1,4 @@
-"""Lines of text on an identification; a state is a word and a symbol, never colour alone.
+"""Lines of text on an identification; a state is a word and a symbol, never only a colour.
 
 Every function returns plain text; nothing in it is markup, and foreign names are made printable.
 """
@@ -29,7 +29,7 @@ def mark(verdict: str, glyphs: Glyphs) -> str:
 
 
 def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> list[str]:
-    """Say the verdict in words, then its gravest reasons with what to do, in `most` lines."""
+    """Return the verdict in words, then its gravest reasons with advice, at most `most` lines."""
     word = outcome.verdict.upper()
     runs = f"{outcome.used} of {len(outcome.runs)} runs used"
     fit = f"   chi2/n {outcome.chi2_per_n:.3f}" if isfinite(outcome.chi2_per_n) else ""
@@ -59,7 +59,7 @@ def finding_lines(severity: str, text: str, glyphs: Glyphs, width: int) -> list[
 
 
 def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
-    """Return all findings, and the warnings that a person answered for."""
+    """Return all findings, and the warnings that a person overrode."""
     lines = [*wrap(outcome.meaning, width), ""]
     for finding in outcome.findings:
         lines += finding_lines(finding.severity, finding.text, glyphs, width)
@@ -69,7 +69,7 @@ def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
         lines += ["", "Which parameters can be used:"]
         for text in outcome.survival:
             lines += wrap(f"  {printable(text, 700)}", width, subsequent_indent="    ")
-    lines += ["", "Warnings of the bench check that a person answered for:"]
+    lines += ["", "Warnings of the bench check that a person overrode:"]
     if not outcome.overrides:
         lines.append("  none")
     for text in outcome.overrides:

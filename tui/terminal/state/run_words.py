@@ -1,4 +1,4 @@
-"""Words on the run that is due and on the one judged last, for banner and display."""
+"""Texts on the run that is due and on the last judged run, for banner and display."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COMPLETE = "Every planned run is accepted."
 
 
 def run_words(run: LoggedRun) -> str:
-    """Return `bounce 3` and the like; the added state says so."""
+    """Return `bounce 3` and the like; in the added state, with its name."""
     return f"{run.excitation.words} {run.repeat}"
 
 
@@ -38,7 +38,7 @@ def instruction_words(status: Status) -> str:
 
 
 def last_judged(status: Status) -> LoggedRun | None:
-    """Return the run judged last; None if there is none."""
+    """Return the last judged run; None if there is none."""
     judged = [run for run in status.runs if run.status is not LoggedStatus.OPEN]
     return judged[-1] if judged else None
 
@@ -51,7 +51,7 @@ def count_words(status: Status, run: LoggedRun) -> str:
 
 
 def countdown_digits(status: Status) -> str:
-    """Return the seconds to the next run; empty if none arms itself, or no frame counts them."""
+    """Return the seconds to the next run; empty if none arms itself, or no frames arrive."""
     if status.countdown_s is None or frames_stand_still(status):
         return ""
     return f"{math.ceil(status.countdown_s)}"
@@ -64,14 +64,14 @@ def waiting_words(status: Status) -> str:
 
 
 def accepted_words(run: LoggedRun | None) -> str:
-    """Return the figures of an accepted run."""
+    """Return the measured figures of an accepted run."""
     found = {f.code: f.text for f in run.findings} if run else {}
     shown = [found[code] for code in ("motion", "mirrored") if found.get(code)]
     return printable("; ".join(shown), 160) or "every check passed"
 
 
 def rejected_words(run: LoggedRun) -> tuple[str, str]:
-    """Return why a run was rejected and what to do; a person's reject has no advice."""
+    """Return why a run was rejected and what to do; a rejection by a person has no advice."""
     failed = next((finding for finding in run.findings if not finding.passed), None)
     if run.by or failed is None:
         return printable("; ".join(run.reasons), 110), ""
@@ -81,7 +81,7 @@ def rejected_words(run: LoggedRun) -> tuple[str, str]:
 
 
 def proposal_words(status: Status) -> str:
-    """Return that runs are unlike the others, and the key that leaves them out; may be empty."""
+    """Return a line on runs that differ from the others, and the key to leave them out; or ""."""
     number = len(status.proposed)
     if not number:
         return ""

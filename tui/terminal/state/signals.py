@@ -1,7 +1,7 @@
-"""Signals for the ear and for the far eye: the bell at what matters, the state in big letters.
+"""Signals for a distant operator: the bell at important events, the state in big letters.
 
-A terminal has one tone, its bell: the signals differ by number and rhythm.  Both choices are those
-of the person at this machine and are kept in a file of theirs.
+A terminal has one tone, its bell: the signals differ by number and rhythm.  Both choices belong to
+the person at this machine and are stored in their own file.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Later = Callable[[float, Callable[[], None]], object]
 
 CHOICES_FILE = "terminal.json"
 UNSIGNALLED = ("unknown_id", "clock_step", "restamped")
-"""Alarms that need nothing to be done at once."""
+"""Alarms that need no immediate action."""
 
 
 class Signal(Enum):
-    """An event that is signalled; the value is the seconds at which the bell is rung."""
+    """An event that is signalled; the value has the times at which the bell rings, s."""
 
     ARMED = (0.0,)
     ACCEPTED = (0.0, 0.2)
@@ -42,7 +42,7 @@ _PHASES = {
 
 
 def signal_of(before: Status | Lost | None, status: Status | Lost) -> Signal | None:
-    """Return what is signalled by news: a verdict first, then an alarm, then ARMED."""
+    """Return the signal for news: a verdict first, then an alarm, then ARMED."""
     if isinstance(status, Lost):
         return None if status.starting or before is not None else Signal.LOST
     if not isinstance(before, Status):
@@ -59,7 +59,7 @@ def signal_of(before: Status | Lost | None, status: Status | Lost) -> Signal | N
 
 
 def choices_path(environ: Mapping[str, str], home: Path) -> Path:
-    """Return the file of a person's choices, where their system keeps such files."""
+    """Return the path of a person's choices, in the system's folder for such files."""
     root = environ.get("XDG_CONFIG_HOME") or environ.get("APPDATA")
     return (Path(root) if root else home / ".config") / "bumpbench" / CHOICES_FILE
 
@@ -88,12 +88,12 @@ class Signals:
                 self._ring()
 
     def toggle_sound(self) -> str:
-        """Mute the bell or let it sound; return why the choice is not kept, or nothing."""
+        """Mute or unmute the bell; return the reason if the choice cannot be stored, else ""."""
         self.sound = not self.sound
         return self._keep()
 
     def toggle_big(self) -> str:
-        """Show the state in big letters or not; return why the choice is not kept, or nothing."""
+        """Switch big letters on or off; return the reason if this cannot be stored, else ""."""
         self.big = not self.big
         return self._keep()
 

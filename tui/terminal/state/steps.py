@@ -27,7 +27,7 @@ class BenchStep(IntEnum):
 
     @property
     def mark(self) -> str:
-        """The mark in the recording by which a person says that the step is done."""
+        """Mark in the recording with which a person confirms that the step is done."""
         return f"step {self.name.lower()} done"
 
 
@@ -57,7 +57,7 @@ class Progress:
 
 
 def bump_step(status: Status) -> BenchStep:
-    """Return the step of the bumps that come next: with weights as soon as these are on the car."""
+    """Return the step of the next bumps: with weights as soon as these are on the car."""
     due = status.due
     more_of_the_baseline = due is not None and due.step.mass_state == BASELINE
     if more_of_the_baseline or not progress(status).reached(BenchStep.ADDED):
@@ -66,11 +66,11 @@ def bump_step(status: Status) -> BenchStep:
 
 
 def progress(status: Status | None) -> Progress:
-    """Return how far the recording is, by its book alone: a new terminal is where the old one was.
+    """Return the progress of the recording from its log alone, also for a new terminal.
 
-    A person's word (a mark) ends the steps without bumps; accepted runs end the others.  A bump of
-    a later step implies those before it.  What is identified and reported has to be again when
-    runs, weights or vehicle have changed since.
+    A mark by a person ends the steps without bumps; accepted runs end the others.  A bump of a
+    later step implies the earlier steps.  Identification and report must be repeated when runs,
+    weights or vehicle have changed since.
     """
     if status is None:
         return Progress(frozenset(), BenchStep.VEHICLE)

@@ -11,7 +11,7 @@ _BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 _BLOCKS = np.array([[1, 2], [4, 8]])
 _QUADRANTS = " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
 _BARS = np.array([[1], [2], [4]])
-_STROKES = " '-^.|,|"  # what of a cell is struck: top 1, middle 2, bottom 4
+_STROKES = " '-^.|,|"  # parts of a cell that are drawn: top 1, middle 2, bottom 4
 _STEPS = (1.0, 2.0, 5.0)
 
 
@@ -32,7 +32,7 @@ def trace(
     height = rows * tall
     zero = height // 2
     half = max(1, height - 1 - zero)
-    # Neighbours are joined, or a steep flank would fall apart.
+    # Neighbours are joined, because a steep flank would otherwise have gaps.
     before_low, before_high = np.roll(low, 1), np.roll(high, 1)
     before_low[:1] = before_high[:1] = np.nan
     bottom, top = np.fmin(low, before_high), np.fmax(high, before_low)
@@ -68,8 +68,9 @@ def pooled(
 def full_scale(peak: float, least: float, before: float) -> float:
     """Return the range of a lane: 1, 2 or 5 times a power of ten, and slow to shrink.
 
-    `peak`: largest deviation shown.  `least`: no range is smaller: noise at rest must not fill the
-    lane.  `before`: the range so far; 0 if none.  It is kept while the peak fills a third of it.
+    `peak`: largest deviation shown.  `least`: smallest range, because noise at rest must not fill
+    the lane.  `before`: the range so far; 0 if none.  It is kept while the peak fills a third of
+    it.
     """
     wanted = max(peak, least)
     if before / 3.0 <= wanted <= before:

@@ -23,12 +23,12 @@ class BannerBar(Horizontal):
         super().__init__()
         self._plain = glyphs.name is GlyphSet.ASCII
         self._shown: tuple[Banner, int] | None = None
-        # Kept, not looked for: a status may come before they are composed.
+        # Stored, not queried: a status may come before they are composed.
         self._words = Static(markup=False)
         self._digits = Static(markup=False, id="figures") if self._plain else Digits()
 
     def compose(self) -> ComposeResult:
-        """Words on the left, digits on the right."""
+        """Compose words on the left, digits on the right."""
         yield self._words
         yield self._digits
 
@@ -50,7 +50,7 @@ class BannerBar(Horizontal):
         self._digits.update(f"\n{banner.digits:>5} " if self._plain else banner.digits)
 
     def _folded(self, banner: Banner, indent: int) -> list[str]:
-        """Return two lines; what is too long for the first may go on before the second."""
+        """Return two lines; a first line that is too long may continue before the second."""
         if not banner.folds:
             return [banner.first, banner.second]
         room = max(20, self.size.width - _DIGITS - indent)

@@ -22,7 +22,7 @@ _WIDE = 120
 LOST_WORDS = "RECORDER LOST: X = start it again"
 """The first words of every screen while no recorder answers."""
 LOST_IN_A_FIELD = "RECORDER LOST: Esc, then X = start it again"
-"""The same where X would be typed, and over a dialog."""
+"""The first words where X would be typed, and over a dialog."""
 
 
 class TopLine(Words):
@@ -34,7 +34,7 @@ class TopLine(Words):
 
     def show(self, status: Status | None, app: BenchContext) -> None:
         """Show a status, or that there is none."""
-        width = self.size.width or self.app.size.width  # on a screen that has just come
+        width = self.size.width or self.app.size.width  # on a screen that has just opened
         wide = width >= _WIDE
         if app.lost is not None:
             text = printable(app.lost.text)
@@ -87,12 +87,12 @@ class TopLine(Words):
 
 
 def _bus_name(name: str, most: int) -> str:
-    """Return the name of a bus in `most` characters: where it is longer, its channel alone."""
+    """Return the name of a bus in `most` characters; only its channel where the name is longer."""
     return printable(name if len(name) <= most else name.split()[-1], most)
 
 
 ENOUGH = (80, 24)
-"""Columns and rows in which every screen shows what matters."""
+"""Columns and rows in which every screen shows everything important."""
 
 
 class StepBar(Words):
@@ -163,7 +163,7 @@ class KeyBar(Words):
         order = sorted(
             shown, key=lambda action: (action != _FIRST, action == _LAST, action in common)
         )
-        width = self.size.width or self.app.size.width  # on a screen that has just come
+        width = self.size.width or self.app.size.width  # on a screen that has just opened
         for action in (*_DROPPED, *reversed([a for a in order if a not in (_FIRST, _LAST)])):
             if sum(len(" ".join(shown[a])) + 2 for a in order) <= width + 2:
                 break

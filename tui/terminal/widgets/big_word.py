@@ -11,7 +11,7 @@ from .banner_bar import KINDS
 from .words import Words
 
 _SHARE = 3
-"""The word takes at most the third part of the screen's height."""
+"""Divisor of the screen's height that gives the largest height of the word."""
 
 
 class BigWord(Words):

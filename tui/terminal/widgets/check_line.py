@@ -1,4 +1,4 @@
-"""A line of the check: mark and word, what it is about, what was found."""
+"""A line of the check: mark and word, subject, result."""
 
 from __future__ import annotations
 

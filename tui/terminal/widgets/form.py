@@ -27,14 +27,14 @@ class TextField(Line):
         self.styles.width = width
 
     class Row(Message):
-        """Texts with tabs between them were pasted: one for each field from this one on."""
+        """Texts with tabs between them were pasted: one for each field, starting with this one."""
 
         def __init__(self, widget: TextField, texts: Sequence[str]) -> None:
             self.widget, self.texts = widget, tuple(texts)
             super().__init__()
 
     def on_paste(self, event: Paste) -> None:
-        """Pass texts with tabs between them on; a text without is inserted as in any line."""
+        """Pass on texts with tabs between them; insert a text without tabs as in any line."""
         texts = event.text.splitlines()[0].split("\t") if event.text.strip() else [""]
         if len(texts) > 1:
             event.stop()
@@ -43,7 +43,7 @@ class TextField(Line):
 
 
 class ChoiceField(Static, can_focus=True):
-    """A field that is one of a few words: left and right go through them, SPACE leaves them."""
+    """A field with one of a few words: left and right choose a word; SPACE does not change it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right", "turn(1)", "Change", show=False),
@@ -78,7 +78,7 @@ class ChoiceField(Static, can_focus=True):
         self.update(value)
 
     def action_turn(self, by: int) -> None:
-        """Take the next word, or the one before."""
+        """Choose the next word, or the previous one."""
         words = self.field.choices
         now = words.index(self._value) if self._value in words else -1
         self.value = words[(now + by) % len(words)]
@@ -93,9 +93,9 @@ FieldWidget = TextField | ChoiceField
 
 
 class Label(Static):
-    """Text between two fields: the end of the one, the label of the other.
+    """Text between two fields: the end of the first, the label of the second.
 
-    One widget and not three, because a form of thirty fields has to be there at once.
+    It is one widget instead of three, because a form of thirty fields must appear at once.
     """
 
     def __init__(self, before: str, words: str, bracket: str = "") -> None:
@@ -103,7 +103,7 @@ class Label(Static):
         super().__init__(self._text())
 
     def mark(self, bad: bool) -> None:
-        """Show whether the field behind it is wrong: by a mark, and in colour."""
+        """Show whether the field after it is wrong: by a mark, and in colour."""
         if bad != self._bad:
             self._bad = bad
             self.update(self._text())
@@ -117,9 +117,9 @@ class Label(Static):
 
 
 class Form(VerticalScroll, can_focus=False):
-    """Fields in rows; what is typed stays, be it right or wrong.
+    """Fields in rows; typed text stays, valid or not.
 
-    `rows`: fields that stand side by side.  `label_width`: cells of the first label of a row.
+    `rows`: fields of each row.  `label_width`: cells of the first label of a row.
     """
 
     DEFAULT_CSS = """
@@ -147,7 +147,7 @@ class Form(VerticalScroll, can_focus=False):
         self._labels: dict[str, Label] = {}
 
     def compose(self) -> ComposeResult:
-        """Lay out the rows."""
+        """Compose the rows."""
         for row in self._rows:
             yield Horizontal(*self._row(row))
 
@@ -171,7 +171,7 @@ class Form(VerticalScroll, can_focus=False):
         return {name: widget.value for name, widget in self._fields.items()}
 
     def fill(self, values: Mapping[str, str]) -> None:
-        """Put values in; fields that are not named stay."""
+        """Set values; fields that are not named stay unchanged."""
         with self.prevent(Input.Changed):
             for name, value in values.items():
                 if name in self._fields:
@@ -200,7 +200,7 @@ class Form(VerticalScroll, can_focus=False):
         self.post_message(self.Changed())
 
     def on_text_field_row(self, event: TextField.Row) -> None:
-        """Fill the fields from the one with the cursor on; go to the last one that was filled."""
+        """Fill the fields, starting at the cursor; go to the last one that was filled."""
         event.stop()
         widgets = list(self._fields.values())
         for widget, text in zip(widgets[widgets.index(event.widget) :], event.texts, strict=False):
@@ -215,12 +215,12 @@ class Form(VerticalScroll, can_focus=False):
         self.post_message(self.Changed())
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Go to the next field, or be done."""
+        """Go to the next field; after the last one, submit the form."""
         event.stop()
         self._submitted(event.input)
 
     def on_choice_field_submitted(self, event: ChoiceField.Submitted) -> None:
-        """Go to the next field, or be done."""
+        """Go to the next field; after the last one, submit the form."""
         event.stop()
         self._submitted(event.widget)
 

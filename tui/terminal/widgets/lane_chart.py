@@ -19,14 +19,14 @@ from ..state.lanes import Lanes
 from ..state.tracing import full_scale, pooled, trace
 
 LANE_ROWS = 4
-"""With fewer rows a decay looks like noise."""
+"""Least number of rows of a lane: with fewer, a decay looks like noise."""
 _LABEL, _SCALE = 11, 12
 Traced = tuple[NDArray[np.float64], NDArray[np.float64], float]
 """Envelope of a channel about its value at rest, and its peak; NaN without samples."""
 
 
 class LaneChart(Widget):
-    """A chart recorder."""
+    """A chart of lanes, as on a chart recorder."""
 
     class Resized(Message):
         """The chart has another size, and its rows have to be drawn anew."""
@@ -126,7 +126,7 @@ class LaneChart(Widget):
         return low, high, peak
 
     def _at_rest(self, spec: LaneSpec, median: float) -> float:
-        """Return the value at rest; it follows slowly, or the whole trace would tremble."""
+        """Return the value at rest; it follows slowly, so that the whole trace does not tremble."""
         rest = self._rest.get(spec.channel)
         if rest is None or abs(median - rest) * spec.factor > 0.1 * spec.least:
             self._rest[spec.channel] = rest = median
@@ -134,7 +134,7 @@ class LaneChart(Widget):
 
 
 def _marked(cells: str, column: int, sign: str) -> str:
-    """Return a row with the trigger's sign where the trace leaves it free."""
+    """Return a row with the sign of the trigger, unless the trace covers it."""
     if cells[column] != " ":
         return cells
     return f"{cells[:column]}{sign}{cells[column + 1 :]}"

@@ -9,5 +9,5 @@ class Line(Input):
     """An input without control characters: pasted ones would act on the terminal."""
 
     def validate_value(self, value: str) -> str:
-        """Keep what can be shown."""
+        """Keep only printable characters."""
         return "".join(c for c in value if c.isprintable())

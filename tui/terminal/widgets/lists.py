@@ -19,12 +19,12 @@ from .words import Words
 _KEPT = 200
 _ALARM_ROWS = 4
 _ROWS_EACH = 2
-"""Rows of each alarm but the gravest, whose advice is shown whole."""
+"""Rows of each alarm except the gravest, whose advice is shown completely."""
 _WITH_REASONS = 48
 
 
 def clock_time(t_ns: int) -> str:
-    """Return the time of day of a time stamp, where the terminal is."""
+    """Return the time of day of a time stamp, in the terminal's time zone."""
     return datetime.fromtimestamp(t_ns * 1e-9, UTC).astimezone().strftime("%H:%M:%S")
 
 
@@ -164,7 +164,7 @@ class AlarmList(Words):
         self.say(Content("\n").join(self._rows(alarms, self.size.width or self.app.size.width)))
 
     def _rows(self, alarms: list[tuple[str, str]], width: int) -> list[Content]:
-        """Fold what is too long: what to do comes last, and must not be cut off."""
+        """Fold long texts: the advice comes last and must not be cut off."""
         rows: list[Content] = []
         for i, (head, text) in enumerate(alarms):
             first, *rest = wrap(f"{head} {text}", width, subsequent_indent="  ")
@@ -178,7 +178,7 @@ class AlarmList(Words):
 
 
 def run_figures(run: LoggedRun) -> str:
-    """Return what was measured of a run, as far as the verdict says."""
+    """Return the measured figures of a run, as far as the verdict has them."""
     figures = next((f.text for f in run.findings if f.code == "motion"), "")
     taken = f"taken by {run.by}: {run.reason}" if run.by and run.reason else ""
     return printable("  ".join(part for part in (figures, taken) if part), 160)

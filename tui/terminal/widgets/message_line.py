@@ -1,4 +1,4 @@
-"""The last message to the operator, in a row of its own: it covers nothing."""
+"""The last message to the operator, in its own row, so that it covers nothing."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class MessageLine(Static):
         self._hiding: Timer | None = None
 
     def say(self, words: Content, warning: bool) -> None:
-        """Show a message in place of the one before."""
+        """Show a message instead of the previous one."""
         if self._hiding is not None:
             self._hiding.stop()
         self.update(words)
@@ -44,7 +44,7 @@ class MessageLine(Static):
 
 
 class MessageApp(App[None]):
-    """An app whose messages have a row of their own on screens that have a `MessageLine`."""
+    """An app whose messages have their own row on screens with a `MessageLine`."""
 
     def notify(
         self,

@@ -17,7 +17,7 @@ from ..state.steps import progress
 from .words import Words
 
 _NAMED = 2
-"""Runs that are named; the list of runs names all."""
+"""Largest number of runs that are named; the list of runs names all."""
 
 
 class NextPanel(Words):
@@ -29,7 +29,7 @@ class NextPanel(Words):
         self._glyphs = glyphs
 
     def show(self, status: Status | None, action: NextAction, lost: Lost | None) -> None:
-        """Show what is next; without a recorder that is to start one."""
+        """Show the next action; without a recorder, that is to start one."""
         if lost is not None:
             shown = banner(status, lost, action, self._glyphs)
             head = Content.assemble((f"{shown.symbol} {shown.word}", "bold $error"))
@@ -63,7 +63,7 @@ class NextPanel(Words):
 
 
 def _unlike(status: Status | None) -> list[str]:
-    """Return which runs are unlike the others and in what, with the key that leaves them out."""
+    """Return the runs that differ from the others, in what, and the key that leaves them out."""
     if status is None or not status.proposed:
         return []
     runs = [f"  {run.label}: {printable(run.text, 120)}" for run in status.proposed[:_NAMED]]

@@ -20,7 +20,7 @@ _LIKE = {
 
 
 class PlainAscii(LineFilter):
-    """Put a like character of the same width in place of each that is not ASCII."""
+    """Replace each character outside ASCII by a similar one of the same width."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         """Return the segments of a line in ASCII."""

@@ -1,4 +1,4 @@
-"""Lines of which one is marked; they scroll so that the marked one is always seen."""
+"""Lines of which one is marked; they scroll so that the marked one is always visible."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class RowList(VerticalScroll, can_focus=False):
         self._body = Static(markup=False)
 
     def compose(self) -> ComposeResult:
-        """Lay out the lines."""
+        """Compose the lines."""
         yield self._body
 
     def show(self, lines: Sequence[Content]) -> None:

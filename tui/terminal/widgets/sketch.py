@@ -23,7 +23,7 @@ class SketchBox(Words):
         self.border_title = "How to bump"
 
     def show(self, status: Status, bench: Bench | None) -> None:
-        """Show the sketch of what is due."""
+        """Show the sketch of the bump that is due."""
         if bench is None or status.due is None:
             self.say(Content(""))
             return

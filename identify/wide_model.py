@@ -1,8 +1,9 @@
-"""Sessions held against each other in more than the parameters: what a wider model would find.
+"""Likelihoods of sessions in a richer linear model: the test that nothing else changed.
 
-Whether all else is unchanged is asked of a car whose corners may all differ, with bars, damped
-tyres and its CG off the middle.  A spring of 3 kN/m between the front wheels is no parameter: six
-runs of 200 Hz leave so little misfit that chance explains it, but of these directions it fills one.
+The test that all else is unchanged uses a car whose corners may all differ, with bars, damped tyres
+and its CG off the middle.  A spring of 3 kN/m between the front wheels is not a parameter: in six
+runs at 200 Hz it leaves so little misfit that chance explains it, but it acts along one of these
+directions.
 """
 
 from __future__ import annotations
@@ -17,42 +18,45 @@ from daq.vehicle import Structure
 
 from .fit.estimation import Estimation
 from .fit.grey_box import GreyBox
-from .joint import Share, share_at
+from .joint import Likelihood, likelihood_at
 
 _WIDEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
 
 
-def wider_shares(
+def wide_likelihoods(
     estimations: Sequence[Estimation],
     points: Sequence[NDArray[np.float64]],
-    shares: Sequence[Share],
-) -> tuple[Share, ...]:
-    """Return the likelihoods in all parameters that a linear car may have, those of the fits first.
+    shares: Sequence[Likelihood],
+) -> tuple[Likelihood, ...]:
+    """Return the likelihoods in all parameters of a linear car, the parameters of the fits first.
 
-    `points`: the parameters of each session, (p,).  The others are zero there.  `shares`: the
-    sessions' likelihoods, which are returned where a fit is not linear or has no decays.
+    `points`: the parameters of each session, (p,).  All other parameters are zero there.  `shares`:
+    the sessions' likelihoods, which are returned where a fit is not linear or has no decays.
     """
     if any(e.nonlinear is not None or not e.decays for e in estimations):
         return tuple(shares)
     return tuple(
-        _wider(e, at, share.own) for e, at, share in zip(estimations, points, shares, strict=True)
+        _wide_likelihood(e, at, share.own)
+        for e, at, share in zip(estimations, points, shares, strict=True)
     )
 
 
-def _wider(estimation: Estimation, at: NDArray[np.float64], own: NDArray[np.float64]) -> Share:
+def _wide_likelihood(
+    estimation: Estimation, at: NDArray[np.float64], own: NDArray[np.float64]
+) -> Likelihood:
     narrow = estimation.box
     box = narrow.with_structure(_WIDEST)
     full = narrow.full(np.concatenate([at, own]).astype(complex)).real
     eta = box.unknowns_of(full)[: len(box.parameters)]
-    share = share_at(replace(estimation, box=box), eta, own)
+    share = likelihood_at(replace(estimation, box=box), eta, own)
     basis = _basis(narrow, box)
-    return Share(basis.T @ share.information @ basis, basis.T @ share.target, share.own)
+    return Likelihood(basis.T @ share.information @ basis, basis.T @ share.target, share.own)
 
 
 def _basis(narrow: GreyBox, wide: GreyBox) -> NDArray[np.float64]:
-    """Return the unknowns of the wide model by those of the narrow one and the others, (q, q).
+    """Return the wide model's unknowns per unit of the narrow model's and the others, (q, q).
 
-    What serves both corners of an axle moves both alike; beside it they move apart.
+    A parameter for both corners of an axle moves both alike; a further one moves them apart.
     """
     rows = {name: i for i, name in enumerate(wide.parameters)}
     columns = []

@@ -1,8 +1,8 @@
-"""Fits of several sessions brought to one structure, so that one joint fit can hold them all.
+"""Brings the fits of several sessions to one structure, so that one joint fit can hold them all.
 
 A car without anti-roll bars is one whose bars have no stiffness.  Where one session needs more
-parameters than another, the other's linear fit is made again with them: it is known then by how
-much they differ.
+parameters than another, the linear fit of the other session is repeated with these parameters, so
+that their difference becomes known.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from .fit.estimation import Estimation
 from .fit.likelihood import fit
 
 
-def alike(estimations: Sequence[Estimation]) -> tuple[Estimation, ...]:
-    """Return the fits, linear ones with every parameter that any of them has.
+def with_common_structure(estimations: Sequence[Estimation]) -> tuple[Estimation, ...]:
+    """Return the fits, the linear ones extended to every parameter that any of them has.
 
     A nonlinear fit, and one stored without its decays, stays as it is.
     """

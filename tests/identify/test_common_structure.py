@@ -18,7 +18,7 @@ from daq.vehicle import (
     Structure,
 )
 from identify import Estimate, Identification, Quality
-from identify.alike import alike
+from identify.common_structure import with_common_structure
 from identify.compare import compare
 from identify.fit.estimation import Estimation
 from identify.nonlinear.forces import ElementChoice, Forces
@@ -38,7 +38,7 @@ from .changes import session
 def test_a_fit_gets_every_parameter_that_another_one_has(wider: Structure) -> None:
     one = session({}, 1)
     stored = replace(one, box=one.box.with_structure(wider), decays=())
-    again, same = alike([one, stored])
+    again, same = with_common_structure([one, stored])
     assert same is stored  # it has nothing to be fitted again
     assert again.box.structure == wider
     assert len(again.fit.eta) == len(again.box.parameters) > 15
@@ -50,9 +50,10 @@ def test_a_fit_gets_every_parameter_that_another_one_has(wider: Structure) -> No
 
 def test_fits_of_one_structure_stay_as_they_are() -> None:
     one, two = session({}, 1), session({}, 4)
-    assert [a is b for a, b in zip(alike([one, two]), (one, two), strict=True)] == [True, True]
+    same = with_common_structure([one, two])
+    assert [a is b for a, b in zip(same, (one, two), strict=True)] == [True, True]
     stored, wide = replace(one, decays=()), one.box.with_structure(Structure(cg_offset=True))
-    again, other = alike([stored, replace(stored, box=wide)])
+    again, other = with_common_structure([stored, replace(stored, box=wide)])
     assert again is stored  # without decays it cannot be fitted again
     assert other.box is wide
 
