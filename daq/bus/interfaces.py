@@ -20,7 +20,6 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
 
-import can
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +27,7 @@ from dbc.frames import FrameBatch
 
 from ..bench.config import BusConfig
 from ..errors import BusError
+from ..python_can import can
 from .columns import frame_columns
 from .slcan.adapter import open_slcan
 from .socket_drops import SocketDrops

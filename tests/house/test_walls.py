@@ -13,7 +13,7 @@ SOURCES = [path for layer in LAYERS for path in sorted((ROOT / layer).rglob("*.p
 
 # Library -> the only places that may import it.
 RESERVED = {
-    "can": ("daq/bus/interfaces.py", "daq/bus/slcan", "daq/replay/replay.py", "daq/formats/"),
+    "can": ("daq/python_can.py",),
     "serial": ("daq/bus/slcan",),
     "cantools": ("dbc/",),
     "h5py": ("daq/session", "daq/formats/"),
