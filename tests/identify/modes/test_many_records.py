@@ -97,3 +97,45 @@ def test_the_bound_is_that_of_amplitudes_free_in_every_series() -> None:
         assert (
             likelihood_near(gathered(blocks), poles[left], shapes[:, left], Ties.none(3, 3)) < free
         )
+
+
+def test_without_amplitudes_the_copy_of_the_lowest_damping_stays() -> None:
+    shapes = np.column_stack([SHAPE, SHAPE])
+    assert originals(np.array([100j - 1.0, 100.1j - 2.0]), shapes).tolist() == [0]
+    assert originals(np.array([100j - 2.0, 100.1j - 1.0]), shapes).tolist() == [1]
+    assert originals(np.array([100j - 1.0, 100.1j]), shapes).tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("size", "runs", "damping", "strongest"),
+    [
+        ((1.0, 1.0), ((3.0, 2.0), (0.0, 2.0)), (1.0, 1.0), 0),  # 9 over 8
+        ((1.0, 1.0), ((2.5, 2.0), (0.0, 2.0)), (1.0, 1.0), 1),  # 6.25 under 8
+        ((2.0, 1.0), ((1.0, 1.9),), (1.0, 1.0), 0),  # 4 over 3.6
+        ((2.0, 1.0), ((1.0, 2.1),), (1.0, 1.0), 1),
+        ((1.0, 1.0), ((2.0, 1.0),), (0.39, 0.1), 0),  # energy is amplitude squared over damping
+        ((1.0, 1.0), ((2.0, 1.0),), (0.41, 0.1), 1),
+    ],
+)
+def test_the_strongest_copy_has_the_most_energy_in_all_runs_together(
+    size: tuple[float, float],
+    runs: tuple[tuple[float, float], ...],
+    damping: tuple[float, float],
+    strongest: int,
+) -> None:
+    poles = np.array([100j - damping[0], 100.1j - damping[1]])
+    shapes = np.column_stack([SHAPE, SHAPE]) * size
+    assert originals(poles, shapes, np.array(runs, dtype=complex)).tolist() == [strongest]
+
+
+def test_what_is_near_a_copy_only_is_none() -> None:
+    """Of three poles 1.5 % apart the outer two are not near each other: the middle one goes."""
+    poles = np.array([101.5j - 2.0, 103j - 1.0, 100j - 1.0])
+    assert originals(poles, np.column_stack([SHAPE] * 3)).tolist() == [1, 2]
+
+
+def test_nearness_counts_from_the_larger_of_two_poles() -> None:
+    """2.02 % of the smaller one are 1.98 % of the larger one."""
+    poles = np.array([100j - 1.0, 102.02j - 1.0])
+    for order in ([0, 1], [1, 0]):
+        assert len(originals(poles[order], np.column_stack([SHAPE, SHAPE]))) == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.vehicle import FORD_GRANADA
+from daq.vehicle import FORD_GRANADA, VehicleGeometry
 from identify.model.matrices import physical_model
 from identify.modes.modal_model import ModalModel, modes_of
 from identify.modes.mode_names import MODE_NAMES, mode_names
@@ -54,3 +54,32 @@ def test_two_wheels_count_by_the_root_of_their_squares_and_the_body_by_its_corne
     shape = np.array([0.4, 0.0, 0.0, wheels, wheels, 0.0, 0.0], dtype=complex)
     model = ModalModel(np.array([-1.0 + 10.0j]), shape[:, None])
     assert mode_names(model, GEOMETRY) == (name,)
+
+
+UNEQUAL = VehicleGeometry(1.0, 2.0, 0.6, 0.8)
+
+
+@pytest.mark.parametrize(
+    ("entries", "border", "name"),
+    [
+        ((0, 1, 0, 0, 0, 0, 0), 2.0 / 3.0, "body pitch"),
+        ((0, 0, 1, 0, 0, 0, 0), 1.0 / 0.7, "body roll"),
+        ((0, 0, 0, 1, 1, 0, 0), 2.0**0.5, "front wheels symmetric"),
+        ((0, 0, 0, 1, -1, 0, 0), 2.0**0.5, "front wheels antisymmetric"),
+        ((0, 0, 0, 0, 0, 1, 1), 2.0**0.5, "rear wheels symmetric"),
+        ((0, 0, 0, 0, 0, 1, -1), 2.0**0.5, "rear wheels antisymmetric"),
+    ],
+)
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_a_motion_names_a_mode_where_it_is_larger_than_the_bounce(
+    entries: tuple[float, ...], border: float, name: str, share: float
+) -> None:
+    """Beside a bounce of 1, whose four corners have the norm 2.
+
+    Pitch by the wheelbase of 3 m, roll by twice the mean half track of 0.7 m, two wheels by
+    sqrt(2).
+    """
+    shape = share * border * np.array(entries, dtype=complex)
+    shape[0] += 1.0
+    model = ModalModel(np.array([-1.0 + 10.0j]), shape[:, None])
+    assert mode_names(model, UNEQUAL) == (name if share > 1.0 else "body bounce",)

@@ -1,0 +1,252 @@
+"""Sums of exponentials over blocks, and the equations made of them, against plain matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from identify.modes.arrow import System
+from identify.modes.modal_likelihood import likelihood_near, most_likely_modes
+from identify.modes.needed import likelihood_at_most
+from identify.modes.normal_equations import Ties, gathered
+from identify.modes.order_selection import likely_modes
+from identify.modes.waves import Block, laid_out, waves
+
+from ..structures import free_decay, oscillators
+
+Array = NDArray[np.float64]
+POLES = np.array([-1.0 + 20.0j, -0.5 + 7.0j, -3.0])
+
+
+def blocks(free_level: bool) -> tuple[Block, ...]:
+    """Return two runs of two channels, in even and in uneven times, 90 and 30 samples."""
+    rng = np.random.default_rng(3)
+    uneven = np.sort(rng.uniform(0.0, 0.8, 30))
+    one, both = np.array([1]), np.array([0, 0])
+    return (
+        Block(np.arange(90) / 100.0, rng.standard_normal((90, 2)) + 4.0, both, np.array([1, 0])),
+        Block(uneven, rng.standard_normal((30, 1)) + 4.0, one, np.array([0]), free_level),
+        Block(uneven, rng.standard_normal((30, 1)) - 2.0, one, np.array([1]), free_level),
+    )
+
+
+def functions(block: Block) -> NDArray[np.complex128]:
+    """Return exp(pole t) and t exp(pole t), from their means where the level is unknown."""
+    wave = np.exp(np.outer(block.time_s, POLES))
+    both = np.hstack([wave, block.time_s[:, None] * wave])
+    return both - both.mean(axis=0) if block.free_level else both
+
+
+@pytest.mark.parametrize("free_level", [False, True])
+def test_sums_over_blocks_are_those_of_the_samples(free_level: bool) -> None:
+    given = blocks(free_level)
+    at = waves(laid_out(given), POLES)
+    with_samples = at.with_samples(2, 2)
+    for number, block in enumerate(given):
+        f = functions(block)
+        assert at.mixed[number] == pytest.approx(f.conj().T @ f, rel=1e-10, abs=1e-10)
+        assert at.plain[number] == pytest.approx(f.T @ f, rel=1e-10, abs=1e-10)
+        for k, (run, channel) in enumerate(zip(block.run, block.channel, strict=True)):
+            values = block.values[:, k] - (block.values[:, k].mean() if block.free_level else 0.0)
+            expected = f.T @ values
+            assert with_samples[run, channel] == pytest.approx(expected, rel=1e-10, abs=1e-10)
+
+
+@pytest.mark.parametrize("free_level", [False, True])
+def test_squares_that_exponentials_leave_are_counted_from_the_level(free_level: bool) -> None:
+    rng = np.random.default_rng(4)
+    given = blocks(free_level)
+    residues = rng.standard_normal((2, 2, 3)) + 1j * rng.standard_normal((2, 2, 3))
+    expected = np.zeros(2)
+    for block in given:
+        wave = np.exp(np.outer(block.time_s, POLES))
+        for k, (run, channel) in enumerate(zip(block.run, block.channel, strict=True)):
+            left = block.values[:, k] - (wave @ residues[run, channel]).real
+            left -= left.mean() if block.free_level else 0.0
+            expected[channel] += left @ left
+    found = waves(laid_out(given), POLES).squares_left(residues)
+    assert found == pytest.approx(expected, rel=1e-10)
+
+
+N_RUNS, N_OWNERS, N = 3, 2, 4
+"""Runs, shapes, and unknowns of each family."""
+
+
+def arrow(free: NDArray[np.bool_]) -> tuple[System, Array, Array]:
+    """Return a system, and the whole matrix and right-hand side of its poles, runs and shapes.
+
+    Each row of the design belongs to one run and one shape.  What the shapes can follow is taken
+    out of the samples, as it is at the point where they are the best.
+    """
+    rng = np.random.default_rng(5)
+    size = N * (1 + N_RUNS + N_OWNERS)
+    rows = []
+    for run in range(N_RUNS):
+        for owner in range(N_OWNERS):
+            part = np.zeros((9, size))
+            part[:, :N] = rng.standard_normal((9, N)) * [1.0, 3.0, 0.2, 1.0]
+            part[:, N * (1 + run) : N * (2 + run)] = rng.standard_normal((9, N)) * 2.0
+            at = N * (1 + N_RUNS + owner)
+            part[:, at : at + N] = rng.standard_normal((9, N)) * [1.0, 0.1, 5.0, 1.0]
+            rows.append(part)
+    J = np.vstack(rows)
+    shapes = J[:, N * (1 + N_RUNS) :]
+    samples = rng.standard_normal(len(J))
+    samples -= shapes @ np.linalg.lstsq(shapes, samples, rcond=None)[0]
+    H, g = J.T @ J, J.T @ samples
+    part_of = H.reshape(size // N, N, size // N, N).swapaxes(1, 2)  # (family, family, N, N)
+    runs, owners = range(1, 1 + N_RUNS), range(1 + N_RUNS, 1 + N_RUNS + N_OWNERS)
+    system = System(
+        part_of[0, 0],
+        np.array([part_of[0, r] for r in runs]),
+        np.array([part_of[r, r] for r in runs]),
+        np.array([part_of[o, 0] for o in owners]),
+        np.array([[part_of[o, r] for r in runs] for o in owners]),
+        np.array([part_of[o, o] for o in owners]),
+        g[:N],
+        g[N : N * (1 + N_RUNS)].reshape(N_RUNS, N),
+        free,
+    )
+    return system, H, g
+
+
+def every() -> NDArray[np.bool_]:
+    return np.ones((1 + N_RUNS, N), dtype=bool)
+
+
+def some() -> NDArray[np.bool_]:
+    free = every()
+    free[0, 1] = free[1, 3] = free[3, 0] = False
+    return free
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+@pytest.mark.parametrize("free", [every(), some()], ids=["all free", "some held"])
+def test_a_step_of_the_arrow_is_that_of_the_whole_matrix(
+    free: NDArray[np.bool_], damping: float
+) -> None:
+    """Damping counts in what the shapes leave of the diagonal of poles and amplitudes."""
+    system, H, g = arrow(free)
+    n = N * (1 + N_RUNS)
+    S, mixed = H[n:, n:], H[n:, :n]
+    projected = np.diag(H)[:n] - np.einsum("ij,ij->j", mixed, np.linalg.solve(S, mixed))
+    damped = H.copy()
+    damped[np.arange(n), np.arange(n)] += damping * projected
+    kept = np.flatnonzero(np.concatenate([free.ravel(), np.ones(N * N_OWNERS, bool)]))
+    expected = np.zeros(len(H))
+    expected[kept] = np.linalg.solve(damped[np.ix_(kept, kept)], g[kept])
+    by_poles, by_runs, by_shapes = system.step(damping)
+    found = np.concatenate([by_poles, by_runs.ravel(), by_shapes.ravel()])
+    assert found == pytest.approx(expected, rel=1e-7, abs=1e-9)
+
+
+@pytest.mark.parametrize("free", [every(), some()], ids=["all free", "some held"])
+def test_the_information_of_the_poles_is_what_amplitudes_and_shapes_leave(
+    free: NDArray[np.bool_],
+) -> None:
+    system, H, _ = arrow(free)
+    kept = np.flatnonzero(np.concatenate([free.ravel(), np.ones(N * N_OWNERS, bool)]))
+    kept = kept[kept >= N]
+    poles = np.flatnonzero(free[0])
+    others = H[np.ix_(kept, poles)]
+    left = H[np.ix_(poles, poles)] - others.T @ np.linalg.solve(H[np.ix_(kept, kept)], others)
+    found = system.pole_information()[np.ix_(poles, poles)]
+    assert found == pytest.approx(left, rel=1e-7, abs=1e-9)
+
+
+def test_unknowns_without_any_effect_are_held_still_and_leave_the_others_alone() -> None:
+    """A pole and an amplitude whose waves are zero: their columns of the design are."""
+    held = every()
+    held[0, 2] = held[2, 1] = False
+    still, _, _ = arrow(held)
+    system, _, _ = arrow(every())
+    for array in (system.pole_pole, system.shape_pole):
+        array[..., 2] = 0.0
+    system.pole_pole[2] = system.pole_run[:, 2] = 0.0
+    system.pole_run[1, :, 1] = system.run_run[1, 1] = system.run_run[1, :, 1] = 0.0
+    system.shape_pole[:, :, 2] = system.shape_run[:, 1, :, 1] = 0.0
+    system.by_poles[2] = system.by_runs[1, 1] = 0.0
+    for found, expected in zip(system.step(0.5), still.step(0.5), strict=True):
+        assert found == pytest.approx(expected, rel=1e-7, abs=1e-9)
+    information, others = system.pole_information(), np.ix_([0, 1, 3], [0, 1, 3])
+    assert information[others] == pytest.approx(still.pole_information()[others], rel=1e-7)
+    assert not information[2].any()
+
+
+def measured(sigma: float, offset: float, seed: int = 1) -> Block:
+    """Return two runs of two channels of one mode, 200 samples each, on an offset."""
+    rng = np.random.default_rng(seed)
+    poles, shapes = oscillators([2.0], [0.05]), np.array([[1.0], [0.5 + 0.2j]])
+    runs = [free_decay(poles, shapes, np.array([a]), 50.0, 4.0) for a in (30.0, 20.0j)]
+    values = np.hstack(runs) * sigma + offset * sigma
+    values = values + sigma * rng.standard_normal(values.shape)
+    return Block(np.arange(200) / 50.0, values, np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]))
+
+
+@pytest.mark.parametrize("sigma", [1e-3, 1e3])
+@pytest.mark.parametrize(("offset", "fitted"), [(0.02, False), (0.4, True)])
+def test_levels_are_fitted_where_that_pays_whatever_the_unit(
+    sigma: float, offset: float, fitted: bool
+) -> None:
+    """Of 200 samples an offset of 0.4 of the noise gains 4 x 32, and chance 18.5 once in 1000.
+
+    The channels' unit must not matter: only the ratio of two likelihoods counts.
+    """
+    assert chi2.isf(1e-3, 4) == pytest.approx(18.5, abs=0.05)
+    block = measured(sigma, offset)
+    pole, shape = oscillators([2.0], [0.05]), np.array([[1.0], [0.5 + 0.2j]])
+    found = likely_modes(gathered([block]), pole, shape)
+    level = Block(block.time_s, block.values, block.run, block.channel, free_level=fitted)
+    expected = most_likely_modes(gathered([level]), pole, shape)
+    assert found.log_likelihood == pytest.approx(expected.log_likelihood, abs=1e-3)
+    assert found.noise == pytest.approx(expected.noise, rel=1e-4)
+
+
+def test_the_likelihood_is_that_of_white_noise_of_its_own_size_in_each_channel() -> None:
+    """Two channels of 400 samples; 2 numbers for the pole, 4 amplitudes, 4 of shape, 2 of scale."""
+    block = measured(2.0, 0.0)
+    pole, shape = oscillators([2.0], [0.05]), np.array([[1.0], [0.5 + 0.2j]])
+    found = most_likely_modes(gathered([block]), pole, shape)
+    wave = np.exp(np.outer(block.time_s, found.poles))
+    left = [
+        block.values[:, k] - (wave @ (found.shapes[c] * found.amplitudes[r])).real
+        for k, (r, c) in enumerate([(0, 0), (0, 1), (1, 0), (1, 1)])
+    ]
+    squares = np.array(
+        [left[0] @ left[0] + left[2] @ left[2], left[1] @ left[1] + left[3] @ left[3]]
+    )
+    assert found.log_likelihood == pytest.approx(-400 * np.sum(np.log(squares / 400)), rel=1e-9)
+    assert found.n_unknowns == 2 + 4 + 4 - 2
+    assert found.noise == pytest.approx(np.sqrt(squares / 400 / (1 - 8 / 800)), rel=1e-9)
+
+
+def test_the_likelihood_near_a_start_has_the_best_amplitudes_of_the_given_shapes() -> None:
+    """Of one channel the shape is nothing but a factor, so that plain least squares is the best."""
+    rng = np.random.default_rng(6)
+    time = np.arange(120) / 40.0
+    values = rng.standard_normal((120, 2))
+    block = Block(time, values, np.array([0, 1]), np.array([0, 0]))
+    poles = oscillators([1.0, 3.0], [0.1, 0.2])
+    wave = np.exp(np.outer(time, poles))
+    squares = np.linalg.lstsq(np.hstack([wave.real, wave.imag]), values, rcond=None)[1].sum()
+    found = likelihood_near(gathered([block]), poles, np.ones((1, 2), complex), Ties.none(1, 2))
+    assert found == pytest.approx(-240 * np.log(squares / 240), rel=1e-9)
+
+
+def test_the_bound_without_a_pole_counts_levels_and_real_poles() -> None:
+    """By plain least squares on what the other poles, and a constant where one is free, leave."""
+    given = blocks(True)
+    bound = likelihood_at_most(given, POLES, 2)
+    for leave in range(3):
+        squares, count = np.zeros(2), np.zeros(2)
+        for block in given:
+            wave = np.exp(np.outer(block.time_s, np.delete(POLES, leave)))
+            table = np.hstack([wave.real, wave.imag[:, np.ptp(wave.imag, axis=0) > 0.0]])
+            if block.free_level:
+                table = np.column_stack([table, np.ones(len(table))])
+            left = np.linalg.lstsq(table, block.values, rcond=None)[1]
+            np.add.at(squares, block.channel, left)
+            np.add.at(count, block.channel, len(table))
+        assert bound[leave] == pytest.approx(-np.sum(count * np.log(squares / count)), rel=1e-5)
