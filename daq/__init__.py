@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from .runs import RunStatus as RunStatus
     from .runs import SampleGroup as SampleGroup
     from .samples.mapping import map_channels as map_channels
+    from .session import read_foreign_samples as read_foreign_samples
     from .session import read_foreign_session as read_foreign_session
+    from .session import read_samples as read_samples
     from .session import read_session as read_session
     from .session import validate_session as validate_session
     from .session import write_session as write_session

@@ -21,7 +21,7 @@ from daq.session import read, validate
 from daq.session.sandbox import child as session_child
 from daq.session.sandbox.wire import receive
 from daq.session.schema import max_total_bytes
-from daq.session.tree import Group
+from daq.session.tree import Group, Part
 from dbc.witness import second_reader
 from dbc.witness.child import answer
 
@@ -41,11 +41,11 @@ class _Cantools:
         """Nothing runs."""
 
 
-def _load(path: Path | str) -> Group:
+def _load(path: Path | str, part: Part = Part.WHOLE) -> Group:
     """Read a session file as `guard.load_guarded`, through the child's code and the wire."""
     stream = BytesIO()
     size = Path(path).stat().st_size if Path(path).is_file() else 0
-    session_child.main(stream, str(path), 0, 0)
+    session_child.main(stream, str(path), 0, 0, part)
     stream.seek(0)
     return receive(stream, max_total_bytes(size))
 

@@ -74,7 +74,9 @@ if TYPE_CHECKING:
     from .growing import begin_session as begin_session
     from .growing import finish_session as finish_session
     from .preview import glances as glances
+    from .read import read_foreign_samples as read_foreign_samples
     from .read import read_foreign_session as read_foreign_session
+    from .read import read_samples as read_samples
     from .read import read_session as read_session
     from .validate import validate_session as validate_session
     from .write import write_session as write_session

@@ -25,11 +25,12 @@ from .schema import (
     MAX_CHUNK_BYTES,
     MAX_DEPTH,
     MAX_OBJECTS,
+    RAW_PREFIX,
     SCHEMA,
     VERSION,
     max_total_bytes,
 )
-from .tree import Attribute, Dataset, Group
+from .tree import Attribute, Dataset, Group, Part
 
 ADVICE = "name a session file that bumpbench record or demo wrote"
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
@@ -38,11 +39,12 @@ _OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABE
 """Attributes with which HDF5 stores dimension scales; they hold references, not data."""
 
 
-def load_tree(path: Path | str) -> Group:
-    """Read a complete session file.
+def load_tree(path: Path | str, part: Part = Part.WHOLE) -> Group:
+    """Read a session file.
 
-    `path`: HDF5, schema v1.  Returns its root.  Raises InputError if the file does not exist, is
-    not a session, has a newer schema, or is damaged.
+    `path`: HDF5, schema v1.  `part`: how much of it to read; all of it is surveyed.  Returns its
+    root.  Raises InputError if the file does not exist, is not a session, has a newer schema, or is
+    damaged.
     """
     path = Path(path)
     where = str(path)
@@ -50,7 +52,7 @@ def load_tree(path: Path | str) -> Group:
         with open_session(path) as file:
             survey = _Survey(max_total_bytes(path.stat().st_size))
             survey.visit(file.id, "/", 0)
-            return _group(file.id)
+            return _group(file.id, part)
     except InputError:
         raise
     except _WHAT_H5PY_RAISES as error:
@@ -152,13 +154,22 @@ class _Survey:
             raise ValueError(f"its datasets claim {self._bytes} bytes and more")
 
 
-def _group(group: h5py.h5g.GroupID) -> Group:
-    items = {_text(key): h5py.h5o.open(group, key) for key in sorted(group)}
+def _group(group: h5py.h5g.GroupID, part: Part) -> Group:
+    whole = part is Part.WHOLE
+    attributes = plain_attributes(group)
+    # Only a run has sample groups; elsewhere, as among mass states, any name may occur.
+    left_out = () if whole or "sample_groups" not in attributes else (RAW_PREFIX.encode(),)
+    keys = (key for key in sorted(group) if not key.startswith(left_out))
+    items = {_text(key): h5py.h5o.open(group, key) for key in keys}
     return Group(
-        plain_attributes(group),
-        {name: _group(item) for name, item in items.items() if isinstance(item, h5py.h5g.GroupID)},
+        attributes,
         {
-            name: Dataset(_values(item), plain_attributes(item))
+            name: _group(item, part)
+            for name, item in items.items()
+            if isinstance(item, h5py.h5g.GroupID)
+        },
+        {
+            name: Dataset(_values(item), plain_attributes(item) if whole else {})
             for name, item in items.items()
             if isinstance(item, h5py.h5d.DatasetID)
         },

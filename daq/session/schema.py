@@ -30,7 +30,9 @@ TEXTS = ("dbc", "bench_toml", "channel_map")
 
 RESERVED_IN_GROUP = {"time", "t_ns", "quality"}
 """Datasets of a sample group that are not channels."""
-RESERVED_IN_RUN = ("raw_bus", "events")
+RAW_PREFIX = "raw_bus"
+"""Prefix of the groups of raw frames in a run."""
+RESERVED_IN_RUN = (RAW_PREFIX, "events")
 """Prefixes of the groups in a run that are not sample groups."""
 
 CHANNEL_COLUMNS = {

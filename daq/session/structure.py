@@ -13,7 +13,14 @@ from dbc.finding import Finding
 from ..runs import Losses
 from ..vehicle import ELEMENTS, Structure, VehicleGeometry
 from .findings import error, note
-from .schema import CHANNEL_COLUMNS, EVENT_COLUMNS, FACT_COLUMNS, FRAME_COLUMNS, WEIGHT_COLUMNS
+from .schema import (
+    CHANNEL_COLUMNS,
+    EVENT_COLUMNS,
+    FACT_COLUMNS,
+    FRAME_COLUMNS,
+    RAW_PREFIX,
+    WEIGHT_COLUMNS,
+)
 from .tree import Group
 
 _RUN_ATTRIBUTES: Mapping[str, type] = {
@@ -109,7 +116,7 @@ def _run(group: Group, where: str) -> Iterator[Finding]:
     present = [name for name in losses if name in group.attributes]
     yield from _typed(group, where, dict.fromkeys(present, int))
     samples = {name for name in str(group.attributes.get("sample_groups", "")).split("\n") if name}
-    buses = {name for name in group.groups if name.startswith("raw_bus")}
+    buses = {name for name in group.groups if name.startswith(RAW_PREFIX)}
     yield from _members(group, where, samples | {"events"}, buses)
     for name in sorted(samples & set(group.groups)):
         yield from _samples(group.groups[name], f"{where}/{name}")

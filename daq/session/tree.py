@@ -4,9 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 from numpy.typing import NDArray
+
+
+class Part(StrEnum):
+    """How much of a session file is read."""
+
+    WHOLE = "whole"
+    SAMPLES = "samples"
+    """Without raw frames, half of a file, and without attributes of datasets."""
+
 
 Attribute = str | int | float | tuple[str, ...] | tuple[int, ...] | tuple[float, ...]
 

@@ -37,6 +37,7 @@ from .schema import (
     FRAME_COLUMNS,
     QUALITY_FLAGS,
     QUALITY_MASKS,
+    RAW_PREFIX,
     RESERVED_IN_GROUP,
     RESERVED_IN_RUN,
     SCHEMA,
@@ -183,7 +184,7 @@ def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel
     for bus in np.flatnonzero(np.bincount(run.frames.bus)):
         own = run.frames.bus == bus
         frames = run.frames if own.all() else run.frames.select(own)
-        _frames(write_group(group, f"raw_bus{bus}"), frames)
+        _frames(write_group(group, f"{RAW_PREFIX}{bus}"), frames)
     _events(write_group(group, "events"), run.events)
     if number == 1 and run.groups:
         first = f"runs/{_name(number, run)}/{run.groups[0].name}"

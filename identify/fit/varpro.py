@@ -33,7 +33,7 @@ class GroupAt:
     outputs: Outputs
     """Its channels in modal coordinates."""
     d_outputs: NDArray[np.complex128]
-    """Change of rows times gain with each unknown, shape (P, n_channels, 14)."""
+    """Change of rows times gain with each unknown, shape (n_channels, h, P); h as in `Spectrum`."""
     on_state: NDArray[np.float64]
     """Matrices from the initial state to the basis, shape (n_channels, 28, 14)."""
     low_pass: LowPass
@@ -122,7 +122,7 @@ def _group_at(
     filtered = rows * outputs.gain
     return GroupAt(
         outputs,
-        (d_rows * outputs.gain).swapaxes(0, 1),
+        np.ascontiguousarray((d_rows * outputs.gain)[..., modes.half].swapaxes(1, 2)),
         (modes.to_real[:, :_N] @ (filtered[..., None] * modes.W)).real,
         low_pass,
         np.array([sigma[c.name] ** -2 for c in channels]),
@@ -264,13 +264,12 @@ def slopes(at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> NDA
         Initial state of one decay, or of several, in modal coordinates.
     """
     modes, one = at.modes, at.group(group)
-    on = modes.propagator_slope(one.outputs, at.change, z)  # (.., P, n_channels, 28)
-    each = z[..., None, :]
-    on[..., :_N] += one.d_outputs * each[..., None, :]
+    plain, timed = modes.propagator_slope(one.outputs, at.change, z)  # (.., n_channels, h, P)
+    plain += one.d_outputs * z[..., None, modes.half, None]
     if one.late is not None:
-        moving = one.outputs.gain * modes.poles * each
-        on[..., one.late, :, :_N] -= one.outputs.rows * moving
-    return np.ascontiguousarray(np.moveaxis(modes.on_real_basis(on), -3, -1))
+        moving = (modes.poles * z)[..., None, modes.half]
+        plain[..., one.late] -= one.outputs.gained * moving
+    return modes.on_real_basis(plain, timed)
 
 
 def motion(

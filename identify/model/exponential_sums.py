@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,8 @@ class Series:
     """Number of samples of each, shape (r,)."""
     coarse_s: _Real
     """Coarse steps, s, shape (r, n)."""
+    step_s: _Real
+    """Time from sample to sample, s, shape (r,)."""
     fine_s: _Real
     """Fine steps, s, shape (r, w)."""
     rest_s: _Real
@@ -142,16 +145,30 @@ def waves(series: Series, rates: _Complex, late_s: _Real | float = 0.0) -> Waves
     """Evaluate ``exp(rate t)`` at the times of some series less `late_s`, one or one for each."""
     late = np.broadcast_to(late_s, len(series.members))[:, None]
     coarse_s, rest_s = series.coarse_s - late, series.rest_s - late
-    rest: _Complex = np.exp(np.multiply.outer(rest_s, rates))
+    n, width, q = coarse_s.shape[1], series.fine_s.shape[1], rest_s.shape[1]
+    if width == 1:  # not even, and nothing is left over
+        coarse, fine = np.exp(np.multiply.outer(coarse_s, rates)), _powers(series.step_s, rates, 1)
+    else:
+        fine = _powers(series.step_s, rates, width)
+        coarse = _powers(width * series.step_s, rates, n)
+        coarse *= np.exp(np.multiply.outer(coarse_s[:, :1], rates))
+    rest: _Complex = fine[:, :q] * np.exp(np.multiply.outer(rest_s[:, :1], rates))
     rest *= series.present[..., None]
-    return Waves(
-        series,
-        coarse_s,
-        rest_s,
-        np.exp(np.multiply.outer(coarse_s, rates)),
-        np.exp(np.multiply.outer(series.fine_s, rates)),
-        rest,
-    )
+    return Waves(series, coarse_s, rest_s, coarse, fine, rest)
+
+
+def _powers(step_s: _Real, rates: _Complex, count: int) -> _Complex:
+    """Return ``exp(rate k step)`` for k below `count` and each step, (r, count, p).
+
+    Each k is a coarse and a fine step once more: exponentials take longer than their products.
+    """
+    inner = isqrt(count)
+    outer = -(-count // inner)
+    turned = np.multiply.outer(step_s, rates)[:, None]
+    fine = np.exp(np.arange(inner)[:, None] * turned)
+    coarse = np.exp(np.arange(0, outer * inner, inner)[:, None] * turned)
+    table = coarse[:, :, None] * fine[:, None]
+    return np.asarray(table.reshape(len(step_s), -1, len(rates))[:, :count])
 
 
 def _width(time_s: _Real) -> int:
@@ -182,6 +199,7 @@ def _together(recordings: Sequence[tuple[int, _Real, _Real]], width: int) -> Ser
         members,
         count,
         np.stack([time[:whole:width] for time in times]),
+        step_s,
         np.multiply.outer(step_s, np.arange(width)),
         rest_s,
         present,

@@ -54,12 +54,21 @@ def real_part(
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Changes of a state matrix, in modal coordinates: one preparation serves all recordings."""
+    """Changes of a state matrix by P unknowns, in modal coordinates, for all recordings.
+
+    Each conjugate pair is represented by one pole (`Spectrum.half`, h poles); the entries of the other
+    are conjugate.
+    """
 
     apart: NDArray[np.complex128]
-    """Entries between eigenvalues that differ, divided by the difference, shape (P, n, n)."""
+    """Entries from each pole to one of `half` that differs from it, divided by their difference,
+    shape (n, h, P)."""
+    apart_into: NDArray[np.complex128]
+    """Entries from one of `half` to each pole that differs from it, divided by their difference,
+    shape (n, h, P)."""
     together: NDArray[np.complex128]
-    """Entries between equal eigenvalues, the diagonal included, shape (P, n, n)."""
+    """Entries from each pole to one of `half` that is equal, the diagonal included, shape
+    (n, h, P)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +77,14 @@ class Outputs:
 
     rows: NDArray[np.complex128]
     """Output rows (row V), shape (n_channels, n)."""
-    through: NDArray[np.complex128]
-    """The rows times `Change.apart`, shape (P, n_channels, n)."""
     gain: NDArray[np.complex128]
     """Gain of the channels' low-pass at the poles, shape (n,)."""
-    gain_slope: NDArray[np.complex128]
-    """Derivative of the gain by the pole, s, shape (n,)."""
+    gained: NDArray[np.complex128]
+    """The rows times the gain, shape (n_channels, h)."""
+    bent: NDArray[np.complex128]
+    """The rows times the derivative of the gain by the pole, s, shape (n_channels, h)."""
+    through: NDArray[np.complex128]
+    """The rows times `Change.apart_into`, times the gain, shape (n_channels, h, P)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +98,8 @@ class Spectrum:
     """`V`, `W`: right eigenvectors and their inverse, shape (n, n)."""
     to_real: NDArray[np.complex128]
     """Coefficients on (exp, t exp) to coefficients on the real basis, shape (2 n, 2 n)."""
+    half: NDArray[np.intp]
+    """Numbers of the real poles and of the upper one of each pair, shape (h,)."""
 
     def basis(self, time_s: NDArray[np.float64], spare: int = 0) -> NDArray[np.float64]:
         """Return the real basis at the given times, (n_samples, 2 n + spare).
@@ -113,17 +126,23 @@ class Spectrum:
         scale = np.abs(self.poles)[:, None] + np.abs(self.poles)[None, :]
         same = np.abs(gap) < _EQUAL * scale
         inverse = np.where(same, 0.0, 1.0 / np.where(same, 1.0, gap))
-        return Change(modal * inverse, modal * same)
+        apart, together = modal * inverse, modal * same
+        return Change(
+            np.ascontiguousarray(apart[:, self.half].T),
+            np.ascontiguousarray(apart[:, :, self.half].transpose(1, 2, 0)),
+            np.ascontiguousarray(together[:, self.half].T),
+        )
 
     def outputs(self, rows: NDArray[np.complex128], change: Change, low_pass: LowPass) -> Outputs:
         """Prepare channels with one low-pass; `rows`, (n_channels, n): row V of each."""
-        gain, slope = low_pass.gain(self.poles), low_pass.gain_slope(self.poles)
-        return Outputs(rows, rows @ change.apart, gain, slope)
+        gain, slope, half = low_pass.gain(self.poles), low_pass.gain_slope(self.poles), self.half
+        through = _along(rows, change.apart_into) * gain[half, None]
+        return Outputs(rows, gain, (rows * gain)[:, half], (rows * slope)[:, half], through)
 
     def propagator_slope(
         self, seen: Outputs, change: Change, z: NDArray[np.complex128]
-    ) -> NDArray[np.complex128]:
-        """Coefficients of ``row . d(H(A) exp(A t)) . x0`` on (exp, t exp).
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Coefficients of ``row . d(H(A) exp(A t)) . x0`` on exp and on t exp.
 
         Parameters
         ----------
@@ -136,30 +155,41 @@ class Spectrum:
 
         Returns
         -------
-        (.., P, n_channels, 2 n) complex128
-            By the divided differences of ``H(l) exp(l t)`` (Daleckii and Krein).
+        two of (.., n_channels, h, P) complex128
+            By the divided differences of ``H(l) exp(l t)`` (Daleckii and Krein), for the poles of
+            `half`.
         """
-        apart = seen.rows * _turned(change.apart, z)[..., None, :]
-        apart -= seen.through * z[..., None, None, :]
-        together = seen.rows * _turned(change.together, z)[..., None, :]
-        return np.concatenate(
-            [apart * seen.gain + together * seen.gain_slope, together * seen.gain], axis=-1
-        )
+        apart = _along(z, change.apart)[..., None, :, :]
+        together = _along(z, change.together)[..., None, :, :]
+        gained = seen.gained[..., None]
+        plain = gained * apart
+        plain += seen.bent[..., None] * together
+        plain -= seen.through * z[..., None, self.half, None]
+        return plain, gained * together
 
-    def on_real_basis(self, on: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Return the real part of `to_real` times coefficients on (exp, t exp), (.., 2 n)."""
-        out = on.real.copy()
-        upper = np.flatnonzero(self.poles.imag > 0)
-        for k in (upper, upper + len(self.poles)):
-            out[..., k] += on[..., k + 1].real
-            out[..., k + 1] = on[..., k + 1].imag - on[..., k].imag
-        return out
+    def on_real_basis(
+        self, plain: NDArray[np.complex128], timed: NDArray[np.complex128]
+    ) -> NDArray[np.float64]:
+        """Bring coefficients on exp and on t exp, (.., h, P), on the real basis, (.., 2 n, P)."""
+        turning = self.poles[self.half].imag > 0
+        share = np.where(turning, 2.0, 1.0)[:, None]  # the conjugate's are in it
+        out = np.empty((*plain.shape[:-2], 2, len(turning), 2, plain.shape[-1]))
+        for k, part in enumerate((plain, timed)):
+            np.multiply(part.real, share, out=out[..., k, :, 0, :])
+            np.multiply(part.imag, -2.0, out=out[..., k, :, 1, :])
+        columns = out.reshape(*plain.shape[:-2], -1, plain.shape[-1])
+        if turning.all():
+            return columns
+        used = np.stack([np.ones_like(turning), turning], axis=1).ravel()
+        return np.asarray(columns[..., np.tile(used, 2), :])
 
 
-def _turned(matrices: NDArray[np.complex128], z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Multiply each of some matrices, (P, n, n), with each of some vectors, (.., n): (.., P, n)."""
-    turned = matrices @ z.reshape(-1, z.shape[-1]).T  # (P, n, n_vectors)
-    return np.moveaxis(turned, 2, 0).reshape(*z.shape[:-1], *matrices.shape[:2])
+def _along(
+    vectors: NDArray[np.complex128], matrices: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Multiply some vectors, (.., n), with some matrices, (n, h, P): (.., h, P)."""
+    product = vectors @ matrices.reshape(len(matrices), -1)
+    return product.reshape(*vectors.shape[:-1], *matrices.shape[1:])
 
 
 def spectrum(A: NDArray[np.float64]) -> Spectrum:
@@ -175,4 +205,4 @@ def spectrum(A: NDArray[np.float64]) -> Spectrum:
             else:  # exp(conj(l) t) = cos part - i sin part
                 to_real[offset + k, [offset + k, offset + k + 1]] = 1.0
                 to_real[offset + k + 1, [offset + k, offset + k + 1]] = (1j, -1j)
-    return Spectrum(poles, V, np.linalg.inv(V), to_real)
+    return Spectrum(poles, V, np.linalg.inv(V), to_real, np.flatnonzero(poles.imag >= 0))

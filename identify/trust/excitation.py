@@ -135,7 +135,7 @@ def _energies(at: Evaluated, decay: FreeDecay, linear: LinearPart) -> NDArray[np
     energies = []
     for k in upper:
         own = np.array([k, k + 1])
-        rest = np.setdiff1d(np.arange(size), own)
+        rest = np.delete(np.arange(size), own)
         mixed = q_normal[np.ix_(own, rest)]
         others = pseudo_inverse(q_normal[np.ix_(rest, rest)])
         alone = q_normal[np.ix_(own, own)] - mixed @ others @ mixed.T

@@ -19,7 +19,7 @@ from dbc.finding import Finding, Severity
 from ..decays.decay import FreeDecay, Record
 from ..decays.onset import onset_s
 from ..fit.estimation import Estimation
-from ..fit.varpro import Evaluated, evaluate, linear_part
+from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_parts
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from .format import listed
 
@@ -95,8 +95,9 @@ def _light(estimation: Estimation) -> Iterator[_Light]:
             continue
         static = static_loads_n(loaded_model(full, state.added), tyres)
         at = evaluate(box, eta, state.name, estimation.noise)
-        for decay in (d for d in estimation.decays if d.mass_state == state.name):
-            least, sigma = least_loads_n(at, decay, static, tyres)
+        decays = [d for d in estimation.decays if d.mass_state == state.name]
+        for decay, linear in zip(decays, linear_parts({state.name: at}, decays), strict=True):
+            least, sigma = least_loads_n(at, decay, linear, static, tyres)
             late_s = _late_s(records[decay.label], decay)
             limit = LANDING_LIMIT * static if late_s > LATE_S else np.zeros(len(Corner))
             for corner in Corner:
@@ -123,10 +124,13 @@ def static_loads_n(model: PhysicalModel, tyre_n_m: NDArray[np.float64]) -> NDArr
 
 
 def least_loads_n(
-    at: Evaluated, decay: FreeDecay, static_n: NDArray[np.float64], tyre_n_m: NDArray[np.float64]
+    at: Evaluated,
+    decay: FreeDecay,
+    linear: LinearPart,
+    static_n: NDArray[np.float64],
+    tyre_n_m: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the least load of each wheel and its standard deviation by the noise, (4,) N each."""
-    linear = linear_part(at, decay)
     last_s = max(float(r.time_s[-1]) for r in decay.recordings)
     time = np.arange(0.0, min(last_s, _LONGEST_S), _STEP_S)
     modes = at.modes

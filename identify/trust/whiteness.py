@@ -37,7 +37,7 @@ class _Pairs:
     """Running sums over pairs of successive samples of one channel.
 
     `fitted` is the number of values that the fit has removed from the samples, `levels` the largest
-    number of different values in one stretch.
+    number of different values in one stretch, counted up to `_FEWEST_LEVELS`.
     """
 
     products: float = 0.0
@@ -57,7 +57,8 @@ class _Pairs:
         self.squares += float(left @ left + right @ right) / 2.0
         self.n += int(even.sum())
         self.fitted += fitted
-        self.levels = max(self.levels, len(np.unique(values)))
+        if self.levels < _FEWEST_LEVELS:
+            self.levels = max(self.levels, len(set(values.tolist())))
 
     @property
     def correlation(self) -> float:

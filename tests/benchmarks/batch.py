@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from daq import read_session, write_session
+from daq import read_samples, write_session
 from identify.batch import session_row
 from tests.flow.dask_cluster import cluster
 from tests.identify.stress import stress_session
@@ -49,10 +49,10 @@ def main(sessions: int = SESSIONS) -> None:
         for seed, file in enumerate(files):
             write_session(file, stress_session("linear", seed))
         print(f"batch of {sessions} sessions, 12 runs x 7 channels x 4 s at 200 Hz each")
-        session_row(read_session(files[0]))  # what is loaded once is not counted
+        session_row(read_samples(files[0]))  # what is loaded once is not counted
         began_s, began_cpu_s = time.perf_counter(), time.process_time()
         for file in files:
-            session_row(read_session(file))
+            session_row(read_samples(file))
         bare_s, cpu_s = time.perf_counter() - began_s, time.process_time() - began_cpu_s
         print(f"  in a loop: {bare_s:.1f} s, {cpu_s / sessions:.2f} s CPU a session")
         one = _batch(folder, "one", "--workers", "1")

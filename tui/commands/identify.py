@@ -32,7 +32,7 @@ def identify(
 
     with progress("identify") as stage:
         stage(0.05, "reading")
-        recorded = daq.read_foreign_session(session)
+        recorded = daq.read_foreign_samples(session)
         result = method.identify(recorded, stage)
     document = result.document()
     if dampers is not None:

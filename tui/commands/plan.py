@@ -57,7 +57,7 @@ def plan(
         raise daq.InputError("--car", "goes without --from", "name a car or a session")
     with progress("plan") as stage:
         stage(0.05, "reading")
-        held = None if session is None else daq.read_foreign_session(session)
+        held = None if session is None else daq.read_foreign_samples(session)
         described = _bench(bench, session, held)
         stage(0.1, "expecting the vehicle")
         if session is not None and held is not None:

@@ -92,13 +92,13 @@ def _answer(task: Task, send: Send) -> dict[str, Any]:
 
 
 def _identify(task: IdentifyTask, send: Send) -> dict[str, Any]:
-    from daq import read_foreign_session
+    from daq import read_foreign_samples
     from identify import identify
 
     from .outcome_of import outcome_of, without
 
     send(Progress(_READ, "reading"))
-    session = without(read_foreign_session(task.session), task.without)
+    session = without(read_foreign_samples(task.session), task.without)
     result = identify(session, lambda share, text: send(Progress(share, text)))
     send(Progress(0.95, "drawing"))
     return asdict(outcome_of(task.session, session, result, task.without))

@@ -1,6 +1,6 @@
 """The child of `guard`: reads one session file and sends it to stdout.
 
-Run as ``python -I -m daq.session.sandbox.child FILE MAX_BYTES MAX_S``.
+Run as ``python -I -m daq.session.sandbox.child FILE MAX_BYTES MAX_S PART``.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ from typing import BinaryIO
 from ...errors import InputError
 from ..load import load_tree
 from ..schema import DAMAGED_ADVICE
+from ..tree import Part
 from .wire import send_error, send_tree
 
 
-def main(out: BinaryIO, path: str, max_bytes: int, max_s: int) -> None:
-    """Read a file within limits and send its content, or the reason of a failure."""
+def main(out: BinaryIO, path: str, max_bytes: int, max_s: int, part: Part) -> None:
+    """Read part of a file within limits and send its content, or the reason of a failure."""
     limit(max_bytes, max_s)
     try:
-        tree = load_tree(path)
+        tree = load_tree(path, part)
     except InputError as error:
         send_error(out, error)
     except Exception as error:  # h5py raises many kinds of errors on a damaged file
@@ -41,4 +42,4 @@ def limit(max_bytes: int, max_s: int, max_file_bytes: int = 0) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.stdout.buffer, sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+    main(sys.stdout.buffer, sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Part(sys.argv[4]))

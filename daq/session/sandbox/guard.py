@@ -18,7 +18,7 @@ from threading import Event, Timer
 
 from ...errors import InputError
 from ..schema import max_total_bytes
-from ..tree import Group
+from ..tree import Group, Part
 from .wire import receive
 
 _BUSY_ADVICE = "the drive does not answer or the machine is busy; try again"
@@ -54,14 +54,14 @@ _SESSIONS = Reader(
 )
 
 
-def load_guarded(path: Path | str) -> Group:
-    """Read a complete session file in a child process with limits; as `load.load_tree`.
+def load_guarded(path: Path | str, part: Part = Part.WHOLE) -> Group:
+    """Read a session file in a child process with limits; as `load.load_tree`.
 
     Raises InputError if it is not a session, and if reading it crashes, takes too long or needs too
     much memory.
     """
     size = Path(path).stat().st_size if Path(path).is_file() else 0
-    return read_guarded(_SESSIONS, str(path), (), size, max_total_bytes(size))
+    return read_guarded(_SESSIONS, str(path), (part,), size, max_total_bytes(size))
 
 
 def read_guarded(

@@ -13,10 +13,17 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
-from daq.session import read_foreign_session, read_session, write_session
+from daq.session import (
+    read_foreign_samples,
+    read_foreign_session,
+    read_samples,
+    read_session,
+    write_session,
+)
 from daq.session.load import load_tree
 from daq.session.sandbox import guard
 from daq.session.schema import max_total_bytes
+from dbc.frames import FrameBatch
 
 from ..small_session import small_session
 from .test_session import assert_same
@@ -33,6 +40,22 @@ def path(tmp_path: Path) -> Path:
 
 def test_the_child_reads_what_this_process_reads(path: Path) -> None:
     assert_same(read_foreign_session(path), read_session(path))
+
+
+def test_samples_are_read_without_frames(path: Path) -> None:
+    whole, samples = read_session(path), read_samples(path)
+    assert any(len(run.frames.t_ns) for run in whole.runs)
+    runs = tuple(replace(run, frames=FrameBatch.concatenate([])) for run in whole.runs)
+    assert_same(samples, replace(whole, runs=runs))
+    assert_same(read_foreign_samples(path), samples)
+
+
+def test_frames_that_lead_out_of_the_file_are_refused_though_nobody_reads_them(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file[RUN]["raw_bus0"]
+        file[f"{RUN}/raw_bus0"] = h5py.ExternalLink("secret.h5", "x")
+    with pytest.raises(InputError, match="raw_bus0 is absent or a link"):
+        read_samples(path)
 
 
 def test_what_is_no_session(tmp_path: Path, path: Path) -> None:

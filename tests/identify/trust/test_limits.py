@@ -13,7 +13,7 @@ from dbc.finding import Severity
 from identify.decays.decay import FreeDecay, Recording
 from identify.decays.onset import onset_s
 from identify.fit.estimation import Estimation
-from identify.fit.varpro import evaluate
+from identify.fit.varpro import evaluate, linear_part
 from identify.model.matrices import loaded_model
 from identify.trust.cause_ranking import Suspect
 from identify.trust.cause_texts import causes_of
@@ -175,7 +175,7 @@ def _scaled(result: Estimation, share: float) -> Estimation:
     state = next(s for s in result.box.mass_states if s.name == decay.mass_state)
     static = static_loads_n(loaded_model(full, state.added), full[11:15])
     at = evaluate(result.box, result.fit.eta, decay.mass_state, result.noise)
-    least, _ = least_loads_n(at, decay, static, full[11:15])
+    least, _ = least_loads_n(at, decay, linear_part(at, decay), static, full[11:15])
     factor = (1.0 - share) / float(np.max(1.0 - least / static))
     larger = FreeDecay(
         decay.label,

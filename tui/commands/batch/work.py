@@ -49,14 +49,14 @@ def software() -> str:
 
 def row_of(job: Job) -> dict[str, Cell]:
     """Read and identify a session, and return its row; any error becomes its reason."""
-    from daq import read_session
+    from daq import read_samples
     from identify.batch import session_row
 
     began_s = perf_counter()
     try:
         with local_copy(job.file) as path:
             try:
-                row = session_row(read_session(path))
+                row = session_row(read_samples(path))
             except BumpbenchError as error:
                 row = _failed(str(error).removeprefix(f"{path}: "))  # the row names the file
     except Exception as error:  # one strange session of thousands must not stop the others
