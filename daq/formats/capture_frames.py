@@ -102,9 +102,10 @@ class FrameCutter:
         word, turned = _word(text, start, 4), _word(text, start, 4, turned=True)
         cooked = link != SOCKET_CAN
         if self._cooked_is_big is None and cooked.any():
-            # libpcap wrote them in the order of the host first, and in that of the network later.
+            # libpcap wrote them in the order of the host first, and in that of the network later:
+            # where both are possible, it is the latter.
             big, little = _plausible(word[cooked]).sum(), _plausible(turned[cooked]).sum()
-            self._cooked_is_big = bool(big > little)
+            self._cooked_is_big = bool(big >= little)
         if not self._cooked_is_big:
             word = np.where(cooked, turned, word)
         length = text[start + 4].astype(np.int64)
@@ -152,5 +153,6 @@ def _word(
 
 
 def _plausible(word: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which numbers can be an identifier with its flags."""
-    return np.asarray((word & (_EXTENDED | _ERROR) != 0) | (word & 0x1FFF_FFFF < 1 << 11), np.bool_)
+    """Return which numbers can be an identifier with its flags; kinds of errors are 11 bits too."""
+    extended = word & (_EXTENDED | _ERROR) == _EXTENDED
+    return np.asarray(extended | (word & 0x1FFF_FFFF < 1 << 11), np.bool_)
