@@ -58,6 +58,10 @@ BLOCKS: dict[str, tuple[bytes, list[str]]] = {
     ),
     "obsolete": (HEAD + _obsolete(), ["7000 0 123 0 - -"]),
     "obsolete with drops": (HEAD + _obsolete(drops=9), ["7000 0 123 0 - -"]),
+    "obsolete, of the second interface": (
+        HEAD + _interface() + _obsolete(number=1),
+        ["7000 1 123 0 - -"],
+    ),
     "simple, without a time": (HEAD + _block(3, struct.pack("<L", 8) + can_packet()), []),
     "another kind": (HEAD + _block(5, bytes(64)) + _enhanced(), ["1000 0 123 0 - -"]),
     "sent": (HEAD + _enhanced(can_packet(), _option(2, b"\2\0\0\0")), ["sent"]),
