@@ -141,7 +141,7 @@ def _coded_length(lines: Lines, rows: Index, places: Index, base: int) -> Index:
     rows = rows[places]
     code, good = integers(lines.text, *_token_or_none(lines, rows, 5), 10, longest=2)
     size = FD_LENGTHS[np.clip(code, 0, 15)].astype(np.intp)
-    good &= (code > 8) & (code < 16) & (lines.count[rows] >= 6 + size)
+    good &= (code < 16) & (lines.count[rows] >= 6 + size)
     size = np.where(good, size, 0)
     _, more = integers(lines.text, *_token_or_none(lines, rows, 6 + size), base, longest=2)
     _, whole = spaced_bytes(lines, lines.first[rows] + 6, size, base)

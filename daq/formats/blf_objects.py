@@ -147,8 +147,7 @@ def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBat
         long = extended | ((flags & FrameFlag.ERROR) != 0)
         fits = count_impossible_ids(can_id, long, t_ns[rows], np.ones(len(rows), bool), ledger)
         bus = np.maximum(record["bus"].astype(np.int64), 1) - 1
-        there = np.minimum(size, room[rows] - offset)
-        payload = _payload(text, body[rows] + offset, there, length)
+        payload = _payload(text, body[rows] + offset, size, length)
         bus = np.minimum(bus, 255)
         batches.append(good_frames(fits, t_ns[rows], can_id, flags, bus, length, payload))
         places.append(rows[fits])
@@ -230,7 +229,7 @@ def _fd_64(record: NDArray[np.void], whole: Index, header: Index) -> _Fields:
     # the payload begin at `extra`, counted from the start of the object.
     extra = record["extra"].astype(np.intp)
     there = np.where(extra > 0, np.minimum(extra, whole), whole) - header - _FD_64.itemsize
-    size = np.minimum(np.minimum(length, record["valid"]), np.maximum(there, 0))
+    size = np.minimum(np.minimum(length, record["valid"]), there)
     return can_id, flags, length, np.where(remote, 0, size), 40
 
 

@@ -103,9 +103,9 @@ class FrameCutter:
         cooked = link != SOCKET_CAN
         if self._cooked_is_big is None and cooked.any():
             # Older versions of libpcap wrote them in the byte order of the host, newer ones in
-            # network order.
+            # network order, which is taken where both are possible.
             big, little = _plausible(word[cooked]).sum(), _plausible(turned[cooked]).sum()
-            self._cooked_is_big = bool(big > little)
+            self._cooked_is_big = bool(big >= little)
         if not self._cooked_is_big:
             word = np.where(cooked, turned, word)
         length = text[start + 4].astype(np.int64)
@@ -153,5 +153,8 @@ def _word(
 
 
 def _plausible(word: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return a mask of the numbers that can be an identifier with its flags."""
-    return np.asarray((word & (_EXTENDED | _ERROR) != 0) | (word & 0x1FFF_FFFF < 1 << 11), np.bool_)
+    """Return a mask of the numbers that can be an identifier with its flags.
+
+    Kinds of errors have 11 bits, too.
+    """
+    extended = word & (_EXTENDED | _ERROR) == _EXTENDED

@@ -19,6 +19,7 @@ _LINEAR, _TABLES = 1, (4, 5)
 _LARGEST = 1e15
 _LITTLE_FLOAT, _BIG_FLOAT = 4, 5
 _BIG_ENDIAN = (1, 3, 5)
+_SIGNED = (2, 3)
 _NUMBERS = range(6)
 _FIXED, _VARIABLE, _MASTER, _CONSTANT = 0, 1, 2, 6
 _TIME = 1
@@ -64,10 +65,11 @@ class Field:
         if self.kind in (_LITTLE_FLOAT, _BIG_FLOAT):
             kind = np.dtype("<f4" if self.bits == 32 else "<f8")
             return wide[:, : kind.itemsize].copy().view(kind)[:, 0].astype(np.float64)
-        word = wide.view("<u8")[:, 0] >> np.uint64(self.bit)
-        if self.bits < 64:
-            word &= np.uint64((1 << self.bits) - 1)
-        return word.astype(np.int64)
+        above = np.uint64(64 - self.bits)
+        word = wide.view("<u8")[:, 0] >> np.uint64(self.bit) << above
+        if self.kind in _SIGNED:
+            return np.asarray(word.view(np.int64) >> above.astype(np.int64))
+        return (word >> above).astype(np.int64)
 
     def whole(self, records: NDArray[np.uint8]) -> NDArray[np.int64]:
         """Return the value in each record as an integer, (n,); as `raw`."""

@@ -19,7 +19,7 @@ def _stamp_ns(frame: Frame) -> int:
     return START_S * 10**9 + frame.t_us * 1000
 
 
-class _Mdf:
+class Mdf:
     """An MDF 4 file in the making: blocks behind each other, links set afterwards."""
 
     def __init__(self, unfinished: bool) -> None:
@@ -82,7 +82,7 @@ def write_logger_mf4(path: Path, frames: Frames) -> None:
 
     Data frames have payloads of variable length; remote frames name bus and direction as constants.
     """
-    mdf = _Mdf(unfinished=True)
+    mdf = Mdf(unfinished=True)
     mdf.block("HD", [0] * 6, struct.pack("<QhhBBBBdd", START_S * 10**9, 60, 0, 2, 0, 0, 0, 0, 0))
     payloads = mdf.group(2, 0, 0, flags=1)
     kind = "CAN_DataFrame"

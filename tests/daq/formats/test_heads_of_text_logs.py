@@ -1,0 +1,347 @@
+"""What lines of a text log say of the lines behind them: heads, dates, and times that add up."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+import pytest
+
+from daq.errors import InputError
+from daq.formats.asc import AscParser, asc_date_ns
+from daq.formats.busmaster import BusmasterParser
+from daq.formats.candump import parse_candump
+from daq.formats.candump_console import ConsoleParser
+from daq.formats.losses import Ledger, LogLoss
+from daq.formats.text import LastLine, Parse, read_lines
+from daq.formats.trc import TrcParser
+
+from .shown import shown
+
+S = 1_000_000_000
+
+
+def _seconds(parser: Parse, *blocks: str) -> list[float]:
+    """Return the times of the frames of blocks, s."""
+    return [
+        int(frame.split()[0]) / S
+        for block in blocks
+        for frame in shown(parser(block.encode()).frames)
+    ]
+
+
+def _local(*date: int) -> float:
+    """Return local time, as seconds since 1970."""
+    year, month, day, hour, minute, second = (*date, 0, 0, 0)[:6]
+    return datetime(year, month, day, hour, minute, second).timestamp()
+
+
+TRC = {
+    "1.0": "1) 1.5 0123 1 0A",
+    "1.1": "1) 1.5 Rx 0123 1 0A",
+    "1.2": "1) 1.5 3 Rx 0123 1 0A",
+    "1.3": "1) 1.5 3 Rx 0123 - 1 0A",
+    "2.0": "1 1.5 DT 0123 Rx 1 0A",
+    "2.1": "1 1.5 DT 3 0123 Rx - 1 0A",
+}
+
+
+@pytest.mark.parametrize("version", TRC)
+def test_a_version_of_trc_has_its_columns(version: str) -> None:
+    parsed = TrcParser()(f";$FILEVERSION={version}\n{TRC[version]}\n".encode())
+    bus = 2 if version in ("1.2", "1.3", "2.1") else 0
+    assert shown(parsed.frames) == [f"1500000 {bus} 123 1 0a -"]
+    assert parsed.header
+
+
+def test_a_version_of_trc_that_is_not_known_has_the_columns_of_the_first() -> None:
+    parsed = TrcParser()(f";$FILEVERSION=7.0\n{TRC['1.0']}\n".encode())
+    assert shown(parsed.frames) == ["1500000 0 123 1 0a -"]
+    assert parsed.header
+    assert not TrcParser()(f";a comment\n{TRC['1.0']}\n".encode()).header
+
+
+COLUMNS = {
+    "O,T,I,L,D": "1.5 DT 0123 1 0A",
+    "O,T,I,l,D": "1.5 DT 0123 1 0A",
+    "T,O,I,d,R,B,L,D": "DT 1.5 0123 Rx - 1 1 0A",
+    "N,O,T,B,I,d,R,l,D": "1 1.5 DT 1 0123 Rx - 1 0A",
+    "N,O,T,B,I,d,R,l,L,D": "1 1.5 DT 1 0123 Rx - 1 1 0A",
+    # None of these is a set of columns: those of the version stay.
+    "O,O,T,I,L,D": TRC["2.1"],
+    "O,T,L,D": TRC["2.1"],
+    "T,I,L,D": TRC["2.1"],
+    "O,I,L,D": TRC["2.1"],
+    "O,T,I,L": TRC["2.1"],
+    "O,T,I,L,D,Q": TRC["2.1"],
+}
+
+
+@pytest.mark.parametrize("columns", COLUMNS)
+def test_columns_of_trc_in_another_order(columns: str) -> None:
+    head = f";$FILEVERSION=2.1\n;$COLUMNS={columns}\n"
+    bus = 2 if COLUMNS[columns] == TRC["2.1"] else 0
+    found = shown(TrcParser()(f"{head}{COLUMNS[columns]}\n".encode()).frames)
+    assert found == [f"1500000 {bus} 123 1 0a -"]
+
+
+@pytest.mark.parametrize(
+    ("days", "seconds"),
+    [
+        ("25569", 0.0),
+        ("25570.5", 129_600.0),
+        ("45939.25", 1_759_989_600.0),
+        ("25568", 0.0),
+        ("78944", 4_611_600_000.0),
+        ("78946", 0.0),
+        ("today", 0.0),
+        ("NaN", 0.0),
+        ("1e400", 0.0),
+    ],
+)
+def test_a_trc_begins_at_days_since_1899(days: str, seconds: float) -> None:
+    text = f";$FILEVERSION=1.1\n;$STARTTIME= {days} \n1) 500.0 Rx 0123 0\n"
+    assert _seconds(TrcParser(), text) == [seconds + 0.5]
+
+
+def test_the_head_of_a_trc_holds_for_the_blocks_behind_it() -> None:
+    head = ";$FILEVERSION=1.1\n;$STARTTIME=25570\n"
+    parser = TrcParser()
+    assert _seconds(parser, head, "1) 500.0 Rx 0123 0\n") == [86_400.5]
+
+
+DATES = {
+    "date Thu Oct 9 08:53:20 2025": (2025, 10, 9, 8, 53, 20),
+    "date Thu Oct 09 08:53:20.5 am 2025": (2025, 10, 9, 8, 53, 20, 500_000),
+    "date Thu Oct 09 08:53:20.000001 pm 2025": (2025, 10, 9, 20, 53, 20, 1),
+    "date Thu Oct 09 12:53:20 am 2025": (2025, 10, 9, 0, 53, 20),
+    "date Thu Oct 09 12:53:20 PM 2025": (2025, 10, 9, 12, 53, 20),
+    "date Fre Jan 31 23:59:59 2025": (2025, 1, 31, 23, 59, 59),
+    "date Son Feb 02 00:00:00 2025": (2025, 2, 2),
+    "date Die Mär 04 00:00:00 2025": (2025, 3, 4),
+    "date Tue March 04 00:00:00 2025": (2025, 3, 4),
+    "date Fre Apr 04 00:00:00 2025": (2025, 4, 4),
+    "date Son Mai 04 00:00:00 2025": (2025, 5, 4),
+    "date Sun May 04 00:00:00 2025": (2025, 5, 4),
+    "date Wed Jun 04 00:00:00 2025": (2025, 6, 4),
+    "date Fri Jul 04 00:00:00 2025": (2025, 7, 4),
+    "date Mon Aug 04 00:00:00 2025": (2025, 8, 4),
+    "date Thu Sep 04 00:00:00 2025": (2025, 9, 4),
+    "date Sam Okt 04 00:00:00 2025": (2025, 10, 4),
+    "date Tue Nov 04 00:00:00 2025": (2025, 11, 4),
+    "date Don Dez 04 00:00:00 2025": (2025, 12, 4),
+    "date Thu Dec 04 00:00:00 2025": (2025, 12, 4),
+    "Begin Triggerblock Thu Dec 04 00:00:00 2025": (2025, 12, 4),
+}
+
+
+@pytest.mark.parametrize("line", DATES)
+def test_dates_of_asc_are_local_time(line: str) -> None:
+    whole = DATES[line]
+    seconds = round(_local(*whole[:6]))
+    micros = whole[6] if len(whole) > 6 else 0
+    assert asc_date_ns(line) == seconds * S + micros * 1000
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["date", "date Thu Foo 09 08:53:20 2025", "date Thu Feb 30 08:53:20 2025", "date 9.10.2025"],
+)
+def test_what_is_no_date_of_asc(line: str) -> None:
+    assert asc_date_ns(line) is None
+
+
+DATE = "date Thu Oct 09 08:53:20 2025"
+BEGAN = _local(2025, 10, 9, 8, 53, 20)
+
+
+def _asc(*times: float, can_id: str = "100") -> str:
+    return "".join(f"{t} 1 {can_id} Rx d 1 11\n" for t in times)
+
+
+def test_times_of_asc_count_from_the_date_or_from_the_line_before() -> None:
+    absolute = f"{DATE}\nbase hex timestamps absolute\n"
+    assert _seconds(AscParser(), absolute, _asc(1, 2), _asc(4)) == [BEGAN + t for t in (1, 2, 4)]
+    relative = f"{DATE}\nbase hex timestamps relative\n"
+    assert _seconds(AscParser(), relative, _asc(1, 2), _asc(4)) == [BEGAN + t for t in (1, 3, 7)]
+    unsaid = f"{DATE}\nbase hex\n"
+    assert _seconds(AscParser(), unsaid, _asc(1, 2)) == [BEGAN + t for t in (1, 2)]
+    anew = f"{_asc(1, 2)}Begin Triggerblock Thu Oct 09 08:53:30 2025\n{_asc(1)}"
+    assert _seconds(AscParser(), absolute, anew) == [BEGAN + t for t in (1, 2, 11)]
+
+
+def test_events_of_other_kinds_take_their_time_in_a_relative_asc() -> None:
+    text = f"{DATE}\nbase hex timestamps relative\n{_asc(1)}0.5 Start of measurement\n{_asc(1)}"
+    assert _seconds(AscParser(), text) == [BEGAN + t for t in (1, 2.5)]
+
+
+@pytest.mark.parametrize(
+    ("base", "can_id", "data"), [("hex", "100", "11"), ("HEX", "100", "11"), ("dec", "64", "0b")]
+)
+def test_numbers_of_asc_have_the_base_of_the_head(base: str, can_id: str, data: str) -> None:
+    parsed = AscParser()(f"{DATE}\nbase {base} timestamps absolute\n{_asc(1)}".encode())
+    assert [frame.split()[2:5:2] for frame in shown(parsed.frames)] == [[can_id, data]]
+    assert parsed.header
+
+
+def test_comments_and_other_lines_of_asc_are_no_head() -> None:
+    for line in ("// base dec", "// date Fri Oct 10 08:53:20 2025", "internal events logged"):
+        parser = AscParser()
+        assert not parser(f"{line}\n".encode()).header
+        assert _seconds(parser, _asc(1)) == [1.0]
+    assert AscParser()(f"{DATE}\n".encode()).header
+    assert AscParser()(b"date of today\n").header
+
+
+def test_frames_of_all_forms_of_asc_keep_their_order() -> None:
+    text = (
+        "1 1 ErrorFrame\n2 CANFD 1 Rx 7FF 0 0 1 1 11\n3 1 100 Rx d 1 11\n"
+        "4 CANFD 1 Rx 7FF 0 0 1 1 11\n5 1 ErrorFrame\n"
+    )
+    assert _seconds(AscParser(), text) == [1, 2, 3, 4, 5]
+
+
+MASTER = "***BUSMASTER***\n***START DATE AND TIME {}***\n***HEX***\n***{} MODE***\n"
+
+
+def _master(*stamps: str) -> str:
+    return "".join(f"{stamp} Rx 1 0x100 s 1 11\n" for stamp in stamps)
+
+
+MIDNIGHT = _local(2025, 10, 9)
+
+
+def test_times_of_busmaster_in_each_mode() -> None:
+    start = "9:10:2025 08:53:20:250"
+    began = MIDNIGHT + 8 * 3600 + 53 * 60 + 20.25
+    system = MASTER.format(start, "SYSTEM")
+    day = [("8:53:21:0", "23:59:59:9"), ("0:0:1:0", "12:00:00:0"), ("23:0:0:0",), ("0:0:2:0",)]
+    found = _seconds(BusmasterParser(), system, *(_master(*stamps) for stamps in day))
+    since = [32_001, 86_399.9, 86_401, 129_600, 169_200, 172_802]
+    assert found == [MIDNIGHT + t for t in since]
+    absolute = MASTER.format(start, "ABSOLUTE")
+    blocks = _master("0:0:1:0", "0:0:2:5"), _master("1:0:0:0")
+    assert _seconds(BusmasterParser(), absolute, *blocks) == [began + t for t in (1, 2.5, 3600)]
+    relative = MASTER.format(start, "RELATIVE")
+    found = _seconds(BusmasterParser(), relative, *blocks)
+    assert found == [began + t for t in (1, 3.5, 3603.5)]
+
+
+def test_a_step_back_of_busmaster_below_half_a_day_is_disorder() -> None:
+    head = MASTER.format("9:10:2025 00:00:00:0", "SYSTEM")
+    found = _seconds(BusmasterParser(), head, _master("13:0:0:0", "1:0:0:0", "2:0:0:0"))
+    assert found == [MIDNIGHT + t for t in (46_800, 3600, 7200)]
+    found = _seconds(BusmasterParser(), head, _master("13:0:1:0", "1:0:0:0", "2:0:0:0"))
+    assert found == [MIDNIGHT + t for t in (46_801, 90_000, 93_600)]
+
+
+@pytest.mark.parametrize(
+    ("start", "since"),
+    [
+        ("9:10:2025 00:00:00:5", 0.5),
+        ("9:10:2025 00:00:01:025", 1.025),
+        ("9:10:2025 01:02:03:000000001", 3723.000000001),
+        ("9:13:2025 00:00:00:5", -MIDNIGHT),
+        ("today", -MIDNIGHT),
+    ],
+)
+def test_a_busmaster_begins_at_its_date(start: str, since: float) -> None:
+    head = MASTER.format(start, "ABSOLUTE")
+    assert _seconds(BusmasterParser(), head, _master("0:0:0:0")) == [MIDNIGHT + since]
+
+
+def test_numbers_of_busmaster_have_the_base_of_the_head() -> None:
+    for base, expected in (("HEX", ["100", "11"]), ("DEC", ["64", "0b"])):
+        parser = BusmasterParser()
+        assert parser(f"***{base}***\n".encode()).header
+        parsed = parser(b"0:0:1:0 Rx 1 100 s 1 11\n")
+        assert [f.split()[2:5:2] for f in shown(parsed.frames)] == [expected]
+        assert not parsed.header
+
+
+def _screen(*times: str) -> str:
+    return "".join(f" ({t}) can0 123 [1] 11\n" for t in times)
+
+
+@pytest.mark.parametrize(
+    ("times", "seconds"),
+    [
+        (["1.0", "2.0", "4.0"], [1, 2, 4]),
+        (["0.0", "2.0", "1.0"], [0, 2, 3]),  # what falls is the distance from the line before
+        (["0.0", "9999999.0", "1.0"], [0, 9_999_999, 10_000_000]),
+        (["0.0", "10000000.0", "1.0"], [0, 10_000_000, 1]),
+        ([*("123456789"), "8", "9"], [1, 2, 3, 4, 5, 6, 7, 8, 9, 8, 9]),  # 1 of 11 is disorder
+        ([*("12345678"), "7", "8"], [1, 2, 3, 4, 5, 6, 7, 8, 7, 8]),
+        ([*("1234567"), "6", "7"], [1, 3, 6, 10, 15, 21, 28, 34, 41]),
+    ],
+)
+def test_what_times_of_a_screen_count_from(times: Sequence[str], seconds: list[float]) -> None:
+    assert _seconds(ConsoleParser(), _screen(*times)) == seconds
+
+
+def test_distances_of_a_screen_add_up_over_blocks() -> None:
+    parser = ConsoleParser()
+    assert _seconds(parser, _screen("0", "2", "1"), _screen("1", "2")) == [0, 2, 3, 4, 6]
+    assert _seconds(parser, "") == []
+    assert _seconds(parser, _screen("1")) == [7]
+
+
+def test_dates_of_a_screen_are_no_distances() -> None:
+    text = _screen("2025-10-09 08:53:21+00:00", "2025-10-09 08:53:20+00:00")
+    began = datetime(2025, 10, 9, 8, 53, 20, tzinfo=UTC).timestamp()
+    assert _seconds(ConsoleParser(), text) == [began + 1, began]
+
+
+LINE = b"(1.5) can0 123#0102\n"
+
+
+def _read(raw: bytes) -> tuple[int, LogLoss]:
+    """Return the number of frames, and what was lost."""
+    ledger = Ledger()
+    last = LastLine(states_length=False, spaced=False)
+    blocks = read_lines(io.BytesIO(raw), "a.log", parse_candump, ledger, last)
+    return sum(len(block) for block in blocks), ledger.loss
+
+
+@pytest.mark.parametrize(
+    ("tail", "frames", "garbled", "cut"),
+    [
+        (b"", 2, 0, 0),
+        (b"(2.5) can0 123#0304", 3, 0, 0),  # as long as one before
+        (b"(2.5) can0 123#03", 2, 0, 17),
+        (b"(2.5) can0 124#0304", 2, 0, 19),  # none before tells how long it is
+        (b"(2.5) can1 123#R", 3, 0, 0),
+        (b"end of log", 2, 0, 0),
+        (b"   \t", 2, 0, 0),
+        (b"no frame\n(2.5) can0 123#0304", 3, 1, 0),
+    ],
+)
+def test_a_last_line_without_an_end(tail: bytes, frames: int, garbled: int, cut: int) -> None:
+    found, loss = _read(LINE * 2 + tail)
+    assert (found, loss.garbled, loss.bytes_cut) == (frames, garbled, cut)
+
+
+def test_the_first_line_that_is_no_frame_is_named_by_its_number() -> None:
+    _, loss = _read(LINE + b"\n" + LINE + b"no frame\nnor this\n")
+    assert loss.garbled == 2
+    assert "line 4 is no frame: 'no frame'" in loss.text
+    many = LINE * 20_000  # more than one block
+    _, loss = _read(many + b"no frame\n" + LINE)
+    assert "line 20001 is no frame" in loss.text
+    _, loss = _read(many + b"(2.5) can0 123#")
+    assert "line 20001 has no end" in loss.text
+
+
+def test_a_line_without_an_end_is_no_text_log() -> None:
+    assert _read(LINE + b"(" + b"1" * 65_535)[1].bytes_cut == 65_536
+    with pytest.raises(InputError, match="no text log"):
+        _read(LINE + b"(" + b"1" * 65_536)
+
+
+def test_zeros_make_no_text_log_but_behind_frames_they_are_none() -> None:
+    with pytest.raises(InputError, match="no text log"):
+        _read(b"\0" + LINE)
+    with pytest.raises(InputError, match="no line of a known log"):
+        _read(b"nothing\n" + b"to see\n")
+    assert _read(LINE * 20_000 + b"\0" * 100)[0] == 20_000
