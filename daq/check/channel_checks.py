@@ -7,7 +7,6 @@ proves unit, axis and sign at once.  Rates read nothing, travels are zero at rid
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 
@@ -90,7 +89,6 @@ class _Rest:
 
 def check_channel(
     mapped: MappedChannel,
-    others: Sequence[MappedChannel],
     keeping: Timekeeping,
     decoded: Decoded,
     calibration_days: int,
@@ -98,10 +96,9 @@ def check_channel(
 ) -> list[Finding]:
     """Check one channel.
 
-    `others`: all channels of the bench.  `keeping`: which messages belong together.  `decoded`:
-    traffic at rest.  `calibration_days` and `today`: a calibration older than so many days is worth
-    a note.  Returns what it reads, unless something fails; and a line for each thing that is not
-    right.
+    `keeping`: which messages belong together.  `decoded`: traffic at rest.  `calibration_days` and
+    `today`: a calibration older than so many days is worth a note.  Returns what it reads, unless
+    something fails; and a line for each thing that is not right.
     """
     channel = mapped.channel
     found = _calibration_lines(channel, calibration_days, today)
