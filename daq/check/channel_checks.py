@@ -7,7 +7,6 @@ unit, axis and sign together.  Rates read zero at rest, and travels read zero at
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 
@@ -90,7 +89,6 @@ class _Rest:
 
 def check_channel(
     mapped: MappedChannel,
-    others: Sequence[MappedChannel],
     keeping: Timekeeping,
     decoded: Decoded,
     calibration_days: int,
@@ -98,10 +96,9 @@ def check_channel(
 ) -> list[Finding]:
     """Check one channel.
 
-    `others`: all channels of the bench.  `keeping`: which messages belong together.  `decoded`:
-    traffic at rest.  `calibration_days` and `today`: a calibration older than this number of days
-    gives a warning.  Returns a line with the reading, unless something fails; and a line for each
-    fault.
+    `keeping`: which messages belong together.  `decoded`: traffic at rest.  `calibration_days` and
+    `today`: a calibration older than this number of days gives a warning.  Returns a line with the
+    reading, unless something fails; and a line for each fault.
     """
     channel = mapped.channel
     found = _calibration_lines(channel, calibration_days, today)

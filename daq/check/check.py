@@ -87,7 +87,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
         lines.append(Finding("trigger", Severity.ERROR, reason, "trigger", advice))
     lines += open_questions(bench.text)
     for m in mapped:
-        lines += check_channel(m, mapped, keeping, decoded, bench.calibration_days, today)
+        lines += check_channel(m, keeping, decoded, bench.calibration_days, today)
     return CheckReport(seconds, len(frames), tuple(lines))
 
 

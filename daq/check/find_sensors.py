@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import PurePath
 
 from dbc.codec import Codec
@@ -184,11 +184,3 @@ def _stem(database: str) -> str:
     plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in stem).strip("_").lower()
     plain = plain or "sensor"
     return (plain if plain[0].isalpha() else f"s_{plain}")[:_NAME_LENGTH]
-
-
-def renamed(found: Sequence[FoundSensor], names: Mapping[str, str]) -> tuple[FoundSensor, ...]:
-    """Return the sensors, renamed as `names` states."""
-    return tuple(
-        replace(f, sensor=replace(f.sensor, name=names.get(f.sensor.name, f.sensor.name)))
-        for f in found
-    )

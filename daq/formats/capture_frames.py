@@ -158,3 +158,4 @@ def _plausible(word: NDArray[np.int64]) -> NDArray[np.bool_]:
     Kinds of errors have 11 bits, too.
     """
     extended = word & (_EXTENDED | _ERROR) == _EXTENDED
+    return np.asarray(extended | (word & 0x1FFF_FFFF < 1 << 11), np.bool_)

@@ -39,6 +39,15 @@ def test_a_dead_controller_is_gone_after_one_second(silent_s: float, name: str) 
     assert peers.controller(100.0 + silent_s) == name
 
 
+@pytest.mark.parametrize("client", ["x-1", f"{10**30}-a", "\u00b2-a", "1-a"])
+def test_a_controller_of_which_no_process_can_be_told_is_given_five_seconds(client: str) -> None:
+    peers = Peers()
+    peers.seen(client, 100.0)
+    assert peers.hello(client, Hello("Ann", True), 100.0) == ""
+    assert peers.controller(105.0) == "Ann"
+    assert peers.controller(105.1) == ""
+
+
 def test_viewers_are_those_heard_of_within_five_seconds() -> None:
     peers = Peers()
     for client, t_s in ((ALIVE, 100.0), ("x-1", 100.0), ("x-2", 102.0)):

@@ -1,0 +1,333 @@
+"""Each limit of how messages arrive, from both sides, on frames made by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.bench.message_rules import SensorClock
+from daq.channels import Channel, Quantity
+from daq.check import mixed_messages
+from daq.check.frame_checks import check_messages, frame_table
+from daq.samples.groups import Timekeeping
+from daq.samples.mapping import map_channels
+from dbc import Codec, FrameBatch, FrameFlag, parse_codec
+from dbc.finding import Finding, Severity
+from dbc.layout import CounterRule, MessageLayout
+
+T_NS = 1_800_000_000_000_000_000
+WARN, FAIL, OK = Severity.WARNING, Severity.ERROR, Severity.NOTE
+DBC = """VERSION ""
+
+BU_: A
+
+BO_ 256 M: 8 A
+ SG_ cnt : 0|8@1+ (1,0) [0|0] "" A
+ SG_ v : 8|8@1- (0.001,0) [0|0] "m" A
+ SG_ stamp : 16|32@1+ (1,0) [0|0] "us" A
+ SG_ crc : 56|8@1+ (1,0) [0|0] "" A
+"""
+(MESSAGE,) = parse_codec(DBC, "m.dbc").messages
+COUNTED = replace(MESSAGE, counter=CounterRule("cnt", 256))
+CHECKED = replace(MESSAGE, crc="crc", crc_rule="sum8")
+CLOCKS = {"M": SensorClock("M.stamp", 1e-6, 2.0**32)}
+
+
+def message(cycle_s: float | None = 0.01, plain: MessageLayout = MESSAGE) -> MessageLayout:
+    return replace(plain, cycle_s=cycle_s)
+
+
+def sent(times_s: Sequence[float] | NDArray[np.float64], can_id: int = 256, **columns: Any) -> Any:
+    """Return frames at these times whose second byte changes; other columns as stated."""
+    t_ns = T_NS + np.rint(np.asarray(times_s) * 1e9).astype(np.int64)
+    n = len(t_ns)
+    data = np.zeros((n, 8), np.uint8)
+    data[:, 1] = np.arange(n) * 7
+    given: dict[str, Any] = {"can_id": can_id, "flags": 0, "bus": 0, "length": 8, **columns}
+    kinds = {"can_id": np.uint32, "flags": np.uint16, "bus": np.uint8, "length": np.uint8}
+    arrays = {name: np.full(n, given[name], kind) for name, kind in kinds.items()}
+    return FrameBatch(t_ns, data=given.get("data", data), **arrays)
+
+
+def beats(n: int, period_s: float = 0.01) -> NDArray[np.float64]:
+    return np.arange(float(n)) * period_s
+
+
+def checked(
+    described: MessageLayout,
+    *frames: FrameBatch,
+    clocks: Mapping[str, SensorClock] | None = None,
+    quantity: Quantity = Quantity.BODY_DISPLACEMENT,
+) -> list[Finding]:
+    batch = FrameBatch.concatenate(frames)
+    one = Channel("c", quantity, signal="M.v")
+    mapped = map_channels((one,), (described,), "m.dbc")
+    keeping = Timekeeping({"M": described}, clocks or {}, ())
+    decoded = Codec((described,)).decode(batch)
+    return check_messages(mapped, keeping, frame_table((described,), batch), decoded)
+
+
+def found(lines: Sequence[Finding]) -> dict[str, Severity]:
+    assert {line.subject for line in lines} == {"message M"}
+    return {line.code: line.severity for line in lines}
+
+
+@pytest.mark.parametrize(
+    ("off", "verdict"),
+    [
+        (0.019, OK), (-0.019, OK), (0.021, WARN), (-0.021, WARN),
+        (0.099, WARN), (-0.099, WARN), (0.101, FAIL), (-0.101, FAIL),
+    ],
+)  # fmt: skip
+def test_a_rate_may_be_two_percent_off_and_fails_from_ten_on(off: float, verdict: Severity) -> None:
+    lines = checked(message(), sent(beats(300, 0.01 / (1 + off))))
+    assert found(lines) == {"rate": verdict}
+    assert lines[0].figures["rate_hz"] == pytest.approx(100 * (1 + off), rel=1e-6)
+    if verdict is not OK:
+        assert lines[0].text == f"{100 * (1 + off):.1f} Hz instead of 100.0 Hz"
+        assert f"cycle_ms = {10 / (1 + off):.3g} " in lines[0].advice
+
+
+def test_frames_that_are_missing_by_the_counter_count_for_the_rate() -> None:
+    keep = np.arange(300) % 4 != 1
+    data = np.zeros((300, 8), np.uint8)
+    data[:, 0] = np.arange(300) % 256
+    lines = checked(message(plain=COUNTED), sent(beats(300)[keep], data=data[keep]))
+    assert found(lines) == {"counter": FAIL}
+    assert lines[0].text.startswith("75 frames are missing by the counter cnt (of 225)")
+    assert lines[0].figures["rate_hz"] == pytest.approx(100.0, rel=2e-3)
+    assert lines[0].figures["frames"] == 225
+
+
+@pytest.mark.parametrize(
+    ("cycle_s", "silent_s", "stale"),
+    [(0.01, 0.49, False), (0.01, 0.51, True), (0.1, 0.99, False), (0.1, 1.01, True),
+     (None, 0.49, False), (None, 0.51, True)],
+)  # fmt: skip
+def test_a_message_is_stale_after_half_a_second_or_ten_cycles(
+    cycle_s: float | None, silent_s: float, stale: bool
+) -> None:
+    times = beats(30, cycle_s or 0.01)
+    lines = checked(message(cycle_s), sent(times), sent([times[-1] + silent_s], 0x700))
+    assert (found(lines).get("stale") is FAIL) is stale
+    if stale:
+        assert lines[0].text == f"silent for the last {silent_s:.2f} s"
+
+
+def test_a_counter_without_a_cycle_gives_no_times_unless_the_sensor_does() -> None:
+    data = np.zeros((300, 8), np.uint8)
+    data[:, 0] = np.arange(300) % 256
+    data[:, 2:6] = (np.arange(300, dtype="<u4") * 10_000)[:, None].view(np.uint8).reshape(300, 4)
+    frames = sent(beats(300), data=data)
+    lines = checked(message(None, COUNTED), frames)
+    assert found(lines) == {"no_cycle": WARN}
+    assert lines[0].text.startswith("100.0 Hz;")
+    assert "cycle_ms = 10 " in lines[0].advice
+    assert found(checked(message(None, COUNTED), frames, clocks=CLOCKS)) == {"rate": OK}
+    assert found(checked(message(None), frames)) == {"rate": OK}
+    single = checked(message(None, COUNTED), frames.select(slice(0, 1)))
+    assert found(single) == {"rate": OK}
+
+
+@pytest.mark.parametrize(
+    ("late_ms", "every", "jitter_ms", "warned"),
+    [(4.9, 50, 4.9, False), (5.1, 50, 5.1, True), (9.0, 400, 0.0, False)],
+)
+def test_frames_may_come_half_a_cycle_off_their_beat(
+    late_ms: float, every: int, jitter_ms: float, warned: bool
+) -> None:
+    """One frame in 50 is two intervals in a hundred; one of 400 is half a one in a hundred."""
+    times = beats(400)
+    times[every // 2 :: every] += late_ms * 1e-3
+    lines = checked(message(), sent(times))
+    assert found(lines) == ({"jitter": WARN} if warned else {"rate": OK})
+    assert lines[0].figures["jitter_s"] == pytest.approx(jitter_ms * 1e-3, abs=1e-8)
+    if warned:
+        assert lines[0].text == "frames arrive up to 5.10 ms off their beat"
+        assert "jitter" not in found(checked(message(), sent(times), clocks=CLOCKS))
+
+
+def test_two_frames_have_no_jitter() -> None:
+    for n, jitter_s in ((2, 0.0), (3, 0.001)):
+        lines = checked(message(), sent([0.0, 0.009, 0.02][:n]))
+        assert lines[0].figures["jitter_s"] == pytest.approx(jitter_s)
+
+
+@pytest.mark.parametrize(
+    ("length", "verdict", "says"),
+    [(7, FAIL, "3 of 30 frames have 7 bytes; the DBC says 6"), (5, FAIL, "3 of 30"), (6, OK, "")],
+)
+def test_a_frame_has_the_length_of_the_dbc(length: int, verdict: Severity, says: str) -> None:
+    short = replace(MESSAGE, length=6, signals=MESSAGE.signals[:3], cycle_s=0.01)
+    lengths = np.full(30, 6)
+    lengths[5:8] = length
+    lines = checked(short, sent(beats(30), length=lengths))
+    expected = WARN if length > 6 else verdict
+    assert found(lines) == ({"length": expected} if length != 6 else {"rate": OK})
+    if length != 6:
+        assert lines[0].text.startswith(says)
+
+
+def with_checksums(n: int, bad: int) -> NDArray[np.uint8]:
+    """Return payloads with a sum modulo 256 behind them, of some of which it is wrong."""
+    data = np.zeros((n, 8), np.uint8)
+    data[:, 0] = np.arange(n) % 256
+    data[:, 7] = data[:, 0]
+    data[:bad, 7] ^= 0x55
+    return data
+
+
+@pytest.mark.parametrize(
+    ("bad", "verdict", "advice"),
+    [(0, OK, ""), (2, WARN, "check wiring"), (3, FAIL, "check wiring"),
+     (100, FAIL, "check wiring"), (101, FAIL, "another rule than"), (200, FAIL, "another rule")],
+)  # fmt: skip
+def test_one_checksum_in_a_hundred_may_fail(bad: int, verdict: Severity, advice: str) -> None:
+    lines = checked(message(plain=CHECKED), sent(beats(200), data=with_checksums(200, bad)))
+    assert found(lines) == ({"checksum": verdict} if bad else {"rate": OK})
+    assert lines[0].advice.startswith(advice)
+    if bad:
+        assert lines[0].text == f"{bad} of 200 frames fail their checksum (sum8)"
+
+
+@pytest.mark.parametrize(("n", "named"), [(3, False), (4, True)])
+def test_a_rule_that_fits_four_different_frames_is_no_accident(n: int, named: bool) -> None:
+    data = np.tile(with_checksums(n, 0), (10, 1))
+    data[:, 1], data[:, 7] = 9, data[:, 0] ^ 9  # the exclusive or fits
+    lines = checked(replace(CHECKED, cycle_s=0.01), sent(beats(10 * n), data=data))
+    assert ("xor8 fits" in lines[0].advice) is named
+
+
+def counted(values: Sequence[int] | NDArray[np.int64]) -> NDArray[np.uint8]:
+    data = np.zeros((len(values), 8), np.uint8)
+    data[:, 0] = values
+    return data
+
+
+@pytest.mark.parametrize(("n", "still"), [(10, False), (11, True)])
+def test_a_counter_stands_still_if_eleven_frames_have_the_same(n: int, still: bool) -> None:
+    lines = checked(message(plain=COUNTED), sent(beats(n), data=counted([9] * n)))
+    assert ("stands still at 9" in lines[0].text) is still
+    assert (found(lines).get("counter") is FAIL) is still
+
+
+@pytest.mark.parametrize(("lost", "verdict"), [(0, OK), (2, WARN), (3, FAIL)])
+def test_one_frame_in_a_hundred_may_be_missing(lost: int, verdict: Severity) -> None:
+    """Of 250: 2 missing are 0.8 % of the 248 that came, 3 are 1.2 %."""
+    keep = np.ones(250, bool)
+    keep[20 : 20 + 50 * lost : 50] = False
+    frames = sent(beats(250)[keep], data=counted(np.arange(250)[keep]))
+    lines = checked(message(plain=COUNTED), frames)
+    assert found(lines) == ({"counter": verdict} if lost else {"rate": OK})
+    if lost:
+        assert lines[0].text == f"{lost} frames are missing by the counter cnt (of {250 - lost})"
+
+
+@pytest.mark.parametrize(("modulus", "beyond"), [(100, False), (99, True)])
+def test_a_counter_that_reaches_its_modulus_has_another(modulus: int, beyond: bool) -> None:
+    described = replace(COUNTED, counter=CounterRule("cnt", modulus), cycle_s=0.01)
+    lines = checked(described, sent(beats(200), data=counted(np.arange(200) % 100)))
+    text = "the counter cnt reaches 99, beyond 98"
+    assert (lines[0].text == text and lines[0].severity is FAIL) is beyond
+
+
+def test_a_counter_that_starts_anew_is_a_sensor_that_restarts() -> None:
+    values = np.concatenate([np.arange(60), np.arange(40)])
+    lines = checked(message(plain=COUNTED), sent(beats(100), data=counted(values)))
+    assert found(lines) == {"counter": FAIL}
+    assert lines[0].text == "the counter cnt started anew 1 times"
+
+
+@pytest.mark.parametrize(
+    ("rate", "verdict"),
+    [
+        (1.0019, OK), (0.9981, OK), (1.0021, WARN), (0.9979, WARN),
+        (1.19, WARN), (0.81, WARN), (1.21, FAIL), (0.79, FAIL),
+    ],
+)  # fmt: skip
+def test_a_sensors_clock_runs_with_that_of_the_bus(rate: float, verdict: Severity) -> None:
+    """Its 32 bits of microseconds begin anew on the way."""
+    data = np.zeros((200, 8), np.uint8)
+    stamp = (2**32 - 500_000 + np.rint(np.arange(200) * 1e4 * rate).astype(np.int64)) % 2**32
+    data[:, 2:6] = stamp.astype("<u4")[:, None].view(np.uint8).reshape(200, 4)
+    data[:, 1] = np.arange(200)
+    lines = checked(message(), sent(beats(200), data=data), clocks=CLOCKS)
+    assert found(lines) == ({"clock": verdict} if verdict is not OK else {"rate": OK})
+    if verdict is not OK:
+        assert lines[0].text.startswith(f"M.stamp runs {rate:.4g} times as fast")
+    few = sent(beats(9), data=data[:9])
+    assert found(checked(message(), few, clocks=CLOCKS)) == {"rate": OK}
+    ten = checked(message(), sent(beats(10), data=data[:10]), clocks=CLOCKS)
+    assert ("clock" in found(ten)) is (verdict is not OK)
+
+
+@pytest.mark.parametrize(
+    ("period_s", "length", "alike"),
+    [(0.01, 8, True), (0.0109, 8, True), (0.0112, 8, False), (0.0092, 8, True), (0.0089, 8, False),
+     (0.01, 7, False)],
+)  # fmt: skip
+def test_an_absent_message_may_be_one_of_its_length_and_rate(
+    period_s: float, length: int, alike: bool
+) -> None:
+    other = sent(beats(100, period_s), 0x123, length=length)
+    (line,) = checked(message(), other)
+    assert (line.code, line.severity) == ("absent", FAIL)
+    assert line.text == "no frame with identifier 0x100"
+    assert ("0x123 has its length and rate" in line.advice) is alike
+    (line,) = checked(message(None), other)
+    assert ("0x123" in line.advice) is (length == 8)
+    (line,) = checked(message(), other, quantity=Quantity.UNUSED)
+    assert line.severity is WARN
+
+
+def test_three_that_may_be_an_absent_message_are_named_in_their_width() -> None:
+    wide = [sent(beats(100 - n), 0x200 + n, flags=FrameFlag.EXTENDED) for n in range(4)]
+    (line,) = checked(replace(message(), is_extended=True, can_id=0x999), *wide)
+    assert line.text == "no frame with identifier 0x999 with 29 bits"
+    assert line.advice.endswith(" 0x200x, 0x201x, 0x202x has its length and rate")
+
+
+@pytest.mark.parametrize(
+    ("quantity", "verdict"), [(Quantity.BODY_DISPLACEMENT, FAIL), (Quantity.UNUSED, WARN)]
+)
+def test_a_message_on_two_buses_is_two_sensors(quantity: Quantity, verdict: Severity) -> None:
+    one, other = sent(beats(50, 0.02)), sent(beats(50, 0.02) + 0.01, bus=1)
+    lines = checked(message(), one, other, quantity=quantity)
+    assert found(lines)["mixed_buses"] is verdict
+    assert "comes on the buses 0 and 1" in lines[0].text
+    both = FrameBatch.concatenate([one, other])
+    assert mixed_messages((MESSAGE,), both) == ("M",)
+    assert mixed_messages((MESSAGE,), one) == ()
+    assert mixed_messages((MESSAGE,), FrameBatch.empty()) == ()
+
+
+def test_strangers_are_sorted_by_bus_identifier_and_width_the_most_frequent_first() -> None:
+    batch = FrameBatch.concatenate(
+        [
+            sent(beats(3), 0x123),
+            sent(beats(4), 0x123, flags=FrameFlag.EXTENDED),
+            sent(beats(5), 0x123, bus=1),
+            sent(beats(6), 0x1FFFFFFF, flags=FrameFlag.EXTENDED, bus=2),
+            sent(beats(9), 0x124, flags=FrameFlag.REMOTE),
+            sent(beats(9), 0x125, flags=FrameFlag.ERROR),
+        ]
+    )
+    table = frame_table((MESSAGE,), batch)
+    assert [(len(a.t_ns), a.can_id, a.is_extended, a.buses) for a in table.unknown] == [
+        (6, 0x1FFFFFFF, True, (2,)),
+        (5, 0x123, False, (1,)),
+        (4, 0x123, True, (0,)),
+        (3, 0x123, False, (0,)),
+    ]
+    assert table.frames == {0: 7, 1: 5, 2: 6}
+    # 47 bits beside the data, 20 more with 29 bits of identifier, and one stuffed in thirty.
+    assert table.bits[1] == pytest.approx(5 * (47 + 64) * 31 / 30)
+    assert table.bits[2] == pytest.approx(6 * (67 + 64) * 31 / 30)
+    assert table.seconds == pytest.approx(0.08)
+    assert table.unknown[3].rate_hz == pytest.approx(100.0)
+    assert table.unknown[3].usual_length == 8

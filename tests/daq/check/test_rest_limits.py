@@ -1,0 +1,266 @@
+"""Each limit of what a sensor may read at rest, from both sides, on samples made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daq.channels import Quantity
+from dbc.finding import Severity
+from dbc.samples import Quality
+
+from .at_rest import FAIL, OK, WARN, G, channel, checked, faults, found, level_of, still
+
+
+@pytest.mark.parametrize(
+    ("quantity", "limit"),
+    [
+        (Quantity.BODY_ACCELERATION, 0.5),
+        (Quantity.HUB_ACCELERATION, 2.0),
+        (Quantity.PITCH_RATE, 0.02),
+        (Quantity.ROLL_RATE, 0.02),
+        (Quantity.PITCH_ACCELERATION, 0.5),
+        (Quantity.ROLL_ACCELERATION, 0.5),
+        (Quantity.SUSPENSION_TRAVEL, 2e-3),
+        (Quantity.BODY_DISPLACEMENT, 2e-3),
+    ],
+)
+def test_each_kind_of_sensor_has_its_usual_noise(quantity: Quantity, limit: float) -> None:
+    for share, expected in ((0.99, {"rest": OK}), (1.01, {"noise": WARN})):
+        lines = checked(channel(quantity), still(level_of(quantity), share * limit))
+        assert found(lines) == expected
+        assert lines[0].figures["noise"] == pytest.approx(share * limit)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "limit"),
+    [
+        (Quantity.BODY_ACCELERATION, 0.5),
+        (Quantity.HUB_ACCELERATION, 1.0),
+        (Quantity.PITCH_RATE, 0.05),
+        (Quantity.ROLL_ACCELERATION, 0.5),
+        (Quantity.SUSPENSION_TRAVEL, 5e-3),
+    ],
+)
+def test_each_kind_of_sensor_may_move_a_little(quantity: Quantity, limit: float) -> None:
+    """The means of tenths of a second lie `share` of the limit apart."""
+    for share, expected in ((0.99, {"rest": OK}), (1.01, {"motion": WARN})):
+        swing = np.repeat(np.resize([-0.5, 0.5], 40), 8) * share * limit
+        lines = checked(channel(quantity), level_of(quantity) + swing)
+        assert found(lines) == expected
+        assert lines[0].figures["motion"] == pytest.approx(share * limit)
+
+
+@pytest.mark.parametrize(("blocks", "moves"), [(1, False), (3, True)])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_knock_in_one_tenth_of_a_second_is_no_motion(
+    blocks: int, moves: bool, way: float
+) -> None:
+    value = np.zeros(320)
+    for block in range(blocks):
+        value[80 * block + 40 : 80 * block + 48] = way * 0.02
+    assert ("motion" in found(checked(channel(Quantity.SUSPENSION_TRAVEL), value))) is moves
+
+
+@pytest.mark.parametrize(("knocks", "noise"), [(1, 0.0), (2, 0.02 / np.sqrt(198))])
+def test_the_largest_hundredth_of_the_steps_is_no_noise(knocks: int, noise: float) -> None:
+    """A knock of one sample is two steps; of 200 the two largest do not count."""
+    value = np.zeros(201)
+    value[20 : 20 + 40 * knocks : 40] = 0.02
+    lines = checked(channel(Quantity.SUSPENSION_TRAVEL), value)
+    assert lines[0].figures["noise"] == pytest.approx(noise)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "level", "expected"),
+    [
+        (Quantity.PITCH_RATE, 0.034, "rest"),
+        (Quantity.ROLL_RATE, -0.036, "tare"),
+        (Quantity.PITCH_RATE, 0.49, "tare"),
+        (Quantity.PITCH_RATE, -0.51, "level"),
+        (Quantity.PITCH_ACCELERATION, 0.99, "rest"),
+        (Quantity.PITCH_ACCELERATION, 1.01, "tare"),
+        (Quantity.ROLL_ACCELERATION, -19.9, "tare"),
+        (Quantity.ROLL_ACCELERATION, 20.1, "level"),
+        (Quantity.SUSPENSION_TRAVEL, 0.029, "rest"),
+        (Quantity.SUSPENSION_TRAVEL, -0.031, "tare"),
+        (Quantity.BODY_DISPLACEMENT, 0.99, "tare"),
+        (Quantity.BODY_DISPLACEMENT, 1.01, "level"),
+    ],
+)
+def test_a_level_is_near_zero_or_wants_a_tare_or_cannot_be(
+    quantity: Quantity, level: float, expected: str
+) -> None:
+    verdict = {"rest": OK, "tare": WARN, "level": FAIL}[expected]
+    assert found(checked(channel(quantity), still(level))) == {expected: verdict}
+
+
+def test_the_tare_to_set_counts_what_is_taken_off_already() -> None:
+    (line,) = faults(checked(channel(Quantity.SUSPENSION_TRAVEL, tare=0.1), still(0.16)))
+    assert line.text.startswith("reads 0.06 m at rest")
+    assert line.advice.startswith("set tare = 0.16 ")
+
+
+@pytest.mark.parametrize(
+    ("quantity", "level", "unit"),
+    [
+        (Quantity.PITCH_RATE, 14.2, "deg/s"),  # half of 0.5 rad/s is 14.32 deg/s
+        (Quantity.PITCH_RATE, 14.5, "mrad/s"),
+        (Quantity.PITCH_RATE, 249.0, "mrad/s"),
+        (Quantity.PITCH_RATE, 251.0, ""),
+        (Quantity.PITCH_ACCELERATION, 30.0, ""),
+        (Quantity.SUSPENSION_TRAVEL, 499.0, "mm"),
+        (Quantity.SUSPENSION_TRAVEL, -501.0, "um"),
+        (Quantity.SUSPENSION_TRAVEL, 501_000.0, ""),
+    ],
+)
+def test_a_unit_is_proposed_in_which_the_level_may_be(
+    quantity: Quantity, level: float, unit: str
+) -> None:
+    (line,) = faults(checked(channel(quantity), still(level)))
+    assert line.code == "level"
+    assert (f'state signal_unit = "{unit}"' in line.advice) is bool(unit)
+
+
+def test_the_stated_unit_does_not_count_in_another() -> None:
+    """600 cm are 6 m; the signal's 600 would be 0.6 m if they were mm."""
+    (line,) = faults(checked(channel(Quantity.SUSPENSION_TRAVEL, signal_unit="cm"), still(600.0)))
+    assert 'signal_unit = "um"' in line.advice
+
+
+def test_a_level_is_shown_to_two_digits_of_its_noise() -> None:
+    for noise, level, text in (
+        (0.15, 9.8, "9.80 m/s2 at rest, noise 0.15, 80 Hz, +1 g"),
+        (0.0151, 9.876, "9.876 m/s2 at rest, noise 0.015, 80 Hz, +1 g"),
+    ):
+        (line,) = faults(checked(channel(Quantity.BODY_ACCELERATION), still(level, noise)))
+        assert line.text == text
+    (line,) = faults(checked(channel(Quantity.PITCH_RATE), still(-0.00002, 0.0017)))
+    assert line.text == "0.0000 rad/s at rest, noise 0.0017, 80 Hz"
+    (line,) = faults(checked(channel(Quantity.ROLL_RATE), [0.0123456] * 8))
+    assert line.text.startswith("0.01235 rad/s at rest, noise 0, 80 Hz")
+
+
+@pytest.mark.parametrize(("step_ns", "slow"), [(19_900_000, False), (20_100_000, True)])
+def test_fifty_samples_a_second_are_asked_for(step_ns: int, slow: bool) -> None:
+    lines = checked(channel(Quantity.SUSPENSION_TRAVEL), still(0.0, n=100), step_ns=step_ns)
+    assert found(lines) == ({"slow": WARN} if slow else {"rest": OK})
+    assert lines[0].figures["rate_hz"] == pytest.approx(1e9 / step_ns)
+    one = checked(channel(Quantity.SUSPENSION_TRAVEL), [0.0])
+    assert found(one) == {"rest": OK}
+    assert one[0].figures["rate_hz"] == 0.0
+
+
+@pytest.mark.parametrize(("sigma_m", "guessed"), [(0.29, False), (0.3, True)])
+def test_a_place_known_to_thirty_centimetres_is_a_guess(sigma_m: float, guessed: bool) -> None:
+    for quantity in (Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT):
+        one = channel(quantity, position_sigma_m=sigma_m)
+        assert found(checked(one, still(level_of(quantity)))) == (
+            {"position": WARN} if guessed else {"rest": OK}
+        )
+    rate = channel(Quantity.PITCH_RATE, position_sigma_m=sigma_m)
+    assert found(checked(rate, still(0.0))) == {"rest": OK}
+
+
+@pytest.mark.parametrize(("bad", "verdict"), [(1, WARN), (160, WARN), (161, FAIL), (320, FAIL)])
+@pytest.mark.parametrize(
+    ("bit", "why"),
+    [
+        (Quality.CRC_BAD, "checksum"),
+        (Quality.SENTINEL, "no value"),
+        (Quality.MISSING, "too short"),
+    ],
+)
+def test_more_than_half_of_the_samples_have_to_be_usable(
+    bad: int, verdict: Severity, bit: Quality, why: str
+) -> None:
+    quality = np.zeros(320, np.uint8)
+    quality[:bad] = bit
+    (line,) = faults(checked(channel(Quantity.SUSPENSION_TRAVEL), still(0.0), quality))
+    assert (line.code, line.severity) == ("unusable", verdict)
+    assert line.text.startswith(f"{bad} of 320 samples")
+    assert why in line.text
+
+
+@pytest.mark.parametrize(("out", "verdict"), [(1, WARN), (160, WARN), (161, FAIL)])
+def test_samples_outside_the_range_of_the_dbc_are_counted(out: int, verdict: Severity) -> None:
+    quality = np.zeros(320, np.uint8)
+    quality[:out] = Quality.OUT_OF_RANGE
+    quality[300:] = Quality.CRC_BAD | Quality.OUT_OF_RANGE  # not usable, so not out of range
+    lines = checked(channel(Quantity.SUSPENSION_TRAVEL, "RAW.v"), still(0.0), quality)
+    assert found(lines) == {"unusable": WARN, "out_of_range": verdict}
+    text = f"{out} of 320 samples are outside -30 to 30 m"
+    assert text in [line.text for line in lines]
+
+
+def test_samples_that_are_no_number_fail() -> None:
+    value = still(0.0)
+    value[3] = np.nan
+    lines = checked(channel(Quantity.SUSPENSION_TRAVEL), value)
+    assert found(lines) == {"no_number": FAIL}
+    assert lines[0].text == "1 of 320 samples are no numbers"
+    quality = np.zeros(320, np.uint8)
+    quality[3] = Quality.SENTINEL
+    lines = checked(channel(Quantity.SUSPENSION_TRAVEL), value, quality)
+    assert found(lines) == {"unusable": WARN}
+    assert found(checked(channel(Quantity.SUSPENSION_TRAVEL), [np.nan] * 9)) == {"no_number": FAIL}
+
+
+@pytest.mark.parametrize(("at_end", "verdict"), [(0, OK), (1, WARN), (3, WARN), (4, FAIL)])
+@pytest.mark.parametrize("end", [32.767, -32.768])
+def test_a_hundredth_of_the_samples_may_lie_at_the_end_of_the_bits(
+    at_end: int, verdict: Severity, end: float
+) -> None:
+    value = still(0.0)
+    value[40 : 40 + 60 * at_end : 60] = end
+    lines = checked(channel(Quantity.SUSPENSION_TRAVEL, "RAW.v"), value)
+    assert found(lines).get("overload", OK) is verdict
+    floating = checked(channel(Quantity.SUSPENSION_TRAVEL), value)
+    assert "overload" not in found(floating)
+
+
+@pytest.mark.parametrize(
+    ("signal", "value", "n", "expected"),
+    [
+        ("S.v", 0.02, 19, {"rest": OK}),
+        ("S.v", 0.02, 20, {"stuck": WARN}),  # a potentiometer may rest on one value
+        ("RAW.v", 0.02, 20, {"stuck": WARN}),
+        ("RAW.v", 32.767, 20, {"stuck": FAIL}),  # at the end of its bits
+        ("RAW.v", -32.768, 20, {"stuck": FAIL}),
+        ("RAW.up", 0.0, 20, {"stuck": WARN}),  # but not at the zero of an unsigned one
+        ("RAW.up", 65.535, 20, {"stuck": FAIL}),
+        ("RAW.bit", 1.0, 20, {"stuck": WARN, "tare": WARN}),
+    ],
+)
+def test_twenty_like_samples_are_a_sensor_that_is_stuck(
+    signal: str, value: float, n: int, expected: dict[str, Severity]
+) -> None:
+    assert found(checked(channel(Quantity.SUSPENSION_TRAVEL, signal), [value] * n)) == expected
+
+
+def test_a_fine_sensor_without_noise_is_dead_and_one_that_is_not_used_may_stand() -> None:
+    lines = checked(channel(Quantity.BODY_ACCELERATION), [G] * 20)
+    assert found(lines) == {"stuck": FAIL}
+    assert lines[0].text == "stuck: all 20 samples are 9.80665 m/s2"
+    assert found(checked(channel(Quantity.UNUSED, "S.v"), [99.0] * 20)) == {"rest": OK}
+
+
+def test_a_channel_without_samples_fails_unless_it_is_not_used() -> None:
+    lines = checked(channel(Quantity.SUSPENSION_TRAVEL), [])
+    assert found(lines) == {"no_sample": FAIL}
+    assert lines[0].subject == "channel c"
+    assert found(checked(channel(Quantity.UNUSED, "S.v"), [])) == {"no_sample": WARN}
+
+
+@pytest.mark.parametrize(
+    ("day", "text"),
+    [
+        ("2025-06-01", ""),  # 365 days ago
+        ("2025-05-31", "calibrated on 2025-05-31, 366 days ago"),
+        ("2026-06-01", ""),
+        ("2026-06-02", "calibrated on 2026-06-02, which is to come"),
+    ],
+)
+def test_a_calibration_is_valid_from_its_day_on_for_a_year(day: str, text: str) -> None:
+    lines = checked(channel(Quantity.SUSPENSION_TRAVEL, calibrated=day), still(0.0))
+    assert [line.text for line in lines if line.code == "calibration"] == [text] * bool(text)

@@ -1,0 +1,137 @@
+"""How a process that builds a session file ends, by processes that are none."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from daq.control.messages import SessionState, SessionStatus
+from daq.recorder.derivation import Derivation
+
+BUILDING, READY, FAILED = SessionState.BUILDING, SessionState.READY, SessionState.FAILED
+
+
+class Process:
+    """A process that ends when the test says so, or when it is killed."""
+
+    made: list[Process]
+
+    def __init__(self, command: list[str], **options: object) -> None:
+        self.command, self.options = command, options
+        self.returncode: int | None = None
+        self.output = b""
+        self.ends_on_request = True
+        self.asked: list[str] = []
+        self.made.append(self)
+
+    def poll(self) -> int | None:
+        return self.returncode
+
+    def terminate(self) -> None:
+        self.asked.append("end")
+        if self.ends_on_request:
+            self.returncode = -15
+
+    def kill(self) -> None:
+        self.asked.append("kill")
+
+    def wait(self, timeout: float | None = None) -> None:
+        if "kill" in self.asked:
+            self.returncode = -9
+        elif self.returncode is None:
+            raise subprocess.TimeoutExpired("x", timeout or 0.0)
+
+    def communicate(self) -> tuple[bytes, None]:
+        return self.output, None
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> list[Process]:
+    Process.made = []
+    monkeypatch.setattr("daq.recorder.derivation.subprocess.Popen", Process)
+    return Process.made
+
+
+@pytest.mark.parametrize(
+    ("code", "output", "state", "text"),
+    [
+        (0, b'{"loss": ""}\n', READY, ""),
+        (0, b"", READY, ""),
+        (0, b'{"loss": null}\n', READY, ""),
+        (3, b'a warning\n{"loss": "12 frames"}\n', READY, "12 frames"),
+        (1, b'{"error": "no room", "loss": "x"}\n', FAILED, "no room"),
+        (1, b"Traceback\nKilled\n", FAILED, "ended with code 1: Killed"),
+        (2, b"[1]", FAILED, "ended with code 2: [1]"),
+        (-9, b"", FAILED, "ended with code -9: "),
+        (1, b"\xff\x07", FAILED, "ended with code 1: \ufffd\\x07"),
+    ],
+)
+def test_the_end_of_a_process_is_the_state_of_the_session_file(
+    made: list[Process], code: int, output: bytes, state: SessionState, text: str
+) -> None:
+    derivation = Derivation()
+    derivation.begin(Path("a.h5"), [Path("s1"), Path("s2")], "one", 4)
+    (process,) = made
+    assert process.command[1:] == ["-m", "daq.derive.build_session", "a.h5", "s1", "s2"]
+    assert process.options["stdin"] == subprocess.DEVNULL
+    assert process.options["process_group"] == 0
+    assert derivation.status == SessionStatus(BUILDING, "a.h5", "", "one", 4)
+    process.returncode, process.output = code, output
+    derivation.poll()
+    assert derivation.status == SessionStatus(state, "a.h5", text, "one", 4)
+    derivation.poll()
+    assert len(made) == 1
+
+
+def test_of_one_file_only_the_last_order_waits_and_the_status_is_of_the_last_file(
+    made: list[Process],
+) -> None:
+    derivation = Derivation()
+    for target, revision in (("a.h5", 1), ("b.h5", 2), ("c.h5", 3), ("b.h5", 4)):
+        derivation.begin(Path(target), [], "one", revision)
+    assert len(made) == 1
+    for _ in range(3):
+        made[-1].returncode = 0
+        derivation.poll()
+        expected = READY if made[-1].returncode == 0 else BUILDING
+        assert derivation.status == SessionStatus(expected, "b.h5", "", "one", 4)
+    assert [process.command[3] for process in made] == ["a.h5", "c.h5", "b.h5"]
+
+
+@pytest.mark.parametrize(
+    ("obeys", "asked", "code"), [(True, ["end"], -15), (False, ["end", "kill"], -9)]
+)
+def test_a_process_that_does_not_end_when_asked_is_killed(
+    made: list[Process], obeys: bool, asked: list[str], code: int
+) -> None:
+    derivation = Derivation()
+    derivation.begin(Path("a.h5"), [], "one", 1)
+    derivation.begin(Path("b.h5"), [], "one", 1)
+    made[0].ends_on_request = obeys
+    derivation.close()
+    assert made[0].asked == asked
+    assert derivation.status.text == f"ended with code {code}: "
+    derivation.poll()
+    derivation.close()
+    assert len(made) == 1
+
+
+def test_a_process_that_cannot_be_started_is_a_failure_of_its_file_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("sys.executable", str(tmp_path / "absent"))
+    derivation = Derivation()
+    for target in ("a.h5", "b.h5"):
+        derivation.begin(Path(target), [], "one", 1)
+        text = "No such file or directory"
+        assert derivation.status == SessionStatus(FAILED, target, text, "one", 1)
+    derivation.close()
+
+
+def test_a_file_that_an_earlier_recorder_built_is_ready() -> None:
+    derivation = Derivation()
+    assert derivation.status == SessionStatus()
+    derivation.recall(Path("a.h5"), "one", 9)
+    assert derivation.status == SessionStatus(READY, "a.h5", "", "one", 9)
