@@ -79,7 +79,7 @@ def document() -> Document:
     made["paired"] = {
         "added": [{"first": 1, "this": 2, "mac": 0.9}, {"first": 2, "this": 1, "mac": 0.9}]
     }
-    made["swapped"] = {"added": [(1, 2)]}
+    made["swapped"] = {"added": [[1, 2]]}
     made["forces"]["axles"]["front"]["notes"] = ["knees: none seen"]  # type: ignore[index]
     made["findings"][3]["severity"] = "refused"
     made["findings"][2]["severity"] = "ok"
