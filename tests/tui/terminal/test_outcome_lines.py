@@ -66,7 +66,7 @@ def test_quantities_are_lines_of_80_columns() -> None:
         "m_s  sprung mass                   1,380 kg         1,358 .. 1,402 |----*----|",
         "total mass                         1,552 kg         1,540 .. 1,564    |-*-|",
         "a    CG to front axle               1.25 m                            given",
-        "t_f  half width, front                   m           not determined |----*----|",
+        "t_f  half width, front                   m          not determined |----*----|",
     ]
 
 
