@@ -103,8 +103,8 @@ class NoteScreen(ModalScreen[None]):
 
     def action_leave(self) -> None:
         """Leave; keep the text as a draft."""
-        self._save()
         self.dismiss()
+        self._save()  # what goes wrong is said on the screen below
 
     @property
     def _draft_path(self) -> Path:

@@ -1,0 +1,338 @@
+"""The words and figures of the bench, each on both sides of where it changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from daq.bench.config import Bench
+from daq.check.push_test import Wiggle
+from daq.control.messages import (
+    Alarm,
+    BusState,
+    BusStatus,
+    CheckItem,
+    DiskStatus,
+    LeftOut,
+    Phase,
+    Status,
+)
+from daq.control.orders import Arm
+from daq.runs import Excitation
+from daq.vehicle import Corner
+from tui.terminal.state.banner import banner
+from tui.terminal.state.bench_check import (
+    ZeroOffset,
+    recorder_rows,
+    rest_levels,
+    wiggle_rows,
+    zero_offsets,
+)
+from tui.terminal.state.feed import Lost
+from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.state.help_pages import page_of
+from tui.terminal.state.next_action import next_action
+from tui.terminal.state.obstacle import cause_words, frames_stand_still, obstacle
+from tui.terminal.state.run_words import (
+    accepted_words,
+    count_words,
+    countdown_digits,
+    due_words,
+    last_judged,
+    proposal_words,
+    rejected_words,
+    waiting_words,
+)
+from tui.terminal.state.steps import BenchStep, bump_step, in_run, progress, waits_unarmed
+
+from .fake_recorder import DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
+
+ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
+BLOCKS = choose_glyphs(GlyphSet.BLOCKS, {}, "utf-8")
+BRAILLE = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
+S = 1_000_000_000
+
+
+@pytest.fixture
+def recorder() -> FakeRecorder:
+    made = FakeRecorder()
+    made.mark("vehicle", "check")
+    return made
+
+
+def said(status: Status) -> list[str]:
+    shown = banner(status, None, next_action(status), ASCII)
+    return [shown.word, shown.title, shown.first, shown.second, shown.digits]
+
+
+def test_the_run_that_is_due_is_counted_and_one_beyond_the_plan_says_so(
+    recorder: FakeRecorder,
+) -> None:
+    assert due_words(recorder.status) == "bounce 1 of 2"
+    recorder.bump()
+    recorder.judge()
+    assert due_words(recorder.status) == "bounce 2 of 2"
+    recorder.bump()
+    recorder.judge()
+    recorder.choose("baseline", Excitation.BOUNCE)
+    assert due_words(recorder.status) == "bounce 3, 2 planned"
+    assert due_words(replace(recorder.status, due=None)) == ""
+    last = last_judged(recorder.status)
+    assert last is not None
+    assert last.label == "baseline_bounce_2"
+    assert count_words(recorder.status, last) == "2 of 2 accepted"
+    assert count_words(replace(recorder.status, tallies=()), last) == ""
+
+
+@pytest.mark.parametrize(
+    ("left_s", "digits"), [(3.0, "3"), (2.01, "3"), (2.0, "2"), (0.1, "1"), (0.0, "0"), (None, "")]
+)
+def test_a_countdown_shows_the_second_that_has_begun(
+    left_s: float | None, digits: str, recorder: FakeRecorder
+) -> None:
+    recorder.publish(countdown_s=left_s)
+    assert countdown_digits(recorder.status) == digits
+    recorder.publish(sensors_alive=0)
+    assert countdown_digits(recorder.status) == ""
+    recorder.publish(sensors_alive=1)
+    assert not frames_stand_still(recorder.status)
+    recorder.publish(sensors_alive=0, sensors_expected=0)
+    assert not frames_stand_still(recorder.status)
+
+
+def test_a_run_waits_for_rest_or_for_the_seconds_before(recorder: FakeRecorder) -> None:
+    assert waiting_words(recorder.status) == "filling the seconds before the bump"
+    recorder.publish(not_at_rest=("body_acc_z", "hub_acc_fl"))
+    assert waiting_words(recorder.status) == "not at rest: body_acc_z, hub_acc_fl"
+
+
+def test_a_verdict_shows_its_figures_or_its_reason(recorder: FakeRecorder) -> None:
+    assert accepted_words(None) == "every check passed"
+    recorder.bump()
+    motion, mirrored = (replace(GOOD, code=code, text=code) for code in ("motion", "mirrored"))
+    recorder.judge(GOOD, mirrored, motion)
+    run = last_judged(recorder.status)
+    assert run is not None
+    assert accepted_words(run) == "motion; mirrored"
+    recorder.bump()
+    recorder.judge(GOOD, DOUBLE_BUMP)
+    run = last_judged(recorder.status)
+    assert run is not None
+    assert rejected_words(run) == (
+        "DOUBLE BUMP: second bump at +0.84 s",
+        "Bump once, keep hands off.",
+    )
+    by_hand = replace(run, by="MK", reason="wind")
+    assert rejected_words(by_hand) == ("rejected by MK: wind", "")
+    silent = replace(run, findings=(replace(DOUBLE_BUMP, advice=""),))
+    assert rejected_words(silent)[1] == ""
+
+
+def test_runs_unlike_the_others_are_counted(recorder: FakeRecorder) -> None:
+    assert proposal_words(recorder.status) == ""
+    odd = LeftOut("baseline_roll_1", "7 sigma")
+    recorder.publish(proposed=(odd,))
+    assert proposal_words(recorder.status).startswith("1 run is unlike")
+    recorder.publish(proposed=(odd, odd))
+    assert proposal_words(recorder.status).startswith("2 runs are unlike")
+    recorder.publish(phase=Phase.COMPLETE)
+    assert said(recorder.status)[2].startswith("2 runs are unlike")
+
+
+def test_the_banner_of_each_state(recorder: FakeRecorder) -> None:
+    assert said(recorder.status) == [
+        "IDLE", "next: bounce 1 of 2", "Roll all four wheels over the boards.", "SPACE starts", "",
+    ]  # fmt: skip
+    recorder.turn(Phase.ARMED)
+    assert said(recorder.status) == [
+        "ARMED", "bounce 1 of 2   at rest +  pre-trigger +",
+        "Roll all four wheels over the boards.", "", "-.-",
+    ]  # fmt: skip
+    recorder.bump()
+    recorder.t_ns += S * 3 // 2
+    assert said(recorder.status)[4] == "1.5"
+    assert said(replace(recorder.status, bump_ns=0))[4] == ""
+    assert said(replace(recorder.status, bump_ns=recorder.t_ns + S))[4] == "0.0"
+    for left, bar in ((0.25, "###############....."), (1.7, "." * 20), (-0.1, "#" * 20)):
+        recorder.phase = Phase.DECAY
+        recorder.publish(peak_left=left)
+        percent = {0.25: "25%", 1.7: "100%", -0.1: " 0%"}[left]
+        assert said(recorder.status)[2] == f"Hands off.  {percent} of the peak left  [{bar}]"
+    recorder.publish(peak_left=None)
+    assert said(recorder.status)[2] == "Hands off.  "
+    recorder.judge()
+    assert said(recorder.status) == [
+        "ACCEPTED", "bounce 1   1 of 2 accepted", "every check passed",
+        "The next run arms itself in 3 s.   Bksp = reject   SPACE = now", "3",
+    ]  # fmt: skip
+    recorder.publish(countdown_s=None)
+    assert said(recorder.status)[3:] == ["The last of its kind.   Bksp = reject", ""]
+    recorder.publish(countdown_s=2.4)
+    recorder.bump()
+    recorder.judge(replace(DOUBLE_BUMP, advice=""))
+    assert said(recorder.status)[1:] == [
+        "bounce 2   kept, not counted   SPACE = again, or in 3 s",
+        "DOUBLE BUMP: second bump at +0.84 s", "U = undo.", "3",
+    ]  # fmt: skip
+    looks_on = banner(recorder.status, None, next_action(recorder.status, False), ASCII)
+    assert looks_on.title.endswith("C = take control, or in 3 s")
+    nobody = replace(recorder.status, runs=())
+    assert said(nobody) == ["REJECTED", "", "", "SPACE = again", ""]
+    recorder.publish(phase=Phase.IDLE, halted="double_bump")
+    assert said(recorder.status)[0] == "STOPPED"
+    assert said(recorder.status)[3] == "F1 = what to do   SPACE starts"
+    recorder.publish(halted="")
+    recorder.changes.clear()
+    recorder.finish("baseline")
+    assert said(recorder.status)[0] == "DONE"
+    assert said(recorder.status)[3] == "SPACE = step 4 Masses"
+
+
+def test_a_lost_recorder_says_what_went_and_what_to_press() -> None:
+    lost = banner(None, Lost("it has ended", "all is on the disk"), next_action(None), ASCII)
+    assert (lost.kind, lost.second) == ("bad", "X = start it again   (all is on the disk)")
+    begins = banner(None, Lost("it begins", "wait", True), next_action(None), ASCII)
+    assert (begins.kind, begins.word, begins.first) == ("quiet", "STARTING", "it begins")
+
+
+def test_space_gives_the_order_that_fits(recorder: FakeRecorder) -> None:
+    assert next_action(recorder.status, False).words == "C = take control"
+    recorder.turn(Phase.PAUSED)
+    assert next_action(recorder.status).words == "SPACE = go on"
+    recorder.turn(Phase.ARMED)
+    assert next_action(recorder.status, False).words == ""
+    recorder.finish("baseline")
+    step = next_action(recorder.status, False)
+    assert (step.words, step.step, step.order) == ("SPACE = step 4 Masses", BenchStep.MASSES, None)
+    recorder.mark("masses")
+    assert next_action(recorder.status).order == Arm(mass_state="added")
+    nothing = replace(recorder.status, due=None)
+    assert next_action(nothing).words == "SPACE = step 5 Added"
+
+
+def test_steps_are_reached_and_ended_by_what_the_book_says(recorder: FakeRecorder) -> None:
+    assert BenchStep.CHECK.title == "2 Check"
+    assert BenchStep.CHECK.mark == "step check done"
+    assert bump_step(recorder.status) is BenchStep.BASELINE
+    assert not in_run(recorder.status)
+    assert not waits_unarmed(recorder.status)
+    recorder.turn(Phase.WAITING)
+    assert in_run(recorder.status)
+    assert waits_unarmed(recorder.status)
+    recorder.finish("baseline")
+    assert bump_step(recorder.status) is BenchStep.BASELINE
+    recorder.mark("masses")
+    assert bump_step(recorder.status) is BenchStep.ADDED
+    recorder.turn(Phase.WAITING)
+    assert not waits_unarmed(recorder.status)
+    recorder.finish("added")
+    recorder.turn(Phase.COMPLETE)
+    assert not in_run(recorder.status)
+    recorder.mark("identify")
+    assert progress(recorder.status).due is BenchStep.REPORT
+    later = replace(recorder.status, revision=recorder.status.revision + 1)
+    assert progress(later).due is BenchStep.IDENTIFY
+    recorder.mark("report")
+    assert progress(recorder.status).due is BenchStep.REPORT
+    whole = progress(recorder.status)
+    assert whole.done == frozenset(BenchStep)
+    recorder.choose("baseline", Excitation.ROLL)
+    assert bump_step(recorder.status) is BenchStep.BASELINE
+
+
+@pytest.mark.parametrize(
+    ("code", "seen"),
+    [
+        ("queue_dropped", True), ("overrun", True), ("bus_off", False), ("interface_down", False),
+        ("check_bitrate", False), ("none_of_dbc", False), ("clock_step", False),
+    ],
+)  # fmt: skip
+def test_an_alarm_of_lost_frames_stops_after_three_seconds(
+    code: str, seen: bool, recorder: FakeRecorder
+) -> None:
+    alarm = Alarm(code, "can0", "text", "do it", WALL_NS - 3 * S)
+    recorder.publish(alarms=(alarm,))
+    assert (obstacle(recorder.status) is not None) is seen
+    recorder.publish(alarms=(replace(alarm, since_ns=WALL_NS - 3 * S + 1),))
+    assert obstacle(recorder.status) is None
+    recorder.publish(sensors_alive=3)
+    assert (obstacle(recorder.status) is not None) is (code in (
+        "bus_off", "interface_down", "check_bitrate", "none_of_dbc"
+    ))  # fmt: skip
+    assert obstacle(replace(recorder.status, due=None)) is None
+
+
+def test_a_cause_is_named_with_its_subject_and_an_advice_with_a_stop() -> None:
+    assert cause_words(Alarm("brand_new", "", "seen", "turn it off", 0)) == (
+        "BRAND_NEW", "Turn it off.", "seen",
+    )  # fmt: skip
+
+
+def test_the_recorders_lines_turn_at_their_limits() -> None:
+    status = FakeRecorder().status
+
+    def words(load: float, errors: int, free: int, failed: str = "") -> list[str]:
+        bus = BusStatus("can0", BusState.OK, load, 4000.0, 10, errors, 0)
+        disk = replace(status.disk, free_bytes=free, failed=failed, lag_s=0.25)
+        rows = recorder_rows(replace(status, buses=(bus,), disk=disk))
+        return [row.state for row in rows[:2]]
+
+    assert words(0.8, 0, 5_000_000_000) == ["OK", "OK"]
+    assert words(0.81, 0, 4_999_999_999) == ["WARN", "WARN"]
+    assert words(0.1, 1, 500_000_000) == ["WARN", "WARN"]
+    assert words(0.1, 0, 499_999_999) == ["OK", "FAIL"]
+    assert words(0.1, 0, 9_000_000_000, "disk is read-only") == ["OK", "FAIL"]
+    step = Alarm("clock_step", "", "stepped by 2 s", "leave it alone", 0)
+    bus = BusStatus("can0", BusState.OK, 0.384, 4000.4, 10, 2, 0, 7, 9)
+    disk = DiskStatus(81_250_000_000, 0, 10, 0.25)
+    rows = recorder_rows(replace(status, buses=(bus,), disk=disk, alarms=(step,)))
+    assert [(row.state, row.text, row.advice) for row in rows] == [
+        ("WARN", "load 38%, 4000 frames/s, error frames 2, TEC 7, REC 9",
+         "check termination (60 ohm) and plugs, or lower the rates"),
+        ("OK", "81.2 GB free, 0.2 s behind", ""),
+        ("WARN", "stepped by 2 s", "leave it alone"),
+    ]  # fmt: skip
+
+
+def test_only_an_offset_that_a_tare_can_improve_is_one() -> None:
+    bench: Bench = FakeRecorder().bench
+
+    def tared(channel: str, level: float) -> bool:
+        item = CheckItem("OK", f"channel {channel}", "", "", {"level": level})
+        return bool(zero_offsets([item], bench.channels))
+
+    assert [tared("travel_fl", x) for x in (0.0005, 0.00051, -0.00051)] == [False, True, True]
+    assert [tared("roll_rate", x) for x in (0.001, 0.0011, -0.0011)] == [False, True, True]
+    assert ZeroOffset("travel_fl", 0.0035, "m", 0.0035).text == "travel_fl +3.5 mm"
+    assert ZeroOffset("roll_rate", -0.004, "rad/s", -0.004).text == "roll_rate -0.0040 rad/s"
+    items = [
+        CheckItem("OK", "channel a", "", "", {"level": 1.0}),
+        CheckItem("OK", "message a", "", "", {"level": 2.0}),
+        CheckItem("OK", "channel b", "", "", {}),
+    ]
+    assert rest_levels(items) == {"a": 1.0}
+
+
+def test_a_wiggled_corner_passes_fails_waits_or_is_skipped() -> None:
+    fl, fr = Corner.FRONT_LEFT, Corner.FRONT_RIGHT
+    seen = {fl: Wiggle(fl, True, True, "moved"), fr: Wiggle(fr, True, False, "odd", "swap")}
+    rows = wiggle_rows(seen, fl, {}, True)
+    assert [(row.state, row.text) for row in rows] == [
+        ("NOW", "moved"), ("FAIL", "odd"), ("wait", "rear LEFT"), ("wait", "rear RIGHT"),
+    ]  # fmt: skip
+    (first, *_) = wiggle_rows({}, fl, {}, True)
+    assert first.text.startswith("push DOWN at the front LEFT")
+    (skipped, *_) = wiggle_rows({}, "", {"wiggle FL": "wall"}, True)
+    assert (skipped.state, skipped.text, skipped.asks) == ("WARN", "skipped: wall", False)
+    assert not skipped.blocks
+
+
+def test_help_has_a_page_for_screens_reasons_and_alarms_and_one_for_none() -> None:
+    assert page_of("home").startswith("#")
+    assert page_of("double_bump").startswith("# Rejected: ")
+    assert "```" in page_of("double_bump")
+    both = page_of("stale")
+    assert both.index("# Rejected") < both.index("# Alarm")
+    assert "There is no page for this" in page_of("nonsense")
+    assert "There is no page" not in both

@@ -1,0 +1,267 @@
+"""Commands on files that are there: what they write, what they refuse, and their exit codes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import can
+import pytest
+
+import daq
+from dbc import shipped_dbc
+from tui.cli import run
+
+from ..daq.small_campaign import bumps, small_codec
+from ..daq.small_session import small_session
+from .batches import refused_session, write_all
+from .test_import import BENCH, write_log
+
+
+@pytest.fixture
+def car(tmp_path: Path) -> str:
+    daq.write_session(tmp_path / "car.h5", small_session())
+    return str(tmp_path / "car.h5")
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> str:
+    (tmp_path / "bench.toml").write_text(BENCH)
+    return str(tmp_path / "bench.toml")
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> str:
+    return str(write_log(tmp_path / "all.log", bumps(small_codec(), 4)))
+
+
+class Wire(can.BusABC):
+    """A bus that notes what is sent."""
+
+    channel_info = "wire"
+
+    def __init__(self, sent: list[can.Message], interrupted: bool) -> None:
+        self._is_shutdown = True  # nothing to close
+        self._sent, self._interrupted = sent, interrupted
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Note a frame, or be interrupted as by a person."""
+        if self._interrupted:
+            raise KeyboardInterrupt
+        self._sent.append(msg)
+
+
+@pytest.fixture
+def wire(monkeypatch: pytest.MonkeyPatch) -> list[can.Message]:
+    """Return what is sent: every bus that is opened only notes it."""
+    sent: list[can.Message] = []
+    monkeypatch.setattr("daq.bus.interfaces.open_bus", lambda _: Wire(sent, False))
+    return sent
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int) -> tuple[str, str]:
+    assert run(list(arguments)) == code, capsys.readouterr().err
+    out, err = capsys.readouterr()
+    return out, err
+
+
+def test_an_identification_that_is_refused_says_so_and_writes_no_model(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (file,) = map(str, write_all(tmp_path, refused_session, 1))
+    out, err = said(capsys, "identify", file, code=1)
+    assert out.splitlines()[0].startswith("verdict: refused")
+    assert err == ""
+    for option, name in (("--dampers", "d.csv"), ("--model", "m.json")):
+        target = tmp_path / name
+        out, err = said(capsys, "identify", file, option, str(target), code=2)
+        assert out == ""
+        assert f"{target}: not written" in err
+        assert not target.exists()
+
+
+def test_an_export_as_a_document_lists_files_and_notes(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str
+) -> None:
+    words = ["export", car, "--format", "asc", "--run", "baseline_roll_2", "--json"]
+    out, err = said(capsys, *words, code=0)
+    document = json.loads(out)
+    assert document["session"] == car
+    files = [str(tmp_path / name) for name in ("car.asc", "car.asc.bumpbench.json")]
+    assert document["files"] == files
+    assert any("1 µs" in note for note in document["notes"])
+    assert "1 µs" in err
+    assert "--force" in said(capsys, *words, code=2)[1]
+    said(capsys, *words, "--force", code=0)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--format", "csv", "--rate", "100"], "--rate"),
+        (["--out", "x.mf4", "--rate", "100"], "--rate"),
+        (["--out", "x.csv", "--modes"], "--modes"),
+        (["--format", "csv", "--sensor", "front"], "front"),
+        (["--format", "csv", "--bus", "can9"], "can9"),
+    ],
+)
+def test_an_option_that_does_not_fit_an_export_is_named(
+    options: list[str], named: str, capsys: pytest.CaptureFixture[str], car: str
+) -> None:
+    assert named in said(capsys, "export", car, *options, code=2)[1]
+
+
+def test_a_notebook_is_written_once_and_in_a_folder_that_is_there(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    target = tmp_path / "a.ipynb"
+    out, _ = said(capsys, "notebook", "--out", str(target), code=0)
+    assert out.startswith(str(target))
+    assert json.loads(target.read_text())["nbformat"] == 4
+    assert "exists" in said(capsys, "notebook", "--out", str(target), code=2)[1]
+    absent = tmp_path / "absent" / "a.ipynb"
+    assert "No such file" in said(capsys, "notebook", "--out", str(absent), code=2)[1]
+
+
+def test_a_decoding_anew_needs_what_was_corrected(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str, log: str
+) -> None:
+    session = str(tmp_path / "s.h5")
+    said(capsys, "import", log, bench, "--out", session, code=0)
+    assert "neither a DBC nor" in said(capsys, "redecode", session, code=2)[1]
+    out, _ = said(capsys, "redecode", session, bench, code=0)
+    assert out.splitlines()[-1] == f"session: {tmp_path / 's_redecoded.h5'}"
+    assert out.count("accepted") == 4
+    (dbc := tmp_path / "new.dbc").write_text(shipped_dbc())
+    bare = replace(daq.read_session(session), provenance={})
+    daq.write_session(tmp_path / "bare.h5", bare)
+    words = ["redecode", str(tmp_path / "bare.h5"), "--dbc", str(dbc)]
+    assert "holds no bench.toml" in said(capsys, *words, code=2)[1]
+
+
+UDP = ["--interface", "udp_multicast", "--channel", "239.74.163.99", "--fast"]
+
+
+def test_a_replay_says_what_was_sent_and_what_could_not_be(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, wire: list[can.Message]
+) -> None:
+    frames = bumps(small_codec(), 1)
+    log = write_log(tmp_path / "all.log", frames)
+    with log.open("a") as file:
+        file.write(f"({frames.t_ns[-1] // 10**9 + 1}.0) can0 20000080#0000000000000000\n")
+    out, err = said(capsys, "replay", str(log), *UDP, code=0)
+    assert out == f"sent {len(frames)} frames of {log}\n"
+    assert err == (
+        "bumpbench: 1 error frames were not sent: a controller cannot send one on request\n"
+    )
+    assert len(wire) == len(frames)
+    wire.clear()
+    out, _ = said(capsys, "replay", str(log), "--bus", "1", *UDP, code=0)
+    assert (out, wire) == (f"sent 0 frames of {log}\n", [])
+    said(capsys, "replay", str(log), "--bus", "0", *UDP, code=0)
+    assert len(wire) == len(frames)
+
+
+def test_a_replay_of_a_torn_log_is_exit_3(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, wire: list[can.Message]
+) -> None:
+    frames = bumps(small_codec(), 1)
+    log = tmp_path / "all.blf"
+    with can.BLFWriter(str(log)) as writer:
+        for t_ns, data in zip(frames.t_ns.tolist(), frames.data, strict=True):
+            writer(can.Message(t_ns * 1e-9, int(frames.can_id[0]), False, data=bytes(data[:6])))
+    log.write_bytes(log.read_bytes()[:-60])
+    out, err = said(capsys, "replay", str(log), *UDP, "--json", code=3)
+    assert "is not whole" in err
+    assert json.loads(out)["lost"]
+    assert "is not whole" in said(capsys, "decode", str(log), "--json", code=3)[1]
+
+
+def test_the_simulated_car_plays_its_campaign(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, wire: list[can.Message]
+) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text(BENCH.replace('["bounce", "roll"]', '["bounce"]'))
+    words = ["simulate", str(bench), *UDP]
+    document = json.loads(said(capsys, *words, "--json", code=0)[0])
+    assert document["frames"] == len(wire) > 1000
+    assert document["truth"]["m_s"] == 1380.0
+    stamps = [message.timestamp for message in wire]
+    assert stamps == sorted(stamps)
+    first = [message.data for message in wire]
+    wire.clear()
+    again = said(capsys, *words, "--seed", "2", code=0)[0].splitlines()
+    assert again[0] == f"Simulated {len(wire)} frames of this car"
+    assert again[1].split() == ["parameter", "truth"]
+    assert any(line.split() == ["m_s", "1,380.0"] for line in again)
+    assert [message.data for message in wire] != first
+
+
+def test_a_pushed_car_goes_on_until_it_is_interrupted(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, wire: list[can.Message]
+) -> None:
+    words = ["simulate", *UDP[:-1], "--push", "0.1"]
+    for rest in (["--fast"], ["--json"]):
+        assert "until Ctrl-C" in said(capsys, *words, *rest, code=2)[1]
+    monkeypatch.setattr("daq.bus.interfaces.open_bus", lambda _: Wire(wire, True))
+    assert said(capsys, *words, code=130) == ("", "")
+    assert wire == []
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["decode", "LOG", "BENCH", "--dbc", "x.dbc"], "exclude each other"),
+        (["decode", "LOG", "--bus", "0"], "name no bench"),
+        (["decode", "LOG", "--sensor", "front"], "name no bench"),
+        (["import", "--run", "baseline:roll:LOG", "--skip", "1"], "for logs of many runs"),
+        (["import", "--run", "baseline:roll:LOG", "--runs", "baseline:roll"], "of many runs"),
+        (["import", "LOG", "--run", "baseline:roll:LOG"], "both logs and --run"),
+        (["import"], "names no log"),
+        (["import", "--run", "baseline:LOG"], "--run"),
+        (["import", "LOG", "BENCH", "--skip", "4"], "no bump is left"),
+        (["import", "LOG", "BENCH", "--out", "LOG"], "is one of the logs"),
+        (["import", "LOG", "--channels", "map.toml", "--bus", "0"], "without a bus"),
+        (["check", "--layout", "a", "--layout", "b", "--log", "LOG"], "is named twice"),
+        (["check", "--push", "3", "--log", "LOG"], "--push: is for --propose"),
+    ],
+)
+def test_words_that_do_not_fit_together_are_named(
+    words: list[str], named: str, capsys: pytest.CaptureFixture[str], bench: str, log: str
+) -> None:
+    arguments = [word.replace("LOG", log).replace("BENCH", bench) for word in words]
+    out, err = said(capsys, *arguments, code=2)
+    assert out == ""
+    assert named in err
+    assert len(err.splitlines()) == 1
+
+
+def test_an_export_is_imported_as_the_session_that_it_was(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str
+) -> None:
+    said(capsys, "export", car, "--format", "mat", code=0)
+    export, back = str(tmp_path / "car.mat"), str(tmp_path / "back.h5")
+    out, _ = said(capsys, "import", export, "--out", back, code=0)
+    assert out.splitlines()[0] == "Wagen Ü: 3 runs"
+    assert out.splitlines()[-1] == f"session: {back}"
+    assert len(daq.read_session(back).runs) == 3
+    assert "is the export" in said(capsys, "import", export, "--out", export, code=2)[1]
+
+
+def test_a_batch_counts_names_and_ends_with_1(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    files = write_all(tmp_path / "s", refused_session, 1)
+    bad = [tmp_path / f"bad{i:02}.h5" for i in range(21)]
+    for number, path in enumerate(bad):
+        path.write_text(f"no session {number}")
+    out_file = tmp_path / "t.csv"
+    words = ["batch", "--workers", "1", "--out", str(out_file)]
+    out, _ = said(capsys, *words, *map(str, (*files, *bad)), code=1)
+    lines = out.splitlines()
+    assert lines[0] == "22 sessions: 21 failed, 1 refused"
+    assert lines[1].startswith("22 of them done now in ")
+    assert lines[1].endswith(f": {out_file}")
+    assert len([line for line in lines if line.startswith("  - ")]) == 21
+    assert lines[-1] == "  - and 2 more in the table"

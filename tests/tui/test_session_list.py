@@ -1,0 +1,139 @@
+"""The list of a folder's recordings and sessions: what is in it, and each line's columns."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from daq import write_session
+from daq.errors import InputError
+from tui.jobs.gain import measured_spread
+from tui.jobs.lines import ended, trouble_of
+from tui.jobs.session_list import (
+    SessionEntry,
+    SessionState,
+    entry_line,
+    found,
+    heading,
+    report_of,
+    sessions_in,
+    size_text,
+    with_open,
+)
+
+from .batches import refused_session
+
+ENTRY = SessionEntry(
+    "/b/granada/session_0001.h5", "/b/granada", "2026-11-21 10:42", "Granada",
+    SessionState.READY, 11, 1, "wet road",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [
+        (0, "0 B"), (1023, "1023 B"), (1024, "1.0 kB"), (1536, "1.5 kB"), (1_048_575, "1024.0 kB"),
+        (1_048_576, "1.0 MB"), (1_073_741_824, "1.0 GB"), (5_368_709_120_000, "5000.0 GB"),
+    ],
+)  # fmt: skip
+def test_sizes_are_for_people(size: int, text: str) -> None:
+    assert size_text(size) == text
+
+
+def test_a_line_has_its_columns_under_their_heads() -> None:
+    head = "date              vehicle             state     runs rejected  note"
+    line = "2026-11-21 10:42  Granada           + ready       12        1  wet road"
+    assert heading(78).rstrip() == head
+    assert len(heading(78)) == 78
+    assert entry_line(ENTRY, "+", 78).rstrip() == line
+    assert entry_line(ENTRY, "+", 70) == line[:70].ljust(70)
+    assert entry_line(ENTRY, "+", 84)[18:].index("+") == 24, "a wider terminal, a longer name"
+    assert entry_line(ENTRY, "+", 200)[18:].index("+") == 30, "28 at most"
+    journal = replace(ENTRY, path="", vehicle="", accepted=0, rejected=0, note="")
+    assert entry_line(journal, "x", 78).split() == ["2026-11-21", "10:42", "journal", "x", "ready"]
+    cut = replace(journal, recording="r1")
+    assert entry_line(cut, "x", 78).split()[-2:] == ["0", "0"]
+    assert ENTRY.name == "session_0001.h5"
+    assert report_of(Path(ENTRY.path)) == Path("/b/granada/session_0001.html")
+
+
+@pytest.mark.parametrize(
+    "words", ["", "2026-11-21", "GRANADA", "ready wet", "session_0001.h5", "road granada"]
+)
+def test_an_entry_is_found_by_any_of_its_words(words: str) -> None:
+    assert found(ENTRY, words)
+    assert not found(ENTRY, f"{words} escort")
+    assert found(replace(ENTRY, vehicle="Escort"), f"{words} granada"), "the folder's name"
+    assert not found(ENTRY, "b/")
+
+
+def test_what_the_recorder_is_at_is_open() -> None:
+    mine = replace(ENTRY, recording="r1", state=SessionState.CUT_OFF)
+    assert with_open(mine, "r1").state is SessionState.OPEN
+    assert with_open(mine, "r2") == mine
+    assert with_open(ENTRY, "") == ENTRY
+
+
+def test_files_of_a_folder_and_of_those_below_are_listed_the_newest_first(tmp_path: Path) -> None:
+    session = replace(
+        refused_session(1),
+        provenance={
+            "created": "2026-11-21T10:42:31Z",
+            "notes": '[{"by": "MK", "label": "", "text": "wet"}]',
+        },
+    )
+    (tmp_path / "granada" / "deep").mkdir(parents=True)
+    paths = [tmp_path / "b.h5", tmp_path / "granada" / "a.h5", tmp_path / "granada/deep/c.h5"]
+    for age_s, path in enumerate(paths):
+        write_session(path, session)
+        os.utime(path, (1e9 - age_s, 1e9 - age_s))
+    (tmp_path / "gone.h5").symlink_to("nowhere.h5")
+    (tmp_path / "bad.h5").write_text("no session")
+    os.utime(tmp_path / "bad.h5", (2e9, 2e9))
+    report_of(paths[1]).write_text("report")
+    bad, first, second = sessions_in(tmp_path)
+    assert (bad.name, bad.state, bad.accepted, bad.rejected) == (
+        "bad.h5", SessionState.DAMAGED, 0, 0,
+    )  # fmt: skip
+    assert bad.note
+    assert bad.date[:4] == "2033"
+    assert (first.name, first.state, first.date) == (
+        "b.h5", SessionState.READY, "2026-11-21 10:42",
+    )  # fmt: skip
+    assert (first.accepted, first.rejected) == (1, 0)
+    assert first.folder == str(tmp_path)
+    assert (second.folder, second.state) == (str(tmp_path / "granada"), SessionState.REPORTED)
+
+
+def test_a_session_without_a_date_has_that_of_its_file(tmp_path: Path) -> None:
+    write_session(tmp_path / "a.h5", replace(refused_session(1), provenance={}))
+    os.utime(tmp_path / "a.h5", (1_795_267_320, 1_795_267_320))  # 2026-11-21 13:22 UTC
+    (only,) = sessions_in(tmp_path)
+    assert only.date[:9] == "2026-11-2"
+    assert only.date[-2:] in ("22", "52", "37", "07"), "of any time zone"
+    assert list(sessions_in(tmp_path / "absent")) == []
+
+
+def test_an_ended_worker_says_how_it_ended() -> None:
+    assert "by signal 9" in ended(-9, "a.h5").what
+    assert "with code 0" in ended(0, "a.h5").what
+    assert "with code 1" in ended(1, "a.h5").text
+    lacking = trouble_of(MemoryError(), "a\x1b.h5")
+    assert "memory" in lacking.what
+    assert lacking.where.isprintable()
+    assert trouble_of(InputError("x", "y", "z"), "w").text == "x: y (z)"
+    assert trouble_of(ValueError("odd"), "w").what == "ValueError: odd"
+
+
+@pytest.mark.parametrize(
+    ("repeats", "spread"),
+    [([], None), ([1.0, 2.0], None), ([1.0, 1.0, 1.0], 0.0), ([1.0, 2.0, 3.0], 0.5),
+     ([4.0, 5.0, 6.0], 0.2), ([9.0, 11.0, 9.0, 11.0], 0.11547005383792516)],
+)  # fmt: skip
+def test_a_spread_is_that_of_three_repeats_or_more(
+    repeats: list[float], spread: float | None
+) -> None:
+    assert measured_spread(repeats) == (None if spread is None else pytest.approx(spread))
