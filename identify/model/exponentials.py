@@ -56,8 +56,8 @@ def real_part(
 class Change:
     """Changes of a state matrix by P unknowns, in modal coordinates, for all recordings.
 
-    Each conjugate pair is represented by one pole (`Spectrum.half`, h poles); the entries of the other
-    are conjugate.
+    One pole represents each conjugate pair (`Spectrum.half`, h poles); the entries of the other are
+    conjugate.
     """
 
     apart: NDArray[np.complex128]

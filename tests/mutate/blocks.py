@@ -37,7 +37,7 @@ class Blocks:
         self.derived: defaultdict[str, set[str]] = defaultdict(set)
         """Names whose meaning depends on a name, by a statement outside of functions."""
         self.functions: dict[str, str] = {}
-        """Hash of each function but its docstring, by the part of its keys before the last colon."""
+        """Hash of each function but for its docstring, by its keys without the last colon."""
         tree = ast.parse(source)
         self._compiled = is_compiled(path, source)
         self._outside(tree.body, "", frozenset())
