@@ -11,8 +11,13 @@ if "RUNTIME_DIRECTORY" not in os.environ:  # no sockets of tests among those of 
     os.environ["RUNTIME_DIRECTORY"] = tempfile.mkdtemp(prefix="bumpbench-")
     atexit.register(shutil.rmtree, os.environ["RUNTIME_DIRECTORY"], ignore_errors=True)
 
-# Python searches all that it holds for garbage once it has grown by a quarter; a test process holds
-# 500 files of tests with their libraries, and searched them for a tenth of its CPU.
-gc.set_threshold(10_000, 20, 20)
-
 pytest_plugins = ["tests.compiled_once", "tests.without_children"]
+
+
+def pytest_collection_finish() -> None:
+    """Exempt from garbage collection what 500 test files and their libraries have loaded.
+
+    Python searched them again and again, for a tenth of the CPU of all tests.
+    """
+    gc.collect()
+    gc.freeze()
