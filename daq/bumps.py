@@ -113,6 +113,6 @@ def kinds_of(wheels: Wheels, planned: tuple[Excitation, ...]) -> tuple[Excitatio
 
     `wheels`: the wheels that were struck.  `planned`: the kinds of the campaign.
     """
-    own = tuple(kind for kind in planned if BUMPS[kind].wheels == wheels)
+    exact = tuple(kind for kind in planned if BUMPS[kind].wheels == wheels)
     alike = (kind for kind, bump in BUMPS.items() if wheels in mirror_images(bump.wheels))
-    return own or tuple(alike)
+    return exact or tuple(alike)

@@ -81,8 +81,8 @@ def advance_buses(
             if number < len(watches) and watches[number].name == link.name
             else BusWatch(link.name, now_s, now_s, now_s, losses=link.losses)
         )
-        own = batch.bus == number
-        rows = slice(None) if own.all() else np.flatnonzero(own)
+        on_bus = batch.bus == number
+        rows = slice(None) if on_bus.all() else np.flatnonzero(on_bus)
         done.append(_advance(watch, link, batch, rows, bits[rows], now_s, counts))
     return tuple(done), counts
 

@@ -124,8 +124,8 @@ def advance_messages(
         known[layout.name] = _seen(known.get(layout.name), layout, bus, frames, now_s)
         if length != layout.length:
             earlier = counts.get(("wrong_length", layout.name), Count(0)).number
-            says = f"{length} bytes; the DBC says {layout.length}"
-            counts["wrong_length", layout.name] = Count(earlier + frames, says)
+            lengths = f"{length} bytes; the DBC says {layout.length}"
+            counts["wrong_length", layout.name] = Count(earlier + frames, lengths)
     for key, stranger in watch.strangers.items():
         if now_s - stranger.seen_s > _FORGET_S and strangers[key] is stranger:
             del strangers[key]
@@ -204,12 +204,12 @@ def message_symptoms(
     codec: Codec,
     expected: Sequence[str],
     names: Sequence[str],
-    well: Sequence[bool],
+    healthy: Sequence[bool],
     now_s: float,
 ) -> list[Finding]:
     """Return the faulty states of the traffic.
 
-    `expected`: messages that carry channels of the bench.  `names`: names of the buses.  `well`:
+    `expected`: messages that carry channels of the bench.  `names`: names of the buses.  `healthy`:
     True for each bus that is connected and delivers frames; on other buses every message is silent.
     `now_s`: monotonic time, s.
     """
@@ -225,8 +225,8 @@ def message_symptoms(
         text = f"no frame of a message of the DBC in {waited_s:.1f} s, but {first}"
         return [fault("none_of_dbc", "", text), *found]
     for name, each in watch.known.items():
-        found += _known_symptoms(name, each, name in expected, names, well, now_s)
-    if any(well):
+        found += _known_symptoms(name, each, name in expected, names, healthy, now_s)
+    if any(healthy):
         for name in expected:
             cycle_s = codec.message(name).cycle_s or _UNKNOWN_PERIOD_S / STALE_PERIODS
             if name not in watch.known and waited_s > max(STALE_PERIODS * cycle_s, 1.0):
@@ -240,12 +240,12 @@ def _known_symptoms(
     each: MessageWatch,
     is_expected: bool,
     names: Sequence[str],
-    well: Sequence[bool],
+    healthy: Sequence[bool],
     now_s: float,
 ) -> list[Finding]:
     found: list[Finding] = []
     away_s, timeout_s = now_s - each.seen_s, each.timeout_s
-    is_well = each.home < len(well) and well[each.home]
+    is_well = each.home < len(healthy) and healthy[each.home]
     ended = away_s > _FORGET_S and not is_expected
     if timeout_s is not None and away_s > timeout_s and is_well and not ended:
         assert each.period_s is not None  # ensured by its timeout
@@ -269,14 +269,14 @@ def _stranger_symptoms(
             text = f"{key[1]:#x} comes with {bits[0]} bits; the DBC has it with {bits[1]}"
             found.append(fault("mixed_id", twin.name, text))
     for bus in sorted({key[0] for key in recent}):
-        here = sorted(
+        on_bus = sorted(
             ((key, each) for key, each in recent.items() if key[0] == bus),
             key=lambda item: -item[1].frames,
         )
-        shown = ", ".join(f"{_id_text(k)} ({e.rate_hz:.0f} Hz)" for k, e in here[:_SHOWN_IDS])
-        more = f" and {len(here) - _SHOWN_IDS} more" if len(here) > _SHOWN_IDS else ""
+        shown = ", ".join(f"{_id_text(k)} ({e.rate_hz:.0f} Hz)" for k, e in on_bus[:_SHOWN_IDS])
+        more = f" and {len(on_bus) - _SHOWN_IDS} more" if len(on_bus) > _SHOWN_IDS else ""
         name = names[bus] if bus < len(names) else str(bus)
-        what = "1 identifier is" if len(here) == 1 else f"{len(here)} identifiers are"
+        what = "1 identifier is" if len(on_bus) == 1 else f"{len(on_bus)} identifiers are"
         text = f"{what} not in the DBC: {shown}{more}"
         found.append(fault("unknown_id", name, text))
     return found

@@ -178,9 +178,9 @@ def signal_symptoms(watch: SignalsWatch) -> list[Finding]:
         still_s = (each.until_ns - each.since_ns) * 1e-9
         if not is_stuck(each.samples):
             continue
-        says = f"{each.samples} samples in a row are {each.value:.6g}"
+        observation = f"{each.samples} samples in a row are {each.value:.6g}"
         if each.moving >= _STUCK_MOVING_TURNS:
-            found.append(fault("stuck", name, f"{says} while others move"))
+            found.append(fault("stuck", name, f"{observation} while others move"))
         elif watch.limits[name].is_fine and still_s >= _STUCK_S:
-            found.append(fault("stuck", name, f"{says}: not even noise for {still_s:.1f} s"))
+            found.append(fault("stuck", name, f"{observation}: not even noise for {still_s:.1f} s"))
     return found

@@ -162,13 +162,13 @@ def watch(
     silent_s = config.silent_s
     pairs = list(zip(buses, cycle.links, strict=True))
     statuses = tuple(bus_status(each, link, silent_s, now_s) for each, link in pairs)
-    well = [status.state in (BusState.OK, BusState.ERROR_PASSIVE) for status in statuses]
+    healthy = [status.state in (BusState.OK, BusState.ERROR_PASSIVE) for status in statuses]
     expected = tuple(dict.fromkeys(m.message.name for m in mapped))
     names = [link.name for link in cycle.links]
     symptoms = host_symptoms(config, cycle.disk, cycle.queue, cycle.failed, cycle.storage)
     for (each, link), status in zip(pairs, statuses, strict=True):
         symptoms += bus_symptoms(each, link, status, silent_s, now_s)
-    symptoms += message_symptoms(messages, codec, expected, names, well, now_s)
+    symptoms += message_symptoms(messages, codec, expected, names, healthy, now_s)
     symptoms += signal_symptoms(signals)
     if now_s - state.clock_stepped_s <= _CLOCK_SHOWN_S:
         text = f"the host's clock was set by {state.clock_step_s:+.3f} s"

@@ -282,12 +282,12 @@ def _gravity_lines(
     """Judge unit, axis and sign by gravity."""
     channel = mapped.channel
     share = (rest.level + channel.tare) / G_M_S2
-    says = f"reads {rest.level:.4g} m/s2 at rest"
+    observation = f"reads {rest.level:.4g} m/s2 at rest"
     flip = f"set sign = {-channel.sign:.0f}"
     if abs(share - 1) < _GRAVITY_TOLERANCE:
         return [ok("gravity", "+1 g")]
     if abs(share + 1) < _GRAVITY_TOLERANCE:
-        return [fail("gravity", f"{says}: upside down", flip)]
+        return [fail("gravity", f"{observation}: upside down", flip)]
     sure = 5 * rest.noise / math.sqrt(n)
     for factor, unit in _SCALES:
         fits = abs(abs(share) / factor - 1) < _SCALE_TOLERANCE
@@ -296,14 +296,14 @@ def _gravity_lines(
         if fits:
             turn = f" and {flip}" if share < 0 else ""
             setting = f'signal_unit = "{unit}"' if unit else f"gain = {channel.gain / factor:.6g}"
-            reason = f"{says}: {factor:.4g} times gravity, so its unit is wrong"
+            reason = f"{observation}: {factor:.4g} times gravity, so its unit is wrong"
             return [fail("gravity", reason, f"state {setting}{turn}")]
     if abs(share) < 0.5:
         upright = [(name, value) for name, value in siblings.items() if abs(abs(value) - 1) < 0.1]
         if upright:
             name, value = upright[0]
             turn = "" if value > 0 else " with sign = -1"
-            reason = f"{says}, but {name} {value:+.2f} g: the wrong axis"
+            reason = f"{observation}, but {name} {value:+.2f} g: the wrong axis"
             return [fail("gravity", reason, f'take signal = "{name}"{turn}')]
     if abs(share) < _NONE_G:
         return [ok("gravity", "no gravity (AC-coupled, or tared in the sensor)")]
@@ -314,7 +314,7 @@ def _gravity_lines(
         judged(
             "gravity",
             verdict,
-            f"{says}{angle}, or its scale is wrong",
+            f"{observation}{angle}, or its scale is wrong",
             "mount it upright, or correct gain",
         )
     ]
@@ -326,13 +326,13 @@ def _siblings(mapped: MappedChannel, keeping: Timekeeping, decoded: Decoded) -> 
     Signals count as one sensor if they are in one sample set, one message, or messages of one
     sender.
     """
-    own = mapped.message
-    names = {own.name}
+    carrier = mapped.message
+    names = {carrier.name}
     for sample_set in keeping.sets:
-        if own.name in sample_set.messages:
+        if carrier.name in sample_set.messages:
             names.update(sample_set.messages)
     names.update(
-        m.name for m in keeping.messages.values() if m.senders and m.senders == own.senders
+        m.name for m in keeping.messages.values() if m.senders and m.senders == carrier.senders
     )
     found = {}
     for message in (keeping.messages[name] for name in sorted(names)):

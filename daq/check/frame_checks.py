@@ -237,11 +237,15 @@ def _length_lines(message: MessageLayout, arrivals: Arrivals) -> list[Finding]:
     n, short = len(arrivals.length), int(np.sum(arrivals.length < message.length))
     long = int(np.sum(arrivals.length > message.length))
     sizes = "/".join(str(v) for v in np.unique(arrivals.length[arrivals.length != message.length]))
-    says = f"have {sizes} bytes; the DBC says {message.length}"
+    sizes_text = f"have {sizes} bytes; the DBC says {message.length}"
     if short:
-        return [fail("length", f"{short} of {n} frames {says}", "correct the length, or the DBC")]
+        return [
+            fail("length", f"{short} of {n} frames {sizes_text}", "correct the length, or the DBC")
+        ]
     if long:
-        return [warn("length", f"{long} of {n} frames {says}", "the excess bytes are not decoded")]
+        return [
+            warn("length", f"{long} of {n} frames {sizes_text}", "the excess bytes are not decoded")
+        ]
     return []
 
 

@@ -28,15 +28,15 @@ def without_gravity(
     A single axis is taken as vertical; of several axes, the one with z in its name.
     """
     found = {}
-    for (_, corner), own in groups.items():
-        at_rest = {s.full: _gravity_g(s, guesses[s.full]) for s in own if s.kind == "m/s2"}
+    for (_, corner), signals in groups.items():
+        at_rest = {s.full: _gravity_g(s, guesses[s.full]) for s in signals if s.kind == "m/s2"}
         shown = [g for g in at_rest.values() if g is not None]
         if corner is None or not shown or max(map(abs, shown)) > _NO_GRAVITY_G:
             continue
-        for signal in own:
+        for signal in signals:
             vertical = signal.axis == "z" or (signal.axis is None and len(at_rest) == 1)
-            said = f"{signal.layout.name} {signal.message}"
-            if signal.full in at_rest and vertical and not is_body(said):
+            names = f"{signal.layout.name} {signal.message}"
+            if signal.full in at_rest and vertical and not is_body(names):
                 why = f"reads {at_rest[signal.full]:+.2f} g at rest; vertical and {corner} by name"
                 ask = "it reads no gravity: is it AC-coupled, and does it point up?"
                 unit = guesses[signal.full].unit
@@ -61,21 +61,25 @@ def hubs(
     The user is asked about an acceleration without gyroscopes in its sensor whose name states no
     place.
     """
-    own = [s for group in groups.values() for s in group if s.kind == "m/s2"]
+    accelerations = [s for group in groups.values() for s in group if s.kind == "m/s2"]
     turning = {sensor for (sensor, _), group in groups.items() if any(_turns_too(s) for s in group)}
     kicks = (
-        {s.full: push.pushes.kicks(push.traces[s.full]) for s in own if s.full in push.traces}
+        {
+            s.full: push.pushes.kicks(push.traces[s.full])
+            for s in accelerations
+            if s.full in push.traces
+        }
         if push is not None
         else {}
     )
     found = {}
-    for signal in own:
+    for signal in accelerations:
         guess = guesses[signal.full]
         alone = signal.axis is None or sensor_of(signal.message) not in turning
         on_hub = guess.quantity is Quantity.HUB_ACCELERATION
         on_body = guess.quantity is Quantity.BODY_ACCELERATION and alone
-        said = f"{signal.layout.name} {signal.message}"
-        if is_body(said, or_imu=False) or not (on_hub or on_body):
+        names = f"{signal.layout.name} {signal.message}"
+        if is_body(names, or_imu=False) or not (on_hub or on_body):
             continue
         others = [each for name, each in kicks.items() if name != signal.full]
         place = pushed_corner(kicks[signal.full], others) if signal.full in kicks else None
@@ -91,7 +95,7 @@ def hubs(
                 ask=ask,
                 asked=Asked.CORNER if guess.corner not in (None, place[0]) else guess.asked,
             )
-        elif on_body and not guess.ask and not is_body(said):
+        elif on_body and not guess.ask and not is_body(names):
             found[signal.full] = replace(guess, ask=ON_HUB, asked=Asked.CORNER)
     return found
 

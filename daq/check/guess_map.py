@@ -145,8 +145,8 @@ def is_travel(message: str, signal: SignalLayout, comment: str, level: float | N
 
     Arguments as in `guess_quantity`.
     """
-    said = words(signal.name) | words(message) | words(comment)
-    if said & _NO_TRAVEL:
+    found_words = words(signal.name) | words(message) | words(comment)
+    if found_words & _NO_TRAVEL:
         return False
     factor = to_si(signal.unit).factor
     if level is not None:
@@ -165,15 +165,15 @@ def kind_by_name(message: str, signal: SignalLayout) -> str | None:
 
     A length is accepted only for a travel at a corner.
     """
-    said = words(signal.name)
-    if signal.unit not in NO_UNIT or signal.length < 8 or said & _NO_VALUE:
+    name_words = words(signal.name)
+    if signal.unit not in NO_UNIT or signal.length < 8 or name_words & _NO_VALUE:
         return None
-    if said & _RATE:
+    if name_words & _RATE:
         return "rad/s"
-    if said & _ACCELERATION:
+    if name_words & _ACCELERATION:
         return "m/s2"
     other = words(message) & _NO_TRAVEL
-    is_travel = said & _SUSPENSION and not said & _NO_TRAVEL and not other
+    is_travel = name_words & _SUSPENSION and not name_words & _NO_TRAVEL and not other
     return "m" if is_travel and guess_corner(signal.name, "", "") else None
 
 
@@ -225,13 +225,13 @@ def _acceleration(
 
 def _turn(message: str, name: str, comment: str, is_rate: bool, unit: str) -> Guess:
     for text, place in ((name, "name"), (comment, "comment"), (message, "message")):
-        said = words(text)
-        if said & _YAW:
+        text_words = words(text)
+        if text_words & _YAW:
             break
-        if said & _PITCH:
+        if text_words & _PITCH:
             kind = Quantity.PITCH_RATE if is_rate else Quantity.PITCH_ACCELERATION
             return Guess(kind, None, 1, f"{unit}, pitch by its {place}; positive is nose down")
-        if said & _ROLL:
+        if text_words & _ROLL:
             kind = Quantity.ROLL_RATE if is_rate else Quantity.ROLL_ACCELERATION
             return Guess(
                 kind, None, 1, f"{unit}, roll by its {place}; positive lifts the left side"

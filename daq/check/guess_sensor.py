@@ -85,9 +85,9 @@ def _alone(signal: Candidate) -> Guess | None:
     return replace(guess, unit=unit, ask=ask, asked=Asked.UNIT)
 
 
-def _together(own: Sequence[Candidate], push: Push | None, forward: str) -> dict[str, Guess]:
+def _together(device: Sequence[Candidate], push: Push | None, forward: str) -> dict[str, Guess]:
     """Return the guesses for the accelerations and rates of one device, from its mounting."""
-    accelerations = {s.axis: s for s in own if s.kind == "m/s2" and s.axis is not None}
+    accelerations = {s.axis: s for s in device if s.kind == "m/s2" and s.axis is not None}
     levels = {a: s.level for a, s in accelerations.items() if s.level is not None}
     unit = _common_unit(accelerations, levels)
     if len(levels) < len(AXES) or unit is None:
@@ -104,7 +104,7 @@ def _together(own: Sequence[Candidate], push: Push | None, forward: str) -> dict
             s.full: Guess(Quantity.UNUSED, None, 1, "tilted", ask, unit=stated)
             for s in accelerations.values()
         }
-    rates = {s.axis: s for s in own if s.kind in ("rad/s", "rad/s2") and s.axis is not None}
+    rates = {s.axis: s for s in device if s.kind in ("rad/s", "rad/s2") and s.axis is not None}
     turns = _turns(rates, push)
     how = mounting(*up, turns, forward)
     found = _accelerations(accelerations, gravity, how, stated)
@@ -210,11 +210,11 @@ def _travels(
     )
     found = {}
     for signal in lengths:
-        own = peaks.get(signal.full)
+        signal_peaks = peaks.get(signal.full)
         others = [each for name, each in peaks.items() if name != signal.full]
-        place = pushed_corner(own, others) if own else None
+        place = pushed_corner(signal_peaks, others) if signal_peaks else None
         if place is not None:
-            said = guesses[signal.full].corner
+            named = guesses[signal.full].corner
             unit = guesses[signal.full].unit or signal.layout.unit
             guess = replace(
                 guesses[signal.full],
@@ -226,8 +226,8 @@ def _travels(
             )
             if guess.asked is Asked.WHERE:
                 guess = replace(guess, ask="")
-            if said is not None and said is not place[0]:
-                ask = f"its name says {said}: are plugs swapped?"
+            if named is not None and named is not place[0]:
+                ask = f"its name says {named}: are plugs swapped?"
                 guess = replace(guess, ask=ask, asked=Asked.WHEEL)
             found[signal.full] = guess
     open_ = [s for s in lengths if s.full not in found and guesses[s.full].corner is None]

@@ -86,9 +86,9 @@ def mounting(
     that points forward according to the user, as ``-x``; a vertical one is ignored.
     """
     candidates = [sign * e for e in np.eye(3) if not np.any(up * e) for sign in (1.0, -1.0)]
-    said = [c for c in candidates if stated and axis_of(c) == (stated[1], int(f"{stated[0]}1"))]
-    if said:
-        return Mounting(up, said[0], tilt_deg, True)
+    matching = [c for c in candidates if stated and axis_of(c) == (stated[1], int(f"{stated[0]}1"))]
+    if matching:
+        return Mounting(up, matching[0], tilt_deg, True)
     if turns:
         fits = [_fit(up, forward, turns) for forward in candidates]
         order = np.argsort(fits)[::-1]

@@ -132,10 +132,10 @@ def _question(found: FoundSensor) -> Question:
 
 def _ours(found: Sequence[FoundSensor], answers: Answers) -> tuple[FoundSensor, ...]:
     """Return the sensors of this bench, according to the answers so far."""
-    said = [(each, "" if each.surely else answers.get(_question(each), "")) for each in found]
+    answered = [(each, "" if each.surely else answers.get(_question(each), "")) for each in found]
     return tuple(
         replace(f, surely=True, why="yours, by your answer") if text == YES else f
-        for f, text in said
+        for f, text in answered
         if text != NO
     )
 

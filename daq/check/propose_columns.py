@@ -189,11 +189,11 @@ def _layouts(columns: Sequence[Column]) -> tuple[list[MessageLayout], dict[str, 
     folders: dict[str, dict[str, Column]] = {}
     for column in columns:
         folder, _, last = column.name.rpartition("/")
-        own = folders.setdefault(_plain(folder) or "table", {})
+        folder_columns = folders.setdefault(_plain(folder) or "table", {})
         name, number = _plain(last), 2
-        while name in own:
+        while name in folder_columns:
             name, number = f"{_plain(last)}_{number}", number + 1
-        own[name] = column
+        folder_columns[name] = column
     messages = [
         MessageLayout(
             name=folder,
@@ -201,14 +201,18 @@ def _layouts(columns: Sequence[Column]) -> tuple[list[MessageLayout], dict[str, 
             is_extended=False,
             length=8,
             cycle_s=None,
-            signals=tuple(_signal(name, column.unit) for name, column in own.items()),
+            signals=tuple(_signal(name, column.unit) for name, column in folder_columns.items()),
             counter=None,
             crc=None,
             senders=(),
         )
-        for number, (folder, own) in enumerate(folders.items())
+        for number, (folder, folder_columns) in enumerate(folders.items())
     ]
-    full = {f"{folder}.{name}": c for folder, own in folders.items() for name, c in own.items()}
+    full = {
+        f"{folder}.{name}": c
+        for folder, folder_columns in folders.items()
+        for name, c in folder_columns.items()
+    }
     return messages, full
 
 

@@ -60,9 +60,9 @@ def write_figures(path: Path, status: Status) -> None:
         "code",
         {code: sum(alarm.code == code for alarm in status.alarms) for code in codes},
     )
-    heard = (BusState.OK, BusState.ERROR_PASSIVE)
+    healthy_states = (BusState.OK, BusState.ERROR_PASSIVE)
     for name, help_text, value in (
-        ("bus_up", "Whether frames come from the bus", lambda b: b.state in heard),
+        ("bus_up", "Whether frames come from the bus", lambda b: b.state in healthy_states),
         ("bus_load", "Share of the bit rate in use", lambda b: b.load),
         ("bus_frames", "Frames since the start", lambda b: b.frames),
         ("bus_error_frames", "Error frames since the start", lambda b: b.error_frames),

@@ -66,10 +66,10 @@ class Systemd:
 
 def status_line(status: Status) -> str:
     """Return buses, frame rate, lag of the disk and free room in one line."""
-    heard = sum(bus.state in (BusState.OK, BusState.ERROR_PASSIVE) for bus in status.buses)
+    healthy = sum(bus.state in (BusState.OK, BusState.ERROR_PASSIVE) for bus in status.buses)
     rate = sum(bus.frames_per_s for bus in status.buses)
     parts = [
-        f"{heard}/{len(status.buses)} buses",
+        f"{healthy}/{len(status.buses)} buses",
         f"{rate:,.0f} frames/s",
         f"lag {status.disk.lag_s * 1e3:.0f} ms",
         f"{status.disk.free_bytes / 1e9:.0f} GB free",

@@ -105,10 +105,10 @@ def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _
     letter = np.where(kind_end - kind == 1, character(lines, kind), 0)
     direction = lines.token(3, rows)
     sent = is_word(lines, *direction, b"tx")
-    mine = is_bus & ((letter == ord("d")) | (letter == ord("r")))
-    mine &= sent | is_word(lines, *direction, b"rx")
-    if not mine.all():
-        rows, bus, letter, sent = rows[mine], bus[mine], letter[mine], sent[mine]
+    matching = is_bus & ((letter == ord("d")) | (letter == ord("r")))
+    matching &= sent | is_word(lines, *direction, b"rx")
+    if not matching.all():
+        rows, bus, letter, sent = rows[matching], bus[matching], letter[matching], sent[matching]
 
     remote = letter == ord("r")
     can_id, extended, good = _identifiers(lines, rows, 2, base)
@@ -202,8 +202,8 @@ def _error(lines: Lines, rows: Index, t_ns: NDArray[np.int64]) -> _Found:
     """Return the error frames of the short form, which have no payload."""
     rows = rows[lines.count[rows] >= 3]
     bus, is_bus = integers(lines.text, *lines.token(1, rows), 10, longest=3)
-    mine = is_bus & is_word(lines, *lines.token(2, rows), b"errorframe")
-    rows, bus = rows[mine], bus[mine]
+    matching = is_bus & is_word(lines, *lines.token(2, rows), b"errorframe")
+    rows, bus = rows[matching], bus[matching]
     n = len(rows)
     flags, nothing = np.full(n, FrameFlag.ERROR, np.uint16), np.zeros(n, np.int64)
     data, good = np.zeros((n, 8), np.uint8), np.ones(n, bool)

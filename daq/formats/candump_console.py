@@ -116,9 +116,9 @@ def _length_at(lines: Lines) -> Index:
     found = np.zeros(len(rows), np.intp)
     for place in range(_FURTHEST, 0, -1):
         start, end = _token(lines, rows, np.minimum(place, lines.count - 1))
-        here = (lines.count > place) & (lines.text[start] == ord("["))
-        here &= lines.text[end - 1] == ord("]")
-        found = np.where(here, place, found)
+        has_length = (lines.count > place) & (lines.text[start] == ord("["))
+        has_length &= lines.text[end - 1] == ord("]")
+        found = np.where(has_length, place, found)
     return found
 
 

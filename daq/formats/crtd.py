@@ -25,12 +25,20 @@ def parse_crtd(block: bytes) -> Parsed:
     bus, start = np.where(numbered, bus, 0), start + numbered
     kind = character(lines, start)
     comment = timed & (kind == ord("c")) & (end > start)
-    mine = timed & ((kind == ord("r")) | (kind == ord("t"))) & (end - start == 3)
-    mine &= lines.count[rows] >= 3
-    bits, is_kind = integers(lines.text, start + 1, np.where(mine, end, start + 1), 10)
-    mine &= is_kind & ((bits == 11) | (bits == 29))
-    other = np.concatenate([lines.number[lines.count < 2], lines.number[rows[~mine & ~comment]]])
-    rows, bus, kind, bits, t_ns = rows[mine], bus[mine], kind[mine], bits[mine], t_ns[mine]
+    matching = timed & ((kind == ord("r")) | (kind == ord("t"))) & (end - start == 3)
+    matching &= lines.count[rows] >= 3
+    bits, is_kind = integers(lines.text, start + 1, np.where(matching, end, start + 1), 10)
+    matching &= is_kind & ((bits == 11) | (bits == 29))
+    other = np.concatenate(
+        [lines.number[lines.count < 2], lines.number[rows[~matching & ~comment]]]
+    )
+    rows, bus, kind, bits, t_ns = (
+        rows[matching],
+        bus[matching],
+        kind[matching],
+        bits[matching],
+        t_ns[matching],
+    )
 
     extended, sent = bits == 29, kind == ord("t")
     can_id, good = integers(lines.text, *lines.token(2, rows), 16, longest=8)

@@ -127,5 +127,5 @@ def _text(head: bytes, path: Path) -> LogFormat:
         if candump_console.UNTIMED.match(first):
             raise InputError(where, "has no time stamps", "record with candump -L")
         shown = printable(first.strip().decode("ascii", "backslashreplace"), 40)
-        raise InputError(where, f"begins with a line of no known log: {shown!r}", f"use {NAMES}")
+        raise InputError(where, f"begins with no line of a known log: {shown!r}", f"use {NAMES}")
     return best

@@ -71,7 +71,7 @@ def _part(whole: FrameBatch, span: FrameSpan | None, path: Path) -> FrameBatch:
     if not 0 <= span.first <= span.first + span.count <= len(whole) or not span.count:
         what = f"has {len(whole)} frames; its description is of another log"
         raise InputError(str(path), what, "import it as a log, with its bench.toml")
-    own = whole.select(slice(span.first, span.first + span.count))
-    off_ns = span.t_ns - int(own.t_ns[0])
+    run_frames = whole.select(slice(span.first, span.first + span.count))
+    off_ns = span.t_ns - int(run_frames.t_ns[0])
     off_ns = (off_ns + _QUARTER_NS // 2) // _QUARTER_NS * _QUARTER_NS
-    return replace(own, t_ns=read_only(own.t_ns + off_ns))
+    return replace(run_frames, t_ns=read_only(run_frames.t_ns + off_ns))

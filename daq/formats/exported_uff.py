@@ -25,15 +25,15 @@ def read_exported_uff(path: Path, about: Description) -> Session:
 
     def samples(run: RunDescription, group: GroupDescription) -> Columns:
         title = f"{run.label} {group.name} ({run.status})"
-        own = {name: records[title, name] for name in group.channels if (title, name) in records}
-        if not own:
+        found = {name: records[title, name] for name in group.channels if (title, name) in records}
+        if not found:
             raise ValueError(f"{run.label}/{group.name} has no record")
-        time_s = np.unique(np.concatenate([times for times, _ in own.values()]))
+        time_s = np.unique(np.concatenate([times for times, _ in found.values()]))
         values = {}
         for name in group.channels:
             values[name] = np.full(len(time_s), np.nan)
-            if name in own:
-                values[name][np.searchsorted(time_s, own[name][0])] = own[name][1]
+            if name in found:
+                values[name][np.searchsorted(time_s, found[name][0])] = found[name][1]
         return time_s, None, values
 
     return session_of(about, samples, str(path))

@@ -57,11 +57,11 @@ class Field:
         """Return the number in each record, (n,); `records`: (n, bytes of a record)."""
         if not self.bits:  # a constant, which is not in the records
             return np.zeros(len(records), np.int64)
-        own = records[:, self.byte : self.end]
+        field_bytes = records[:, self.byte : self.end]
         if self.kind in _BIG_ENDIAN:
-            own = own[:, ::-1]
+            field_bytes = field_bytes[:, ::-1]
         wide = np.zeros((len(records), 8), np.uint8)
-        wide[:, : own.shape[1]] = own
+        wide[:, : field_bytes.shape[1]] = field_bytes
         if self.kind in (_LITTLE_FLOAT, _BIG_FLOAT):
             kind = np.dtype("<f4" if self.bits == 32 else "<f8")
             return wide[:, : kind.itemsize].copy().view(kind)[:, 0].astype(np.float64)

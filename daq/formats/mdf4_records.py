@@ -146,14 +146,16 @@ def _mixed_block(
         kept.append(text, at[numbers == number] + data.id_bytes)
     blocks = []
     for group in data.frames:
-        own = np.flatnonzero(numbers == group.record_id)
-        rows = at[own] + data.id_bytes
+        positions = np.flatnonzero(numbers == group.record_id)
+        rows = at[positions] + data.id_bytes
         records = text[rows[:, None] + np.arange(group.record_bytes)]
-        order = own + serial
+        order = positions + serial
         source = data.variable.get(group.payload.elsewhere) if group.payload else None
         if source is None:
-            if len(own):
-                blocks.append(RecordBlock(group, records, order, None, np.ones(len(own), bool)))
+            if len(positions):
+                blocks.append(
+                    RecordBlock(group, records, order, None, np.ones(len(positions), bool))
+                )
             continue
         if group.record_id in waiting:
             before = waiting.pop(group.record_id)

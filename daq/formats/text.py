@@ -223,7 +223,7 @@ def read_lines(
             parsed = parse(block)
             known |= parsed.header or len(parsed.frames) > 0
             if not known:
-                raise InputError(where, "begins with a line of no known log", "check what it is")
+                raise InputError(where, "begins with no line of a known log", "check what it is")
             if ended or last.whole(block, parsed.frames, recent, parse):
                 _count_bad_lines(parsed, block, before, ledger)
                 recent = parsed.frames

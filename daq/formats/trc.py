@@ -93,8 +93,8 @@ class TrcParser:
         start, end = lines.token(columns.index("I"), rows)
         can_id, has_id = integers(lines.text, start, end, 16, longest=8)
         if "T" not in columns and np.any(can_id == _NOT_A_FRAME):
-            mine = can_id != _NOT_A_FRAME
-            return self._frames(lines, rows[mine], flags[mine])
+            is_frame = can_id != _NOT_A_FRAME
+            return self._frames(lines, rows[is_frame], flags[is_frame])
         error = flags & FrameFlag.ERROR != 0
         extended = (end - start > 4) & ~error
         good &= has_id & possible_ids(can_id, extended | error)

@@ -66,22 +66,22 @@ def bind_counted(
     carrier_value: NDArray[np.float64],
     carrier_ns: NDArray[np.int64],
     rows: NDArray[np.intp],
-    own: Samples,
+    own_counter: Samples,
     modulus: int,
 ) -> Bound:
     """Find the sample numbers of a message that also has the carrier's counter.
 
     `number`, `carrier_value`, `carrier_ns`, (n,) array: sample number, counter and arrival of the
     carrier frames, in order.  `rows`, (m,) int: frames of the message with a readable counter.
-    `own`: their counter.  `modulus`: its range.
+    `own_counter`: their counter.  `modulus`: its range.
     """
-    t_ns = own.t_ns[rows]
+    t_ns = own_counter.t_ns[rows]
     near = np.clip(np.searchsorted(carrier_ns, t_ns), 1, max(len(carrier_ns) - 1, 1))
     if len(carrier_ns) > 1:
         near -= t_ns - carrier_ns[near - 1] < carrier_ns[near] - t_ns
     else:
         near[:] = 0
-    apart = (own.value[rows] - carrier_value[near]).astype(np.int64)
+    apart = (own_counter.value[rows] - carrier_value[near]).astype(np.int64)
     apart = (apart + modulus // 2) % modulus - modulus // 2
     numbered = number[near] + apart
     kept = (numbered >= number[0]) & (numbered <= number[-1])

@@ -146,8 +146,8 @@ def write_head(file: h5py.File, session: Session) -> None:
 
 def write_provenance(file: h5py.File, provenance: Mapping[str, str]) -> None:
     """Write the short texts of a session's provenance."""
-    said = {f"provenance_{name}": t for name, t in provenance.items() if name not in TEXTS}
-    write_attributes(file["session"].id, said)
+    texts = {f"provenance_{name}": t for name, t in provenance.items() if name not in TEXTS}
+    write_attributes(file["session"].id, texts)
 
 
 def _mass_state(group: GroupID, state: MassState) -> None:

@@ -240,10 +240,10 @@ def on_the_buses(
     """
     batches = []
     for number, bus in enumerate(buses):
-        own = [burst for burst in bursts if (burst.message.bus or 0) == number]
-        if not own:
+        on_bus = [burst for burst in bursts if (burst.message.bus or 0) == number]
+        if not on_bus:
             continue
-        batch = _on_the_wire(own, number, bus.bitrate, start_ns, free_ns[number])
+        batch = _on_the_wire(on_bus, number, bus.bitrate, start_ns, free_ns[number])
         if len(batch):
             free_ns[number] = int(batch.t_ns[-1])
         batches.append(batch)

@@ -156,8 +156,8 @@ class SteppedMotion:
         place = np.clip(elapsed - first, 0.0, len(values) - 1)
         before = np.minimum(place.astype(np.int64), len(values) - 2)
         share = (place - before)[:, None]
-        mine = values[..., self.column]
-        read = mine[before] + share * (mine[before + 1] - mine[before])
+        column_values = values[..., self.column]
+        read = column_values[before] + share * (column_values[before + 1] - column_values[before])
         return np.asarray(np.where(elapsed < 0.0, rest, read.T), dtype=np.float64)
 
 

@@ -44,9 +44,9 @@ class Body(NamedTuple):
     """Motion at the right wheels."""
 
 
-def body_pattern(bench: Bench, seen: tuple[Trace, ...]) -> Pattern | None:
+def body_pattern(bench: Bench, signals: tuple[Trace, ...]) -> Pattern | None:
     """Return the pattern of a bump from accelerometers and gyroscopes; None with too few."""
-    body = _moved_body(bench, seen)
+    body = _moved_body(bench, signals)
     if body is None:
         return None
     power = np.square(body[:3]) / max(float(np.sum(np.square(body[:3]))), 1e-24)
@@ -121,20 +121,20 @@ def _moved_corners(four: tuple[Trace, ...]) -> Corners:
     return np.asarray(u[:, 0])
 
 
-def _moved_body(bench: Bench, seen: tuple[Trace, ...]) -> Body | None:
+def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> Body | None:
     """Return the largest speeds of the body, m/s."""
     geometry = bench.vehicle.geometry
     length_m = (geometry.a + geometry.b) / 2 if geometry else _HALF_WHEELBASE_M
     width_m = (geometry.t_f + geometry.t_r) / 2 if geometry else _HALF_TRACK_M
     grid = np.arange(-STRIKE_S / 2, bench.bump_s + STRIKE_S, _GRID_S)
-    points = [t for t in seen if t.channel.quantity is Quantity.BODY_ACCELERATION]
+    points = [t for t in signals if t.channel.quantity is Quantity.BODY_ACCELERATION]
     if not points:
         return None
     values = np.array([_speed(trace, grid) for trace in points])
     ahead_m = np.array([-length_m if t.channel.at_cg else t.channel.x_m for t in points])
     middle_m = float(np.mean(ahead_m))  # from the front axle, because the CG is not known
-    pitch = _turning(seen, (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION), grid)
-    roll = _turning(seen, (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION), grid)
+    pitch = _turning(signals, (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION), grid)
+    roll = _turning(signals, (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION), grid)
     if pitch is not None and roll is not None:
         heave = np.mean(values, axis=0)
     else:
@@ -156,10 +156,10 @@ def _moved_body(bench: Bench, seen: tuple[Trace, ...]) -> Body | None:
 
 
 def _turning(
-    seen: Iterable[Trace], quantities: tuple[Quantity, ...], grid: NDArray[np.float64]
+    signals: Iterable[Trace], quantities: tuple[Quantity, ...], grid: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
     """Return the angular speed of the body, rad/s, from the first sensor of these quantities."""
-    found = (t for quantity in quantities for t in seen if t.channel.quantity is quantity)
+    found = (t for quantity in quantities for t in signals if t.channel.quantity is quantity)
     first = next(found, None)
     return None if first is None else _speed(first, grid)
 

@@ -126,13 +126,13 @@ def _compared(
         ratios = {key: abs(found[key]) / limits[key] for key in limits if key in found}
         over, words = 0.0, []
         for sort in Sort:
-            own = {key: ratio for key, ratio in ratios.items() if key[0] is sort}
-            if not own:
+            of_sort = {key: ratio for key, ratio in ratios.items() if key[0] is sort}
+            if not of_sort:
                 continue
-            worst = max(own, key=lambda key: own[key])
-            ratio = own[worst]
+            worst = max(of_sort, key=lambda key: of_sort[key])
+            ratio = of_sort[worst]
             if sort is Sort.COURSE:
-                ratio = float(np.sqrt(np.mean(np.square(list(own.values()))))) / UNLIKE
+                ratio = float(np.sqrt(np.mean(np.square(list(of_sort.values()))))) / UNLIKE
             over = max(over, ratio)
             if ratio > 1.0:
                 words.append(_words(usual, *worst, found[worst]))
@@ -164,34 +164,34 @@ def _usual(channels: Sequence[Channel], runs: Sequence[RunMeasure]) -> _Usual:
     )
 
 
-def _differences(usual: _Usual, own: RunMeasure) -> Differences:
+def _differences(usual: _Usual, measure: RunMeasure) -> Differences:
     """Return the differences of a run from the usual one."""
     largest = usual.largest
-    scale, course = _course(usual, own)
+    scale, course = _course(usual, measure)
     found = {(Sort.COURSE, name): size for name, size in course.items()}
-    for name in largest.keys() & own.levels.keys() & usual.levels.keys():
-        found[Sort.LEVEL, name] = (own.levels[name] - usual.levels[name]) / largest[name]
-    for name in largest.keys() & own.peaks.keys():
+    for name in largest.keys() & measure.levels.keys() & usual.levels.keys():
+        found[Sort.LEVEL, name] = (measure.levels[name] - usual.levels[name]) / largest[name]
+    for name in largest.keys() & measure.peaks.keys():
         if usual.peaks[name] > MAIN * largest[name]:
-            found[Sort.PEAK, name] = _log(own.peaks[name], scale * usual.peaks[name])
-    for name in largest.keys() & own.roughness.keys() & usual.roughness.keys():
+            found[Sort.PEAK, name] = _log(measure.peaks[name], scale * usual.peaks[name])
+    for name in largest.keys() & measure.roughness.keys() & usual.roughness.keys():
         finest = _FINEST * largest[name]
-        rough = own.roughness[name] + finest, usual.roughness[name] + finest
+        rough = measure.roughness[name] + finest, usual.roughness[name] + finest
         found[Sort.ROUGH, name] = _log(*rough)
     return found
 
 
-def _course(usual: _Usual, own: RunMeasure) -> tuple[float, dict[str, float]]:
+def _course(usual: _Usual, measure: RunMeasure) -> tuple[float, dict[str, float]]:
     """Return the ratio of the motion to the usual one, and the remainder after scale and shift."""
-    names = [n for n in usual.waves if n in own.waves and n in usual.largest]
+    names = [n for n in usual.waves if n in measure.waves and n in usual.largest]
     if not names:
         return 1.0, {}
-    here = np.array([own.waves[n] / usual.largest[n] for n in names])
+    course = np.array([measure.waves[n] / usual.largest[n] for n in names])
     there = np.array([usual.waves[n] / usual.largest[n] for n in names])
     basis = np.stack([there.ravel(), np.gradient(there, axis=1).ravel()], axis=1)
-    weights, *_ = np.linalg.lstsq(basis, here.ravel())
-    slow = _cosines(here.shape[1])
-    rest = (here - (basis @ weights).reshape(here.shape)) @ slow.T @ slow
+    weights, *_ = np.linalg.lstsq(basis, course.ravel())
+    slow = _cosines(course.shape[1])
+    rest = (course - (basis @ weights).reshape(course.shape)) @ slow.T @ slow
     size = np.sqrt(np.mean(rest**2, axis=1) / max(1e-12, np.mean(there**2, axis=1).max()))
     return float(weights[0]), dict(zip(names, size.tolist(), strict=True))
 
@@ -221,8 +221,8 @@ def _words(usual: _Usual, sort: Sort, name: str, size: float) -> str:
             return f"{name} {np.exp(size):.1f} times as rough"
 
 
-def _frequency(usual: _Usual, own: RunMeasure) -> list[str]:
-    if own.frequency_hz is None or usual.frequency_hz is None:
+def _frequency(usual: _Usual, measure: RunMeasure) -> list[str]:
+    if measure.frequency_hz is None or usual.frequency_hz is None:
         return []
-    shift = own.frequency_hz / usual.frequency_hz - 1.0
+    shift = measure.frequency_hz / usual.frequency_hz - 1.0
     return [f"frequency {shift:+.0%}"] if abs(shift) >= _NOTABLE else []

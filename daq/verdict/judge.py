@@ -45,30 +45,32 @@ def judge(
     passed.  The first failed check is the likeliest cause of the others.  A check that the sensors
     do not allow is left out.
     """
-    seen = traces(bench.channels, window)
-    if not seen:
-        findings = tuple(traffic.stale(bench, window, seen))
+    signals = traces(bench.channels, window)
+    if not signals:
+        findings = tuple(traffic.stale(bench, window, signals))
         text = "no channel has samples before and after the bump"
         return (*findings, finding("no_data", False, 0.0, 1.0, "", text)), RunMeasure()
-    findings = tuple(found for check in _CHECKS for found in check(bench, window, seen))
-    ways = patterns(bench, seen)
-    measure = _measure(bench, step, seen, ways)
-    findings += tuple(found for way in ways for found in wrong_mode(step.excitation, way))
-    findings += tuple(found for way in ways[:1] for found in mirrored(step.excitation, way))
-    findings += tuple(motion.not_decayed(bench, window, seen))
-    findings += tuple(motion.rest_changed(bench, window, seen))
+    findings = tuple(found for check in _CHECKS for found in check(bench, window, signals))
+    bump_patterns = patterns(bench, signals)
+    measure = _measure(bench, step, signals, bump_patterns)
+    findings += tuple(found for way in bump_patterns for found in wrong_mode(step.excitation, way))
+    findings += tuple(
+        found for way in bump_patterns[:1] for found in mirrored(step.excitation, way)
+    )
+    findings += tuple(motion.not_decayed(bench, window, signals))
+    findings += tuple(motion.rest_changed(bench, window, signals))
     before, doubted = (
         [other for other in others if other.wheels == measure.wheels]
         for others in (accepted, unlike)
     )
-    findings += tuple(not_repeatable(seen, measure, before, doubted))
+    findings += tuple(not_repeatable(signals, measure, before, doubted))
     return (*findings, _motion(measure)), measure
 
 
 def _measure(
-    bench: Bench, step: Step, seen: tuple[Trace, ...], ways: tuple[Pattern, ...]
+    bench: Bench, step: Step, signals: tuple[Trace, ...], bump_patterns: tuple[Pattern, ...]
 ) -> RunMeasure:
-    linear = [trace for trace in seen if trace.channel.quantity not in ANGULAR]
+    linear = [trace for trace in signals if trace.channel.quantity not in ANGULAR]
 
     def largest(derivative: int) -> float | None:
         return max(
@@ -76,8 +78,8 @@ def _measure(
             default=None,
         )
 
-    how = ways[0] if ways else None
-    wave = body_wave(seen, bench.bump_s)
+    how = bump_patterns[0] if bump_patterns else None
+    wave = body_wave(signals, bench.bump_s)
     return RunMeasure(
         peak_m_s2=largest(TIME_DERIVATIVE[Quantity.BODY_ACCELERATION]),
         peak_m=largest(TIME_DERIVATIVE[Quantity.SUSPENSION_TRAVEL]),
@@ -86,10 +88,10 @@ def _measure(
         shares=how.shares if how else MappingProxyType({}),
         purity=how.likeness[step.excitation] if how else None,
         wheels=struck(step.excitation, how) if how else None,
-        peaks=MappingProxyType({trace.channel.name: trace.peak for trace in seen}),
-        waves=waves(seen),
-        levels=levels(seen),
-        roughness=roughness(seen),
+        peaks=MappingProxyType({trace.channel.name: trace.peak for trace in signals}),
+        waves=waves(signals),
+        levels=levels(signals),
+        roughness=roughness(signals),
     )
 
 

@@ -72,11 +72,11 @@ _SLOW = (
 """Quantities that show the swing of the body."""
 
 
-def not_at_rest(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+def not_at_rest(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the motion before the bump with the noise and with the motion after it."""
-    moved = [(trace.moved / _rest_limit(trace, seen), trace) for trace in seen]
+    moved = [(trace.moved / _rest_limit(trace, signals), trace) for trace in signals]
     worst, trace = max(moved, key=lambda pair: pair[0])
-    limit, unit = _rest_limit(trace, seen), trace.channel.unit
+    limit, unit = _rest_limit(trace, signals), trace.channel.unit
     text = (
         f"before the bump {trace.channel.name} moved by {sized(trace.moved, unit)} RMS "
         f"(limit {sized(limit, unit)})"
@@ -84,15 +84,15 @@ def not_at_rest(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Ite
     yield finding("not_at_rest", worst <= 1.0, trace.moved, limit, unit, text, trace.channel.name)
 
 
-def _rest_limit(trace: Trace, seen: tuple[Trace, ...]) -> float:
-    largest = max(other.peak for other in kin(trace, seen))
+def _rest_limit(trace: Trace, signals: tuple[Trace, ...]) -> float:
+    largest = max(other.peak for other in kin(trace, signals))
     return max(REST_NOISE * trace.noise, REST_SHARE * largest, 1e-9)
 
 
-def too_weak(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+def too_weak(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the peak with the trigger's level and with the noise."""
     names = {channel.name for channel in trigger_channels(bench.channels, bench.procedure.method)}
-    triggers = [trace for trace in seen if trace.channel.name in names]
+    triggers = [trace for trace in signals if trace.channel.name in names]
     if triggers:
         strongest = max(triggers, key=lambda trace: trace.peak)
         limit = WEAK_LEVELS * bench.trigger.level
@@ -105,9 +105,9 @@ def too_weak(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterat
         yield finding("too_weak", enough, strongest.peak, limit, "m/s2", text, name)
         if not enough:
             return
-    slow = [trace for trace in seen if trace.channel.quantity in _SLOW and trace.noise > 0.0]
+    slow = [trace for trace in signals if trace.channel.quantity in _SLOW and trace.noise > 0.0]
     axles = {trace.channel.corner.front if trace.channel.corner else None for trace in slow}
-    hubs = any(trace.channel.quantity is Quantity.HUB_ACCELERATION for trace in seen)
+    hubs = any(trace.channel.quantity is Quantity.HUB_ACCELERATION for trace in signals)
     # Travels of one axle hardly show a bump at the other; hubs that swing are proof enough.
     if slow and not (hubs and axles in ({True}, {False})):
         clearest = max(slow, key=lambda trace: trace.peak / trace.noise)
@@ -120,16 +120,16 @@ def too_weak(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterat
         yield finding("too_weak", ratio >= WEAK_NOISE, ratio, WEAK_NOISE, "", text, name)
 
 
-def double_bump(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find a wheel (without hub sensors: the car) that was struck again.
 
     Each hub is judged separately, so that a rear axle that passes the board after the front one is
     struck once.
     """
-    struck = [t for t in seen if t.channel.quantity is Quantity.HUB_ACCELERATION]
-    struck = struck or [t for t in seen if t.channel.quantity is Quantity.BODY_ACCELERATION]
-    struck = struck or list(seen)
-    largest = {t.channel.name: max(o.peak for o in kin(t, seen)) for t in struck}
+    struck = [t for t in signals if t.channel.quantity is Quantity.HUB_ACCELERATION]
+    struck = struck or [t for t in signals if t.channel.quantity is Quantity.BODY_ACCELERATION]
+    struck = struck or list(signals)
+    largest = {t.channel.name: max(o.peak for o in kin(t, signals)) for t in struck}
     guard_s = PUSH_GUARD_S if bench.procedure.method is Method.PUSH else STRUCK_GUARD_S
     best: tuple[float, float, str] = (0.0, 0.0, "")
     for trace in struck:
@@ -148,9 +148,9 @@ def double_bump(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Ite
         yield finding("double_bump", True, share, STRUCK_SHARE, "", text)
 
 
-def too_strong(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+def too_strong(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the travel of the suspension with the planned height of the bump."""
-    travels = [t for t in seen if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
+    travels = [t for t in signals if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
     if not travels:
         return
     largest = max(travels, key=lambda trace: trace.peak)
@@ -210,10 +210,10 @@ def _rms_envelope(
     return np.asarray(np.sqrt((total[last] - total[first]) / np.maximum(last - first, 1)))
 
 
-def not_decayed(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+def not_decayed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the motion at the end of the run with the peak."""
     end_s = bench.trigger.post_s
-    left = _left(seen, end_s)
+    left = _left(signals, end_s)
     if left is None:
         return
     share, name = left
@@ -221,13 +221,13 @@ def not_decayed(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Ite
     yield finding("not_decayed", share <= LEFT_SHARE, share, LEFT_SHARE, "", text, name)
 
 
-def _left(seen: tuple[Trace, ...], now_s: float) -> tuple[float, str] | None:
+def _left(signals: tuple[Trace, ...], now_s: float) -> tuple[float, str] | None:
     """Return the ratio of the remaining motion to the peak, and the channel that moves most.
 
     All channels count in units of their noise, so that one that this bump hardly moves has little
     weight.
     """
-    slow = tuple(trace for trace in seen if trace.channel.quantity in _SLOW) or seen
+    slow = tuple(trace for trace in signals if trace.channel.quantity in _SLOW) or signals
     unit = {t.channel.name: max(t.noise, _FINEST * max(o.peak for o in kin(t, slow))) for t in slow}
     peak = {t.channel.name: t.peak / max(unit[t.channel.name], 1e-12) for t in slow}
     left = {t.channel.name: _amplitude(t, now_s) / max(unit[t.channel.name], 1e-12) for t in slow}
@@ -257,16 +257,16 @@ def peak_left(
     `bump_ns` and `now_ns`: time stamps of the bump and of the latest frame.  `columns`: samples
     from before the bump until now, SI.  Returns 0..1; None while it is not known.
     """
-    seen = traces(channels, RunWindow(bump_ns, columns))
-    left = _left(seen, (now_ns - bump_ns) * 1e-9) if seen else None
+    signals = traces(channels, RunWindow(bump_ns, columns))
+    left = _left(signals, (now_ns - bump_ns) * 1e-9) if signals else None
     return None if left is None else left[0]
 
 
-def rest_changed(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+def rest_changed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the rest positions before and after a run, unless it began on blocks."""
     if bench.procedure.method is Method.DROP:
         return
-    travels = [t for t in seen if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
+    travels = [t for t in signals if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
     if not travels:
         return
     end_s = bench.trigger.post_s

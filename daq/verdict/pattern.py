@@ -29,7 +29,7 @@ _AXLES_S = 2.5
 """Time from the front axle until the rear axle has met a board at walking pace, s."""
 
 
-def patterns(bench: Bench, seen: tuple[Trace, ...]) -> tuple[Pattern, ...]:
+def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
     """Return the patterns of a bump: from four hubs, else from four travels and from the body.
 
     Travels alone may be misleading with stiff anti-roll bars, which move one wheel with the other.
@@ -41,7 +41,7 @@ def patterns(bench: Bench, seen: tuple[Trace, ...]) -> tuple[Pattern, ...]:
         Quantity.HUB_DISPLACEMENT,
         Quantity.SUSPENSION_TRAVEL,
     ):
-        four = _four(seen, quantity)
+        four = _four(signals, quantity)
         if four is None or (pushed and quantity is not Quantity.SUSPENSION_TRAVEL):
             continue
         if pushed:
@@ -50,14 +50,14 @@ def patterns(bench: Bench, seen: tuple[Trace, ...]) -> tuple[Pattern, ...]:
             return (_of_wheels(bench, four, "hubs", True),)
         found.append(_of_wheels(bench, four, "travels", False))
         break
-    body = body_pattern(bench, seen)
+    body = body_pattern(bench, signals)
     if body is not None:
         found.append(body)
     return tuple(found)
 
 
-def _four(seen: tuple[Trace, ...], quantity: Quantity) -> tuple[Trace, ...] | None:
-    of = {t.channel.corner: t for t in seen if t.channel.quantity is quantity}
+def _four(signals: tuple[Trace, ...], quantity: Quantity) -> tuple[Trace, ...] | None:
+    of = {t.channel.corner: t for t in signals if t.channel.quantity is quantity}
     return tuple(of[c] for c in Corner) if all(c in of for c in Corner) else None
 
 
@@ -85,17 +85,17 @@ def struck(due: Excitation, found: Pattern) -> Wheels | None:
     """Return the struck wheels, if they are of the kind due or its mirror image; else None."""
     if found.likeness[due] < found.limit:
         return None
-    own = BUMPS[due].wheels
-    best = max(mirror_images(own), key=lambda wheels: found.strikes.get(wheels, 0.0))
-    clear = found.strikes.get(best, 0.0) > MIRRORED * found.strikes.get(own, 0.0)
-    return best if clear else own
+    due_wheels = BUMPS[due].wheels
+    best = max(mirror_images(due_wheels), key=lambda wheels: found.strikes.get(wheels, 0.0))
+    clear = found.strikes.get(best, 0.0) > MIRRORED * found.strikes.get(due_wheels, 0.0)
+    return best if clear else due_wheels
 
 
 def mirrored(due: Excitation, found: Pattern) -> Iterator[Finding]:
     """Report a bump of another side or axle than the one that is due; both count."""
-    wheels, own = struck(due, found), BUMPS[due].wheels
-    if wheels is not None and wheels != own:
-        text = f"{in_words(wheels)}, but {in_words(own)} were due: it still counts"
+    wheels, due_wheels = struck(due, found), BUMPS[due].wheels
+    if wheels is not None and wheels != due_wheels:
+        text = f"{in_words(wheels)}, but {in_words(due_wheels)} were due: it still counts"
         yield finding("mirrored", True, found.strikes[wheels], found.limit, "", text)
 
 

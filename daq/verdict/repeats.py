@@ -30,11 +30,11 @@ _SWING_S = 0.05, 0.55
 """Times since the bump between which a sensor's roughness is measured, s."""
 
 
-def waves(seen: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
+def waves(signals: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
     """Return the slow motion after the bump, averaged against the jitter of the trigger."""
     grid = np.arange(_START_S, _LENGTH_S, _STEP_S)
     result = {}
-    for trace in seen:
+    for trace in signals:
         if trace.channel.quantity is not Quantity.HUB_ACCELERATION:
             area = _area(trace, grid + _BIN_S / 2) - _area(trace, grid - _BIN_S / 2)
             result[trace.channel.name] = read_only(area / _BIN_S)
@@ -57,16 +57,16 @@ def after(measure: RunMeasure, start_s: float) -> RunMeasure:
     return replace(measure, waves={name: wave[first:] for name, wave in measure.waves.items()})
 
 
-def levels(seen: tuple[Trace, ...]) -> Mapping[str, float]:
+def levels(signals: tuple[Trace, ...]) -> Mapping[str, float]:
     """Return the level of each suspension travel before the bump, m."""
-    travels = (t for t in seen if t.channel.quantity is Quantity.SUSPENSION_TRAVEL)
+    travels = (t for t in signals if t.channel.quantity is Quantity.SUSPENSION_TRAVEL)
     return MappingProxyType({trace.channel.name: trace.level for trace in travels})
 
 
-def roughness(seen: tuple[Trace, ...]) -> Mapping[str, float]:
+def roughness(signals: tuple[Trace, ...]) -> Mapping[str, float]:
     """Return the RMS of the part that no swing of a wheel explains, by channel."""
     result = {}
-    for trace in seen:
+    for trace in signals:
         bend = np.diff(trace.part(*_SWING_S), 4)
         if len(bend):
             result[trace.channel.name] = float(np.sqrt(np.mean(bend**2) / 70.0))
@@ -74,8 +74,8 @@ def roughness(seen: tuple[Trace, ...]) -> Mapping[str, float]:
 
 
 def not_repeatable(
-    seen: tuple[Trace, ...],
-    own: RunMeasure,
+    signals: tuple[Trace, ...],
+    measured: RunMeasure,
     accepted: Sequence[RunMeasure],
     unlike: Sequence[RunMeasure] = (),
 ) -> Iterator[Finding]:
@@ -88,44 +88,48 @@ def not_repeatable(
     """
     if not accepted:
         return
-    found = _compared(seen, own, accepted)
+    found = _compared(signals, measured, accepted)
     if unlike and not all(finding.passed for finding in found):
-        same = [_repeats(seen, own, other) for other in accepted]
-        like = sum(same) + sum(_repeats(seen, own, other) for other in unlike)
+        same = [_repeats(signals, measured, other) for other in accepted]
+        like = sum(same) + sum(_repeats(signals, measured, other) for other in unlike)
         if like >= len(same) - sum(same):
             text = f"like {like} of {len(accepted) + len(unlike)} runs, but not the accepted ones"
             found = [finding("not_repeatable", True, like, len(same) - sum(same), "", text)]
     yield from found
 
 
-def _repeats(seen: tuple[Trace, ...], own: RunMeasure, other: RunMeasure) -> bool:
-    return all(finding.passed for finding in _compared(seen, own, [other]))
+def _repeats(signals: tuple[Trace, ...], measured: RunMeasure, other: RunMeasure) -> bool:
+    return all(finding.passed for finding in _compared(signals, measured, [other]))
 
 
 def _compared(
-    seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMeasure]
+    signals: tuple[Trace, ...], measured: RunMeasure, accepted: Sequence[RunMeasure]
 ) -> list[Finding]:
-    by_course = _by_course(seen, own, accepted)
-    return [_by_peak(seen, own, accepted), *([by_course] if by_course else [])]
+    by_course = _by_course(signals, measured, accepted)
+    return [_by_peak(signals, measured, accepted), *([by_course] if by_course else [])]
 
 
-def _main(seen: tuple[Trace, ...], accepted: Sequence[RunMeasure]) -> list[str]:
+def _main(signals: tuple[Trace, ...], accepted: Sequence[RunMeasure]) -> list[str]:
     """Return the channels that move most in this run or in the others."""
     known = set.intersection(*(set(measure.peaks) for measure in accepted))
-    seen = tuple(trace for trace in seen if trace.channel.name in known)
+    signals = tuple(trace for trace in signals if trace.channel.name in known)
 
     def size(trace: Trace) -> float:
         before = np.median([measure.peaks[trace.channel.name] for measure in accepted])
         return max(trace.peak, float(before))
 
-    return [t.channel.name for t in seen if size(t) > MAIN * max(size(o) for o in kin(t, seen))]
+    return [
+        t.channel.name for t in signals if size(t) > MAIN * max(size(o) for o in kin(t, signals))
+    ]
 
 
-def _by_peak(seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMeasure]) -> Finding:
+def _by_peak(
+    signals: tuple[Trace, ...], measured: RunMeasure, accepted: Sequence[RunMeasure]
+) -> Finding:
     worst, name = 1.0, ""
-    for channel in _main(seen, accepted):
+    for channel in _main(signals, accepted):
         usual = float(np.median([measure.peaks[channel] for measure in accepted]))
-        ratio = max(own.peaks[channel], 1e-12) / max(usual, 1e-12)
+        ratio = max(measured.peaks[channel], 1e-12) / max(usual, 1e-12)
         # Half and twice the size are equally far from equal.
         if abs(np.log(ratio)) > abs(np.log(worst)):
             worst, name = ratio, channel
@@ -139,14 +143,14 @@ def _by_peak(seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMea
 
 
 def _by_course(
-    seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMeasure]
+    signals: tuple[Trace, ...], measured: RunMeasure, accepted: Sequence[RunMeasure]
 ) -> Finding | None:
     worst, name = 1.0, ""
-    for channel in _main(seen, accepted):
-        if channel in own.waves and all(channel in measure.waves for measure in accepted):
+    for channel in _main(signals, accepted):
+        if channel in measured.waves and all(channel in measure.waves for measure in accepted):
             usual = np.median([measure.waves[channel] for measure in accepted], axis=0)
-            size = float(np.linalg.norm(usual) * np.linalg.norm(own.waves[channel]))
-            like = float(usual @ own.waves[channel]) / size if size > 0.0 else 0.0
+            size = float(np.linalg.norm(usual) * np.linalg.norm(measured.waves[channel]))
+            like = float(usual @ measured.waves[channel]) / size if size > 0.0 else 0.0
             if like < worst:
                 worst, name = like, channel
     if not name:

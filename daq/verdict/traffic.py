@@ -35,7 +35,7 @@ _SPOKEN = 0.9
 """Least share of a message's samples that each healthy channel has."""
 
 
-def stale(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find messages that were silent for a part of the run."""
     silence = _silences(bench, window)
     for message in window.stale:
@@ -104,13 +104,13 @@ def _good(channel: Channel, window: RunWindow) -> NDArray[np.int64]:
     return t_ns[np.isfinite(value)]
 
 
-def lost_frames(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare missing with received frames; judge a gap in the wheels' motion separately."""
     lost = window.losses.measured
     came = sum(len(t_ns) for t_ns in _messages(bench.channels, window).values())
     share = lost / max(lost + came, 1)
     text = f"{lost} frames lost or unusable, {share:.1%} (limit {LOST_SHARE:.0%})"
-    gap_s, limit_s, name = _early_gap(window, seen)
+    gap_s, limit_s, name = _early_gap(window, signals)
     if gap_s > limit_s and share <= LOST_SHARE:
         text = (
             f"no sample of {name} for {gap_s * 1e3:.0f} ms (limit {limit_s * 1e3:.0f}) while the "
@@ -121,9 +121,9 @@ def lost_frames(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Ite
     yield finding("lost_frames", share <= LOST_SHARE, share, LOST_SHARE, "", text)
 
 
-def _early_gap(window: RunWindow, seen: tuple[Trace, ...]) -> tuple[float, float, str]:
+def _early_gap(window: RunWindow, signals: tuple[Trace, ...]) -> tuple[float, float, str]:
     worst = (0.0, GAP_S, "")
-    for trace in seen:
+    for trace in signals:
         time_s = trace.time_s
         period_s = float(np.median(np.diff(time_s)))
         limit_s = max(GAP_S, GAP_CYCLES * period_s)
@@ -147,10 +147,10 @@ def _sent_by(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.minimum.accumulate((time_s - sent_s)[::-1])[::-1] + sent_s)
 
 
-def overload(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+def overload(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find tops that were cut; on the bump itself they are harmless."""
     free_s = bench.bump_s
-    cut = _cut_tops(window, seen)
+    cut = _cut_tops(window, signals)
     late = {name: times[times > free_s] for name, times in cut.items() if (times > free_s).any()}
     for name, times in late.items():
         text = (
@@ -165,10 +165,10 @@ def overload(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterat
         yield finding("overload", True, 0.0, 0.0, "", text)
 
 
-def _cut_tops(window: RunWindow, seen: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
+def _cut_tops(window: RunWindow, signals: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
     """Return the times at which each channel was at the end of its range, s since the bump."""
     result = {}
-    for trace in seen:
+    for trace in signals:
         flat = np.zeros(len(trace.value), bool)
         for first, stop in flat_tops(trace.value):
             flat[first:stop] = True

@@ -17,13 +17,13 @@ _CLEAR = 5.0
 """Least ratio of peak to noise at which a wave is searched for."""
 
 
-def body_wave(seen: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
+def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
     """Fit a damped wave to the strongest motion of the body after the bump.
 
     `bump_s`: duration of the bump; the wave begins when the wheels are at rest again.  Returns the
     undamped natural frequency, Hz, and the damping ratio; None if nothing shows the body.
     """
-    record = _record(seen, bump_s + 0.2)
+    record = _record(signals, bump_s + 0.2)
     if record is None:
         return None
     time_s = np.asarray(np.arange(record.shape[1]) * _STEP_S, dtype=np.float64)
@@ -44,7 +44,7 @@ def _finer(grid: NDArray[np.float64], place: int) -> NDArray[np.float64]:
     return np.asarray(np.linspace(low, high, 9), dtype=np.float64)
 
 
-def _record(seen: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] | None:
+def _record(signals: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] | None:
     """Return the clearest record of the body, (1, n), on an equidistant grid."""
     for quantities in (
         (Quantity.SUSPENSION_TRAVEL,),
@@ -52,7 +52,7 @@ def _record(seen: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] | No
         (Quantity.BODY_DISPLACEMENT,),
         (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
     ):
-        found = [t for t in seen if t.channel.quantity in quantities]
+        found = [t for t in signals if t.channel.quantity in quantities]
         clear = [t for t in found if t.peak > _CLEAR * t.noise and t.time_s[-1] > start_s + 1.0]
         if not clear:
             continue
@@ -91,6 +91,6 @@ def _misfit(
     ones = np.ones_like(envelope)
     basis = np.stack([envelope * np.cos(phase), envelope * np.sin(phase), ones], axis=-1)
     normal = np.einsum("fdti,fdtj->fdij", basis, basis)
-    seen = np.einsum("fdti,t->fdi", basis, record[0])
-    solution = np.linalg.solve(normal, seen[..., None])[..., 0]
-    return np.asarray(np.sum(record**2) - np.einsum("fdi,fdi->fd", seen, solution))
+    projection = np.einsum("fdti,t->fdi", basis, record[0])
+    solution = np.linalg.solve(normal, projection[..., None])[..., 0]
+    return np.asarray(np.sum(record**2) - np.einsum("fdi,fdi->fd", projection, solution))

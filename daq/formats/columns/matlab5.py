@@ -67,12 +67,12 @@ def _collect_array(name: str, values: NDArray[Any], arrays: dict[str, NDArray[An
 def _with_unit(heading: Heading, held: Mapping[str, Any]) -> Heading:
     """Return a heading with its unit: from `x/units/channel`, or the `unit` of its struct."""
     *folders, last = heading.name.split("/")
-    beside: Any = held
+    unit_node: Any = held
     for folder in folders:
-        beside = beside.get(folder) if isinstance(beside, Mapping) else None
-    if not isinstance(beside, Mapping):
+        unit_node = unit_node.get(folder) if isinstance(unit_node, Mapping) else None
+    if not isinstance(unit_node, Mapping):
         return heading
-    units = beside.get("units", beside.get("unit", beside.get("Unit", "")))
+    units = unit_node.get("units", unit_node.get("unit", unit_node.get("Unit", "")))
     unit = units.get(last, "") if isinstance(units, Mapping) else units
     is_text = isinstance(unit, str)
     return Heading(heading.name, unit if is_text else "", heading.clock, heading.samples)

@@ -118,8 +118,8 @@ def _run(run: Run, session: Session) -> dict[str, Any]:
 def _group(group: SampleGroup, units: dict[str, str]) -> dict[str, Any]:
     fixed = {"t": group.time_s, "t_ns": group.t_ns, "quality": group.quality}
     values = fields_of(group.values.items(), taken=SAMPLE_FIELDS)
-    own = fields_of(((name, units[name]) for name in group.values), taken=SAMPLE_FIELDS)
-    return {**fixed, **values, "units": {"t": "s", **own}}
+    unit_fields = fields_of(((name, units[name]) for name in group.values), taken=SAMPLE_FIELDS)
+    return {**fixed, **values, "units": {"t": "s", **unit_fields}}
 
 
 def fields_of(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> dict[str, Any]:

@@ -111,10 +111,10 @@ def _append_bus_log(asammdf: Any, mdf: Any, frames: FrameBatch, start_ns: int) -
     )
     for name, columns, mask in kinds:
         if mask.any():
-            own = frames.select(mask)
+            selected = frames.select(mask)
             signal = asammdf.Signal(
-                samples=_records(own, name, columns),
-                timestamps=(own.t_ns - start_ns) * 1e-9,
+                samples=_records(selected, name, columns),
+                timestamps=(selected.t_ns - start_ns) * 1e-9,
                 name=name,
                 source=source,
             )

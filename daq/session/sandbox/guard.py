@@ -76,14 +76,14 @@ def read_guarded(
     command = [sys.executable, "-I", "-m", reader.module, where]
     command += [str(reader.child_bytes + limit_bytes), str(limit_s), *arguments]
     # One thread: each BLAS thread would take address space, and nothing is computed here.
-    own = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_PLUGIN_PRELOAD": "::"}
+    environment = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_PLUGIN_PRELOAD": "::"}
     try:
         started = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env=os.environ | own,
+            env=os.environ | environment,
         )
     except OSError as error:
         what = f"cannot be read: no process to read it in ({error.strerror or error})"

@@ -219,7 +219,7 @@ def test_a_lost_sample_stays_in_its_group_and_a_slow_channel_has_its_own(tmp_pat
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("", r"channel hub_fl: fl has no times of its own .*state column or rate_hz"),
+        ("", r"channel hub_fl: fl has no times in .*state column or rate_hz"),
         ('[time]\ncolumn = "fl"\n', "do not increase after 0.999991 s"),
         ('[time]\ncolumn = "t"\nunit = "g"\n', "its times t are in 'g'"),
         ('[time]\ncolumn = "u"\n', r"has no column 'u' .*it has, among 2: t, fl"),

@@ -104,7 +104,7 @@ def test_asc(tmp_path: Path) -> None:
     assert_allclose(_times_s(messages), FRAMES.t_ns * 1e-9, rtol=0, atol=1e-6)
     notes = export_session(small_session(FRAMES), tmp_path / "a.asc", ExportFormat.ASC).notes
     assert notes[0] == "ASC rounds times to 1 µs"
-    assert notes[1].startswith(f"ASC keeps of {ERROR.sum()} error frames only")
+    assert notes[1].startswith(f"ASC keeps only the times of {ERROR.sum()} error frames")
 
 
 def test_candump(tmp_path: Path) -> None:

@@ -135,7 +135,7 @@ def test_a_sidecar_names_no_file_elsewhere(tmp_path: Path, session: Session) -> 
     sidecar = exported(session, tmp_path, ".csv")
     text = sidecar.read_text("utf-8").replace('"file": "car_', '"file": "../car_', 1)
     sidecar.write_text(text, "utf-8")
-    with pytest.raises(InputError, match="no file beside it"):
+    with pytest.raises(InputError, match="not a file next to it"):
         exported_session(sidecar)
 
 

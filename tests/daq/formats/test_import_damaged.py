@@ -125,7 +125,7 @@ HOSTILE = {
     "MF4 of nothing": (".mf4", b"MDF     4.10    " + bytes(100), "no header block"),
     "text as journal": (".mcap", b"hello\n" * 100, "no line of a known log"),
     "no log": (".xyz", b"hello", "no line of a known log"),
-    **{f"noise {s}": (s, bytes(range(256)) * 4000, "is not a text log") for s in TEXTS},
+    **{f"noise {s}": (s, bytes(range(256)) * 4000, "not a log of a known format") for s in TEXTS},
     **{
         f"prose {s}": (s, b"It was a dark night.\n" * 9000, "no line of a known log") for s in TEXTS
     },
