@@ -60,8 +60,8 @@ def record_campaign(
 
     `open_source`: opens a bus, given its description and its number.  `out`: folder; the journal is
     in a folder in it, and a session file has the number of the journal's first segment.
-    `lifetime`: when to begin and when to end.  `log`: receives alarms, verdicts and other important events.
-    Returns the last status of the recorder.
+    `lifetime`: when to begin and when to end.  `log`: receives alarms, verdicts and other important
+    events.  Returns the last status of the recorder.
     """
     from importlib.metadata import version
 
