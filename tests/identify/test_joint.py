@@ -29,7 +29,8 @@ def solved(
     rows = [R @ np.hstack([np.eye(3), block]) for R, block in zip(roots, columns, strict=True)]
     J, y = np.vstack(rows), np.concatenate([R @ x for R, x in zip(roots, optima, strict=True)])
     x = np.linalg.lstsq(J, y, rcond=None)[0]
-    return x, float(np.sum((y - J @ x) ** 2)), np.linalg.inv(J.T @ J)
+    covariance = np.asarray(np.linalg.inv(J.T @ J), dtype=np.float64)
+    return x, float(np.sum((y - J @ x) ** 2)), covariance
 
 
 def test_of_two_sessions_one_parameter_differs() -> None:
