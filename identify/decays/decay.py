@@ -24,13 +24,8 @@ class ChannelGroup:
     """Channels in the order of the columns of the values."""
 
     @property
-    def delay_s(self) -> float:
-        """Nominal lateness of the samples, s."""
-        return self.channels[0].delay_s
-
-    @property
     def delay_sigma_s(self) -> float:
-        """Standard uncertainty of `delay_s`, s."""
+        """Standard uncertainty of the samples' nominal lateness, s."""
         return self.channels[0].delay_sigma_s
 
 

@@ -96,8 +96,9 @@ def _trace(
 def _column(
     recordings: tuple[Recording, ...], channel: Channel
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    for recording in recordings:
-        names = [c.name for c in recording.group.channels]
-        if channel.name in names:
-            return recording.time_s, recording.values[:, names.index(channel.name)]
-    raise KeyError(channel.name)
+    columns = {
+        c.name: (recording.time_s, column)
+        for recording in recordings
+        for c, column in zip(recording.group.channels, recording.values.T, strict=True)
+    }
+    return columns[channel.name]

@@ -7,12 +7,16 @@ from math import inf, nan
 import pytest
 
 from identify.numbers import (
+    by_kind,
     half_width,
     half_width_percent,
     interval,
+    largest_share,
+    number,
     plus_minus,
     plus_minus_percent,
     rounded,
+    with_half,
 )
 
 
@@ -27,6 +31,9 @@ from identify.numbers import (
         (-9642.0, 885.0, ("-9,640", "-10,530", "-8,760")),
         (0.00060601, 4.4e-6, ("0.0006060", "0.0006016", "0.0006104")),
         (3.86e-7, 2.1e-8, ("3.86e-07", "3.65e-07", "4.07e-07")),
+        (5.1e-6, 4.4e-7, ("5.10e-06", "4.66e-06", "5.54e-06")),  # the eighth place
+        (0.0, 4.4e-7, ("0.0e+00", "-4.4e-07", "4.4e-07")),
+        (1e-9, 4.4e-7, ("1e-09", "-4e-07", "4e-07")),
         (0.4, 3.0, ("0.4", "-2.6", "3.4")),
         (-0.004, 3.0, ("0.0", "-3.0", "3.0")),
     ],
@@ -62,3 +69,42 @@ def test_a_difference_has_its_sign_and_the_digits_of_its_interval() -> None:
     assert plus_minus(nan, inf) == "not determined"
     assert plus_minus_percent(43.865, 4.61, -1500.0) == "+2.92 ± 0.31 %"
     assert plus_minus_percent(1.0, 0.1, 0.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (99999.0, "99,999"),
+        (100000.0, "100,000"),
+        (-99999.0, "-99,999"),
+        (123456.7, "123,457"),
+        (12.5, "12.500"),
+        (inf, "not determined"),
+    ],
+)
+def test_five_digits_and_no_power_of_ten(value: float, text: str) -> None:
+    assert number(value) == text
+
+
+def test_nothing_is_written_about_a_value_that_is_no_number() -> None:
+    assert rounded(inf, 1.0, 2.0) == ("not determined", "", "")
+    assert with_half(5.0, 0.25) == "5.00 ± 0.25"
+    assert with_half(5.0, 0.0) == "5.0000"
+    assert with_half(5.0, inf) == "5.0000"
+    assert half_width(1.0, inf) == ""
+    assert half_width_percent(inf, 0.0, 1.0) == ""
+    assert half_width_percent(-200.0, -201.1, -198.9) == "0.55 %"
+    assert half_width_percent(1.0, 0.0, 2.0) == "100 %"
+    assert interval(100.0, 95.0, 105.0) == "95.0 .. 105.0"
+    assert plus_minus_percent(2.0, 1.0, -50.0) == "+4.0 ± 2.0 %"
+
+
+def test_repeats_of_one_kind_of_run_count_together_the_largest_first() -> None:
+    shares = {"baseline_roll_1": 0.2, "facts": 0.25, "baseline_roll_2": 0.3, "stated_x": 0.25}
+    assert list(by_kind(shares).items()) == [
+        ("baseline_roll", 0.5),
+        ("facts", 0.25),
+        ("stated_x", 0.25),
+    ]
+    assert largest_share(shares) == "baseline_roll 50 %"
+    assert largest_share({}) == ""

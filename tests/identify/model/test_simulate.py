@@ -84,3 +84,11 @@ def test_wilson_theta_converges_with_the_square_of_the_step() -> None:
 def test_a_rate_of_zero_is_refused() -> None:
     with pytest.raises(InputError, match="rate 0"):
         exact_response(MODEL, Excitation.BOUNCE, Bump(), 0.0, 1.0)
+
+
+def test_the_bump_of_the_paper_is_nine_centimetres_high_and_lasts_a_fifth_of_a_second() -> None:
+    """Eq. 34, from a tenth of a second on."""
+    bump = Bump()
+    assert (bump.height_m, bump.start_s, bump.duration_s) == (0.09, 0.1, 0.2)
+    assert bump.end_s == pytest.approx(0.3)
+    assert Bump(0.05, 1.0, 0.25).end_s == 1.25

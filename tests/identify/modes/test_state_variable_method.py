@@ -245,6 +245,7 @@ GOOD = np.random.default_rng(0).standard_normal((50, 2))
         ([GOOD + 1j], 100.0, "record 1 is no"),
         ([np.zeros((50, 0))], 100.0, "record 1 is no"),
         ([[["a", "b"]] * 50], 100.0, "record 1 is no"),
+        ([[[1.0, 2.0], [3.0]] * 10], 100.0, "record 1 is no"),  # ragged
     ],
 )
 def test_bad_records_are_refused_in_one_line(
@@ -266,3 +267,16 @@ def test_a_mode_that_turns_by_more_than_half_between_delays_keeps_its_frequency(
     found = found[found.imag > 0.0]
     found = found[np.argsort(np.abs(found))]
     np.testing.assert_allclose(found, poles, rtol=1e-6)
+
+
+def test_whole_numbers_are_a_record_too() -> None:
+    record = free_decay(oscillators([2.0], [0.1]), np.ones((1, 1)), np.array([1e6]), 50.0, 4.0)
+    (found,) = identify_modes([np.rint(record).astype(np.int64)], 50.0).modes
+    assert found.frequency_hz == pytest.approx(2.0, rel=1e-5)
+    assert found.damping_ratio == pytest.approx(0.1, rel=1e-4)
+
+
+def test_a_few_samples_of_noise_have_no_mode_in_any_channel() -> None:
+    noise = np.random.default_rng(0).standard_normal((8, 3))
+    found = identify_modes([noise], 100.0)
+    assert (len(found), found.shapes.shape) == (0, (3, 0))

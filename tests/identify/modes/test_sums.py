@@ -250,3 +250,55 @@ def test_the_bound_without_a_pole_counts_levels_and_real_poles() -> None:
             np.add.at(squares, block.channel, left)
             np.add.at(count, block.channel, len(table))
         assert bound[leave] == pytest.approx(-np.sum(count * np.log(squares / count)), rel=1e-5)
+
+
+def test_the_deviation_of_a_pole_is_that_of_the_whole_design() -> None:
+    """By its derivatives: pole, amplitudes of two runs, shape; one amplitude sets the scale."""
+    block = measured(2.0, 0.0)
+    pole, shape = oscillators([2.0], [0.05]), np.array([[1.0], [0.5 + 0.2j]])
+    found = most_likely_modes(gathered([block]), pole, shape)
+    q, s = found.amplitudes[:, 0], found.shapes[:, 0]
+    wave = np.exp(found.poles[0] * block.time_s)
+    rows = []
+    for k, (run, channel) in enumerate([(0, 0), (0, 1), (1, 0), (1, 1)]):
+        by = np.zeros((len(wave), 5), dtype=complex)
+        by[:, 0] = block.time_s * wave * q[run] * s[channel]
+        by[:, 1 + run] = wave * s[channel]
+        by[:, 3 + channel] = wave * q[run]
+        left = block.values[:, k] - (wave * q[run] * s[channel]).real
+        rows.append((channel, np.hstack([by.real, -by.imag]), left))
+    variance = [sum(left @ left for c, _, left in rows if c == channel) / 400 for channel in (0, 1)]
+    H = sum(J.T @ J / variance[c] for c, J, _ in rows)
+    held = np.delete(np.arange(10), [1, 6])
+    covariance = np.linalg.inv(np.asarray(H)[np.ix_(held, held)]) / (1 - 8 / 800)
+    expected = covariance[np.ix_([0, 4], [0, 4])]
+    assert found.pole_covariance == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_fit_that_cannot_reach_what_is_wanted_ends_early() -> None:
+    samples, shape = gathered([measured(2.0, 0.0)]), np.array([[1.0], [0.5 + 0.2j]])
+    start = oscillators([2.06], [0.06])
+    best = most_likely_modes(samples, start, shape)
+    assert best.frequency_std_hz[0] > abs(abs(best.poles[0]) / (2 * np.pi) - 2.0) / 3.0
+    reached = most_likely_modes(samples, start, shape, wanted=best.log_likelihood - 1.0)
+    assert reached.poles[0] == pytest.approx(best.poles[0], rel=1e-9)
+    given_up = most_likely_modes(samples, start, shape, wanted=best.log_likelihood + 1e6)
+    assert given_up.log_likelihood < best.log_likelihood - 1.0
+
+
+def test_real_poles_and_ties_count_fewer_numbers() -> None:
+    """A pair and a real pole, one run, three channels of which two move alike.
+
+    Pole 2 and 1, amplitudes 2 and 1 that set the scales, shapes of two owners 4 and 2.
+    """
+    rng = np.random.default_rng(7)
+    poles = np.append(oscillators([2.0], [0.1]), -3.0)
+    shapes = np.array([[1.0, 1.0], [1.0, 1.0], [0.5, -1.0]], dtype=complex)
+    record = free_decay(poles, shapes, np.array([1.0, 0.5]), 50.0, 3.0)
+    record = record + 0.01 * rng.standard_normal(record.shape)
+    block = Block(np.arange(150) / 50.0, record, np.zeros(3, int), np.arange(3))
+    ties = Ties(np.array([0, 0, 1]), np.ones((3, 2)))
+    found = most_likely_modes(gathered([block]), poles, shapes, ties)
+    assert found.n_unknowns == 3 + 6
+    assert found.poles[1].imag == 0.0
+    assert found.poles == pytest.approx(poles, rel=0.05)

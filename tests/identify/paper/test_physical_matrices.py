@@ -16,6 +16,7 @@ from identify.paper.physical_matrices import (
     ClosedForm,
     damping_matrices,
     identify_parameters,
+    massless_motions,
     nearest_vehicle,
     physical_matrices,
     state_matrix_of,
@@ -158,3 +159,27 @@ def test_the_same_mode_twice_is_refused() -> None:
     twice = [0, 1, 2, 3, 4, 5, 5]
     with pytest.raises(InputError, match="same pole and shape"):
         state_matrix_of(ModalModel(modes.poles[twice], modes.shapes[:, twice]))
+
+
+def test_matrices_that_are_no_numbers_are_refused() -> None:
+    for name in ("M", "C", "K"):
+        matrix = getattr(VEHICLE, name).copy()
+        matrix[2, 2] = np.nan
+        with pytest.raises(InputError, match="the matrices are not finite"):
+            nearest_vehicle(replace(VEHICLE, **{name: matrix}), None)
+
+
+@pytest.mark.parametrize("geometry", [None, FORD_GRANADA.geometry], ids=["15", "11"])
+def test_matrices_of_no_vehicle_are_refused(geometry: VehicleGeometry | None) -> None:
+    """Springs that push the body up: the nearest vehicle has negative ones."""
+    turned = PhysicalModel(VEHICLE.M, VEHICLE.C, -VEHICLE.K)
+    with pytest.raises(InputError, match="no vehicle comes near the matrices"):
+        nearest_vehicle(turned, geometry)
+
+
+def test_motions_without_mass_are_named_whatever_the_unit_of_their_mass() -> None:
+    """Of a matrix of another size than a vehicle's they have numbers."""
+    assert massless_motions(np.diag([1e-3, 0.0, 1e3])) == ("x2",)
+    assert massless_motions(np.diag([1e-3, 1e-3, 1e6])) == ()
+    assert massless_motions(np.array([[4.0, 200.0], [200.0, 1e4]])) == ("x1", "x2")
+    assert massless_motions(np.diag([130, 250, 40, 4, 4, 5, 0.0])) == ("z_uD",)

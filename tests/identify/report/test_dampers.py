@@ -15,7 +15,7 @@ from identify.batch import document_row
 from identify.compare import compare
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
 from identify.report.blocks import Picture, Table
-from identify.report.dampers import damper_rows, damper_section
+from identify.report.dampers import damper_rows, damper_section, element_answer
 from identify.report.figures.panels import panel_svg
 from identify.report.panels import DamperPanel
 from tui.jobs.comparison_rows import comparison_lines
@@ -151,3 +151,36 @@ def test_a_linear_car_has_no_such_section() -> None:
     document = replace(_result(), forces=None).document()
     assert document["forces"] is None
     assert damper_section(document) is None
+
+
+@pytest.mark.parametrize(
+    ("kept", "forced", "answer"),
+    [
+        (True, False, "there"),
+        (False, False, "not needed"),
+        (True, True, "stated"),
+        (False, True, "excluded"),
+    ],
+)
+def test_what_became_of_an_element_is_said_in_a_word(kept: bool, forced: bool, answer: str) -> None:
+    choice = ElementChoice("friction", 120.0, 20.0, kept, forced, {})
+    result = _result()
+    assert result.forces is not None
+    forces = replace(result, forces=replace(result.forces, choices=(choice,))).document()["forces"]
+    assert forces is not None
+    assert [element_answer(one) for one in forces["elements"]] == [answer]
+
+
+def test_a_speed_that_one_axle_did_not_reach_is_empty_there() -> None:
+    result = _result()
+    assert result.forces is not None
+    front, rear = result.forces.axles
+    slow = np.linspace(-0.1, 0.1, 5)
+    short = DamperCurve(slow, 2e3 * slow, np.full(5, 10.0), 2e3 * slow, np.full(5, 20.0))
+    forces = replace(result.forces, axles=(front, replace(rear, damper=short)))
+    entry = replace(result, forces=forces).document()["forces"]
+    assert entry is not None
+    rows = {row[0]: row[1:] for row in damper_rows(entry)}
+    assert list(rows) == ["-0.20", "-0.10", "-0.05", "+0.05", "+0.10", "+0.20"]
+    assert rows["+0.20"] == ["300 ± 20", "350 ± 39", "", ""]
+    assert rows["+0.05"][2:] == ["100 ± 20", "100 ± 39"]

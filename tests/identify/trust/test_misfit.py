@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dbc.finding import Severity
+from identify.decays.onset import onset_s
 from identify.fit.estimation import Estimation
 from identify.trust.misfit import chi2_by_run, misfit_findings
 
@@ -79,3 +80,50 @@ def test_a_bump_that_lasts_longer_than_stated_shows_in_the_start() -> None:
     # In truth the bump ends 0.2 s after the rest; no forced sample is in the windows.
     assert all(REST_S + 0.2 - 1e-3 < decay.start_s < REST_S + 0.206 for decay in late.decays)
     assert misfit_findings(estimated("early", 1)) == ()
+
+
+def test_a_nonlinear_fit_that_takes_no_further_step_is_doubtful(linear: Estimation) -> None:
+    lost = replace(linear, fit=replace(linear.fit, converged=False), nonlinear=linear.engine)
+    (finding,) = misfit_findings(lost)
+    assert (finding.code, finding.severity) == ("convergence", Severity.WARNING)
+    assert "forbid" in finding.text
+
+
+@pytest.mark.parametrize(
+    ("chi2", "severity", "words"),
+    [(1.4, Severity.WARNING, "are widened"), (1.6, Severity.ERROR, "do not hold")],
+)
+def test_intervals_of_a_nonlinear_fit_are_widened_by_what_is_left(
+    linear: Estimation, chi2: float, severity: Severity, words: str
+) -> None:
+    (finding,) = misfit_findings(replace(linear, chi2_per_n=chi2, nonlinear=linear.engine))
+    assert (finding.code, finding.severity) == ("chi2", severity)
+    assert words in finding.text
+    assert "with friction" in finding.text
+    (of_linear,) = misfit_findings(replace(linear, chi2_per_n=chi2))
+    assert "do not hold" in of_linear.text
+
+
+def test_a_later_start_is_said_of_records_that_begin_in_motion(linear: Estimation) -> None:
+    moving = tuple(
+        replace(r, recordings=tuple(q.between(1.25, 9.0) for q in r.recordings))
+        for r in linear.records
+    )
+    unseen = replace(linear, records=moving, rest={})
+    finding = by_gate(misfit_findings(replace(unseen, later_s=0.05)))["late_start"]
+    assert finding.severity is Severity.NOTE
+    assert "start 50 ms into the records" in finding.text
+    assert set(by_gate(misfit_findings(unseen))) == {"noise"}
+    assert misfit_findings(replace(linear, later_s=0.05)) == ()  # the bump tells how late
+
+
+def test_the_worst_start_of_all_runs_is_named(linear: Estimation) -> None:
+    """Bumps stated to end 16 and 40 ms before the decays begin."""
+    records = list(linear.records)
+    for number, more in ((3, 0.016), (5, 0.040)):
+        late = linear.decays[number].start_s - more
+        onset = onset_s(records[number])
+        assert onset is not None
+        records[number] = replace(records[number], bump_s=late - onset)
+    (finding,) = misfit_findings(replace(linear, records=tuple(records)))
+    assert f"from 40 ms after the stated end of the bump ({records[5].label})" in finding.text

@@ -164,3 +164,21 @@ def test_a_tyre_whose_damping_is_below_zero_by_three_standard_deviations_is_odd(
         found = parameter_findings(replace(result, fit=replace(result.fit, eta=eta)))
         assert [f.code for f in found] == gates
         assert all("c_tr" in f.text and "below zero" in f.text for f in found)
+
+
+@pytest.mark.parametrize(("bar", "gates"), [(-9.9e3, ["solid_axle"]), (-10.1e3, ["implausible"])])
+@pytest.mark.parametrize("axle", ["f", "r"])
+def test_of_unequal_springs_the_mean_holds_an_axle_in_roll(
+    linear: Estimation, axle: str, bar: float, gates: list[str]
+) -> None:
+    """10 and 30 kN/m: with half of their mean as a negative bar, nothing is left."""
+    box = linear.box.with_structure(Structure(symmetric=False, anti_roll_bars=True))
+    full = linear.box.full(np.log(FORD_GRANADA.to_array()).astype(complex)).real
+    first = 7 if axle == "f" else 9
+    full[first : first + 2] = 10e3, 30e3
+    full[23 if axle == "f" else 24] = bar
+    covariance = 1e-4 * np.eye(len(box.parameters))
+    fit = replace(linear.fit, eta=box.unknowns_of(full), covariance=covariance)
+    found = parameter_findings(replace(linear, box=box, fit=fit))
+    assert [f.code for f in found] == gates
+    assert all(f"k_a{axle} " in f.text for f in found)

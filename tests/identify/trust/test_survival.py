@@ -54,6 +54,8 @@ def test_nothing_survives_where_no_cause_explains_a_third(linear: Estimation) ->
     assert set(found.lost) == set(linear.box.names)
     assert "no cause that was tried explains" in found.lost["m_s"].cause
     assert isnan(found.lost["m_s"].shift)
+    assert survival(broken, []).surviving == ()
+    assert survival(broken, [_moves(linear, 0.0, inf)]).surviving == ()  # competes for no misfit
 
 
 def test_nothing_survives_where_the_best_cause_leaves_more_than_a_result_may(

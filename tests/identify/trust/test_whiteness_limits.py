@@ -138,3 +138,31 @@ def test_samples_half_a_period_off_make_no_pair(late: float, pairs: bool) -> Non
     time[801::2] += late / RATE_HZ
     left[800:] = np.repeat(white(200, 3), 2)
     assert bool(misfit(left, time_s=time)) is pairs
+
+
+@pytest.mark.parametrize(("n", "judged"), [(104, False), (108, True)])
+def test_rest_ends_five_milliseconds_before_the_motion(n: int, judged: bool) -> None:
+    """A correlation is told from a hundred pairs on: of 104 samples 98 are left, of 108 102."""
+    found = whiteness_findings(estimation(white(2000), wave(n, 0.6)))
+    assert [f.code for f in found] == ["coloured_noise"] * judged
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_the_unit_of_a_channel_does_not_matter(unit: float) -> None:
+    one = estimation(wave(1000, 0.3), wave(1001, 0.0))
+    (decay,), (left,), (record,) = one.decays, one.residuals, one.records
+    (q,) = record.recordings
+    scaled = Estimation(
+        one.box,
+        (Record("run", "baseline", 0.1, (Recording(GROUP, q.time_s, unit * q.values),)),),
+        one.fit,
+        (decay,),
+        {"a": 0.7 * unit},
+        {},
+        (Residuals("run", {"a": unit * left.values["a"]}, left.freedom),),
+        1.0,
+    )
+    (finding,) = whiteness_findings(scaled)
+    assert "with a correlation of 0.30 from sample to sample but 0.00 at rest (z 6.7," in (
+        finding.text
+    )

@@ -1,0 +1,167 @@
+"""Where motion and free decay of a record start, on samples made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.channels import Channel, Quantity
+from identify.decays.decay import ChannelGroup, Record, Recording
+from identify.decays.onset import (
+    decay_start_s,
+    difference_noise,
+    onset_s,
+    quiet_counts,
+    quiet_noise,
+)
+
+Array = NDArray[np.float64]
+A, B = (Channel(name, Quantity.BODY_ACCELERATION, "m/s2") for name in "ab")
+
+
+def recording(values: Array, rate_hz: float = 1000.0, first_s: float = 0.0) -> Recording:
+    """Return the samples of one channel, or of two."""
+    table = values[:, None] if values.ndim == 1 else values
+    channels = (A, B)[: table.shape[1]]
+    return Recording(ChannelGroup("g", channels), first_s + np.arange(len(table)) / rate_hz, table)
+
+
+def record(*recordings: Recording, bump_s: float = 0.2) -> Record:
+    return Record("run", "baseline", bump_s, recordings)
+
+
+def noise(n: int, sigma: float = 1.0) -> Array:
+    """Return two values above the mean by sigma, then two below, and so on.
+
+    Both their standard deviation and the noise by successive differences are sigma.
+    """
+    return np.asarray(sigma * np.resize([1.0, 1.0, -1.0, -1.0], n))
+
+
+def moving(at: int, size: float, n: int = 1000, samples: int = 400, level: float = 5.0) -> Array:
+    """Return noise of 1 about a level, with a step of some samples."""
+    values = level + noise(n)
+    values[at : at + samples] = level + size
+    return values
+
+
+@pytest.mark.parametrize(("size", "found"), [(5.9, None), (6.1, 0.3), (-6.1, 0.3), (40.0, 0.3)])
+def test_motion_is_six_times_the_noise(size: float, found: float | None) -> None:
+    assert onset_s(record(recording(moving(300, size)))) == found
+
+
+@pytest.mark.parametrize(("samples", "found"), [(1, None), (2, 0.3)])
+def test_one_sample_alone_is_a_glitch(samples: int, found: float | None) -> None:
+    assert onset_s(record(recording(moving(300, 50.0, samples=samples)))) == found
+
+
+@pytest.mark.parametrize(("first", "found"), [(0.019, 0.4), (0.021, 0.3)])
+def test_without_noise_motion_is_two_hundredths_of_the_peak(first: float, found: float) -> None:
+    values = np.zeros(1000)
+    values[300:400], values[400:500] = first, 1.0
+    assert onset_s(record(recording(values))) == found
+
+
+def test_the_noise_is_that_of_the_rest_or_of_the_last_fifth_if_that_is_louder() -> None:
+    """A step of 20 at 0.3 s is six times a noise of 3.3 at most."""
+    for sigma, found in ((3.2, 0.3), (3.4, None)):
+        values = moving(300, 20.0)
+        values[800:] = 5.0 + noise(200, sigma)
+        assert onset_s(record(recording(values))) == found
+        values[800:] = 5.0 + noise(200)
+        values[790:800] = 5.0 + noise(10, 100.0)  # none of the last fifth
+        assert onset_s(record(recording(values))) == 0.3
+
+
+@pytest.mark.parametrize(("at", "found"), [(81, 0.081), (60, None)])
+def test_a_record_must_begin_with_80_ms_at_rest(at: int, found: float | None) -> None:
+    """From its start: a later clock begins its own there."""
+    assert onset_s(record(recording(moving(at, 500.0)))) == found
+    late = record(recording(moving(at, 500.0), first_s=7.0))
+    assert onset_s(late) == (None if found is None else pytest.approx(7.0 + found))
+
+
+@pytest.mark.parametrize(("rate_hz", "rests"), [(25.0, False), (30.0, True)])
+def test_three_samples_show_rest(rate_hz: float, rests: bool) -> None:
+    """80 ms hold two of 25 Hz and three of 30 Hz."""
+    values = np.zeros(100)
+    values[50:] = 1.0
+    assert (onset_s(record(recording(values, rate_hz))) is not None) is rests
+
+
+@pytest.mark.parametrize(("spread", "rests"), [(3.9, True), (4.1, False)])
+def test_what_scatters_at_the_start_by_four_times_the_noise_moves(
+    spread: float, rests: bool
+) -> None:
+    values = noise(1000)
+    values[:80] = noise(80, spread)
+    values[300:500] = 100.0
+    assert (onset_s(record(recording(values))) is not None) is rests
+
+
+def test_the_first_channel_to_move_counts_in_whatever_group() -> None:
+    late, early = moving(300, 50.0), moving(250, 50.0)
+    assert onset_s(record(recording(late), recording(early))) == 0.25
+    assert onset_s(record(recording(np.column_stack([late, early])))) == 0.25
+    assert onset_s(record(recording(np.column_stack([late, noise(1000)])))) == 0.3
+    assert onset_s(record(recording(noise(1000)))) is None
+
+
+@pytest.mark.parametrize(
+    ("bump_s", "start_s"),
+    [
+        (0.1, 0.3 + 0.1 + 0.01),
+        (0.15, 0.3 + 0.15 + 0.01),
+        (float("nan"), 0.4995 + 5e-10),  # 0.35 s more would be 0.66: half of the record comes first
+        (0.3, 0.4995 + 5e-10),
+    ],
+)
+def test_a_decay_starts_after_the_bump_and_a_guard_of_10_ms(bump_s: float, start_s: float) -> None:
+    given = record(recording(moving(300, 50.0)), bump_s=bump_s)
+    assert decay_start_s(given) == pytest.approx(start_s, abs=1e-12)
+
+
+def test_a_bump_of_unknown_length_takes_35_hundredths() -> None:
+    given = record(recording(moving(300, 50.0, n=2000)), bump_s=float("nan"))
+    assert decay_start_s(given) == pytest.approx(0.3 + 0.35 + 0.01)
+
+
+def test_a_record_that_starts_in_motion_is_a_decay_from_its_first_common_sample() -> None:
+    both = recording(moving(10, 500.0), first_s=1.0), recording(moving(10, 500.0), first_s=1.5)
+    given = record(*both)
+    assert [given.start_s, given.end_s] == pytest.approx([1.5, 1.999], abs=1e-8)
+    assert decay_start_s(given) == 1.5
+
+
+def test_noise_at_rest_is_pooled_over_runs_about_the_level_of_each() -> None:
+    """295 and 245 samples before 5 ms ahead of the motion; one degree of freedom for each level."""
+    one = record(recording(moving(300, 50.0, level=5.0)))
+    two = record(recording(9.0 + 3.0 * (moving(250, 50.0) - 5.0)))
+    assert quiet_counts([one, two]) == {"a": 294 + 244}
+    # An odd number of +-1 has the squares n - 1 / n about its mean.
+    squares = 295 - 1 / 295 + 9.0 * (245 - 1 / 245)
+    assert quiet_noise([one, two]) == {"a": pytest.approx(np.sqrt(squares / 538))}
+
+
+@pytest.mark.parametrize(("at", "known"), [(104, False), (108, True)])
+def test_a_hundred_degrees_of_freedom_make_a_noise_level(at: int, known: bool) -> None:
+    """Of 104 samples at rest 99 are used, of 108 there are 103; one goes for the level."""
+    assert bool(quiet_noise([record(recording(moving(at, 50.0)))])) is known
+
+
+def test_a_channel_that_is_never_at_rest_leaves_no_noise_level() -> None:
+    quiet = record(recording(moving(300, 50.0)))
+    other = Recording(ChannelGroup("h", (B,)), np.arange(1000) / 1000.0, noise(1000)[:, None])
+    moved = noise(1000)
+    moved[10:] *= 100.0
+    never = record(Recording(other.group, other.time_s, moved[:, None]))
+    assert quiet_noise([quiet]) != {}
+    assert quiet_noise([quiet, never]) == {}
+
+
+def test_white_noise_is_half_of_the_mean_square_of_successive_differences() -> None:
+    """Of 0, 1, 3 they are 1 and 2: sqrt(5 / 2 / 2)."""
+    assert difference_noise(np.array([0.0, 1.0, 3.0])) == pytest.approx(np.sqrt(1.25))
+    table = np.array([[0.0, 5.0], [1.0, 5.0], [3.0, 5.0]])
+    assert difference_noise(table) == pytest.approx(np.array([np.sqrt(1.25), 0.0]))

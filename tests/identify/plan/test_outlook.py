@@ -1,0 +1,211 @@
+"""What a plan is expected to leave, from information that was made up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.vehicle import FORD_GRANADA, Structure
+from identify.fit.grey_box import GreyBox
+from identify.fit.uncertainty import Estimate
+from identify.nonlinear.unknowns import elements
+from identify.plan.element_outlook import damper_points, element_estimates
+from identify.plan.expected_elements import typical_elements
+from identify.plan.information import Fisher
+from identify.plan.outlook import Outlook, expected, vague
+from identify.plan.real_car import ElementUnknowns
+
+from ..nonlinear.cars import granada
+from ..nonlinear.truth import BASELINE
+
+BOX = GreyBox((), (BASELINE,), None)
+N = len(BOX.parameters)
+TRUTH = FORD_GRANADA.to_array()
+
+
+def fisher(information: NDArray[np.float64], box: GreyBox = BOX) -> Fisher:
+    return Fisher(box, box.unknowns_of(granada(box.structure)), information)
+
+
+def looked(std: NDArray[np.float64]) -> Outlook:
+    """Return what is expected of independent parameters of these relative deviations."""
+    return expected(fisher(np.diag(std**-2.0)))
+
+
+def test_an_interval_has_196_standard_deviations_on_either_side() -> None:
+    std = np.linspace(0.01, 0.024, N)
+    found = looked(std)
+    for name, relative, truth in zip(BOX.parameters, std, TRUTH, strict=True):
+        e = found.parameters[name]
+        assert [e.value, e.std] == pytest.approx([truth, relative * truth])
+        assert e.high - e.low == pytest.approx(2 * 1.96 * relative * truth, rel=1e-4)
+        assert e.low + e.high == pytest.approx(2 * truth)
+        assert found.relative[name] == pytest.approx(1.96 * relative, rel=1e-4)
+    assert found.worst == pytest.approx(1.96 * 0.024, rel=1e-4)
+    assert found.mean == pytest.approx(1.96 * 0.017, rel=1e-4)
+    assert (found.undetermined, found.reasons, found.open_directions) == ((), (), 0)
+    assert found.parameters["m_s"].unit == "kg"
+    assert (dict(found.elements), found.dampers) == ({}, ())
+
+
+@pytest.mark.parametrize(("std", "lost"), [(0.249, False), (0.251, True)])
+def test_a_quarter_is_not_determined_and_does_not_count_in_the_mean(std: float, lost: bool) -> None:
+    each = np.full(N, 0.02)
+    each[BOX.parameters.index("I_xx")] = std
+    found = looked(each)
+    assert found.undetermined == (("I_xx",) if lost else ())
+    assert np.isinf(found.parameters["I_xx"].std) == lost
+    assert np.isinf(found.relative["I_xx"]) == lost
+    assert found.worst == pytest.approx(1.96 * (0.02 if lost else std), rel=1e-4)
+    assert found.mean == pytest.approx(1.96 * (0.02 if lost else 0.02 + (std - 0.02) / N), rel=1e-4)
+    assert ("depends noticeably on I_xx" in " ".join(found.reasons)) == lost
+    assert found.open_directions == 0
+
+
+@pytest.mark.parametrize(("std", "n"), [(0.99, 0), (1.01, 1)])
+def test_a_direction_is_open_where_a_logarithm_is_known_to_one(std: float, n: int) -> None:
+    each = np.full(N, 0.02)
+    each[3] = std
+    assert looked(each).open_directions == n
+
+
+def test_a_plan_of_nothing_leaves_everything_open() -> None:
+    found = expected(fisher(np.zeros((N, N))))
+    assert found.undetermined == BOX.parameters
+    assert found.open_directions == N
+    assert (found.worst, found.mean) == (np.inf, np.inf)
+    assert len(found.reasons) == 2  # nothing depends on them, and nothing fixes the scale
+
+
+def scaled() -> NDArray[np.float64]:
+    """Return the direction of all masses, springs and dampers larger by one factor."""
+    return np.array([1.0 if name[0] in "mIkc" else 0.0 for name in BOX.parameters])
+
+
+@pytest.mark.parametrize(("information", "known"), [(17.0, True), (15.0, False)])
+def test_a_scale_that_nothing_fixes_is_said_once(information: float, known: bool) -> None:
+    """Ratios to a per mille; the common factor to 1 / sqrt(information): a quarter is 16."""
+    v = scaled()
+    away = np.eye(N) - np.outer(v, v) / (v @ v)
+    found = expected(fisher(1e6 * away + information / (v @ v) ** 2 * np.outer(v, v)))
+    assert found.undetermined == (() if known else tuple(np.array(BOX.parameters)[v > 0.0]))
+    assert [text for text in found.reasons if "fixes the scale" in text] == list(found.reasons)
+    assert len(found.reasons) == (0 if known else 1)
+
+
+def test_parameters_that_only_trade_with_each_other_are_named_as_such() -> None:
+    """The sum of two is known to a per mille, their difference to a half."""
+    H = np.diag(np.full(N, 1e6))
+    i, j = BOX.parameters.index("a"), BOX.parameters.index("t_f")
+    H[i, i] = H[j, j] = (1e6 + 4.0) / 2.0
+    H[i, j] = H[j, i] = (1e6 - 4.0) / 2.0
+    found = expected(fisher(H))
+    assert found.undetermined == ("a", "t_f")
+    (text,) = found.reasons
+    assert "does not separate a, t_f" in text
+
+
+def test_what_may_be_zero_is_determined_to_its_unit() -> None:
+    """Bars count in units of 10 kN/m."""
+    box = GreyBox((), (BASELINE,), None, Structure(anti_roll_bars=True))
+    n = len(box.parameters)
+    for std, lost in ((0.99, ()), (1.01, ("k_af",))):
+        each = np.full(n, 0.02)
+        each[box.parameters.index("k_af")] = std
+        found = expected(fisher(np.diag(each**-2.0), box))
+        assert found.undetermined == lost
+        assert "k_af" not in found.relative
+        assert found.parameters["k_ar"].std == pytest.approx(200.0)
+        assert found.parameters["k_ar"].value == pytest.approx(5e3)
+
+
+def test_what_is_stated_uncertainly_costs_what_it_shares() -> None:
+    """Of a parameter's 1e4, an unknown beside it takes 90^2 / 1: 1,900 are left."""
+    H = np.diag([*np.full(N, 1e4), 1.0])
+    H[0, N] = H[N, 0] = 90.0
+    assert expected(fisher(H)).relative["m_s"] == pytest.approx(1.96 / np.sqrt(1900.0), rel=1e-4)
+
+
+@pytest.mark.parametrize(("std", "names"), [(24.9, ()), (25.1, ("k",))])
+def test_a_value_that_is_known_to_a_quarter_can_be_planned_with(
+    std: float, names: tuple[str, ...]
+) -> None:
+    found = {"k": Estimate(-100.0, std, 0.0, 0.0, ""), "k_af": Estimate(0.0, 1e9, 0.0, 0.0, "")}
+    assert vague(found) == names
+
+
+KNOTS = (-0.15, 0.0, 0.15)
+
+
+def real_car(names: tuple[str, ...], values: tuple[float, ...], std: list[float]) -> Fisher:
+    """Return a car with some elements; parameters are known to 2 %."""
+    members = tuple(e for name in names for e in elements(KNOTS) if e.name == name)
+    information = np.diag(np.array([*np.full(N, 0.02), *std]) ** -2.0)
+    return replace(fisher(information), elements=ElementUnknowns(members, values, KNOTS))
+
+
+def test_elements_have_their_units() -> None:
+    """Friction in units of 50 N, a gap as a logarithm; the knees are the curve's."""
+    car = real_car(("F_cf", "g_br", "h_f2"), (60.0, 0.02, -400.0), [0.1, 0.05, 0.01])
+    found = element_estimates(car)
+    assert list(found) == ["F_cf", "g_br"]
+    friction, gap = found["F_cf"], found["g_br"]
+    assert [friction.value, friction.std, gap.value, gap.std] == pytest.approx([60, 5, 0.02, 1e-3])
+    assert [friction.low, friction.high] == pytest.approx([60 - 9.8, 60 + 9.8], rel=1e-3)
+    assert [gap.low, gap.high] == pytest.approx([0.02 - 1.96e-3, 0.02 + 1.96e-3], rel=1e-3)
+    assert (friction.unit, gap.unit) == ("N", "m")
+    assert dict(element_estimates(fisher(np.eye(N)))) == {}
+
+
+def test_a_damper_curve_is_as_unsure_as_its_slope_and_its_knees() -> None:
+    """1500 N s/m known to 2 %, and 400 N s/m less in rebound known to 50, in front.
+
+    The secant within 0.1 m/s stays, so compression gains half of the knee and rebound the other.
+    """
+    car = real_car(("h_f2",), (-400.0,), [0.05])
+    points = {(p.axle, p.speed_m_s): p for p in damper_points(car)}
+    assert len(points) == 12
+    for (axle, v), p in points.items():
+        knee = (max(v, 0.0) - 0.5 * v) if axle == "front" else 0.0
+        assert p.force_n == pytest.approx(1500.0 * v - 400.0 * knee, abs=0.5)
+        assert p.std_n == pytest.approx(np.hypot(30.0 * v, 50.0 * knee), rel=5e-3)
+    assert [v for axle, v in points if axle == "rear"] == [-0.5, -0.3, -0.1, 0.1, 0.3, 0.5]
+    assert damper_points(fisher(np.eye(N))) == ()
+
+
+def test_a_knee_beyond_the_secant_bends_only_what_is_beyond_it() -> None:
+    car = real_car(("h_r3",), (800.0,), [1e-9])
+    forces = {p.speed_m_s: p.force_n for p in damper_points(car) if p.axle == "rear"}
+    bent = {v: 1500.0 * v + 800.0 * max(v - 0.15, 0.0) for v in forces}
+    assert forces == pytest.approx(bent, abs=0.5)
+
+
+def test_a_usual_damper_is_softer_in_compression_and_beyond_its_knee() -> None:
+    """1500 N s/m: 1.27 of it in rebound, 0.73 in compression, 0.6 of that beyond 0.15 m/s."""
+    found = typical_elements(("damper_knees",), granada())
+    assert (found.unknown, dict(found.values), found.knots) == (("damper_knees",), {}, "K3")
+    assert found.curves is not None
+    speed, force = found.curves[0]
+    assert [speed[0], speed[-1]] == [-0.6, 0.6]
+    expected = {
+        -0.6: -1905.0 * (0.15 + 0.6 * 0.45),
+        -0.1: -190.5,
+        0.1: 109.5,
+        0.15: 1095.0 * 0.15,
+        0.6: 1095.0 * (0.15 + 0.6 * 0.45),
+    }
+    for at, newtons in expected.items():
+        assert np.interp(at, speed, force) == pytest.approx(newtons, rel=1e-6)
+    assert typical_elements(("friction",), granada()).curves is None
+    assert typical_elements(("one_sided_dampers",), granada()).curves is not None
+
+
+def test_elements_of_usual_size_are_those_that_are_unknown() -> None:
+    names = ("bump_stops", "progressive_springs", "progressive_tyres")
+    assert typical_elements(names, granada()).values == {
+        "k_bf": 1e5, "k_br": 1e5, "g_bf": 0.025, "g_br": 0.025,
+        "k_2f": 3e4, "k_2r": 3e4, "b_tf": 2.0, "b_tr": 2.0,
+    }  # fmt: skip
