@@ -9,9 +9,6 @@ from daq.vehicle import parameter_unit
 from identify.document import survival_lines
 from identify.numbers import NOT_DETERMINED
 from identify.report import (
-    damper_columns,
-    damper_rows,
-    element_answer,
     half_width_percent,
     interval,
     largest_share,
@@ -90,6 +87,8 @@ def _print_estimates(
 
 def _print_forces(forces: ForcesEntry) -> None:
     """Write force elements of both axles, forces at some speeds, and the other elements tried."""
+    from identify.report import damper_columns, damper_rows, element_answer  # with a report's nouns
+
     rows = [
         [f"{axle} {plain(name)}", _value(e), _interval(e), e["unit"].removeprefix("1")]
         for axle, one in forces["axles"].items()

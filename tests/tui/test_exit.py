@@ -66,3 +66,13 @@ def test_sigterm_waits_until_a_process_is_started(ended: list[int]) -> None:
     assert ended == [signal.SIGTERM]
     signal.raise_signal(signal.SIGTERM)
     assert len(ended) == 2
+
+
+def test_what_is_loaded_is_hardly_searched_for_garbage() -> None:
+    """Python's own 700 new objects would be 150 searches in an identification."""
+    code = (
+        "import gc, sys; sys.argv = ['bumpbench', '--version']\n"
+        "from tui.__main__ import main\n"
+        "try:\n    main()\nfinally:\n    assert 5_000 < gc.get_threshold()[0] < 50_000"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
