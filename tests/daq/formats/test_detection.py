@@ -126,3 +126,43 @@ def test_logs_of_other_formats_are_logs_of_their_own(tmp_path: Path) -> None:
     for path in paths:
         path.write_text(CANDUMP)
     assert [log.paths for log in read_logs(paths)] == [(path,) for path in paths]
+
+
+_TRC = ";$FILEVERSION=1.1\n1) 1.5 Rx 0123 2 0A FF\n"
+_GVRET = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2\n1500,123,false,Rx,0,2,0A,FF\n"
+_CSV = "timestamp,arbitration_id,extended,remote,error,dlc,data\n1.5,0x123,0,0,0,1,/w==\n"
+_MASTER = "***BUSMASTER***\n***HEX***\n0:0:1:0 Rx 1 0x123 s 2 0A FF\n"
+_SCREEN = "(1.5) can0 123 [2] 0A FF\n"
+LAST_LINES: dict[str, tuple[str, str, bool]] = {
+    # The length that a line states tells that it is whole; of a byte, two digits do.
+    "ASC": (ASC, "1.6 1 7FE Rx d 2 11 22", True),
+    "ASC, half a byte": (ASC, "1.6 1 7FF Rx d 1 1", False),
+    "TRC": (_TRC, "2) 1.6 Rx 0124 1 0A", True),
+    "TRC, half a byte": (_TRC, "2) 1.6 Rx 0123 2 0A F", False),
+    "SavvyCAN": (_GVRET, "1600,124,false,Rx,0,1,0A", True),
+    "SavvyCAN, half a byte": (_GVRET, "1600,123,false,Rx,0,2,0A,F", False),
+    "python-can": (_CSV, "1.6,0x124,0,0,0,2,/wE=", True),
+    "python-can, cut": (_CSV, "1.6,0x123,0,0,0,1,/w=", False),
+    "BUSMASTER": (_MASTER, "0:0:2:0 Rx 1 0x124 s 1 0A", True),
+    "BUSMASTER, half a byte": (_MASTER, "0:0:2:0 Rx 1 0x123 s 2 0A F", False),
+    "screen": (_SCREEN, "(1.6) can0 124 [1] 0A", True),
+    "screen, half a byte": (_SCREEN, "(1.6) can0 123 [2] 0A F", False),
+    # Where no length is stated, a frame like it does.
+    "candump": (CANDUMP, "(1.6) can0 123#0A", True),
+    "candump, another": (CANDUMP, "(1.6) can0 124#0A", False),
+    "candump, shorter": (CANDUMP, "(1.6) can0 123#", False),
+    "CRTD": (CRTD, "1.6 R11 10 BB", True),
+    "CRTD, half a byte": (CRTD, "1.6 R11 10 B", False),
+    "CRTD, another": (CRTD, "1.6 R11 11 BB", False),
+    "CRTD, longer": (CRTD, "1.6 R11 10 BB CC", False),
+}
+
+
+@pytest.mark.parametrize("name", LAST_LINES)
+def test_a_last_line_without_an_end_is_a_frame_if_it_is_whole(tmp_path: Path, name: str) -> None:
+    text, line, whole = LAST_LINES[name]
+    path = tmp_path / "a.txt"
+    path.write_text(text + line)
+    log = Log([path])
+    assert sum(len(batch) for batch in log) == (2 if whole else 1)
+    assert log.loss.bytes_cut == (0 if whole else len(line))

@@ -167,6 +167,19 @@ def test_a_column_that_is_not_there_once(wanted: str, said: list[str]) -> None:
     assert all(words in str(refused.value) for words in said)
 
 
+def test_four_of_many_columns_are_named() -> None:
+    many = [Heading(f"g{n}/x", "", "") for n in range(6)]
+    with pytest.raises(InputError) as refused:
+        found(many, "x", "a.x")
+    assert "6 columns" in str(refused.value)
+    assert "g0/x, g1/x, g2/x, g3/x" in str(refused.value)
+    assert "g4" not in str(refused.value)
+    with pytest.raises(InputError) as refused:
+        found(many, "zzzzzz", "a.x")
+    assert "among 6: g0/x, g1/x, g2/x, g3/x" in str(refused.value)
+    assert "g4" not in str(refused.value)
+
+
 def test_columns_that_are_too_long_together() -> None:
     bounded([Heading("a", "", "", 1 << 25), Heading("b", "", "", 1 << 25)], "a.x")
     with pytest.raises(InputError, match="67108865 values"):
