@@ -56,10 +56,10 @@ def read_mf4(file: BinaryIO, where: str, ledger: Ledger) -> Iterator[FrameBatch]
     for batch in streams[0] if len(streams) == 1 else merged(streams):
         if lowest is None and len(batch):
             lowest = min(int(batch.bus.min()), 1)
-        yield _counted_from(batch, lowest or 0)
+        yield _counted_from(batch, lowest)
 
 
-def _counted_from(batch: FrameBatch, lowest: int) -> FrameBatch:
+def _counted_from(batch: FrameBatch, lowest: int | None) -> FrameBatch:
     if not lowest:
         return batch
     bus = np.maximum(batch.bus, 1) - 1

@@ -73,6 +73,9 @@ def _blocks(file: Readable, topics: _Topics, ledger: Ledger) -> Iterator[bytes]:
         if len(content) < length:
             ledger.cut(len(content), "its last record is incomplete")
             break
+        if loose and (kind == _CHUNK or size > 1 << 20):  # in the order of the file
+            yield b"".join(loose)
+            loose, size = [], 0
         if kind == _CHUNK:
             yield _unpacked(content, ledger)
         elif kind in (_SCHEMA, _CHANNEL, _MESSAGES):
@@ -80,9 +83,6 @@ def _blocks(file: Readable, topics: _Topics, ledger: Ledger) -> Iterator[bytes]:
             size += length
         elif kind == _DATA_END:
             break
-        if size > 1 << 20:
-            yield b"".join(loose)
-            loose, size = [], 0
     if loose:
         yield b"".join(loose)
 

@@ -1,4 +1,4 @@
-"""Where numbers stand in records of MDF 4, and which layouts are refused: by ASAM's description."""
+"""Frames in the layouts of MDF 4, and which layouts are refused: by ASAM's description."""
 
 from __future__ import annotations
 
@@ -7,80 +7,15 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
 
 from daq.errors import InputError
 from daq.formats.losses import Ledger, LogLoss
-from daq.formats.mdf4_layout import Field
 from daq.formats.mf4_log import read_mf4
 from dbc import FrameBatch
 
 from .loggers import Mdf
 from .shown import shown
-
-NUMBERS: list[tuple[Field, str, float]] = [
-    (Field(0, 0, 8, 0), "fe01", 0xFE),
-    (Field(1, 0, 8, 0), "fe01", 1),
-    (Field(0, 3, 5, 0), "f8ff", 31),
-    (Field(0, 3, 5, 0), "07ff", 0),
-    (Field(0, 4, 8, 0), "5012", 0x25),
-    (Field(0, 0, 16, 0), "0102", 0x0201),
-    (Field(0, 0, 16, 1), "0102", 0x0102),
-    (Field(1, 4, 8, 1), "000123ff", 0x12),
-    (Field(0, 0, 64, 0), "0102030405060708", 0x0807060504030201),
-    (Field(0, 0, 63, 0), "ffffffffffffffff", (1 << 63) - 1),
-    (Field(0, 1, 63, 0), "feffffffffffffff", (1 << 63) - 1),
-    (Field(0, 0, 8, 2), "ff", -1),
-    (Field(0, 0, 8, 2), "7f", 127),
-    (Field(0, 0, 16, 3), "fffe", -2),
-    (Field(0, 2, 3, 2), "10", -4),
-    (Field(0, 0, 64, 2), "feffffffffffffff", -2),
-    (Field(0, 0, 32, 4), "0000c03f", 1.5),
-    (Field(0, 0, 32, 5), "3fc00000", 1.5),
-    (Field(0, 0, 64, 4), "000000000000f83f", 1.5),
-    (Field(0, 0, 64, 5), "3ff8000000000000", 1.5),
-    (Field(1, 0, 32, 4), "ff0000c03fff", 1.5),
-    (Field(0, 0, 0, 0), "ff", 0),
-]
-
-
-@pytest.mark.parametrize(("field", "record", "number"), NUMBERS)
-def test_the_number_in_a_record(field: Field, record: str, number: float) -> None:
-    assert field.raw(
-        np.frombuffer(bytes.fromhex(record) * 2, np.uint8).reshape(2, -1)
-    ).tolist() == [
-        number,
-        number,
-    ]
-
-
-@pytest.mark.parametrize(
-    ("bit", "bits", "end"), [(0, 8, 4), (0, 9, 5), (1, 7, 4), (1, 8, 5), (7, 1, 4), (0, 0, 3)]
-)
-def test_the_first_byte_behind_a_number(bit: int, bits: int, end: int) -> None:
-    assert Field(3, bit, bits, 0).end == end
-
-
-@pytest.mark.parametrize(
-    ("offset", "factor", "raw", "value"),
-    [(0.0, 1.0, 7, 7), (0.0, 2.0, 7, 14), (3.0, 1.0, 7, 10), (1.0, 0.25, 7, 3), (-8.0, 1.0, 7, -1)],
-)
-def test_a_linear_conversion(offset: float, factor: float, raw: int, value: int) -> None:
-    field = Field(0, 0, 8, 0, offset, factor)
-    assert field.whole(np.array([[raw]], np.uint8)).tolist() == [value]
-
-
-def test_a_conversion_by_a_table_takes_the_value_of_the_largest_number_that_is_not_above() -> None:
-    field = Field(0, 0, 8, 0, table=((2.0, 20.0), (5.0, 50.0), (9.0, 64.0)))
-    records = np.array([[0], [1], [2], [4], [5], [8], [9], [10]], np.uint8)
-    assert field.whole(records).tolist() == [20, 20, 20, 20, 50, 50, 64, 64]
-
-
-def test_a_floating_point_number_as_a_whole_one() -> None:
-    record = np.frombuffer(struct.pack("<f", 291.0), np.uint8).reshape(1, 4)
-    assert Field(0, 0, 32, 4).whole(record).tolist() == [291]
-
 
 KIND = "CAN_DataFrame"
 FIELDS = {"ID": (8, 0, 29), "IDE": (11, 7, 1), "DLC": (12, 0, 4), "BusChannel": (13, 0, 8)}
@@ -212,6 +147,77 @@ def test_a_conversion_that_states_more_numbers_than_it_has() -> None:
 )
 def test_times_count_from_the_start_in_the_header_in_utc(head: bytes, first_ns: int) -> None:
     assert _read(_file(head=head))[0] == [SEEN.replace("1500", str(first_ns + 1500), 1)]
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "raw", "expected"),
+    [
+        ("BusChannel", (12, 0, 16), 1, "0 123 0 - -"),
+        ("BusChannel", (12, 0, 16), 2, "1 123 0 - -"),
+        ("BusChannel", (12, 0, 16), 256, "254 123 0 - -"),
+        ("BusChannel", (12, 0, 16), 300, "254 123 0 - -"),
+        ("DataLength", (12, 0, 8), 8, "0 123 8 0102030405060708 -"),
+        ("DataLength", (12, 0, 8), 9, ""),
+        ("DataLength", (12, 0, 8), 0, "0 123 0 - -"),
+        ("DLC", (12, 0, 8), 9, "0 123 8 0102030405060708 -"),
+        ("DLC", (12, 0, 8), 255, "0 123 8 0102030405060708 -"),
+    ],
+)
+def test_buses_and_lengths(name: str, place: tuple[int, int, int], raw: int, expected: str) -> None:
+    def make(mdf: Mdf) -> int:
+        fields: dict[str, Any] = {"ID": {}, "DLC": {"place": (12, 0, 0)}, name: {"place": place}}
+        if name == "DataLength":
+            fields["BusChannel"] = {"place": (0, 0, 0)}
+        return _channels(mdf, **{"BusChannel": {"place": (13, 4, 1)}, **fields})
+
+    record = struct.pack("<QLH8s", 1500, 0x123, raw, bytes(range(1, 9)))
+    frames, loss = _read(_file(record, make=make))
+    assert frames == ([f"1500 {expected}"] if expected else [])
+    assert loss.garbled == (0 if expected else 1)
+
+
+@pytest.mark.parametrize(
+    ("code", "length", "more", "expected"),
+    [
+        (8, 8, {}, "8 -"),
+        (9, 8, {"EDL": 1}, "12 f"),
+        (15, 8, {"EDL": 1}, "64 f"),
+        (3, 64, {"EDL": 1, "DataLength": 1}, "64 f"),
+        (3, 65, {"EDL": 1, "DataLength": 1}, ""),
+        (3, 8, {"DataLength": 1}, "8 -"),
+        (3, 9, {"DataLength": 1}, ""),
+        (3, 8, {"EDL": 1, "BRS": 1}, "3 fb"),
+        (3, 8, {"EDL": 1, "ESI": 1}, "3 fs"),
+        (3, 8, {"Dir": 1}, "3 t"),
+        (3, 8, {"IDE": 1}, "3 x"),
+        (3, 8, {"kind": "CAN_RemoteFrame"}, "3 r"),
+        (9, 5, {"kind": "CAN_RemoteFrame", "DataLength": 1}, "8 r"),
+        (3, 8, {"kind": "CAN_ErrorFrame"}, "3 e"),
+    ],
+)
+def test_the_fields_of_a_frame(code: int, length: int, more: dict[str, Any], expected: str) -> None:
+    kind = more.get("kind", KIND)
+    group = Mdf(unfinished=False)
+    group.block("HD", [0] * 6, HEAD)
+    found = [
+        group.channel("t", (0, 0, 64), role=2, sync=1, conversion=group.linear(0.0, 1e-9)),
+        group.channel(f"{kind}.ID", (8, 0, 29)),
+        group.channel(f"{kind}.DLC", (12, 0, 8)),
+        group.channel(f"{kind}.DataBytes", (14, 0, 512), 10),
+        group.channel(kind, (8, 0, 112), 10),
+    ]
+    if "DataLength" in more:
+        found.append(group.channel(f"{kind}.DataLength", (13, 0, 8)))
+    for name in ("EDL", "BRS", "ESI", "Dir", "IDE"):
+        if name in more:
+            found.append(group.channel(f"{kind}.{name}", (8, 8, 1)))
+    record = struct.pack("<QLBB", 1500, 0x123, code, length) + bytes(64)
+    kinds = _group(group, group.chained(found), size=(len(record), 0))
+    data = group.block("DT", [], record)
+    group.link(64, 0, group.block("DG", [0, kinds, data, 0], bytes(8)))
+    frames, loss = _read(bytes(group.raw))
+    assert [f"{f.split()[3]} {f.split()[5]}" for f in frames] == ([expected] if expected else [])
+    assert loss.garbled == (0 if expected else 1)
 
 
 STAMPS = {

@@ -250,6 +250,12 @@ def test_records_of_several_kinds(name: str) -> None:
     assert (loss.garbled, loss.bytes_cut) == (garbled, lost)
 
 
+@pytest.mark.parametrize("tail", [b"\3" * 30, _stored(bytes(65_533))])
+def test_records_end_where_one_is_no_kind(tail: bytes) -> None:
+    _, loss = _read(_mixed([TWO, tail], 1))
+    assert "stands for no kind" in loss.text
+
+
 def test_records_of_several_kinds_without_numbers_are_refused() -> None:
     with pytest.raises(InputError, match="not numbered"):
         _read(_mixed([ONE], 0))

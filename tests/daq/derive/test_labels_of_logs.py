@@ -1,0 +1,158 @@
+"""Which runs the bumps of a log are, which frames an import keeps, and where a log goes on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daq.bench.campaign import Campaign, Step
+from daq.bus.source import HopLosses
+from daq.derive.from_logs import (
+    Intake,
+    LogPart,
+    labelled,
+    numbered,
+    parse_runs,
+    session_from_parts,
+    with_steps,
+)
+from daq.errors import InputError
+from daq.journal.contents import HopCounts
+from daq.runs import Event, Excitation
+from dbc import FrameBatch
+
+from ..small_campaign import START_NS, bumps, small_bench, small_codec
+
+B1 = Step("baseline", Excitation.BOUNCE, 1)
+B2 = Step("baseline", Excitation.BOUNCE, 2)
+R1 = Step("baseline", Excitation.ROLL, 1)
+NO_HOPS = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
+
+
+def test_repeats_are_counted_in_the_order_of_the_list() -> None:
+    assert parse_runs("baseline:bounce, baseline:roll,baseline:bounce") == (B1, R1, B2)
+    added = Step("added", Excitation.BOUNCE, 1)
+    assert parse_runs("baseline:bounce,added:bounce") == (B1, added)
+    assert numbered([]) == ()
+
+
+@pytest.mark.parametrize("text", ["", "baseline", "baseline:jump", "baseline:bounce:1", "a:roll,"])
+def test_what_is_no_run(text: str) -> None:
+    with pytest.raises(InputError, match="is no run"):
+        parse_runs(text)
+
+
+def test_a_bench_gets_the_campaign_of_the_steps_if_its_own_lacks_one() -> None:
+    bench = replace(small_bench(), campaign=Campaign((Excitation.BOUNCE,), 2, ("baseline",)))
+    assert with_steps(bench, [B2, B1]) is bench
+    wider = with_steps(bench, [R1, B2])
+    assert wider.campaign.excitations == (Excitation.ROLL, Excitation.BOUNCE)
+    assert (wider.campaign.repeats, wider.campaign.mass_states) == (2, ("baseline",))
+    with pytest.raises(InputError, match="'moon' is not on this bench"):
+        with_steps(bench, [Step("moon", Excitation.ROLL, 1)])
+
+
+def _part(*codes: str) -> LogPart:
+    events = tuple(Event(n, code, 1.0, "as found") for n, code in enumerate(codes))
+    return LogPart(FrameBatch.empty(), events, NO_HOPS, 0)
+
+
+def _texts(parts: tuple[LogPart, ...]) -> list[str]:
+    return [f"{event.code} {event.text}" for part in parts for event in part.events]
+
+
+@pytest.mark.parametrize(
+    ("skip", "texts"),
+    [
+        (
+            0,
+            [
+                "bump baseline_bounce_1",
+                "alarm as found",
+                "run_end baseline_bounce_1",
+                "bump baseline_roll_1",
+                "unplanned_bump ",
+                "unplanned_run_end ",
+            ],
+        ),
+        (
+            1,
+            [
+                "unplanned_bump ",
+                "alarm as found",
+                "unplanned_run_end ",
+                "bump baseline_bounce_1",
+                "bump baseline_roll_1",
+                "run_end baseline_roll_1",
+            ],
+        ),
+    ],
+)
+def test_bumps_get_the_steps_in_their_order(skip: int, texts: list[str]) -> None:
+    parts = [_part("bump", "alarm", "run_end", "bump"), _part("bump", "run_end")]
+    assert _texts(labelled(parts, [B1, R1], skip)) == texts
+    assert [part.bumps for part in parts] == [2, 1]
+
+
+def _frame(t_ns: int) -> FrameBatch:
+    whole = bumps(small_codec(), 1).select(slice(0, 1))
+    return replace(whole, t_ns=np.array([t_ns]))
+
+
+@pytest.mark.parametrize(
+    ("gap_ns", "goes_on"),
+    [(0, True), (1, True), (999_999_999, True), (1_000_000_000, False), (-1, False)],
+)
+def test_a_log_goes_on_with_the_one_before_within_a_second(gap_ns: int, goes_on: bool) -> None:
+    intake = Intake(small_bench(), small_codec())
+    assert intake.goes_on_with(_frame(START_NS))
+    intake.take(_frame(START_NS), HopLosses())
+    assert intake.goes_on_with(_frame(START_NS + gap_ns)) is goes_on
+
+
+def test_an_import_keeps_the_frames_around_bumps_and_counts_the_rest() -> None:
+    bench, frames = small_bench(), bumps(small_codec(), 2)
+    foreign = replace(frames.select(slice(0, 3)), can_id=np.full(3, 0x7FE, np.uint32))
+    intake = Intake(bench, small_codec())
+    found = 0
+    for start in range(0, len(frames), 100):
+        lost = HopLosses(bus_dropped=start)
+        found += intake.take(frames.select(slice(start, start + 100)), lost)
+    intake.take(foreign, HopLosses(7, 8, 9, 10))
+    part = intake.part()
+    assert (found, part.bumps, part.unknown_id) == (2, 2, 3)
+    # Windows of the bumps: from 0.1 s before to 0.5 s after each, of bumps 1.2 s apart.
+    onsets = [event.t_ns for event in part.events if event.code == "bump"]
+    kept = part.frames.t_ns
+    wanted = np.zeros(len(frames), bool)
+    for onset in onsets:
+        pre, post = round(bench.trigger.pre_s * 1e9), round(bench.trigger.post_s * 1e9)
+        wanted |= (frames.t_ns >= onset - pre) & (frames.t_ns < onset + post)
+    own = kept[part.frames.can_id != 0x7FE]
+    assert set(own.tolist()) == set(frames.t_ns[wanted].tolist())
+    assert part.hops.counts[-1].tolist() == [7, 8, 9, 10]
+    assert part.hops.counts[1].tolist() == [100, 0, 0, 0]
+    assert np.all(np.diff(part.hops.t_ns) >= 0)
+    assert part.hops.t_ns[-1] == frames.t_ns.max()
+
+
+def test_a_session_of_parts_has_the_name_of_its_frames() -> None:
+    bench, frames = small_bench(), bumps(small_codec(), 1)
+    intake = Intake(bench, small_codec())
+    intake.take(frames, HopLosses())
+    parts = labelled([intake.part()], [bench.campaign.steps[0]], 0)
+    about = session_from_parts(bench, small_codec(), parts, {"software": "x"}).provenance
+    assert about["frames_sha256"][:8] == about["uuid"][:8]
+    assert (about["software"], about["dbc"]) == ("x", bench.dbc_text)
+    assert about["bench_toml"] == bench.text
+    first = int(parts[0].frames.t_ns[0])
+    assert about["created"] == f"{np.datetime64(first // 10**9, 's')}+00:00"
+    twice = session_from_parts(bench, small_codec(), [*parts, *parts], {})
+    assert len(twice.runs) == 2
+    assert twice.provenance["uuid"] != about["uuid"]
+    empty = labelled([LogPart(FrameBatch.empty(), (), NO_HOPS, 0)], [], 0)
+    assert session_from_parts(bench, small_codec(), empty, {}).provenance["created"] == (
+        "1970-01-01T00:00:00+00:00"
+    )

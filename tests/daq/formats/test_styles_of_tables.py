@@ -1,0 +1,186 @@
+"""Text tables of every style: separators, decimal marks, heads, units, dates, and what is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.errors import InputError
+from daq.formats.columns.opened import Heading, bounded, found
+
+from .channel_files import read_here
+
+Expected = dict[str, tuple[str, list[float]]]
+nan = float("nan")
+TABLES: dict[str, tuple[str, Expected]] = {
+    "comma": ("a,b\n1.5,2\n3,4\n", {"a": ("", [1.5, 3]), "b": ("", [2, 4])}),
+    "semicolon, decimal comma": ("a;b\n1,5;2\n3;4\n", {"a": ("", [1.5, 3]), "b": ("", [2, 4])}),
+    "semicolon, decimal point": ("a;b\n1.5;2\n3;4\n", {"a": ("", [1.5, 3]), "b": ("", [2, 4])}),
+    "tabulator, decimal comma": ("a\tb\n1,5\t2\n3\t4\n", {"a": ("", [1.5, 3]), "b": ("", [2, 4])}),
+    "a comma without digits before it": (
+        "a;b\n,5;-,25\n1;2\n",
+        {"a": ("", [0.5, 1]), "b": ("", [-0.25, 2])},
+    ),
+    "exponents and signs": (
+        "a,b\n-1e3,+2.\n.5,1E-2\n",
+        {"a": ("", [-1000, 0.5]), "b": ("", [2, 0.01])},
+    ),
+    "no head": ("1,2\n3,4\n", {"column 1": ("", [1, 3]), "column 2": ("", [2, 4])}),
+    "an empty name": (
+        "a,,c\n1,2,3\n4,5,6\n",
+        {"a": ("", [1, 4]), "column 2": ("", [2, 5]), "c": ("", [3, 6])},
+    ),
+    "a name twice": ("a,b,a\n1,2,3\n", {"a": ("", [1]), "b": ("", [2]), "a:3": ("", [3])}),
+    "units in brackets": (
+        "t [s],x (mm), y ( g )\n1,2,3\n",
+        {"t": ("s", [1]), "x": ("mm", [2]), "y": (" g ", [3])},
+    ),
+    "brackets within": ("x (front) [mm],y\n1,2\n", {"x (front)": ("mm", [1]), "y": ("", [2])}),
+    "a line of units": ("t,x\ns,mm\n1,2\n", {"t": ("s", [1]), "x": ("mm", [2])}),
+    "a line of units in brackets": (
+        "t,x\n[s],[thing]\n1,2\n",
+        {"t": ("s", [1]), "x": ("thing", [2])},
+    ),
+    "a unit beside one in a name": (
+        "t [s],x\ng,mm\n1,2\n",
+        {"t [s]": ("g", [1]), "x": ("mm", [2])},
+    ),
+    "a line with an empty unit": ("t,x\ns,\n1,2\n", {"t": ("s", [1]), "x": ("", [2])}),
+    "no line of units": ("Logger,7a\nt,x\n1,2\n", {"t": ("", [1]), "x": ("", [2])}),
+    "lines of another width": (
+        "Logger\nmade by,a,b,c,d\nt,x\n\n1,2\n",
+        {"t": ("", [1]), "x": ("", [2])},
+    ),
+    "one separator more in the data": (
+        "t;x\n1;2;\n3;4;\n",
+        {"t": ("", [1, 3]), "x": ("", [2, 4]), "column 3": ("", [nan, nan])},
+    ),
+    "one separator more in the head": ("t;x;\n1;2\n3;4\n", {"t": ("", [1, 3]), "x": ("", [2, 4])}),
+    "gaps": (
+        "t,x,y\n1,2,\n3,,4\n5,nan,\n",
+        {"t": ("", [1, 3, 5]), "x": ("", [2, nan, nan]), "y": ("", [nan, 4, nan])},
+    ),
+    "words among numbers": ("t,x\n1,2\n3,overload\n", {"t": ("", [1, 3]), "x": ("", [2, nan])}),
+    "words among decimal commas": (
+        "t;x\n1,5;2,5\n3,5;over\n",
+        {"t": ("", [1.5, 3.5]), "x": ("", [2.5, nan])},
+    ),
+    "blanks": ("t , x\n 1 , 2 \n 3 , 4 \n", {"t": ("", [1, 3]), "x": ("", [2, 4])}),
+    "quotes": ('"t","x, y"\n"1","2"\n', {"t": ("", [1]), "x, y": ("", [2])}),
+    "dates": (
+        "when,x\n1970-01-01 00:00:01,2\n1970-01-01T00:00:02.5,3\n",
+        {"when": ("ns", [1e9, 2.5e9]), "x": ("", [2, 3])},
+    ),
+    "dates of a zone": (
+        "when,x\n1970-01-01 01:00:01+01:00,2\n1970-01-01 01:00:02+01:00,3\n",
+        {"when": ("ns", [1e9, 2e9]), "x": ("", [2, 3])},
+    ),
+    "mostly numbers": (
+        "a,b,c\n1,2,on\n3,4,off\n",
+        {"a": ("", [1, 3]), "b": ("", [2, 4]), "c": ("", [nan, nan])},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table(tmp_path: Path, name: str) -> None:
+    text, expected = TABLES[name]
+    (tmp_path / "a.csv").write_text(text)
+    held = read_here(tmp_path / "a.csv").columns
+    assert {each: column.unit for each, column in held.items()} == (
+        {each: unit for each, (unit, _) in expected.items()}
+    )
+    for each, (_, values) in expected.items():
+        np.testing.assert_array_equal(held[each].values.astype(float), values)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a\n1\n2\n",
+        "a,b\nx,y\n",
+        "1,x\n2,y\n",
+        "1,x,y\n2,x,y\n",
+        "2026-01-01 10:00,x\n2026-01-01 10:01,y\n",
+        "a b\n1 2\n",
+    ],
+)
+def test_what_is_no_table(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError, match="no table of numbers"):
+        read_here(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_names_in_any_encoding(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "a.csv").write_bytes("Höhe [µm];b\n1;2\n".encode(encoding))
+    held = read_here(tmp_path / "a.csv").columns
+    assert [(each, column.unit) for each, column in held.items()] == [("Höhe", "µm"), ("b", "")]
+
+
+def test_a_long_table_is_known_by_its_first_lines(tmp_path: Path) -> None:
+    head = "t;x\n"
+    rows = [f"{n};{n},5\n" for n in range(30_000)]
+    (tmp_path / "a.csv").write_text(head + "".join(rows), "utf-8")
+    assert (tmp_path / "a.csv").stat().st_size > 1 << 18
+    held = read_here(tmp_path / "a.csv", ["x"]).columns
+    assert list(held) == ["x"]
+    np.testing.assert_array_equal(held["x"].values, np.arange(30_000) + 0.5)
+
+
+def test_numbers_may_begin_below_a_long_head(tmp_path: Path) -> None:
+    for lines, good in ((1998, True), (1999, False)):
+        (tmp_path / "a.csv").write_text("words\n" * lines + "t,x\n" + "1,2\n" * 3)
+        if good:
+            assert list(read_here(tmp_path / "a.csv").columns) == ["t", "x"]
+            continue
+        with pytest.raises(InputError, match="no table of numbers"):
+            read_here(tmp_path / "a.csv")
+
+
+HEADINGS = [Heading(name, "", "") for name in ("IMU/az", "IMU/ax", "HUB/az", "HUB", "speed")]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "full"),
+    [("IMU/az", "IMU/az"), ("ax", "IMU/ax"), ("HUB", "HUB"), ("speed", "speed")],
+)
+def test_a_column_by_its_name_or_its_end(wanted: str, full: str) -> None:
+    assert found(HEADINGS, wanted, "a.x").name == full
+
+
+@pytest.mark.parametrize(
+    ("wanted", "said"),
+    [
+        ("az", ["2 columns", "IMU/az, HUB/az"]),
+        ("x", ["no column 'x'", "among 5"]),
+        ("spede", ["no column 'spede'", "among 5: speed"]),
+        ("aax", ["no column 'aax'", "IMU/ax"]),
+        ("U/az", ["no column 'U/az'"]),
+    ],
+)
+def test_a_column_that_is_not_there_once(wanted: str, said: list[str]) -> None:
+    with pytest.raises(InputError) as refused:
+        found(HEADINGS, wanted, "a.x")
+    assert all(words in str(refused.value) for words in said)
+
+
+def test_four_of_many_columns_are_named() -> None:
+    many = [Heading(f"g{n}/x", "", "") for n in range(6)]
+    with pytest.raises(InputError) as refused:
+        found(many, "x", "a.x")
+    assert "6 columns" in str(refused.value)
+    assert "g0/x, g1/x, g2/x, g3/x" in str(refused.value)
+    assert "g4" not in str(refused.value)
+    with pytest.raises(InputError) as refused:
+        found(many, "zzzzzz", "a.x")
+    assert "among 6: g0/x, g1/x, g2/x, g3/x" in str(refused.value)
+    assert "g4" not in str(refused.value)
+
+
+def test_columns_that_are_too_long_together() -> None:
+    bounded([Heading("a", "", "", 1 << 25), Heading("b", "", "", 1 << 25)], "a.x")
+    with pytest.raises(InputError, match="67108865 values"):
+        bounded([Heading("a", "", "", 1 << 25), Heading("b", "", "", (1 << 25) + 1)], "a.x")
