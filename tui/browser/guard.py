@@ -39,8 +39,11 @@ class Guard:
         self.link = f"{self.origin}{self.prefix}/"
         """The address to open."""
 
-    def application(self, pages: web.Application) -> web.Application:
-        """Return an application that serves `pages` below the prefix, and nothing else."""
+    def application(self, pages: web.Application, most_bytes: int = 1_048_576) -> web.Application:
+        """Return an application that serves `pages` below the prefix, and nothing else.
+
+        `most_bytes`: largest body of a request; that of `pages` itself counts for nothing.
+        """
 
         @web.middleware
         async def check(request: web.Request, handler: _Handler) -> web.StreamResponse:
@@ -48,7 +51,7 @@ class Guard:
                 return web.Response(status=403, text=f"refused: {refusal}\n")
             return await handler(request)
 
-        guarded = web.Application(middlewares=[check])
+        guarded = web.Application(middlewares=[check], client_max_size=most_bytes)
         guarded.on_response_prepare.append(_add_headers)
         guarded.add_subapp(self.prefix, pages)
         return guarded

@@ -67,7 +67,7 @@ class DisplayServer:
         self, host: str, port: int, ended: asyncio.Event, listening: Callable[[], object]
     ) -> None:
         """Serve until `ended` is set; `listening` is called once pages can be opened."""
-        pages = web.Application(client_max_size=_MOST_BYTES)
+        pages = web.Application()
         pages.on_response_prepare.append(_add_policy)
         pages.router.add_get("/events", self._events)
         pages.router.add_post("/control", self._grant)
@@ -75,9 +75,8 @@ class DisplayServer:
         for path in sorted(_FILES.iterdir()):
             place = "/" if path.name == "index.html" else f"/{path.name}"
             pages.router.add_get(place, _file(path))
-        runner = web.AppRunner(
-            self._guard.application(pages), access_log=None, shutdown_timeout=0.5
-        )
+        guarded = self._guard.application(pages, _MOST_BYTES)
+        runner = web.AppRunner(guarded, access_log=None, shutdown_timeout=0.5)
         await runner.setup()
         try:
             await web.TCPSite(runner, host, port).start()

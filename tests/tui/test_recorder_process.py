@@ -1,0 +1,299 @@
+"""How a terminal starts recorders, and what it says of one that does not come up."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from daq import write_session
+from daq.bench.config import default_bench_text, parse_bench
+from daq.bench.origin import Origin
+from daq.control.messages import SessionState, SessionStatus, Setup
+from daq.errors import InputError
+from tui.cli import run
+from tui.commands.tui import _starter, _wanted
+from tui.recorders.daemon import Habits, _Daemon, _Signals
+from tui.recorders.log import BURST, Log
+from tui.recorders.process import (
+    last_line,
+    start_demo_recorder,
+    start_recorder,
+    start_replay_recorder,
+    wait_for_recorder,
+)
+from tui.recorders.recording import OpenedAtStart, print_outcome, recorded_session
+
+from ..daq.a_status import a_status
+from ..daq.small_session import small_session
+
+
+class Started:
+    """A process that is only noted."""
+
+    def __init__(self, ended: bool) -> None:
+        self.commands: list[list[str]] = []
+        self.options: dict[str, Any] = {}
+        self.ended = ended
+
+    def __call__(self, command: list[str], **options: Any) -> Started:
+        self.commands.append(command)
+        self.options = options
+        return self
+
+    def poll(self) -> int | None:
+        """Say whether it has ended."""
+        return 1 if self.ended else None
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> Started:
+    made = Started(ended=True)
+    monkeypatch.setattr("tui.recorders.process.subprocess.Popen", made)
+    return made
+
+
+def test_a_recorder_is_started_idle_in_its_folder(tmp_path: Path, started: Started) -> None:
+    folder, bench = tmp_path / "new" / "day", tmp_path / "b.toml"
+    start_recorder(bench, folder, "socketcan", "can0")
+    log = str(folder / "recorder.log")
+    assert started.commands == [
+        [sys.executable, "-m", "tui", "record", str(bench), "--out", str(folder), "--keep-on",
+         "--idle", "--log", log, "--interface", "socketcan", "--channel", "can0"]
+    ]  # fmt: skip
+    assert started.options["start_new_session"] is True
+    assert started.options["stdin"] == started.options["stdout"] == subprocess.DEVNULL
+    assert started.options["stderr"].name == log
+    assert folder.is_dir()
+    start_recorder(None, folder)
+    assert started.commands[1][2:] == [
+        "tui", "record", "--out", str(folder), "--keep-on", "--idle", "--log", log
+    ]  # fmt: skip
+
+
+def test_recorders_of_a_demonstration_are_told_speed_fault_and_session(
+    tmp_path: Path, started: Started
+) -> None:
+    log = str(tmp_path / "recorder.log")
+    start_demo_recorder(tmp_path, 2.5, "unplug", tmp_path / "b.toml")
+    start_demo_recorder(tmp_path, 1.0, "", None)
+    start_replay_recorder(tmp_path, tmp_path / "car.h5", 4.0)
+    folder = str(tmp_path)
+    assert [command[2:] for command in started.commands] == [
+        ["tui.recorders.demo", folder, "--speed", "2.5", "--fault", "unplug",
+         "--bench", str(tmp_path / "b.toml"), "--log", log],
+        ["tui.recorders.demo", folder, "--speed", "1", "--log", log],
+        ["tui.recorders.replay", folder, str(tmp_path / "car.h5"), "--speed", "4"],
+    ]  # fmt: skip
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="name another folder") as refused:
+        start_recorder(None, tmp_path / "file" / "day")
+    assert refused.value.where == str(tmp_path / "file" / "day")
+
+
+def test_a_recorder_that_ends_or_hangs_is_reported_with_its_log(
+    tmp_path: Path, started: Started, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert last_line(tmp_path) == "no log"
+    log = tmp_path / "recorder.log"
+    log.write_text(" \n\n")
+    assert last_line(tmp_path) == "its log is empty"
+    log.write_text("x" * 3000 + "\nbumpbench: error: can0: no such bus\n\n")
+    assert last_line(tmp_path) == "can0: no such bus"
+    log.write_text("Traceback\nValueError: odd\n")
+    assert last_line(tmp_path) == "ValueError: odd"
+    with pytest.raises(InputError, match="the recorder ended: ValueError: odd"):
+        wait_for_recorder(cast(Any, started), tmp_path)
+    clock = iter((0.0, 20.0, 20.1))
+    monkeypatch.setattr("tui.recorders.process.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("tui.recorders.process.time.sleep", lambda _: None)
+    started.ended = False
+    with pytest.raises(InputError, match="does not answer"):
+        wait_for_recorder(cast(Any, started), tmp_path)
+    assert list(clock) == [], "it is waited for as long as twenty seconds"
+
+
+def test_the_terminal_starts_the_recorder_that_was_asked_for(
+    tmp_path: Path, started: Started
+) -> None:
+    bench = tmp_path / "b.toml"
+    bench.write_text(default_bench_text())
+    udp = ("udp_multicast", "239.74.163.9")
+    _starter(tmp_path, bench, udp, False, None, 1.0, None)()
+    _starter(tmp_path, bench, (None, None), True, "weak", 3.0, None)()
+    _starter(tmp_path, None, (None, None), False, None, 2.0, tmp_path / "car.h5")()
+    assert [command[2:4] for command in started.commands] == [
+        ["tui", "record"], ["tui.recorders.demo", str(tmp_path)],
+        ["tui.recorders.replay", str(tmp_path)],
+    ]  # fmt: skip
+    assert started.commands[0][-4:] == ["--interface", udp[0], "--channel", udp[1]]
+    assert started.commands[1][4:8] == ["--speed", "3", "--fault", "weak"]
+    assert started.commands[2][-2:] == ["--speed", "2"]
+    bench.write_text("[bus]\nspeed = 1\n")
+    with pytest.raises(InputError, match=r"b\.toml:2"):
+        _starter(tmp_path, bench, udp, False, None, 1.0, None)()
+    assert len(started.commands) == 3
+
+
+def test_what_is_not_named_may_be_anything(tmp_path: Path) -> None:
+    bench = tmp_path / "b.toml"
+    bench.write_text('[vehicle]\nname = "T5"\n')
+    assert _wanted(None, None, None, False, None) == Setup(Origin.REAL)
+    assert _wanted(None, None, None, True, None) == Setup(Origin.SIMULATED)
+    assert _wanted(None, None, None, False, tmp_path) == Setup(Origin.REPLAYED)
+    demo = _wanted(bench, None, None, True, None)
+    assert (demo.origin, demo.buses) == (Origin.SIMULATED, None)
+    named = _wanted(bench, "udp_multicast", "239.74.163.9", False, None)
+    assert named.origin is Origin.REAL
+    assert named.buses is not None
+    bus = _wanted(None, "udp_multicast", "239.74.163.9", False, None)
+    assert bus == Setup(Origin.REAL, buses=named.buses)
+    assert named != bus
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--demo", "--replay", "car.h5"], "cannot be combined with --replay"),
+        (["--fault", "unplug"], "add --demo"),
+        (["--replay", "absent.h5"], "absent.h5: is no file"),
+        (["--demo", "--fault", "wheels-off"], "is no fault"),
+    ],
+)
+def test_options_of_the_terminal_that_do_not_fit_are_named(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["tui", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_bus_is_opened_once_at_the_start_and_then_anew() -> None:
+    opened: list[int] = []
+
+    def open_source(bus: Any, number: int) -> Any:
+        opened.append(number)
+        return f"source {number} {len(opened)}"
+
+    bench = parse_bench(default_bench_text(), "bench.toml", Path(), "")
+    two = replace(bench, buses=bench.buses * 2)
+    sources = OpenedAtStart(two, open_source)
+    assert opened == [0, 1]
+    assert str(sources(two.buses[1], 1)) == "source 1 2"
+    assert str(sources(two.buses[1], 1)) == "source 1 3"
+    assert str(sources(two.buses[0], 0)) == "source 0 1"
+
+
+def test_what_was_recorded_is_printed_or_why_there_is_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for state, text, said in (
+        (SessionState.NONE, "", "no session file was built"),
+        (SessionState.FAILED, "the disk is full", "the disk is full"),
+    ):
+        none = replace(a_status(), session=SessionStatus(state, text=text))
+        with pytest.raises(InputError, match=said) as refused:
+            recorded_session(none)
+        assert refused.value.where == "/var/lib/bumpbench"
+    path = tmp_path / "car.h5"
+    write_session(path, small_session())
+    there = replace(a_status(), session=SessionStatus(SessionState.READY, str(path)))
+    assert recorded_session(there)[0] == path
+    assert print_outcome(there, json=False) == 3, "two frames were lost"
+    assert "Wagen Ü: 3 runs" in capsys.readouterr().out
+    assert print_outcome(there, json=True) == 3
+    assert capsys.readouterr().out.startswith("{")
+
+
+# The log and the daemon -------------------------------------------------------------------------
+
+
+def test_a_key_that_is_new_has_its_lines_and_an_old_one_is_counted_anew_after_a_minute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("tui.recorders.log.time.monotonic", lambda: clock[0])
+    path = tmp_path / "a.log"
+    with Log(path) as log:
+        for now_s in (0.0, 60.0):
+            clock[0] = now_s
+            for _ in range(BURST):
+                log.line("same", "key")
+        for number in range(3):
+            log.line(f"other {number}", f"key {number}")
+        clock[0] = 60.5
+        for _ in range(6):
+            log.line("again", "key")
+    words = [line.partition("bumpbench: ")[2] for line in path.read_text().splitlines()]
+    assert words[:5] == ["same"] * 5
+    assert words[5:8] == ["other 0", "other 1", "other 2"]
+    assert words[8] == "again (and 5 more of these)"
+    assert words[9:] == ["again"] * 4
+
+
+def test_a_log_is_no_device(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="not an ordinary file"):
+        Log(Path("/dev/null"))
+
+
+def daemon(engine: Any, log: Log, habits: Habits) -> _Daemon:
+    return _Daemon(engine, engine, engine, habits, log)
+
+
+def test_a_recorder_that_fails_ends_the_command_with_its_reason(tmp_path: Path) -> None:
+    class Failing:
+        def run(self, *_: object) -> None:
+            raise InputError("can0", "is gone", "plug it in")
+
+        def stopping(self) -> None:
+            """Say nothing to systemd."""
+
+    habits = Habits(False, True, None, lambda: cast(Any, None))
+    one = daemon(Failing(), Log(tmp_path / "a.log"), habits)
+    with pytest.raises(InputError, match="is gone"):
+        one.run(_Signals(threading.Event()), lambda *_: None)
+
+
+def test_figures_that_cannot_be_written_and_a_thread_that_hangs_are_logged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("tui.recorders.daemon.time.monotonic", lambda: clock[0])
+    notified: list[float] = []
+
+    class Hanging:
+        def heartbeats(self) -> None:
+            """None beats."""
+
+        def notify(self, _: object, __: object, now_s: float) -> str:
+            notified.append(now_s)
+            return "the writer hangs"
+
+    figures = tmp_path / "bumpbench.prom"
+    habits = Habits(False, True, figures, lambda: cast(Any, None))
+    path = tmp_path / "a.log"
+    with Log(path) as log:
+        one = daemon(Hanging(), log, habits)
+        one._report(a_status())
+        assert "bumpbench" in figures.read_text()
+        figures.unlink()
+        for now_s, written in ((100.9, False), (101.0, False), (104.9, False), (105.0, True)):
+            clock[0] = now_s
+            one._report(a_status())
+            assert figures.exists() is written
+        figures.unlink()
+        figures.mkdir()
+        clock[0] = 110.0
+        one._report(a_status())
+    assert notified == [100.0, 101.0, 104.9, 110.0]
+    text = path.read_text()
+    assert text.count("the writer hangs") == 4
+    assert text.count(f"{figures}: ") == 1
+    assert text.count("recording Granada into") == 1
