@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from daq.alarms import ALARM, AlarmState
+from daq.alarms import AlarmState
 from daq.alarms.watch import acknowledged, reconfigured
 from daq.control.messages import BusState, DiskStatus
 from dbc import FrameBatch
@@ -23,10 +23,11 @@ def test_an_event_has_the_time_of_the_last_frame_or_else_of_the_clock() -> None:
     frames = bench.healthy()
     bench.turn(frames, foreign(bench))
     bench.turn(NOTHING)
-    bench.turn(NOTHING, disk=REFUSED)
-    assert bench.logged(ALARM)[0] == "journal_failed"
-    # That of the last of the other bus's five frames.
-    assert {event.t_ns for _, event in bench.events} == {START_NS + 40_000}
+    events = bench.turn(NOTHING, disk=REFUSED)
+    assert "journal_failed: No space left; 812 frames are held in memory" in [
+        e.text for e in events
+    ]
+    assert {e.t_ns for e in events} == {START_NS + 40_000}  # the last of the other bus's frames
 
 
 @pytest.mark.parametrize(("step_ms", "seen"), [(49, False), (51, True), (-49, False), (-51, True)])
