@@ -144,3 +144,14 @@ def test_the_earliest_of_two_hubs_is_the_bump() -> None:
     _, found = advance(CONFIG, TriggerState(), block)
     assert (found[0].code, found[0].text) == ("bump", "b")
     assert found[0].t_ns == BEGIN_NS + 101 * STEP_NS
+
+
+@pytest.mark.parametrize(("n", "named"), [(29, True), (30, False)])
+def test_a_channel_keeps_a_bench_from_being_armed_for_a_tenth_of_a_second(
+    n: int, named: bool
+) -> None:
+    """It swings from the fifth sample to the twentieth, two to a side; another one rests."""
+    value = hub({k: 5.0 if k % 4 < 2 else -5.0 for k in range(4, 20)}, n)
+    block = {"moved": (times(n), value), "still": (times(n), hub({}, n))}
+    state, _ = advance(CONFIG, TriggerState(), block)
+    assert not_at_rest(CONFIG, state) == (("moved",) if named else ())
