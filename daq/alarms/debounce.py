@@ -92,14 +92,14 @@ class Ledger:
 
 
 def _raised(entry: _Entry | None, symptom: Finding, new: int, recent: int, now: Now) -> _Entry:
-    lasting = entry is not None and entry.is_on
+    before = entry.alarm if entry is not None and entry.is_on else None
     alarm = Alarm(
         symptom.code,
         symptom.subject,
         symptom.text,
         symptom.advice,
-        entry.alarm.since_ns if entry and lasting else now.wall_ns,
-        entry.alarm.count + new if entry and lasting else recent,
+        before.since_ns if before else now.wall_ns,
+        before.count + new if before else recent,
     )
     if entry is None:
         return _Entry(alarm, now.monotonic_s, None, True, False)

@@ -26,7 +26,7 @@ def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] 
     record = _record(signals, bump_s + 0.2)
     if record is None:
         return None
-    time_s = np.asarray(np.arange(record.shape[1]) * _STEP_S, dtype=np.float64)
+    time_s = np.asarray(np.arange(len(record)) * _STEP_S, dtype=np.float64)
     frequencies = np.asarray(np.geomspace(*_FREQUENCY_HZ, 24), dtype=np.float64)
     dampings = np.asarray(np.linspace(*_DAMPING, 12), dtype=np.float64)
     best = (0.0, 0.0)
@@ -45,7 +45,7 @@ def _finer(grid: NDArray[np.float64], place: int) -> NDArray[np.float64]:
 
 
 def _record(signals: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] | None:
-    """Return the clearest record of the body, (1, n), on an equidistant grid."""
+    """Return the clearest record of the body, (n,), on an equidistant grid."""
     for quantities in (
         (Quantity.SUSPENSION_TRAVEL,),
         (Quantity.PITCH_RATE, Quantity.ROLL_RATE, Quantity.BODY_ACCELERATION),
@@ -61,9 +61,9 @@ def _record(signals: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] |
         rows = np.array([_means(trace, edges) for trace in clear])
         if quantities[0] is Quantity.SUSPENSION_TRAVEL:
             u, _, _ = np.linalg.svd(rows, full_matrices=False)
-            return np.asarray(u[:, :1].T @ rows)
+            return np.asarray(u[:, 0] @ rows)
         noise = np.array([max(t.noise, 1e-12) for t in clear])
-        return rows[[int(np.argmax(np.std(rows, axis=1) / noise))]]
+        return np.asarray(rows[int(np.argmax(np.std(rows, axis=1) / noise))])
     return None
 
 
@@ -91,6 +91,6 @@ def _misfit(
     ones = np.ones_like(envelope)
     basis = np.stack([envelope * np.cos(phase), envelope * np.sin(phase), ones], axis=-1)
     normal = np.einsum("fdti,fdtj->fdij", basis, basis)
-    projection = np.einsum("fdti,t->fdi", basis, record[0])
+    projection = np.einsum("fdti,t->fdi", basis, record)
     solution = np.linalg.solve(normal, projection[..., None])[..., 0]
     return np.asarray(np.sum(record**2) - np.einsum("fdi,fdi->fd", projection, solution))

@@ -129,8 +129,9 @@ def test_samples_that_cannot_be_used_are_counted_by_their_kind() -> None:
 
 @pytest.mark.parametrize(("steps", "moving"), [(19.0, 0), (21.0, 1)])
 @pytest.mark.parametrize("alike", [True, False])
+@pytest.mark.parametrize("gain", [1.0, 4.0])
 def test_another_channel_of_the_kind_moves_by_more_than_twenty_steps(
-    steps: float, moving: int, alike: bool
+    steps: float, moving: int, alike: bool, gain: float
 ) -> None:
     kinds = [m for m in MAPPED if m.channel.quantity is not Quantity.UNUSED]
     still, other = next(
@@ -138,7 +139,8 @@ def test_another_channel_of_the_kind_moves_by_more_than_twenty_steps(
         for one, two in combinations(kinds, 2)
         if (one.channel.quantity is two.channel.quantity) is alike
     )
-    moved = steps * limits_of(still).step / abs(other.factor * other.channel.scale)
+    other = replace(other, channel=replace(other.channel, gain=gain))
+    moved = steps * limits_of(still).step / abs(other.factor * gain)
     decoded = CODEC.decode(NOTHING)
     found = {still.channel.signal: samples([1.0, 1.0]), other.channel.signal: samples([0.0, moved])}
     watch, _ = advance_signals(SignalsWatch(), (still, other), replace(decoded, samples=found))

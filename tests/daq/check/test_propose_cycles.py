@@ -67,3 +67,14 @@ def test_a_ready_map_keeps_its_other_rules_at_another_cycle() -> None:
         own = [m for m in bench_codec(bench).messages if m.name.startswith("bosch_mm7.")]
         assert [m.cycle_s for m in own] == [ms * 1e-3] * 3
         assert [m.counter and m.counter.signal for m in own] == ["counter"] * 3
+
+
+def test_what_a_comment_says_of_a_signal_holds_for_every_device_of_its_kind() -> None:
+    text = (
+        'VERSION ""\n\nBU_: A\n\nBO_ 385 Gyro: 8 A\n SG_ w : 0|16@1- (0.01,0) [0|0] "deg/s" A\n'
+        'CM_ SG_ 385 w "pitch rate of the car";\nBA_DEF_ BO_ "GenMsgCycleTime" INT 0 1000;\n'
+        'BA_DEF_DEF_ "GenMsgCycleTime" 5;\n'
+    )
+    _, bench = proposed(frames_every(5.0, 385, 387, length=8), Database("gyro.dbc", text))
+    assert [(s.name, s.id_offset) for s in bench.sensors] == [("gyro_1", 0), ("gyro_2", 2)]
+    assert [c.quantity for c in bench.channels] == ["pitch_rate", "pitch_rate"]

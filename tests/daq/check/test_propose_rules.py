@@ -203,6 +203,9 @@ def test_an_acceleration_is_vertical_by_gravity_or_by_its_name(
     guess = guess_quantity("M", signal, "", level)
     assert guess is not None
     assert (guess.quantity, guess.sign) == (quantity, sign)
+    if level is None and quantity is not Quantity.UNUSED:
+        said = "vertical by its name" if name.endswith("z") else "taken for vertical"
+        assert said in guess.why
 
 
 Z = np.array([0.0, 0.0, 1.0])

@@ -12,6 +12,7 @@ from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
 from daq.verdict import RunMeasure
 from daq.verdict.consistent import left_out
+from daq.verdict.repeats import after
 
 from .. import spoiled_campaigns
 from ..spoiled_campaigns import BUMP_S, bench, campaign
@@ -46,6 +47,16 @@ def _left_out(odd: RunMeasure, others: int = 4, planned: int = 3) -> dict[str, s
 )
 def test_never_fewer_stay_than_planned_nor_than_three(planned: int, others: int, out: bool) -> None:
     assert (set(_left_out(_run(bend=0.5), others, planned)) == {"odd"}) is out
+
+
+@pytest.mark.parametrize(
+    ("start_s", "first"), [(0.0, 0), (0.1, 0), (0.11, 1), (0.28, 9), (0.281, 10), (0.3, 10)]
+)
+def test_a_course_begins_at_the_first_mean_from_a_time_on(start_s: float, first: int) -> None:
+    """Means are every 20 ms from 0.1 s on."""
+    cut = after(_run(waves={"body": np.arange(70.0), "travel": np.arange(70.0)}), start_s)
+    assert [wave[0] for wave in cut.waves.values()] == [first, first]
+    assert [len(wave) for wave in cut.waves.values()] == [70 - first] * 2
 
 
 def test_height_and_timing_of_a_bump_do_not_matter() -> None:

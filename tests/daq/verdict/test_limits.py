@@ -136,6 +136,13 @@ def test_the_time_of_a_second_strike_does_not_depend_on_its_size(size: float) ->
     assert "at +1.20 s" in one(double_bump, {HUB: size * strikes(0.3, 1.2)}).text
 
 
+def test_a_wheel_that_lands_is_not_the_time_of_a_second_strike() -> None:
+    """It lands 0.28 s after the bump, as hard as it is struck at 1.2 s."""
+    landing = np.where((T_S >= 0.28) & (T_S < 0.38), np.sin(80 * np.pi * T_S), 0.0)
+    finding = one(double_bump, {HUB: strikes(0.8, 1.2) + 24.0 * landing})
+    assert "at +1.20 s" in finding.text
+
+
 @pytest.mark.parametrize(("second", "passed"), [(0.24, True), (0.26, False)])
 def test_a_strike_of_which_every_second_sample_is_missing_is_as_high(
     second: float, passed: bool

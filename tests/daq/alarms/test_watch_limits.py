@@ -1,0 +1,98 @@
+"""The watch's own times: of events, of a clock that was set, of a bus that is quiet."""
+
+from __future__ import annotations
+
+import pytest
+
+from daq.alarms import AlarmState
+from daq.alarms.watch import acknowledged, reconfigured
+from daq.control.messages import BusState, DiskStatus
+from dbc import FrameBatch
+
+from ..watched_bench import CODEC, START_NS, WatchedBench, both, foreign, saturating
+
+NOTHING = FrameBatch.empty()
+REFUSED = DiskStatus(0, 0, 0, 3.0, 812, "No space left")
+
+
+def test_an_event_has_the_time_of_the_last_frame_or_else_of_the_clock() -> None:
+    bench = WatchedBench()
+    bench.turn(NOTHING, disk=REFUSED)
+    assert {event.t_ns for _, event in bench.events} == {START_NS + 100_000_000}
+    bench = WatchedBench()
+    frames = bench.healthy()
+    bench.turn(frames, foreign(bench))
+    bench.turn(NOTHING)
+    events = bench.turn(NOTHING, disk=REFUSED)
+    assert "journal_failed: No space left; 812 frames are held in memory" in [
+        e.text for e in events
+    ]
+    assert {e.t_ns for e in events} == {START_NS + 40_000}  # the last of the other bus's frames
+
+
+@pytest.mark.parametrize(("step_ms", "seen"), [(49, False), (51, True), (-49, False), (-51, True)])
+def test_a_clock_was_set_if_it_is_fifty_milliseconds_off(step_ms: int, seen: bool) -> None:
+    bench = WatchedBench()
+    for _ in range(3):
+        bench.turn(*both(bench))
+    bench.wall_step_ns = step_ms * 1_000_000
+    events = bench.turn(*both(bench))
+    steps = [event for event in events if event.code == "clock_step"]
+    assert [event.value for event in steps] == [pytest.approx(step_ms / 1000)] * seen
+    assert bool(bench.alarm("clock_step", "")) is seen
+    if seen:
+        assert f"{step_ms / 1000:+.3f} s" in bench.alarm("clock_step", "").text  # type: ignore[union-attr]
+    events = bench.turn(*both(bench))  # the new time is the measure from now on
+    assert events == ()
+
+
+@pytest.mark.parametrize(("turns", "lasts"), [(44, True), (46, False)])
+def test_a_clock_that_was_set_is_shown_for_three_seconds(turns: int, lasts: bool) -> None:
+    """And, as every alarm, for one and a half seconds after that."""
+    bench = WatchedBench()
+    bench.turn(*both(bench))
+    bench.wall_step_ns = 10**9
+    bench.turn(*both(bench))
+    for _ in range(turns):
+        bench.turn(*both(bench))
+    assert bool(bench.alarm("clock_step", "")) is lasts
+
+
+@pytest.mark.parametrize(("turns", "quiet"), [(3, False), (5, True)])
+def test_a_bus_is_quiet_after_four_tenths_of_a_second(turns: int, quiet: bool) -> None:
+    bench = WatchedBench()
+    for _ in range(15):
+        bench.turn(*both(bench))
+    bench.link(0, connected=False, error="has gone", advice="plug it in")
+    for _ in range(turns):
+        bench.turn(foreign(bench))
+    (gone,) = [alarm for alarm in bench.state.causes if alarm.code == "disconnected"]
+    assert ("silent since" in gone.text) is quiet
+    assert (bench.state.dead_bus is not None) is quiet
+
+
+def test_sensors_are_counted_as_they_come() -> None:
+    bench = WatchedBench()
+    assert (AlarmState().sensors_alive, AlarmState().sensors_expected) == (0, 0)
+    for _ in range(12):
+        bench.turn(*both(bench))
+    assert (bench.state.sensors_alive, bench.state.sensors_expected) == (len(CODEC.messages),) * 2
+    for _ in range(12):
+        bench.turn(bench.healthy(without=["IMU_Rate"]), foreign(bench))
+    assert bench.state.sensors_alive == len(CODEC.messages) - 1
+    assert [bus.state for bus in bench.state.buses] == [BusState.OK, BusState.OK]
+
+
+def test_an_overload_lamp_is_on_until_it_is_acknowledged_also_on_another_bench() -> None:
+    bench = WatchedBench(["can0"])
+    bench.turn(saturating(bench))
+    bench.turn()
+    assert bench.state.overloaded == ("hub_acc_fl",)
+    other = reconfigured(bench.state)
+    assert other.overloaded == ("hub_acc_fl",)
+    assert other.signals.standing == {}
+    assert other.messages.known == {}
+    assert other.messages.missing == bench.state.messages.missing
+    assert other.ledger == bench.state.ledger
+    assert acknowledged(other).overloaded == ()
+    assert acknowledged(bench.state).signals.standing == bench.state.signals.standing

@@ -1,0 +1,157 @@
+"""When a bus counts as lost, and is opened again; what its socket is asked for."""
+
+from __future__ import annotations
+
+import socket
+import sys
+
+import pytest
+
+from daq.bus.interfaces import PythonCanSource, _tune_socket
+from daq.errors import BusError
+from dbc import FrameBatch
+
+from .test_bus import NOW_NS, ScriptedBus, SocketBus, frame, parse_error
+from .test_link import ONE, Clock, Source, link_to
+
+FAULT = OSError(19, "No such device")
+
+
+def read(*script: object) -> list[list[int] | str]:
+    """Return the identifiers of each block until the script ends, or that the bus has gone."""
+    bus = ScriptedBus(list(script))  # type: ignore[arg-type]
+    source = PythonCanSource(bus, "scripted 0", 2, lambda: NOW_NS)  # type: ignore[arg-type]
+    seen: list[list[int] | str] = []
+    while bus.script:
+        try:
+            seen.append(source.read(0.0).can_id.tolist())
+        except BusError:
+            seen.append("gone")
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("script", "seen"),
+    [
+        ((*[FAULT] * 4, frame(1)), [[1]]),
+        ((*[FAULT] * 5,), ["gone"]),
+        ((*[FAULT] * 3, frame(1), *[FAULT] * 4, frame(2)), [[1, 2]]),  # a frame begins anew
+        ((*[FAULT] * 3, None, *[FAULT] * 4, frame(2)), [[], [2]]),  # and so does silence
+        ((None, *[FAULT] * 5), [[], "gone"]),
+    ],
+)
+def test_five_faults_in_a_row_are_a_bus_that_has_gone(
+    script: tuple[object, ...], seen: list[list[int] | str]
+) -> None:
+    assert read(*script) == seen
+
+
+@pytest.mark.parametrize(("pieces", "seen"), [(9_999, [[1]]), (10_000, ["gone", [1]])])
+def test_ten_thousand_unreadable_pieces_are_a_bus_that_has_gone(
+    pieces: int, seen: list[list[int] | str]
+) -> None:
+    assert read(*[parse_error()] * pieces, frame(1)) == seen
+
+
+def test_unreadable_pieces_and_faults_are_counted_apart() -> None:
+    mixed = [FAULT, parse_error()] * 4
+    assert read(*mixed, frame(1)) == [[1]]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="options of Linux")
+@pytest.mark.parametrize(
+    ("family", "level", "option"),
+    [
+        (socket.AF_INET, socket.IPPROTO_IP, 49),  # IP_MULTICAST_ALL of linux/in.h
+        (socket.AF_INET6, socket.IPPROTO_IPV6, 29),  # IPV6_MULTICAST_ALL of linux/in6.h
+    ],
+)
+def test_a_multicast_socket_hears_its_own_groups_alone_and_begins_empty(
+    family: socket.AddressFamily, level: int, option: int
+) -> None:
+    with socket.socket(family, socket.SOCK_DGRAM) as receiving:
+        try:
+            receiving.bind(("127.0.0.1" if family is socket.AF_INET else "::1", 0))
+        except OSError:
+            pytest.skip("this machine has no loopback of that family")
+        with socket.socket(family, socket.SOCK_DGRAM) as sending:
+            for _ in range(3):
+                sending.sendto(b"stray", receiving.getsockname())
+            before = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+            _tune_socket(SocketBus(receiving))  # type: ignore[arg-type]
+            assert receiving.getsockopt(level, option) == 0
+            assert receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= before
+            sending.sendto(b"own", receiving.getsockname())
+            receiving.settimeout(30.0)
+            assert receiving.recv(100) == b"own"
+
+
+def test_a_socket_of_another_family_is_left_its_data() -> None:
+    one, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with one, other:
+        one.send(b"frame")
+        _tune_socket(SocketBus(other))  # type: ignore[arg-type]
+        assert other.recv(100) == b"frame"
+
+
+@pytest.mark.parametrize(("silent_s", "closed"), [(4.9, False), (5.1, True)])
+def test_a_bus_is_opened_again_after_five_seconds_of_silence(silent_s: float, closed: bool) -> None:
+    clock = Clock()
+    first, second = Source(clock, [ONE]), Source(clock, [])
+    link = link_to(clock, first, second)
+    link.read(0.1)
+    assert len(link.read(0.1)) == len(ONE)
+    clock.now_s += silent_s
+    assert not len(link.read(0.0))
+    assert first.closed is closed
+
+
+@pytest.mark.parametrize("ended", ["halt", "close"])
+def test_a_link_that_has_ended_opens_nothing_any_more(ended: str) -> None:
+    clock = Clock()
+    source = Source(clock, [ONE])
+    link = link_to(clock, OSError("not yet"), source)
+    assert not len(link.read(0.0))
+    getattr(link, ended)()
+    clock.now_s += 60.0
+    for _ in range(3):
+        assert not len(link.read(0.0))
+    assert source.frames == 0
+    assert not link.facts().connected
+
+
+def test_a_link_that_is_halted_waits_no_longer_for_its_next_opening() -> None:
+    clock = Clock()
+    link = link_to(clock, OSError("not yet"), OSError("never"))
+    link.read(0.0)
+    link.halt()
+    assert not len(link.read(600.0))  # at once: it would be a tenth of a second by that clock
+
+
+@pytest.mark.parametrize(
+    ("error", "what", "advice"),
+    [
+        (BusError("can0", "has gone", "plug it in"), "has gone", "plug it in"),
+        (OSError(5, "Input/output error"), "Input/output error", "check plug, power and driver"),
+        (OSError("odd"), "odd", "check plug, power and driver"),
+        (NameError("canlib"), "NameError('canlib')", "please report this"),
+    ],
+)
+def test_why_a_bus_was_lost_is_said(error: Exception, what: str, advice: str) -> None:
+    clock = Clock()
+    link = link_to(clock, Source(clock, [ONE, error]))
+    for _ in range(3):
+        link.read(0.0)
+    facts = link.facts()
+    assert (facts.connected, facts.error, facts.advice) == (False, what, advice)
+
+
+def test_a_bus_that_is_opened_for_the_first_time_was_not_opened_again() -> None:
+    clock = Clock()
+    link = link_to(clock, OSError("not yet"), Source(clock, []), Source(clock, []))
+    clock.now_s += 1.0
+    link.read(0.0)
+    clock.now_s += 1.0
+    assert link.read(0.0) is not None
+    assert (link.facts().connected, link.facts().reopened) == (True, 0)
+    assert isinstance(link.read(0.0), FrameBatch)

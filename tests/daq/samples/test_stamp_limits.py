@@ -1,0 +1,108 @@
+"""When the time stamps of a sensor are believed, and when it began anew: each limit twice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.samples.clock import SensorTimes, sensor_times, stamped_times
+
+Array = NDArray[np.float64]
+CYCLE_S = 0.01
+
+
+def late(taken_s: Array) -> Array:
+    """Return arrivals that are up to 0.3 ms late."""
+    return np.maximum.accumulate(
+        taken_s + 3e-4 * np.random.default_rng(2).random(len(taken_s)), axis=0
+    )
+
+
+def stamps(arrival_s: Array) -> NDArray[np.int64]:
+    return np.rint(arrival_s * 1e9).astype(np.int64)
+
+
+def is_arrival(times: SensorTimes, arrival_s: Array) -> bool:
+    return bool(np.abs(times.time_s - arrival_s).max() < 1e-8)
+
+
+@pytest.mark.parametrize(
+    ("rate", "believed"), [(0.79, False), (0.81, True), (1.24, True), (1.26, False)]
+)
+def test_stamps_are_believed_that_run_by_a_fifth_or_a_quarter_off(
+    rate: float, believed: bool
+) -> None:
+    taken = np.arange(400.0) * CYCLE_S
+    arrival = late(taken)
+    times = stamped_times(taken / rate, 100.0, stamps(arrival), 0)
+    assert is_arrival(times, arrival) is not believed
+
+
+@pytest.mark.parametrize(("n", "fitted"), [(19, False), (20, True)])
+def test_twenty_frames_show_a_clock(n: int, fitted: bool) -> None:
+    taken = np.arange(float(n)) * CYCLE_S
+    arrival = late(taken)
+    by_stamp = stamped_times(taken, 100.0, stamps(arrival), 0)
+    by_count = sensor_times(np.arange(n), 256, stamps(arrival), CYCLE_S, 0)
+    assert is_arrival(by_stamp, arrival) is not fitted
+    assert is_arrival(by_count, arrival) is not fitted
+
+
+@pytest.mark.parametrize(("n", "believed"), [(300, False), (301, True)])
+def test_one_gap_in_three_must_have_a_new_stamp(n: int, believed: bool) -> None:
+    """Each stamp comes three times: 99 of 299 gaps are less than a third, 100 of 300 are not."""
+    arrival = late(np.arange(float(n)) * CYCLE_S)
+    taken = np.repeat(np.arange(0.0, n, 3.0), 3)[:n] * CYCLE_S
+    times = stamped_times(taken, 100.0, stamps(arrival), 0)
+    assert bool(np.isnan(times.time_s).any()) is believed
+
+
+@pytest.mark.parametrize(("share", "believed"), [(0.49, True), (0.51, False)])
+def test_a_counter_that_stands_still_in_most_frames_tells_nothing(
+    share: float, believed: bool
+) -> None:
+    n = 400
+    step = np.ones(n, np.int64)
+    step[np.linspace(1, n - 1, round(share * n)).astype(int)] = 0
+    counter = (np.cumsum(step) - 1) % 256
+    arrival = late(np.arange(float(n)) * CYCLE_S)
+    times = sensor_times(counter, 256, stamps(arrival), CYCLE_S, 0)
+    assert bool(np.isnan(times.time_s).any()) is believed
+
+
+@pytest.mark.parametrize(
+    ("pause_s", "jump_s", "restarted"),
+    [
+        # 50 ms and a twentieth of the time between the frames: 50.5 ms, and 150 ms over a pause.
+        # Stamps that fall back are a whole turn ahead.
+        (0.01, 0.0495, False), (0.01, 0.0515, True), (0.01, -0.0495, True),
+        (2.0, 0.148, False), (2.0, 0.152, True),
+    ],
+)  # fmt: skip
+def test_a_jump_of_the_stamps_is_a_restart(pause_s: float, jump_s: float, restarted: bool) -> None:
+    taken = np.concatenate([np.arange(400) * CYCLE_S, 3.99 + pause_s + np.arange(400) * CYCLE_S])
+    stamp = taken + 20.0 + np.where(np.arange(800) < 400, 0.0, jump_s)
+    times = stamped_times(stamp, 1000.0, stamps(late(taken)), 0)
+    assert bool(np.abs(times.time_s - taken).max() < 1e-3) is restarted
+
+
+@pytest.mark.parametrize(
+    ("gap", "step"), [(1.0, 1), (1.4, 1), (1.6, 2), (2.4, 2), (7.0, 7), (0.3, 1)]
+)
+def test_steps_count_in_the_most_usual_spacing(gap: float, step: int) -> None:
+    spacing = np.ones(100)
+    spacing[50] = gap
+    taken = np.cumsum(spacing) * CYCLE_S
+    times = stamped_times(taken, 100.0, stamps(late(taken)), 0)
+    assert times.step[50] == step
+    assert set(np.delete(times.step, 50).tolist()) == {1}
+
+
+@pytest.mark.parametrize("turns", [1, 2, 7])
+def test_whole_turns_of_the_stamp_are_counted_by_the_time_of_the_bus(turns: int) -> None:
+    taken = np.arange(200.0) * CYCLE_S
+    taken[100:] += 0.5 * turns
+    times = stamped_times(taken % 0.5, 0.5, stamps(late(taken)), 0)
+    assert np.abs(times.time_s - taken).max() < 1e-4
+    assert times.step[100] == 1 + 50 * turns
