@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from identify.joint import Model, Share, differences
+from identify.joint import Likelihood, Model, differences
 
 Array = NDArray[np.float64]
 
 
-def sessions(n: int) -> tuple[list[Array], list[Array], tuple[Share, ...]]:
+def sessions(n: int) -> tuple[list[Array], list[Array], tuple[Likelihood, ...]]:
     """Return square roots of information, optima, and shares of sessions of three parameters."""
     rng = np.random.default_rng(n)
     roots = [rng.standard_normal((5, 3)) for _ in range(n)]
     optima = [rng.standard_normal(3) for _ in range(n)]
     shares = tuple(
-        Share(R.T @ R, R.T @ R @ x, np.zeros(0)) for R, x in zip(roots, optima, strict=True)
+        Likelihood(R.T @ R, R.T @ R @ x, np.zeros(0)) for R, x in zip(roots, optima, strict=True)
     )
     return roots, optima, shares
 
@@ -77,8 +77,8 @@ def test_of_four_sessions_one_drifts_and_another_varies() -> None:
 
 
 def test_a_parameter_that_one_session_only_tells_of_shows_no_difference() -> None:
-    known = Share(np.diag([4.0, 1.0, 1.0]), np.array([8.0, 0.0, 0.0]), np.zeros(0))
-    blind = Share(np.diag([0.0, 1.0, 1.0]), np.array([0.0, 3.0, 0.0]), np.zeros(0))
+    known = Likelihood(np.diag([4.0, 1.0, 1.0]), np.array([8.0, 0.0, 0.0]), np.zeros(0))
+    blind = Likelihood(np.diag([0.0, 1.0, 1.0]), np.array([0.0, 3.0, 0.0]), np.zeros(0))
     design = np.array([[0.0], [1.0]])
     found = differences((known, blind), Model((0, 1), (design, design)))
     assert found.shown.tolist() == [False, True]

@@ -20,8 +20,8 @@ from tui.commands.batch.places import session_files
 from tui.commands.batch.table import check_outputs, write_outputs
 from tui.commands.batch.tally import work_off
 from tui.commands.batch.work import Job, row_of_lost
-from tui.jobs.executors import Crew, as_finished
-from tui.jobs.spread import over_all
+from tui.jobs.executors import Workers, as_finished
+from tui.jobs.spread import map_items
 
 from .batches import refused_session, synthetic_rows, write_all, write_journal
 
@@ -63,13 +63,13 @@ def test_the_table_is_written_every_minute_and_each_session_is_counted(
     stages: list[tuple[float, str]] = []
     with RowJournal(tmp_path / "t.jsonl") as journal:
         done = work_off(
-            cast(Crew, AtOnce(ended)),
+            cast(Workers, AtOnce(ended)),
             files,
             journal,
             lambda: published.append(len((tmp_path / "t.jsonl").read_text().splitlines())),
             lambda share, text="": stages.append((share, text)),
         )
-        again = work_off(cast(Crew, AtOnce(ended)), files[:2], journal, lambda: None, silent)
+        again = work_off(cast(Workers, AtOnce(ended)), files[:2], journal, lambda: None, silent)
     # 60.1 s is the first look after more than a minute; then the minute begins again.
     assert published == [2, 4]
     assert (done.sessions, done.done_now, done.verdicts) == (5, 5, {"ok": 4, "refused": 1})
@@ -90,7 +90,7 @@ def test_a_cluster_that_goes_ends_the_batch_in_a_line(tmp_path: Path) -> None:
         RowJournal(tmp_path / "t.jsonl") as journal,
         pytest.raises(InputError, match="the cluster has gone"),
     ):
-        work_off(cast(Crew, AtOnce(cancelled)), files, journal, lambda: None, silent)
+        work_off(cast(Workers, AtOnce(cancelled)), files, journal, lambda: None, silent)
 
 
 def test_a_row_of_a_lost_worker_says_how_it_was_lost() -> None:
@@ -194,7 +194,7 @@ def test_items_in_flight_follow_the_room_and_all_come_back() -> None:
     def done(future: Future[Any], item: int) -> None:
         future.set_result(-item)
 
-    crew = cast(Crew, AtOnce(done))
+    crew = cast(Workers, AtOnce(done))
     found = [(item, future.result()) for item, future in as_finished(crew, abs, range(5))]
     assert sorted(found) == [(n, -n) for n in range(5)]
 
@@ -215,7 +215,7 @@ def test_work_over_all_reports_its_share(monkeypatch: pytest.MonkeyPatch) -> Non
 
     monkeypatch.setattr("tui.jobs.spread.crew_of", crew_of)
     stages: list[tuple[float, str]] = []
-    squares = over_all(
+    squares = map_items(
         abs, [3, 1, 2], 7, lambda s, t="": stages.append((s, t)), "squares", "tcp://x:1"
     )
     assert squares == [9, 1, 4]

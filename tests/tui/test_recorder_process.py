@@ -18,7 +18,7 @@ from daq.control.messages import SessionState, SessionStatus, Setup
 from daq.errors import InputError
 from tui.cli import run
 from tui.commands.tui import _starter, _wanted
-from tui.recorders.daemon import Habits, _Daemon, _Signals
+from tui.recorders.daemon import Lifetime, _Daemon, _Signals
 from tui.recorders.log import BURST, Log
 from tui.recorders.process import (
     last_line,
@@ -243,8 +243,8 @@ def test_a_log_is_no_device(tmp_path: Path) -> None:
         Log(Path("/dev/null"))
 
 
-def daemon(engine: Any, log: Log, habits: Habits) -> _Daemon:
-    return _Daemon(engine, engine, engine, habits, log)
+def daemon(engine: Any, log: Log, lifetime: Lifetime) -> _Daemon:
+    return _Daemon(engine, engine, engine, lifetime, log)
 
 
 def test_a_recorder_that_fails_ends_the_command_with_its_reason(tmp_path: Path) -> None:
@@ -255,8 +255,8 @@ def test_a_recorder_that_fails_ends_the_command_with_its_reason(tmp_path: Path) 
         def stopping(self) -> None:
             """Say nothing to systemd."""
 
-    habits = Habits(False, True, None, lambda: cast(Any, None))
-    one = daemon(Failing(), Log(tmp_path / "a.log"), habits)
+    lifetime = Lifetime(False, True, None, lambda: cast(Any, None))
+    one = daemon(Failing(), Log(tmp_path / "a.log"), lifetime)
     with pytest.raises(InputError, match="is gone"):
         one.run(_Signals(threading.Event()), lambda *_: None)
 
@@ -277,10 +277,10 @@ def test_figures_that_cannot_be_written_and_a_thread_that_hangs_are_logged(
             return "the writer hangs"
 
     figures = tmp_path / "bumpbench.prom"
-    habits = Habits(False, True, figures, lambda: cast(Any, None))
+    lifetime = Lifetime(False, True, figures, lambda: cast(Any, None))
     path = tmp_path / "a.log"
     with Log(path) as log:
-        one = daemon(Hanging(), log, habits)
+        one = daemon(Hanging(), log, lifetime)
         one._report(a_status())
         assert "bumpbench" in figures.read_text()
         figures.unlink()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.begin import rest_of
+from identify.nonlinear.begin import position_at_rest
 from identify.nonlinear.car import (
     BETA,
     C_T,
@@ -34,7 +34,7 @@ from identify.nonlinear.car import (
     car,
 )
 from identify.nonlinear.groups import BY_NAME, positions
-from identify.nonlinear.path import Own, Sampled, hermite, travel_speeds
+from identify.nonlinear.path import InitialState, Sampled, hermite, travel_speeds
 from identify.nonlinear.priors import weak_priors
 from identify.nonlinear.unknowns import KNOTS, elements
 
@@ -156,7 +156,7 @@ def test_what_is_added_pulls_the_car_down_and_moves_with_it() -> None:
     assert one.corner[:, PULL] == pytest.approx([0.0, 0.0, -5.0 * 9.80665, 0.0])
     assert one.corner[:, MASS] == pytest.approx([40.5, 40.5, 50.4, 45.4])
     assert one.mass[0, 0] - bare.mass[0, 0] == pytest.approx(80.0)
-    rest = rest_of(MODEL, bent(MODEL), LOADED)
+    rest = position_at_rest(MODEL, bent(MODEL), LOADED)
     # Each tyre carries what the ground gives: together all that was added.
     assert rest[3:] @ np.full(4, 192e3) == pytest.approx(-85.0 * 9.80665)
     assert rest[0] < rest[3:].max()
@@ -230,7 +230,7 @@ def test_motions_are_displacement_speed_and_acceleration() -> None:
 
 
 def test_friction_stays_within_its_limits_in_a_step_of_the_first_state() -> None:
-    own = Own(np.zeros(14), np.array([0.9, -0.9, 0.0, 0.5]), np.full(4, 1e-3))
+    own = InitialState(np.zeros(14), np.array([0.9, -0.9, 0.0, 0.5]), np.full(4, 1e-3))
     step = np.concatenate([np.ones(14), [0.3, -0.3, 0.1, -0.2]])
     moved = own.moved(step)
     assert moved.motion.tolist() == [1.0] * 14
