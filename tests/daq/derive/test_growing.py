@@ -314,3 +314,24 @@ def test_a_full_disk_is_an_error_and_the_session_stays(
     assert campaign.target.read_bytes() == before
     campaign.grow()
     assert len(read_session(campaign.target).runs) == 2
+
+
+def test_a_growing_file_that_is_being_changed_is_not_used_by_the_next_process(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign.run()
+    campaign.grow()
+    campaign.run()
+
+    def killed(*_: Any) -> None:
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(build_session, "add_run", killed)
+        with pytest.raises(InputError, match="Input/output"):
+            campaign.grow()
+    file = growing_path(campaign.target)
+    assert file.exists()
+    assert not file.with_name(f"{file.name}.json").exists()
+    assert len(campaign.grow().runs) == 2
+    assert campaign.target.read_bytes() == campaign.at_once()

@@ -85,7 +85,14 @@ def test_marks_of_quality(mark: tuple[int, int], good: bool) -> None:
 
 @pytest.mark.parametrize(
     "time_s",
-    [[0.0, 1.0], [0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 1.0], [0.0, 2.0, 1.0], [0.0, 1.0, np.nan]],
+    [
+        [0.0, 1.0],
+        [0.0, 1.0, 2.0, 3.0],
+        [0.0, 1.0, 1.0],
+        [0.0, 2.0, 1.0],
+        [0.0, 1.0, np.nan],
+        [0.0, 1.0, np.inf],
+    ],
 )
 def test_samples_that_are_not_those_described_are_refused(time_s: list[float]) -> None:
     with pytest.raises(InputError, match="A_IMU") as refused:

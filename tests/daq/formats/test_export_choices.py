@@ -10,7 +10,13 @@ import pytest
 
 from daq.errors import InputError
 from daq.formats.description import FrameSpan, sidecar_of
-from daq.formats.export import ExportFormat, chosen_runs, export_session, format_of
+from daq.formats.export import (
+    ExportFormat,
+    chosen_runs,
+    export_session,
+    format_of,
+    with_even_times,
+)
 from daq.formats.export.bus_log import write_asc, write_blf, write_candump
 from daq.formats.export.even_times import even_times
 from daq.formats.export.raw_frames import frame_spans, frames_left_out, session_frames
@@ -189,6 +195,32 @@ def test_even_times_are_2_to_the_24_at_most() -> None:
 
 def _of_group(group: SampleGroup) -> Session:
     return replace(SESSION, runs=(replace(SESSION.runs[0], groups=(group,)),))
+
+
+def test_samples_at_even_times_are_dated_from_the_first_one() -> None:
+    time_s = np.array([0.5, 0.75, 1.125, 1.25, 1.5])
+    group = SampleGroup(
+        "IMU",
+        time_s,
+        7 * S + np.rint(time_s * 1e9).astype(np.int64),
+        {"az": 3.0 * time_s, "pitch": np.where(time_s < 0.8, np.nan, 1.0)},
+        np.full(5, 2, np.uint8),
+    )
+    few = replace(group, name="few", values={"az": np.array([1.0, 2.0, 3.0, 4.0, np.nan])})
+    session = replace(SESSION, runs=(replace(SESSION.runs[0], groups=(group, few)),))
+    even, filled = with_even_times(session, 2.0).runs[0].groups
+    assert even.time_s.tolist() == [0.5, 1.0, 1.5]
+    assert even.t_ns.tolist() == [7_500_000_000, 8_000_000_000, 8_500_000_000]
+    # Three values are too few for a spline, and four do.
+    assert list(even.values) == ["az"]
+    np.testing.assert_allclose(even.values["az"], [1.5, 3.0, 4.5], rtol=1e-12)
+    assert not even.quality.any()
+    assert list(filled.values) == ["az"]
+    empty = replace(
+        group, time_s=time_s[:0], t_ns=group.t_ns[:0], values={}, quality=few.quality[:0]
+    )
+    one = replace(session, runs=(replace(SESSION.runs[0], groups=(empty, group)),))
+    assert [each.name for each in with_even_times(one, 2.0).runs[0].groups] == ["IMU"]
 
 
 def test_an_export_without_samples_or_frames_is_refused(tmp_path: Path) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -90,4 +92,71 @@ def test_a_log_without_a_bench(tmp_path: Path, session: Session) -> None:
     path = tmp_path / "car.blf"
     export_session(replace(session, provenance={}), path, format_of(path))
     with pytest.raises(InputError, match=r"no bench\.toml to decode it with"):
+        exported_session(path)
+
+
+def _described(session: Session, folder: Path) -> tuple[Path, dict[str, Any]]:
+    path = folder / "car.log"
+    export_session(session, path, format_of(path))
+    return path, json.loads(sidecar_of(path).read_text("utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("first", "count", "good"),
+    [
+        (0, 1, True),
+        (2099, 1, True),
+        (2099, 2, False),
+        (2100, 1, False),
+        (2100, 0, False),
+        (-1, 1, False),
+        (5, -1, False),
+        (5, 0, False),
+    ],
+)
+def test_frames_of_a_run_are_a_part_of_the_log(
+    tmp_path: Path, session: Session, first: int, count: int, good: bool
+) -> None:
+    path, about = _described(session, tmp_path)
+    whole = next(iter(Log([path]))).t_ns
+    about["runs"] = about["runs"][:1]
+    about["runs"][0]["groups"] = []
+    about["runs"][0]["span"] |= {"first": first, "count": count, "t_ns": int(whole[0])}
+    sidecar_of(path).write_text(json.dumps(about), "utf-8")
+    if good:
+        found = exported_session(path)
+        assert found is not None
+        assert len(found.runs[0].frames) == count
+        return
+    with pytest.raises(InputError, match="of another log"):
+        exported_session(path)
+
+
+@pytest.mark.parametrize(
+    ("off_s", "shift_s"),
+    [(0, 0), (449, 0), (451, 900), (-449, 0), (-451, -900), (20_700, 20_700), (1400, 1800)],
+)
+def test_times_of_a_log_differ_by_quarters_of_an_hour(
+    tmp_path: Path, session: Session, off_s: int, shift_s: int
+) -> None:
+    path, about = _described(session, tmp_path)
+    about["runs"] = about["runs"][:1]
+    about["runs"][0]["groups"] = []
+    first_ns = int(next(iter(Log([path]))).t_ns[0])
+    about["runs"][0]["span"] |= {"first": 0, "count": 2, "t_ns": first_ns + off_s * 10**9}
+    sidecar_of(path).write_text(json.dumps(about), "utf-8")
+    found = exported_session(path)
+    assert found is not None
+    assert int(found.runs[0].frames.t_ns[0]) - first_ns == shift_s * 10**9
+
+
+def test_a_group_that_the_log_does_not_have_is_refused(tmp_path: Path, session: Session) -> None:
+    path, about = _described(session, tmp_path)
+    about["runs"][0]["groups"][0]["name"] = "IMU_Moon"
+    sidecar_of(path).write_text(json.dumps(about), "utf-8")
+    with pytest.raises(InputError, match="no frame of IMU_Moon"):
+        exported_session(path)
+    about["runs"][0]["span"] = None
+    sidecar_of(path).write_text(json.dumps(about), "utf-8")
+    with pytest.raises(InputError, match="no frame of IMU_Moon"):
         exported_session(path)
