@@ -80,8 +80,6 @@ def _alone(signal: Candidate) -> Guess | None:
     if guess is None or not unit:
         return guess
     ask = f"no unit is stated: is it {unit}?"
-    if guess.ask:
-        return replace(guess, unit=unit)
     return replace(guess, unit=unit, ask=ask, asked=Asked.UNIT)
 
 

@@ -128,6 +128,8 @@ def pushed_corner(
     if len(ranked) < 2 or size[ranked[0]] < _CLEAR * size[ranked[1]]:
         return None
     best = ranked[0]
+    if not size[best]:  # it never moved: it is dead, or not where anybody pushed
+        return None
     if any(abs(other.get(best, 0.0)) > size[best] for other in others):
         return None
     return best, 1 if responses[best] > 0 else -1

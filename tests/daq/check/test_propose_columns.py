@@ -128,3 +128,11 @@ def test_what_is_proposed_is_a_map(tmp_path: Path) -> None:
 def test_a_file_of_other_things_says_so() -> None:
     (question,) = proposed(("t", "s", T), ("rpm", "1/min", around(900.0))).questions
     assert question == "no column has a unit or a name of the method: write [[channel]] yourself"
+
+
+def test_columns_of_like_names_are_told_apart() -> None:
+    names = ("acc.fl", "acc/fl", "one/acc_fl", "acc_fl", "acc_fl_2")
+    found = tables(proposed(("t", "s", T), *((name, "g", around(1.0)) for name in names)))
+    assert set(found) == set(names)
+    assert {found[name]["corner"] for name in names} == {"FL"}
+    assert len({table["name"] for table in found.values()}) == 5

@@ -247,6 +247,7 @@ def test_without_pushes_x_is_forward_or_else_z(
     ("own", "others", "place"),
     [
         ({FL: 1.0}, [], None),
+        ({FL: 0.0, FR: 0.0, RL: 0.0, RR: 0.0}, [], None),  # a dead one
         ({FL: 2.0, FR: -1.0}, [], (FL, 1)),
         ({FL: 1.0, RR: -2.0}, [], (RR, -1)),
         ({FL: 2.0, FR: 1.0}, [{FL: -2.0}, {FR: 9.0}], (FL, 1)),
