@@ -44,6 +44,7 @@ from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.long_work import LongWork, after, work_text
 
 from ..identify.stress import stress_session
+from .batches import refused_session
 
 GLYPHS = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
 
@@ -138,6 +139,16 @@ def test_a_broken_file_is_one_kind_line(session: Path, tmp_path: Path) -> None:
     assert "cut off" in last.what
     assert "\n" not in last.text
     assert "Traceback" not in last.text
+
+
+def test_a_child_says_what_it_does_and_sends_the_outcome(tmp_path: Path) -> None:
+    daq.write_session(tmp_path / "s.h5", refused_session(1))
+    first, *between, last = lines_from_child(IdentifyTask(str(tmp_path / "s.h5")))
+    assert first == Progress(0.05, "reading")
+    assert between[-1] == Progress(0.95, "drawing")
+    assert isinstance(last, Done)
+    assert last.body["verdict"] == "refused"
+    assert last.body["session"] == str(tmp_path / "s.h5")
 
 
 def test_a_killed_child_is_reported(session: Path) -> None:

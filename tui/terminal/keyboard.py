@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 
 from textual.app import App
 from textual.dom import DOMNode
@@ -92,10 +93,8 @@ class KeyboardApp(App[None]):
         if not widget.call_later(passed.set):
             return
         while not passed.is_set() and (widget is self or widget.is_attached):
-            try:
+            with suppress(TimeoutError):
                 await asyncio.wait_for(passed.wait(), LOOK_S)
-            except TimeoutError:
-                continue
 
 
 def _is_input(event: Event) -> bool:

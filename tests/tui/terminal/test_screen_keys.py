@@ -159,7 +159,7 @@ async def test_results_scroll_export_and_turn_their_pages(
             await pressed(pilot, "tab")
         assert "[M C K]" in seen(app)
         await pressed(pilot, "down", "down", "up")
-        assert scroll.scroll_y == 2
+        await until(pilot, lambda: scroll.scroll_y == 2)
         await pressed(pilot, *["shift+tab"] * 3)
         assert "[Dampers]" in seen(app)
         assert "curve curve" in seen(app)

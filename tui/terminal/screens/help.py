@@ -1,4 +1,4 @@
-"""Shows help over a screen: its purpose, its keys and the marked field."""
+"""Shows help over a screen: its purpose and its keys."""
 
 from __future__ import annotations
 
@@ -57,7 +57,4 @@ class HelpScreen(ModalScreen[None]):
                 actions[binding.key_display or self.app.get_key_display(binding)] = words
         lines = ["Keys of this screen", ""]
         lines += [f"  {key:<12} {words}" for key, words in actions.items()]
-        focused = below.focused
-        if focused is not None and focused.tooltip:
-            lines += ["", f"Marked: {focused.tooltip}"]
         return lines
