@@ -335,3 +335,12 @@ def test_a_growing_file_that_is_being_changed_is_not_used_by_the_next_process(
     assert not file.with_name(f"{file.name}.json").exists()
     assert len(campaign.grow().runs) == 2
     assert campaign.target.read_bytes() == campaign.at_once()
+
+
+def test_a_segment_that_is_still_written_is_no_loss(campaign: Campaign) -> None:
+    campaign.run()
+    campaign.writer.append(bumps(small_codec(), 1).select(slice(0, 5)), NO_LOSSES)
+    assert campaign.writer.paths[-1].name.startswith("open_")
+    derived = derive(campaign.writer.paths, campaign.target)
+    assert (derived.loss, len(derived.runs)) == ("", 1)
+    assert read_session(campaign.target).provenance["journal_losses"] == "none"

@@ -100,3 +100,14 @@ def test_the_new_session_says_where_it_comes_from() -> None:
     assert new.provenance["uuid"] not in ("", "7")
     assert new.provenance["uuid"] == _again(old).provenance["uuid"]
     assert new.runs[0].events == old.runs[0].events
+    other = replace(old, provenance={**old.provenance, "uuid": "8"})
+    assert _again(other).provenance["uuid"] != new.provenance["uuid"]
+    commented = parse_bench(
+        f"# x\n{old.provenance['bench_toml']}",
+        "bench.toml",
+        Path("/nowhere"),
+        old.provenance["dbc"],
+    )
+    again = redecoded(old, commented, "old.h5", {}).provenance
+    assert again["uuid"] != new.provenance["uuid"]
+    assert again["bench_toml"].startswith("# x")

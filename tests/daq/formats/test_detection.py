@@ -7,9 +7,16 @@ from pathlib import Path
 
 import pytest
 
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.formats.detect import detect
+from daq.formats.detect import PCAP, detect
 from daq.formats.log import Log, read_logs
+from daq.journal.format import JournalHead
+from daq.journal.writer import JournalWriter
+
+from ..journal.test_journal import block
+from .channel_files import read_here
 
 ASC, CRTD, CANDUMP = "1.5 1 7FF Rx d 1 11\n", "1.5 R11 10 AA\n", "(1.5) can0 123#01\n"
 TEXTS: dict[str, tuple[str, str, str]] = {
@@ -91,6 +98,13 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         detect(tmp_path / "absent")
     with pytest.raises(InputError, match="no regular file"):
         detect(Path("/dev/null"))
+    unreadable = Path("/proc/self/mem")  # a regular file whose first byte nobody can read
+    with pytest.raises(InputError, match="cannot be read"):
+        detect(unreadable)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_here(unreadable)
+    with pytest.raises(InputError, match="cannot be read"):
+        list(Log([unreadable], PCAP))
 
 
 def test_frames_and_the_share_that_was_read_are_counted(tmp_path: Path) -> None:
@@ -119,6 +133,20 @@ def test_a_log_without_a_frame_is_refused(tmp_path: Path) -> None:
     path.write_text("1.5 CXX words\n")
     with pytest.raises(InputError, match=r"no frame \(CRTD\)$|no frame \(CRTD\)"):
         list(Log([path]))
+
+
+def test_segments_of_a_journal_that_follow_each_other_are_one_log(tmp_path: Path) -> None:
+    head = JournalHead("", "", "test", 1_800_000_000 * 10**9, 0)
+    with JournalWriter(tmp_path, head, RecorderConfig(reserve_bytes=0.0)) as journal:
+        for k in range(3):
+            journal.append(block(2 * k), HopLosses())
+            journal.cut()
+        segments = list(journal.paths)
+    other = tmp_path / "a.log"
+    other.write_text(CANDUMP)
+    found = read_logs([*segments[:2], other, segments[2]])
+    assert [log.paths for log in found] == [tuple(segments[:2]), (other,), (segments[2],)]
+    assert sum(len(batch) for batch in found[0]) == 4
 
 
 def test_logs_of_other_formats_are_logs_of_their_own(tmp_path: Path) -> None:

@@ -231,6 +231,23 @@ def test_an_export_without_samples_or_frames_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_more_samples_than_matlab_holds_are_refused(tmp_path: Path) -> None:
+    n = 89_478_486  # times 24 bytes are 2 GiB and 16 bytes; of one number, so that it takes no room
+    one = np.broadcast_to(np.float64(0.0), (n,))
+    group = SampleGroup("IMU", one, one.view(np.int64), {}, np.broadcast_to(np.uint8(0), (n,)))
+    with pytest.raises(InputError, match="2147483664 bytes"):
+        export_session(_of_group(group), tmp_path / "car.mat", ExportFormat.MAT)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_description_larger_than_any_is_not_read(tmp_path: Path) -> None:
+    sidecar = tmp_path / "car.csv.bumpbench.json"
+    with sidecar.open("wb") as file:
+        file.truncate((256 << 20) + 1)
+    with pytest.raises(InputError, match="larger than any description"):
+        exported_session(sidecar)
+
+
 def test_files_that_an_export_has_beside_it(tmp_path: Path) -> None:
     for suffix, beside in ((".uff", True), (".blf", True), (".mat", False), (".json", False)):
         path = tmp_path / f"car{suffix}"

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 import pytest
 
 from daq.errors import InputError
 from daq.formats.losses import Ledger, LogLoss
-from daq.formats.mf4_log import read_mf4
+from daq.formats.mf4_log import merged, read_mf4
 from dbc import FrameBatch
 
 from .loggers import Mdf
@@ -274,3 +275,28 @@ def test_streams_of_several_groups_of_data_are_merged_by_time() -> None:
         ["101", "202", "203", "104", "305", "306", "109", "20A"]
     )
     assert not loss.any
+
+
+def _batches(*blocks: Sequence[int]) -> Iterator[FrameBatch]:
+    for times in blocks:
+        n = len(times)
+        yield FrameBatch(
+            np.array(times, np.int64),
+            np.zeros(n, np.uint32),
+            np.zeros(n, np.uint16),
+            np.zeros(n, np.uint8),
+            np.zeros(n, np.uint8),
+            np.zeros((n, 8), np.uint8),
+        )
+
+
+def test_blocks_of_streams_are_handed_out_up_to_the_earliest_end() -> None:
+    streams = [
+        _batches([1, 4], [], [9, 12], [13]),
+        _batches([2, 3, 10], [11]),
+        _batches(),
+        _batches([], [5, 6]),
+    ]
+    found = [batch.t_ns.tolist() for batch in merged(streams)]
+    assert found == [[1, 2, 3, 4], [5, 6], [9, 10], [11], [12], [13]]
+    assert not list(merged([_batches(), _batches([])]))

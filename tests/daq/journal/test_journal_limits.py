@@ -15,13 +15,14 @@ from daq.journal.backlog import Backlog
 from daq.journal.built import built_recordings, built_revision, is_outdated, note_built
 from daq.journal.contents import HopCounts, JournalLoss
 from daq.journal.disk_space import DiskWatch, Room, low_text, taken_away, too_little
-from daq.journal.folder import next_segment
-from daq.journal.format import JournalHead
+from daq.journal.folder import next_segment, segments_in
+from daq.journal.format import FRAMES_TOPIC, JournalHead
 from daq.journal.gaps import Gap, gap_event, parse_gap
 from daq.journal.names import segment_number
 from daq.journal.retention import Retention, expendable, parting_events
 from daq.journal.scan import SegmentInfo
 from daq.journal.segment import Block
+from daq.journal.write_ledger import WriteLedger
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 
@@ -267,3 +268,14 @@ def test_numbers_of_segments(tmp_path: Path) -> None:
     (tmp_path / "journal_x.mcap").touch()
     assert segment_number(tmp_path / "journal_x.mcap") == 0
     assert next_segment(tmp_path) == 42
+
+
+def test_segments_are_in_the_order_of_their_numbers_not_of_their_names(tmp_path: Path) -> None:
+    names = ["journal_0002.mcap", "open_9998.mcap", "journal_9999.mcap", "journal_10000.mcap"]
+    for name in reversed(names):
+        (tmp_path / name).touch()
+    assert [path.name for path in segments_in(tmp_path)] == names
+    ledger = WriteLedger("r")
+    for number, name in enumerate(reversed(names)):
+        ledger.note(tmp_path / name, [Block(number, FRAMES_TOPIC, 0, b"", 5)])
+    assert [path.name for path in ledger.paths] == names

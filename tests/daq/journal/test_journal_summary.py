@@ -107,3 +107,20 @@ def test_an_end_torn_anywhere_costs_no_block(tmp_path: Path) -> None:
     for stop in range(begin, len(whole), 7):
         path.write_bytes(whole[:stop])
         assert not read_journal([path]).lost.any, stop
+
+
+def test_a_footer_of_another_kind_or_place_is_none(tmp_path: Path) -> None:
+    *_, last = record(tmp_path)
+    whole = last.read_bytes()
+    at = len(whole) - 37  # kind, length, start of the index, two numbers more, the magic
+
+    def found(raw: bytes) -> Summary | None:
+        last.write_bytes(raw)
+        with SegmentFile(last) as file:
+            return read_summary(file)
+
+    assert found(whole) is not None
+    for place in (at, at + 1, len(whole) - 1):
+        assert found(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :]) is None
+    for start in (0, len(whole), 1 << 60):
+        assert found(whole[: at + 9] + start.to_bytes(8, "little") + whole[at + 17 :]) is None
