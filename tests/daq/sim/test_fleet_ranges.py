@@ -20,7 +20,7 @@ Figures = Callable[[FleetCar], Iterable[float]]
 
 @cache
 def cars() -> tuple[FleetCar, ...]:
-    return tuple(fleet_car(number, 5) for number in range(500))
+    return tuple(fleet_car(number, 5) for number in range(400))
 
 
 @cache
@@ -162,7 +162,7 @@ def share(of: Callable[[FleetCar], bool], among: Iterable[FleetCar] | None = Non
 
 
 def test_half_of_the_cars_have_what_not_every_car_has() -> None:
-    """Of 500, a half is 0.5 within 0.07 but once in 600."""
+    """Of 400, a half is 0.5 within 0.07 but once in 200."""
     for of in (
         lambda c: c.car.imperfections.friction.static_ratio > 1.0,
         lambda c: np.isfinite(c.car.imperfections.stop_gap_m[0]),

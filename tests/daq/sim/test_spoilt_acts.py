@@ -69,14 +69,6 @@ def test_another_kind_of_bump_moves_another_axle(acts: Acts) -> None:
     assert wrong[:2].min() > 4 * wrong[2:].max()
 
 
-def test_a_second_bump_comes_0_84_s_after_the_first(acts: Acts) -> None:
-    once, twice = acts.prepare(BOUNCE, None).result(), acts.prepare(BOUNCE, Fault.DOUBLE_BUMP)
-    both = twice.result()
-    apart = np.abs(hubs(both) - hubs(once)).max(axis=0)
-    assert np.flatnonzero(apart > 0.5)[0] == pytest.approx(940, abs=12)
-    assert both.length_s - once.length_s == pytest.approx(0.84)
-
-
 def test_a_bump_is_computed_once(acts: Acts) -> None:
     assert acts.prepare(BOUNCE, None) is acts.prepare(replace(BOUNCE, repeat=2), None)
     assert acts.prepare(BOUNCE, None) is not acts.prepare(BOUNCE, Fault.WEAK)

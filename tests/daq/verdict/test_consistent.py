@@ -93,6 +93,15 @@ def test_what_a_run_differs_in_is_said(odd: RunMeasure, text: str) -> None:
     assert text in found.get("odd", ""), found
 
 
+@pytest.mark.parametrize(
+    ("hertz", "said"), [(1.4273, False), (1.4287, True), (1.3727, False), (1.3713, True)]
+)
+def test_a_frequency_is_said_from_two_percent_on(hertz: float, said: bool) -> None:
+    """The others swing at 1.4 Hz."""
+    found = _left_out(_run(levels={"travel": 0.21}, frequency_hz=hertz))
+    assert ("frequency" in found["odd"]) is said
+
+
 def test_what_differs_among_all_is_not_odd() -> None:
     levels = dict(zip("abcde", (0.200, 0.204, 0.196, 0.203, 0.211), strict=True))
     runs = {label: _run(levels={"travel": level}) for label, level in levels.items()}
