@@ -125,6 +125,52 @@ def test_what_does_not_go_together_is_refused(
         assert said.count("\n") == 1
 
 
+def test_runs_at_stated_times_are_cut_there(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = recorded / "given.toml"
+    times = 'mass_state = "baseline"\nexcitation = "roll"\nstart_s = 0.9\nstop_s = 2.4\n'
+    given.write_text(f"[[run]]\n{times}{MAP}")
+    words = [str(recorded / "drive.h5"), "--channels", str(given)]
+    assert run(["import", *words, "--out", str(recorded / "s.h5")]) == 0
+    said = capsys.readouterr()
+    assert "planned runs were found" not in said.err, "all that is stated is there"
+    assert "bumps were left out" not in said.err
+    (only,) = daq.read_session(recorded / "s.h5").runs
+    assert only.label == "baseline_roll_1"
+    (group,) = only.groups
+    assert len(group.time_s) in (750, 751), "1.5 s of 500 a second"
+
+
+def test_bumps_are_left_out_at_the_beginning_and_named_in_the_order_given(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drive, plain = str(recorded / "drive.h5"), str(recorded / "map.toml")
+    words = ["import", drive, "--channels", plain, "--out", str(recorded / "s.h5")]
+    assert run([*words, "--skip", "1", "--runs", "added:pitch", "--json"]) == 0
+    said = capsys.readouterr()
+    document = json.loads(said.out)
+    assert [one["label"] for one in document["runs"]] == ["added_pitch_1"]
+    assert (document["bumps"], document["planned"]) == (2, 1)
+    assert "1 of 2 bumps were left out" in said.err
+    assert "planned runs were found" not in said.err
+    (only,) = daq.read_session(recorded / "s.h5").runs
+    assert run([*words, "--skip", "2"]) == 2
+    assert "no bump is left to be a run" in capsys.readouterr().err
+    with h5py.File(recorded / "quiet.h5", "w") as file:
+        file["t"] = np.arange(4000) / 500.0
+        file["acc_fl"] = np.zeros(4000)
+        file["acc_fl"].attrs["unit"] = "m/s2"
+    quiet = str(recorded / "quiet.h5")
+    assert run(["import", quiet, *words[2:]]) == 2
+    assert "no channel leaves its rest" in capsys.readouterr().err
+    assert run(["import", drive, quiet, *words[2:]]) == 0, "of several files one may be quiet"
+    capsys.readouterr()
+    assert run(["import", "--run", f"baseline:roll:{quiet}", *words[2:]]) == 2
+    assert "no channel leaves its rest" in capsys.readouterr().err
+    assert only.status == "accepted"
+
+
 def test_a_map_is_proposed(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = recorded / "proposed.toml"
     assert run(["import", str(recorded / "drive.h5"), "--propose", str(target)]) == 0

@@ -24,6 +24,8 @@ from tui.jobs.session_list import (
     with_open,
 )
 
+from ..daq.crash_derive import journal_of_runs
+from ..daq.small_campaign import small_bench
 from .batches import refused_session
 
 ENTRY = SessionEntry(
@@ -115,6 +117,27 @@ def test_a_session_without_a_date_has_that_of_its_file(tmp_path: Path) -> None:
     assert only.date[:9] == "2026-11-2"
     assert only.date[-2:] in ("22", "52", "37", "07"), "of any time zone"
     assert list(sessions_in(tmp_path / "absent")) == []
+
+
+def test_a_recording_without_a_session_file_is_listed_first(tmp_path: Path) -> None:
+    journal_of_runs(tmp_path / "journal", 8_000)
+    write_session(tmp_path / "other.h5", refused_session(1))
+    cut, other = sessions_in(tmp_path)
+    assert (cut.path, cut.folder, cut.state) == ("", str(tmp_path), SessionState.CUT_OFF)
+    assert (cut.accepted, cut.rejected, cut.recording) == (0, 4, "ab" * 16)
+    assert cut.date[:4] == "2027", "of its head, 1.8e9 s of UNIX time"
+    assert (cut.vehicle, cut.note, cut.name) == (small_bench().vehicle.name, "", "journal")
+    assert with_open(cut, "ab" * 16).state is SessionState.OPEN
+    assert other.name == "other.h5"
+    (tmp_path / "session_0001.h5").write_bytes((tmp_path / "other.h5").read_bytes())
+    names = {entry.name for entry in sessions_in(tmp_path)}
+    assert names == {"other.h5", "session_0001.h5"}, "its file is there"
+
+
+def test_a_journal_without_a_whole_head_is_no_recording(tmp_path: Path) -> None:
+    (tmp_path / "journal").mkdir()
+    (tmp_path / "journal" / "journal_0001.mcap").write_bytes(b"no journal at all")
+    assert list(sessions_in(tmp_path)) == []
 
 
 def test_an_ended_worker_says_how_it_ended() -> None:

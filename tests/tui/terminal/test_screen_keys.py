@@ -16,6 +16,7 @@ from tui.jobs.lines import CompareTask, Done, ExportTask, Item, Line, ListTask, 
 from tui.jobs.session_list import SessionEntry, SessionState
 from tui.terminal.app import BenchApp
 from tui.terminal.screens import export, sessions
+from tui.terminal.screens.identify import IdentifyScreen
 from tui.terminal.screens.report import ReportScreen
 from tui.terminal.screens.sessions import SessionsScreen
 from tui.terminal.state.long_work import LongWork, Stage
@@ -158,8 +159,10 @@ async def test_results_scroll_export_and_turn_their_pages(
         for _ in range(2):
             await pressed(pilot, "tab")
         assert "[M C K]" in seen(app)
-        await pressed(pilot, "down", "down", "up")
-        await until(pilot, lambda: scroll.scroll_y == 2)
+        await until(pilot, lambda: scroll.max_scroll_y > 4)
+        for key, row in (("down", 2), ("down", 4), ("up", 2)):
+            await pilot.press(key)
+            await until(pilot, lambda row=row: scroll.scroll_y == row)
         await pressed(pilot, *["shift+tab"] * 3)
         assert "[Dampers]" in seen(app)
         assert "curve curve" in seen(app)
@@ -173,41 +176,41 @@ async def test_results_scroll_export_and_turn_their_pages(
         await until(pilot, lambda: "needs more memory" in seen(app))
 
 
-@pytest.mark.parametrize(
-    ("stage", "acts", "ready"),
-    [
-        (Stage.IDLE, True, True), (Stage.BUILDING, False, False), (Stage.WORKING, False, False),
-        (Stage.DONE, True, True), (Stage.FAILED, True, False),
-    ],
-)  # fmt: skip
 async def test_identify_and_report_act_by_their_stage(
-    stage: Stage, acts: bool, ready: bool, make_app: Make, monkeypatch: pytest.MonkeyPatch
+    make_app: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    begun: list[int] = []
+    monkeypatch.setattr(ReportScreen, "begin", lambda _: begun.append(1))
+    answer = {"verdict": "ok", "files": {"/b/s.html": 2048}}
     app = make_app(measured())
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause()
-        identify = app.screen
-        assert identify is app.get_screen("identify")
-        answer = {"verdict": "ok", "files": {"/b/s.html": 2048}}
-        identify.work = LongWork(stage, answer=answer)  # type: ignore[attr-defined]
-        assert (identify.acts, identify.ready) == (acts, ready)  # type: ignore[attr-defined]
-        await app.open("report")
-        report = app.screen
+        identify, report = app.get_screen("identify"), app.get_screen("report")
+        assert isinstance(identify, IdentifyScreen)
         assert isinstance(report, ReportScreen)
-        report.work = LongWork(stage, "/bench/session_0001.h5", answer=answer)
-        done = stage is Stage.DONE
-        assert (report.acts, report.ready) == (acts and not done, stage is Stage.IDLE)
-        again = report.check_action("again", ())
-        assert again is (stage in (Stage.DONE, Stage.FAILED))
-        begun: list[int] = []
-        monkeypatch.setattr(ReportScreen, "begin", lambda _: begun.append(1))
-        await pressed(pilot, "r")
-        assert begun == ([1] if again else [])
-        await pressed(pilot, "escape")
-        under_way = stage in (Stage.BUILDING, Stage.WORKING)
-        assert (app.screen is report) is under_way
-        if under_way:
-            assert report.work == LongWork()
+        for stage, acts, ready in (
+            (Stage.IDLE, True, True),
+            (Stage.BUILDING, False, False),
+            (Stage.WORKING, False, False),
+            (Stage.DONE, True, True),
+            (Stage.FAILED, True, False),
+        ):
+            identify.work = LongWork(stage, answer=answer)
+            assert (identify.acts, identify.ready) == (acts, ready), stage
+            await app.open("report")
+            await pilot.pause()
+            report.work = LongWork(stage, "/bench/session_0001.h5", answer=answer)
+            done = stage is Stage.DONE
+            assert (report.acts, report.ready) == (acts and not done, stage is Stage.IDLE)
+            again = stage in (Stage.DONE, Stage.FAILED)
+            assert report.check_action("again", ()) is again
+            begun.clear()
+            await pressed(pilot, "r")
+            assert begun == [1] * again
+            await pressed(pilot, "escape")
+            under_way = stage in (Stage.BUILDING, Stage.WORKING)
+            assert (front(app) is report) is under_way, stage
+            assert (report.work == LongWork()) is under_way
 
 
 # Notes and the run loop -------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -15,7 +16,7 @@ from daq.control import address
 from daq.control.orders import Arm, Hello
 from daq.errors import InputError
 from tui.cli import run
-from tui.commands.tui import check_fault, known_operator
+from tui.commands.tui import check_fault, known_operator, rest_collector
 from tui.diagnostics import ExitCode
 from tui.terminal.app import BenchApp
 from tui.terminal.state.feed import News, Role
@@ -54,6 +55,35 @@ def test_the_name_is_known_from_the_form_that_was_applied(tmp_path: Path) -> Non
     assert known_operator(tmp_path, demo=True) == "Anna"
     (tmp_path / "vehicle.json").write_text(json.dumps({"operator": 3}))
     assert known_operator(tmp_path, demo=False) == ""
+
+
+def test_the_garbage_collector_rests_for_some_seconds_and_then_spares_what_was_loaded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[tuple[float, Callable[[], None]]] = []
+
+    class Timer:
+        daemon = False
+
+        def __init__(self, seconds: float, resume: Callable[[], None]) -> None:
+            begun.append((seconds, resume))
+
+        def start(self) -> None:
+            """Wait for the test."""
+
+    monkeypatch.setattr("threading.Timer", Timer)
+    try:
+        rest_collector(2.0)
+        assert not gc.isenabled()
+        ((seconds, resume),) = begun
+        assert seconds == 2.0
+        before = gc.get_freeze_count()
+        resume()
+        assert gc.isenabled()
+        assert gc.get_freeze_count() > before
+    finally:
+        gc.unfreeze()
+        gc.enable()
 
 
 def test_the_name_is_asked_for_once_if_nobody_has_said_it(

@@ -79,7 +79,7 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
         await pressed(pilot, "r")
         assert len(orders_of(recorder, AskCheck)) == asked + 1
         assert orders_of(recorder, AskCheck)[-1] == AskCheck(3.0)
-        await pressed(pilot, *["down"] * 40)
+        await pressed(pilot, *["down"] * 20)
         assert "hands off the car: 5 s more" in await pressed(pilot, "r")
         assert not screen.acts
         await pressed(pilot, "up")
@@ -102,7 +102,7 @@ async def test_no_corner_is_pushed_while_a_run_is_armed(make_app: Make) -> None:
         await until(pilot, lambda: "wiggle FL" in screen_text(app))
         recorder.turn(Phase.ARMED)
         await pilot.pause()
-        await pressed(pilot, *["down"] * 40, "up")
+        await pressed(pilot, *["down"] * 20, "up")
         assert "a run is armed: pause it first" in await pressed(pilot, "r")
         assert orders_of(recorder, Mark) == []
 
@@ -128,7 +128,7 @@ async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_
         await pilot.pause()
         assert recorder.orders[-1] == AskCheck(5.0)
         assert "travel_fl +3.5 mm" in seen(app)
-        assert "Z takes this as zero" in await pressed(pilot, *["down"] * 40)
+        assert "Z takes this as zero" in await pressed(pilot, *["down"] * 20)
         recorder.check = check_items()
         await pressed(pilot, "z")
         assert "listening" in seen(app), "what was read before is void"
@@ -185,8 +185,7 @@ async def test_a_weight_is_added_edited_taken_off_and_put_back(make_app: Make) -
         assert len(screen._weights) == count
         await pressed(pilot, "u")
         assert len(screen._weights) == count + 1
-        for _ in range(20):
-            await pressed(pilot, "u")
+        await pressed(pilot, *["u"] * 20)
         assert len(screen._weights) == count
         await pressed(pilot, *["delete"] * (count + 2))
         assert screen._weights == ()
