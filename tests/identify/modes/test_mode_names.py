@@ -79,7 +79,7 @@ def test_a_motion_names_a_mode_where_it_is_larger_than_the_bounce(
     Pitch by the wheelbase of 3 m, roll by twice the mean half track of 0.7 m, two wheels by
     sqrt(2).
     """
-    shape = share * border * np.array(entries, dtype=complex)
+    shape = np.array([share * border * entry for entry in entries], dtype=complex)
     shape[0] += 1.0
     model = ModalModel(np.array([-1.0 + 10.0j]), shape[:, None])
     assert mode_names(model, UNEQUAL) == (name if share > 1.0 else "body bounce",)
