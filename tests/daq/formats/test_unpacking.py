@@ -44,7 +44,9 @@ def test_short_files_are_not_packed(raw: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    "raw", [PACKED[:-1], PACKED[:200], PACKED[:-8] + bytes(8), PACKED[:60] + b"\xff" * 20]
+    "raw",
+    [PACKED[:-1], PACKED[:200], PACKED[:-8] + bytes(8), PACKED[:60] + b"\xff" * 20],
+    ids=["end", "most", "check", "middle"],
 )
 def test_what_is_cut_off_or_damaged_ends_a_packed_file(raw: bytes) -> None:
     ledger = Ledger()

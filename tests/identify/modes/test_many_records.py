@@ -124,7 +124,7 @@ def test_the_strongest_copy_has_the_most_energy_in_all_runs_together(
     strongest: int,
 ) -> None:
     poles = np.array([100j - damping[0], 100.1j - damping[1]])
-    shapes = np.array(np.column_stack([SHAPE, SHAPE]) * size, dtype=complex)
+    shapes = np.column_stack([SHAPE, SHAPE]) * np.array(size, dtype=complex)
     assert originals(poles, shapes, np.array(runs, dtype=complex)).tolist() == [strongest]
 
 

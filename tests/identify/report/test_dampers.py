@@ -145,6 +145,12 @@ def test_the_section_shows_curves_elements_and_what_was_tried() -> None:
     svg = panel_svg(panel, "dampers")
     assert "speed, m/s, compression positive" in svg
     assert "with friction" in svg
+    tables = {b.title: b for b in section.blocks if isinstance(b, Table)}
+    tried = tables["Elements that were tried"].rows
+    assert [[cell.text for cell in row] for row in tried] == [
+        ["friction", "120.00", "20.000", "there"],
+        ["bump stops", "3.0000", "40.000", "not needed"],
+    ]
 
 
 def test_a_linear_car_has_no_such_section() -> None:
