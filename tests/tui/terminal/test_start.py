@@ -16,7 +16,7 @@ from daq.control import address
 from daq.control.orders import Arm, Hello
 from daq.errors import InputError
 from tui.cli import run
-from tui.commands.tui import check_fault, known_operator, rest_collector
+from tui.commands.tui import check_fault, known_operator, pause_collector
 from tui.diagnostics import ExitCode
 from tui.terminal.app import BenchApp
 from tui.terminal.state.feed import News, Role
@@ -73,7 +73,7 @@ def test_the_garbage_collector_rests_for_some_seconds_and_then_spares_what_was_l
 
     monkeypatch.setattr("threading.Timer", Timer)
     try:
-        rest_collector(2.0)
+        pause_collector(2.0)
         assert not gc.isenabled()
         ((seconds, resume),) = begun
         assert seconds == 2.0
