@@ -167,7 +167,5 @@ def _numbers(pandas: Any, column: Any, decimal: str) -> NDArray[Any]:
 
 def _joined(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """Return the pieces as one array; dates as ns, with the lowest number for a missing one."""
-    if not pieces:
-        return np.zeros(0)
     whole = np.concatenate(pieces)
     return whole.astype(np.int64) if whole.dtype.kind == "M" else whole
