@@ -296,6 +296,24 @@ def test_the_check_passes_a_good_sensor_and_finds_a_wrong_time_unit() -> None:
     assert "runs 99.99 times as fast" in line.text
 
 
+@pytest.mark.parametrize(
+    ("lost", "verdict"),
+    [(7, Severity.NOTE), (8, Severity.WARNING), (250, Severity.WARNING), (251, Severity.ERROR)],
+)
+def test_a_hundredth_of_a_sample_set_and_two_more_may_lack_a_frame(
+    lost: int, verdict: Severity
+) -> None:
+    bench = _bench("xsens_mti")
+    rows = _xsens_rows(500, 100, {(k, 3) for k in range(100, 100 + lost)})
+    report = check_bench(bench, bench_codec(bench), frame_batch(rows), TODAY)
+    (line,) = [x for x in report.lines if x.subject == "sample set mti"]
+    assert line.severity is verdict
+    assert (line.figures["samples"], line.figures["incomplete"]) == (500, lost)
+    assert line.figures["rate_hz"] == pytest.approx(100.0, rel=1e-3)
+    if verdict is not Severity.NOTE:
+        assert line.text == f"{lost} of 500 samples lack a frame"
+
+
 def test_a_wrong_time_unit_does_not_spoil_the_times() -> None:
     group = _groups("xsens_mti", frame_batch(_xsens_rows(300, 1)))["mti"]
     assert np.abs(group.time_s - np.arange(300) * 0.01).max() < 3e-3  # those of arrival

@@ -239,3 +239,17 @@ def test_a_campaign_is_edited_wherever_it_stands(written: str) -> None:
     assert bench.procedure.instructions == parse(written).procedure.instructions
     assert bench.trigger == parse(written).trigger
     assert "70.0000" not in edited
+
+
+def test_a_channel_map_describes_car_campaign_trigger_and_weights(tmp_path: Path) -> None:
+    path = tmp_path / "map.toml"
+    path.write_text(
+        '[vehicle]\nname = "T5"\n[campaign]\nrepeats = 7\n[trigger]\nlevel = 4.5\n'
+        "[calibration]\nmax_age_days = 30\n" + HUB + FACT + "sigma = 2.0\n" + MAP,
+        "utf-8",
+    )
+    bench = load_channel_map(path).bench
+    assert (bench.vehicle.name, bench.campaign.repeats, bench.trigger.level) == ("T5", 7, 4.5)
+    assert bench.calibration_days == 30
+    assert bench.mass_states[1].added.weights == (HubWeight(4.0, Corner.FRONT_LEFT),)
+    assert [(fact.value, fact.sigma) for fact in bench.vehicle.facts] == [(1500.0, 2.0)]

@@ -107,3 +107,9 @@ def test_of_several_stretches_the_longest_is_checked() -> None:
     assert line.figures["paused_s"] == pytest.approx(16.5)
     assert found.frames == 301
     assert found.seconds == pytest.approx(3.0)
+
+
+def test_of_nothing_there_is_no_time_and_no_frame() -> None:
+    found = report(FrameBatch.empty())
+    assert (found.frames, found.seconds) == (0, 0.0)
+    assert [line.code for line in found.lines] == ["no_frames"]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.bench.message_rules import SensorClock
+from daq.bench.message_rules import SampleSet, SensorClock
 from daq.channels import Channel, Quantity
 from daq.check import mixed_messages
 from daq.check.frame_checks import check_messages, frame_table
@@ -283,6 +283,23 @@ def test_an_absent_message_may_be_one_of_its_length_and_rate(
     assert ("0x123" in line.advice) is (length == 8)
     (line,) = checked(message(), other, quantity=Quantity.UNUSED)
     assert line.severity is WARN
+
+
+def test_a_message_that_numbers_the_samples_of_others_must_come_without_a_channel_of_its_own() -> (
+    None
+):
+    carrier = replace(message(), name="C", can_id=0x101)
+    mapped = map_channels((Channel("c", Quantity.UNUSED, signal="M.v"),), (message(),), "m.dbc")
+    sets = (SampleSet("set", ("M",), "C.cnt"),)
+    keeping = Timekeeping({"M": message(), "C": carrier}, {}, sets)
+    messages = (message(), carrier)
+    batch = sent(beats(30))
+    table, decoded = frame_table(messages, batch), Codec(messages).decode(batch)
+    lines = check_messages(mapped, keeping, table, decoded)
+    assert [(line.subject, line.code, line.severity) for line in lines] == [
+        ("message M", "rate", OK),
+        ("message C", "absent", FAIL),
+    ]
 
 
 def test_three_that_may_be_an_absent_message_are_named_in_their_width() -> None:
