@@ -22,7 +22,15 @@ from daq.vehicle import (
     Structure,
 )
 from identify.model.response import Bump
-from identify.plan import KnownRuns, Plan, Runs, sensors_of
+from identify.plan import (
+    ExpectedElements,
+    KnownRuns,
+    Plan,
+    Runs,
+    sensors_of,
+    typical_elements,
+)
+from identify.plan.real_car import RealCar
 
 SENSORS = (
     Channel("z", Quantity.BODY_ACCELERATION, at_cg=True),
@@ -84,3 +92,25 @@ def test_information_grows_with_the_square_of_height_and_with_the_number_of_runs
     assert KnownRuns().fisher(replace(BASE, runs=thrice)).information == pytest.approx(
         3.0 * once, rel=1e-9, abs=1e-9
     )
+
+
+def test_a_real_car_has_the_elements_that_are_unknown_and_those_of_its_structure() -> None:
+    unknown = ("anti_roll_bars", "friction", "one_sided_dampers")
+    elements = typical_elements(unknown, BASE.vehicle)
+    one = RealCar.of(BASE, elements, ())
+    values = dict(zip((e.name for e in one.unknowns.members), one.unknowns.values, strict=True))
+    assert set(values) == {"F_cf", "F_cr", "d_cf", "d_cr", "h_f2", "h_r2"}
+    assert [values["F_cf"], values["F_cr"], values["d_cr"]] == pytest.approx([50.0, 50.0, 0.5e-3])
+    assert values["h_f2"] < -300.0  # softer in compression than in rebound
+    assert one.unknowns.knots == (-0.15, 0.0, 0.15)
+    assert {"k_af", "k_ar"} <= set(one.model.box.parameters)
+    assert not {"c_tf", "y_s"} & set(one.model.box.parameters)
+    assert len(one.eta) == len(one.model.box.parameters)
+    # Weak priors are all that the planner knows beside the runs: none of friction.
+    shared = np.diag(one.shared())
+    names = [one.model.names[i] for i in one.free]
+    assert shared[names.index("F_cf")] == 0.0
+    assert shared[names.index("d_cf")] == pytest.approx(1.0)
+    others = RealCar.of(BASE, ExpectedElements(("tyre_damping", "cg_offset")), ())
+    assert {"c_tf", "c_tr", "y_s"} <= set(others.model.box.parameters)
+    assert "k_af" not in others.model.box.parameters
