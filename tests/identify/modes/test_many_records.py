@@ -139,3 +139,8 @@ def test_nearness_counts_from_the_larger_of_two_poles() -> None:
     poles = np.array([100j - 1.0, 102.02j - 1.0])
     for order in ([0, 1], [1, 0]):
         assert len(originals(poles[order], np.column_stack([SHAPE, SHAPE]))) == 1
+
+
+def test_two_channels_show_a_shape() -> None:
+    poles = np.array([100j - 1.0, 100.1j - 2.0])
+    assert originals(poles, np.ones((2, 2), dtype=complex)).tolist() == [0]

@@ -69,3 +69,10 @@ def test_a_mirror_cannot_be_changed() -> None:
     mirror = mirror_of(paper_channels())
     assert not mirror.image.flags.writeable
     assert not mirror.sign.flags.writeable
+
+
+def test_a_pair_of_the_first_two_channels_is_tied() -> None:
+    mirror = mirror_of((body("left", -1.0, 0.5), body("right", -1.0, -0.5), body("lone", 0.0, 1.0)))
+    ties = mirror.ties(np.array([1.0, -1.0]))
+    assert ties.owner.tolist() == [0, 0, 1]
+    assert ties.sign.tolist() == [[1.0, 1.0], [1.0, -1.0], [1.0, 1.0]]

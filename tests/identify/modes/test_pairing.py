@@ -78,3 +78,13 @@ def test_the_swapped_pair_is_matched_from_clean_and_from_noisy_decays() -> None:
             assert pairing.margin.min() > 0.7
             if noise_db > 100.0:
                 assert pairing.swapped == ((3, 4),)
+
+
+def test_without_modes_there_is_nothing_to_pair_and_a_pairing_cannot_be_changed() -> None:
+    modes = modes_of(BASELINE.A)
+    none = ModalModel(np.zeros(0, complex), np.zeros((7, 0), complex))
+    for pairing in (pair_modes(modes, none), pair_modes(none, modes), pair_modes(none, none)):
+        assert (len(pairing.mac), len(pairing.margin), pairing.swapped) == (0, 0, ())
+    whole = pair_modes(modes, modes)
+    for array in (whole.baseline, whole.added, whole.mac, whole.margin):
+        assert not array.flags.writeable
