@@ -178,7 +178,7 @@ class Child:
 @pytest.mark.parametrize(
     ("code", "late", "why"),
     [(0, True, "no answer for 60 s"), (-9, False, "it takes more than 20 s"),
-     (1, False, "it breaks off")],
+     (1, False, "it stops with an error")],
 )  # fmt: skip
 def test_why_cantools_says_nothing(
     monkeypatch: pytest.MonkeyPatch, code: int, late: bool, why: str

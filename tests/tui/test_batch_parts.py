@@ -147,12 +147,12 @@ def test_only_what_is_done_by_this_version_is_not_done_again(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("out", "page", "named"),
     [
-        ("t.xlsx", None, "is no table"),
-        ("t.csv", "p.pdf", "is no page"),
+        ("t.xlsx", None, "is not a table"),
+        ("t.csv", "p.pdf", "is not a page"),
         ("t.csv", "none/p.html", "its directory does not exist"),
         ("none/t.csv", None, "its directory does not exist"),
         ("folder.csv", None, "is a directory"),
-        ("full", None, "is something else"),
+        ("full", None, "is not a folder of a batch"),
     ],
 )
 def test_outputs_that_could_not_be_written_are_refused_before(
@@ -209,11 +209,11 @@ def test_work_over_all_reports_its_share(monkeypatch: pytest.MonkeyPatch) -> Non
 
     asked: list[tuple[int, str | None]] = []
 
-    def crew_of(workers: int, scheduler: str | None) -> Entered:
+    def workers_of(workers: int, scheduler: str | None) -> Entered:
         asked.append((workers, scheduler))
         return Entered(lambda future, item: future.set_result(item * item))
 
-    monkeypatch.setattr("tui.jobs.spread.crew_of", crew_of)
+    monkeypatch.setattr("tui.jobs.spread.workers_of", workers_of)
     stages: list[tuple[float, str]] = []
     squares = map_items(
         abs, [3, 1, 2], 7, lambda s, t="": stages.append((s, t)), "squares", "tcp://x:1"

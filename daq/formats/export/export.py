@@ -67,7 +67,7 @@ def format_of(path: Path) -> ExportFormat:
     """
     form = _SUFFIXES.get(path.suffix.lower())
     if form is None:
-        what = f"{path.suffix or 'no suffix'} is not an export format"
+        what = f"{path.suffix} is not an export format" if path.suffix else "has no suffix"
         raise InputError(str(path), what, f"use {' '.join(_SUFFIXES)}, or name it with --format")
     return form
 

@@ -204,7 +204,7 @@ def test_an_acceleration_is_vertical_by_gravity_or_by_its_name(
     assert guess is not None
     assert (guess.quantity, guess.sign) == (quantity, sign)
     if level is None and quantity is not Quantity.UNUSED:
-        said = "vertical by its name" if name.endswith("z") else "taken for vertical"
+        said = "vertical by its name" if name.endswith("z") else "assumed to be vertical"
         assert said in guess.why
 
 

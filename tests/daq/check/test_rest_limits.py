@@ -198,7 +198,7 @@ def test_samples_that_are_no_number_fail() -> None:
     value[3] = np.nan
     lines = checked(channel(Quantity.SUSPENSION_TRAVEL), value)
     assert found(lines) == {"no_number": FAIL}
-    assert lines[0].text == "1 of 320 samples are no numbers"
+    assert lines[0].text == "1 of 320 samples are not numbers"
     quality = np.zeros(320, np.uint8)
     quality[3] = Quality.SENTINEL
     lines = checked(channel(Quantity.SUSPENSION_TRAVEL), value, quality)
@@ -258,7 +258,7 @@ def test_a_channel_without_samples_fails_unless_it_is_not_used() -> None:
         ("2025-06-01", ""),  # 365 days ago
         ("2025-05-31", "calibrated on 2025-05-31, 366 days ago"),
         ("2026-06-01", ""),
-        ("2026-06-02", "calibrated on 2026-06-02, which is to come"),
+        ("2026-06-02", "calibrated on 2026-06-02, which is in the future"),
     ],
 )
 def test_a_calibration_is_valid_from_its_day_on_for_a_year(day: str, text: str) -> None:

@@ -216,7 +216,7 @@ def test_a_socket_whose_folder_cannot_be_made_again_is_reported_once(
         assert asked.acquire(timeout=60.0)
     finally:
         server.close()
-    assert any("is there again" in record.getMessage() for record in caplog.records)
+    assert any("has been created again" in record.getMessage() for record in caplog.records)
 
 
 def test_a_place_that_no_lock_can_be_in_is_not_locked(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ def test_repeats_are_counted_in_the_order_of_the_list() -> None:
 
 @pytest.mark.parametrize("text", ["", "baseline", "baseline:jump", "baseline:bounce:1", "a:roll,"])
 def test_what_is_no_run(text: str) -> None:
-    with pytest.raises(InputError, match="is no run"):
+    with pytest.raises(InputError, match="is not a run"):
         parse_runs(text)
 
 

@@ -114,7 +114,7 @@ def test_times_of_a_rate_and_of_the_file() -> None:
 
 
 def test_a_channel_without_times_or_with_too_few_is_refused() -> None:
-    with pytest.raises(InputError, match="no times of its own"):
+    with pytest.raises(InputError, match="has no times in"):
         recording(_map(), _file({"fl": [1.0]}))
     with pytest.raises(InputError, match=r"2 values.* 3 times"):
         recording(_map(), _file({"fl": [1.0, 2.0]}, times_s={"table": [1.0, 2.0, 3.0]}))

@@ -218,9 +218,9 @@ def test_a_link_to_nowhere_and_to_another_kind_are_refused() -> None:
     for place in (len(mdf.raw), len(mdf.raw) - 23, 1 << 60):
         with pytest.raises(InputError, match=f"byte {place}"):
             _blocks(mdf).kind(place)
-    with pytest.raises(InputError, match=f"byte {at} is no CG"):
+    with pytest.raises(InputError, match=f"byte {at} is not a CG"):
         _blocks(mdf).block(at, b"##CG")
-    with pytest.raises(InputError, match=f"byte {at} is no DT"):
+    with pytest.raises(InputError, match=f"byte {at} is not a DT"):
         list(_blocks(mdf).pieces(at))
 
 

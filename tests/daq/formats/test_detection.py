@@ -77,7 +77,7 @@ def test_the_format_of_a_binary_log(tmp_path: Path, name: str, packed: bool) -> 
     ("content", "what"),
     [
         (b"", "is empty"),
-        (b"a\0b\n", "no text log"),
+        (b"a\0b\n", "not a log of a known format"),
         (b"(" + b"1" * 65_535, "first line has no end"),
         (b"(" + b"1" * 65_534, "begins with no line"),
         (b"  can0  123   [2]  01 02\n", "no time stamps"),
@@ -96,7 +96,7 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         detect(tmp_path)
     with pytest.raises(InputError, match="no such file"):
         detect(tmp_path / "absent")
-    with pytest.raises(InputError, match="no regular file"):
+    with pytest.raises(InputError, match="not a regular file"):
         detect(Path("/dev/null"))
     unreadable = Path("/proc/self/mem")  # a regular file whose first byte nobody can read
     with pytest.raises(InputError, match="cannot be read"):

@@ -325,22 +325,22 @@ def test_a_last_line_without_an_end(tail: bytes, frames: int, garbled: int, cut:
 def test_the_first_line_that_is_no_frame_is_named_by_its_number() -> None:
     _, loss = _read(LINE + b"\n" + LINE + b"no frame\nnor this\n")
     assert loss.garbled == 2
-    assert "line 4 is no frame: 'no frame'" in loss.text
+    assert "line 4 is not a frame: 'no frame'" in loss.text
     many = LINE * 20_000  # more than one block
     _, loss = _read(many + b"no frame\n" + LINE)
-    assert "line 20001 is no frame" in loss.text
+    assert "line 20001 is not a frame" in loss.text
     _, loss = _read(many + b"(2.5) can0 123#")
     assert "line 20001 has no end" in loss.text
 
 
 def test_a_line_without_an_end_is_no_text_log() -> None:
     assert _read(LINE + b"(" + b"1" * 65_535)[1].bytes_cut == 65_536
-    with pytest.raises(InputError, match="no text log"):
+    with pytest.raises(InputError, match="not a text log"):
         _read(LINE + b"(" + b"1" * 65_536)
 
 
 def test_zeros_make_no_text_log_but_behind_frames_they_are_none() -> None:
-    with pytest.raises(InputError, match="no text log"):
+    with pytest.raises(InputError, match="not a text log"):
         _read(b"\0" + LINE)
     with pytest.raises(InputError, match="no line of a known log"):
         _read(b"nothing\n" + b"to see\n")

@@ -186,5 +186,5 @@ def test_the_end_of_a_pcap(tail: bytes, frames: int, lost: int) -> None:
 
 @pytest.mark.parametrize("raw", [b"", _pcap(b"")[:23], b"\xa1\xb2\xc3\xd5" + bytes(40), b"\0" * 24])
 def test_what_is_no_capture_is_refused(raw: bytes) -> None:
-    with pytest.raises(InputError, match="no capture"):
+    with pytest.raises(InputError, match="not a complete capture"):
         read(raw)

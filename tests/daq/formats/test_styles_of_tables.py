@@ -109,7 +109,7 @@ def test_a_table(tmp_path: Path, name: str) -> None:
 )
 def test_what_is_no_table(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.csv").write_text(text)
-    with pytest.raises(InputError, match="no table of numbers"):
+    with pytest.raises(InputError, match="not a table of numbers"):
         read_here(tmp_path / "a.csv")
 
 
@@ -136,7 +136,7 @@ def test_numbers_may_begin_below_a_long_head(tmp_path: Path) -> None:
         if good:
             assert list(read_here(tmp_path / "a.csv").columns) == ["t", "x"]
             continue
-        with pytest.raises(InputError, match="no table of numbers"):
+        with pytest.raises(InputError, match="not a table of numbers"):
             read_here(tmp_path / "a.csv")
 
 

@@ -159,5 +159,5 @@ def test_the_journal_is_the_recording_that_has_the_runs(tmp_path: Path) -> None:
 def test_a_session_without_frames_cannot_be_played(tmp_path: Path) -> None:
     _journal(tmp_path / "journal", [5.0])
     session = small_session(FrameBatch.empty())
-    with pytest.raises(InputError, match="cannot be played alone"):
+    with pytest.raises(InputError, match="cannot be replayed alone"):
         whole_frames(session, tmp_path / "car.h5")

@@ -93,7 +93,7 @@ def test_names_that_mean_something_else_there(
         write_session(path, _renamed(kind, name))
         assert path.exists()
         return
-    with pytest.raises(InputError, match=f"'{name}' means something else"):
+    with pytest.raises(InputError, match=f"'{name}' has another meaning"):
         write_session(path, _renamed(kind, name))
 
 

@@ -100,7 +100,7 @@ def test_the_identification_names_them_first_and_seeks_no_other_cause() -> None:
     found = identify_parameters(session).quality
     assert found.verdict == "refused"
     assert found.findings[0].text == (
-        "likely cause: wrong signs, travel_fl, travel_fr move against the hub accelerometers: turn"
+        "likely cause: wrong signs, travel_fl, travel_fr move against the hub accelerometers: change"
         " the sign of these channels"
     )
     assert len([f for f in found.findings if "likely cause" in f.text]) == 1
@@ -159,4 +159,4 @@ def test_rates_without_travels_are_held_against_each_other() -> None:
     channels = tuple(Channel(name, Quantity.ROLL_RATE) for name in ("a", "b", "c"))
     (finding,) = opposed_signs([run_of({"a": roll, "b": -roll, "c": roll})], channels)
     assert (finding.subject, finding.text) == ("b", "b moves against a")
-    assert finding.advice.startswith("turn the sign of one side")
+    assert finding.advice.startswith("change the sign of one side")

@@ -168,7 +168,7 @@ def test_the_page_of_findings_has_its_three_parts() -> None:
     at = lines.index("Which parameters can be used:")
     assert lines[at - 1] == ""
     assert lines[at + 1].startswith("  usable, moved by")
-    end = lines.index("Warnings of the bench check that a person answered for:")
+    end = lines.index("Warnings of the bench check that a person overrode:")
     assert lines[end - 1] == ""
     assert lines[end + 1].startswith("! noise wheel_rr")
     assert len(lines) == end + 2
