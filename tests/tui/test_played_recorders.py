@@ -12,30 +12,30 @@ from daq.bench.origin import Origin
 from tui.cli import run
 from tui.invocation import invoke
 from tui.recorders import demo, replay
-from tui.recorders.daemon import Habits
+from tui.recorders.daemon import Lifetime
 
 from ..daq.crash_derive import journal_of_runs
 from .batches import refused_session
 
-Recorded = list[tuple[Any, Any, Path, Habits]]
+Recorded = list[tuple[Any, Any, Path, Lifetime]]
 
 
 @pytest.fixture
 def recorded(monkeypatch: pytest.MonkeyPatch) -> Recorded:
-    """Return bench, opener of buses, folder and habits of what would be recorded."""
+    """Return bench, opener of buses, folder and lifetime of what would be recorded."""
     seen: Recorded = []
 
     def record_campaign(
-        bench: Any, open_source: Any, out: Path, habits: Habits, *_: object
+        bench: Any, open_source: Any, out: Path, lifetime: Lifetime, *_: object
     ) -> None:
-        seen.append((bench, open_source, out, habits))
+        seen.append((bench, open_source, out, lifetime))
 
     monkeypatch.setattr("tui.recorders.recording.record_campaign", record_campaign)
     return seen
 
 
-def lives(habits: Habits) -> tuple[bool, bool, bool, bool]:
-    return habits.arm, habits.keep_on, habits.stay, habits.attended
+def lives(lifetime: Lifetime) -> tuple[bool, bool, bool, bool]:
+    return lifetime.arm, lifetime.keep_on, lifetime.stay, lifetime.attended
 
 
 def test_a_demonstration_is_a_simulated_bench_that_a_terminal_arms(
@@ -43,12 +43,12 @@ def test_a_demonstration_is_a_simulated_bench_that_a_terminal_arms(
 ) -> None:
     words = [str(tmp_path / "demo"), "--speed", "2", "--log", str(tmp_path / "a.log")]
     assert invoke([*words, "--fault", "unplug"], demo.commands) == 0
-    ((bench, _, folder, habits),) = recorded
+    ((bench, _, folder, lifetime),) = recorded
     assert folder == tmp_path / "demo"
     assert bench.origin is Origin.SIMULATED
-    assert habits.reread().origin is Origin.SIMULATED
-    assert lives(habits) == (False, True, False, True)
-    assert habits.follow is not None
+    assert lifetime.reread().origin is Origin.SIMULATED
+    assert lives(lifetime) == (False, True, False, True)
+    assert lifetime.follow is not None
 
 
 def test_a_replay_is_armed_goes_on_and_stays_for_its_terminal(
@@ -63,12 +63,12 @@ def test_a_replay_is_armed_goes_on_and_stays_for_its_terminal(
         str(tmp_path / "a.log"),
     ]
     assert invoke(words, replay.commands) == 0
-    ((bench, open_source, folder, habits),) = recorded
+    ((bench, open_source, folder, lifetime),) = recorded
     assert folder == tmp_path / "replay"
     assert bench.origin is Origin.REPLAYED
-    assert habits.reread() is bench
+    assert lifetime.reread() is bench
     assert [(bus.interface, bus.channel) for bus in bench.buses] == [("virtual", "session0")]
-    assert lives(habits) == (True, True, True, True)
+    assert lives(lifetime) == (True, True, True, True)
     source = open_source(bench.buses[0], 0)
     assert source.read(0.0) is not None
     source.close()

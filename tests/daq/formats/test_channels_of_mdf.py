@@ -99,7 +99,7 @@ def test_what_is_no_column_of_numbers_is_refused(values: Any) -> None:
 
 
 def test_a_file_without_columns_and_one_that_is_too_long_are_refused() -> None:
-    with pytest.raises(InputError, match="not a column of numbers") as refused:
+    with pytest.raises(InputError, match="has no column of numbers") as refused:
         _columns(_file({}))
     assert refused.value.where == "a.x"
     long = ColumnFile([Heading("x", "", "", (1 << 26) + 1)], lambda _: {})

@@ -100,8 +100,8 @@ def test_the_identification_names_them_first_and_seeks_no_other_cause() -> None:
     found = identify_parameters(session).quality
     assert found.verdict == "refused"
     assert found.findings[0].text == (
-        "likely cause: wrong signs, travel_fl, travel_fr move against the hub accelerometers: change"
-        " the sign of these channels"
+        "likely cause: wrong signs, travel_fl, travel_fr move against the hub accelerometers:"
+        " change the sign of these channels"
     )
     assert len([f for f in found.findings if "likely cause" in f.text]) == 1
 
