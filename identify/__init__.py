@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .modes.stabilisation import stabilisation_diagram as stabilisation_diagram
     from .pipeline import identify as identify
     from .pipeline import identify_parameters as identify_parameters
-    from .trust.finding import Quality as Quality
+    from .trust.finding import Judgement as Judgement
     from .trust.finding import Verdict as Verdict
 else:
     __all__, __dir__, __getattr__ = lazy(__name__)

@@ -33,14 +33,14 @@ from .model.matrices import PhysicalModel
 from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
 from .nonlinear.forces import Forces
-from .trust.finding import Quality
+from .trust.finding import Judgement
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
     """The vehicle as a session shows it: parameters, modes, and how far they can be trusted."""
 
-    quality: Quality
+    quality: Judgement
     """Verdict, findings and goodness of fit."""
     provenance: Mapping[str, str]
     """Provenance of the session."""

@@ -42,7 +42,7 @@ from .modes.pairing import pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import closed_form
 from .real_car import explained_by_elements
-from .trust.finding import Quality
+from .trust.finding import Judgement
 from .trust.judge import judge
 from .trust.shortcomings import shortcomings
 
@@ -126,7 +126,7 @@ def identify_parameters(
     records = usable_records(session)
     missing = shortcomings(records, session)
     if missing:
-        return Identification(Quality(missing, nan), session.provenance)
+        return Identification(Judgement(missing, nan), session.provenance)
     progress(0.1, "fitting")
     box = grey_box(session, records)
     vehicles = generic_vehicles()

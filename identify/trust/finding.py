@@ -27,8 +27,8 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Quality:
-    """Trust in an identification: verdict, findings, goodness of fit."""
+class Judgement:
+    """Judgement of an identification: verdict, findings, goodness of fit."""
 
     findings: tuple[Finding, ...]
     """The worst first."""

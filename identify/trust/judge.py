@@ -15,7 +15,7 @@ from .cause_texts import Causes, causes_of
 from .consistency import moves_without, repeat_findings
 from .contradiction import contradicted_shift, contradictions
 from .excitation import excitation_findings, mode_snr_db
-from .finding import Quality
+from .finding import Judgement
 from .lift_off import lift_off_findings
 from .linear_effects import WEIGHTS
 from .misfit import chi2_by_run, misfit_findings
@@ -30,7 +30,7 @@ from .whiteness import whiteness_findings
 _NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_in_compression"}
 
 
-def judge(session: Session, estimation: Estimation, signs: Sequence[Finding] = ()) -> Quality:
+def judge(session: Session, estimation: Estimation, signs: Sequence[Finding] = ()) -> Judgement:
     """Judge an estimation by all gates.
 
     For a nonlinear fit, no cause is sought that only a linear model lacks: its elements are in the
@@ -60,7 +60,7 @@ def judge(session: Session, estimation: Estimation, signs: Sequence[Finding] = (
         findings += whiteness_findings(estimation)
         findings += lift_off_findings(estimation) if linear else ()
     hypotheses = list(_hypotheses(estimation, causes, determined and not explained))
-    return Quality(
+    return Judgement(
         tuple(findings),
         estimation.chi2_per_n,
         chi2_by_run(estimation),

@@ -23,7 +23,7 @@ from daq.sim.ecu import campaign_frames
 from daq.sim.reported import true_parameters
 from dbc import FrameBatch, parse_codec
 from identify.pipeline import identify_parameters
-from identify.trust.finding import Quality, Verdict
+from identify.trust.finding import Judgement, Verdict
 
 START_NS = 1_760_000_000_000_000_000
 CAR = SimulatedCar()
@@ -39,7 +39,7 @@ class Outcome:
     then of what else was identified."""
     names: tuple[str, ...]
     """Of all of them."""
-    quality: Quality
+    quality: Judgement
     """What the identification says of itself."""
 
     @property

@@ -17,7 +17,7 @@ from daq.vehicle import (
     MassState,
     Structure,
 )
-from identify import Estimate, Identification, Quality
+from identify import Estimate, Identification, Judgement
 from identify.common_structure import with_common_structure
 from identify.compare import compare
 from identify.fit.estimation import Estimation
@@ -65,7 +65,7 @@ def stated(*facts: Fact, weights: tuple[BodyWeight | HubWeight, ...] = ()) -> Id
     box = replace(one.box, facts=facts, mass_states=states)
     known = {"m_s": Estimate(1000.0, 1.0, 998.0, 1002.0, "kg")}
     fit: Estimation = replace(one, box=box, decays=())
-    return Identification(Quality((), 1.0), {}, parameters=known, estimation=fit)
+    return Identification(Judgement((), 1.0), {}, parameters=known, estimation=fit)
 
 
 TOTAL = Fact(FactQuantity.TOTAL_MASS, 1700.0, 1.0)

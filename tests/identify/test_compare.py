@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dbc.errors import InputError
-from identify import Estimate, Identification, Quality
+from identify import Estimate, Identification, Judgement
 from identify.compare import compare
 
 NAMES = ("m_s", "k_sf", "c_sf", "c_sr")
@@ -15,7 +15,7 @@ NAMES = ("m_s", "k_sf", "c_sf", "c_sr")
 def _result(values: list[float], std: list[float]) -> Identification:
     rows = zip(NAMES, values, std, strict=True)
     parameters = {n: Estimate(v, s, v - 1.96 * s, v + 1.96 * s, "kg", 10.0) for n, v, s in rows}
-    return Identification(Quality((), 1.0), {}, parameters=parameters)
+    return Identification(Judgement((), 1.0), {}, parameters=parameters)
 
 
 def test_a_difference_has_the_spread_of_both() -> None:
@@ -93,7 +93,7 @@ def test_given_and_undetermined_parameters_are_left_out() -> None:
 
 
 def test_a_session_without_parameters_is_named() -> None:
-    nothing = Identification(Quality((), float("nan")), {})
+    nothing = Identification(Judgement((), float("nan")), {})
     with pytest.raises(InputError, match=r"broken\.h5"):
         compare(["a", "broken.h5"], [_result([1.0] * 4, [1.0] * 4), nothing])
     with pytest.raises(InputError, match="one session"):

@@ -12,7 +12,7 @@ import numpy as np
 
 from daq.strict_json import strict
 from dbc.finding import Finding, Severity
-from identify import Document, Estimate, Identification, ModalModel, PhysicalModel, Quality
+from identify import Document, Estimate, Identification, Judgement, ModalModel, PhysicalModel
 from identify.document import EstimateEntry, survival_lines
 from identify.document_html import document_html
 from identify.fit.uncertainty import Correlation, ModeEstimate
@@ -30,7 +30,7 @@ KEYS = (
 
 
 def _made() -> Identification:
-    quality = Quality(
+    quality = Judgement(
         (Finding("wide", Severity.WARNING, "wide intervals"),),
         1.25,
         {"baseline_roll_1": {"hub": 1.5}},

@@ -13,7 +13,7 @@ from daq import session_from_arrays
 from daq.runs import RunStatus
 from dbc.errors import InputError
 from dbc.finding import Finding, Severity
-from identify import Document, Estimate, Identification, ModalModel, Quality, plots
+from identify import Document, Estimate, Identification, Judgement, ModalModel, plots
 from identify.batch import document_row
 from identify.document import LossEntry, survival_lines, unit_text
 from identify.document_html import document_html
@@ -42,7 +42,7 @@ def result() -> Identification:
     mode = ModeEstimate(estimate(1.2, 0.02, "Hz"), estimate(0.25, 0.011, "1"))
     vague = ModeEstimate(estimate(10.0, 0.02, "Hz"), estimate(0.2, 0.5, "1"))
     return Identification(
-        Quality(findings, 1.0625),
+        Judgement(findings, 1.0625),
         {"uuid": "one", "created": "2026-11-22", "origin": "replayed"},
         parameters={
             "m_s": estimate(1380.0, 7.6, "kg"), "a": estimate(1.25, 0.0, "m"),
@@ -114,7 +114,7 @@ def test_a_notebook_shows_verdict_findings_parameters_forces_and_modes() -> None
         assert row in found
     for title in ("Findings", "Parameters", "Forces, front", "Forces, rear", "Modes, baseline"):
         assert title in page
-    bare = document_html(Identification(Quality((), nan), {}).document())
+    bare = document_html(Identification(Judgement((), nan), {}).document())
     assert "Verdict: ok" in bare
     assert "chi2" not in bare
     assert rows(bare) == []
@@ -141,7 +141,7 @@ def test_what_survives_and_what_is_lost_to_what_is_said_in_lines() -> None:
     ]
     assert lines("refused", []) == ["usable: none"]
     assert lines("doubtful", ["a"]) == ["usable, moved by no cause that was sized: a"]
-    nothing = Identification(Quality((), nan), {}).document()
+    nothing = Identification(Judgement((), nan), {}).document()
     nothing["verdict"] = "refused"
     assert survival_lines(nothing) == []
     assert [unit_text(unit) for unit in ("1", "kg")] == ["", "kg"]
@@ -189,11 +189,11 @@ def test_modes_are_the_stable_poles_of_the_highest_rank(
 
 
 def test_a_plot_of_what_is_not_there_says_why() -> None:
-    refused = Identification(Quality((Finding("g", Severity.ERROR, "no bump"),), nan), {})
+    refused = Identification(Judgement((Finding("g", Severity.ERROR, "no bump"),), nan), {})
     with pytest.raises(InputError, match=r"plot: there is no fit: no bump"):
         plots.parameters(refused)
     with pytest.raises(InputError, match=r"plot: there is no fit: refused"):
-        plots.correlation(Identification(Quality((), nan), {}))
+        plots.correlation(Identification(Judgement((), nan), {}))
     model = ModalModel(np.array([-1.0 + 9.0j]), np.ones((7, 1), complex))
     made = replace(result(), modal={"baseline": model, "added": model})
     with pytest.raises(InputError, match=r"no mass state laden .*choose baseline, added"):

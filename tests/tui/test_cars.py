@@ -14,7 +14,7 @@ from daq.bench.config import default_bench_text, parse_bench
 from daq.sessions import Session
 from daq.sim.cars import car_names
 from identify import Identification
-from identify.trust.finding import Quality
+from identify.trust.finding import Judgement
 from tui.cli import run
 from tui.commands import demo
 from tui.diagnostics import ExitCode
@@ -49,7 +49,7 @@ def test_a_real_car_is_recorded_and_its_friction_stands_in_the_truth(
     def nothing(session: Session, progress: object) -> Identification:
         assert len(session.runs) == 2
         assert session.vehicle.name == "Ford Escort with the front right damper worn to half"
-        return Identification(Quality((), math.nan), session.provenance)
+        return Identification(Judgement((), math.nan), session.provenance)
 
     short = default_bench_text().replace('["bounce", "pitch", "roll"]', '["bounce"]')
     short = short.replace("repeats = 2", "repeats = 1")

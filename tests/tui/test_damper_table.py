@@ -9,7 +9,7 @@ import pytest
 from scipy.io import loadmat
 
 from daq.errors import InputError
-from identify import Document, Estimate, Identification, Quality
+from identify import Document, Estimate, Identification, Judgement
 from identify.nonlinear.forces import AxleForces, DamperCurve, Forces
 from tui.damper_table import write_damper_table
 
@@ -18,7 +18,7 @@ def test_each_axle_and_speed_is_a_row(tmp_path: Path) -> None:
     v = np.array([-0.1, 0.1])
     curve = DamperCurve(v, 1500.0 * v, np.ones(2), 1500.0 * v, np.ones(2))
     axles = (AxleForces("front", curve, {}, ()), AxleForces("rear", curve, {}, ()))
-    result = Identification(Quality((), 1.0), {}, forces=Forces(axles, ()))
+    result = Identification(Judgement((), 1.0), {}, forces=Forces(axles, ()))
     write_damper_table(result.document(), tmp_path / "d.csv")
     lines = (tmp_path / "d.csv").read_text().splitlines()
     assert lines[0].startswith("axle,speed_m_s,force_n,force_low_n,force_high_n")
@@ -29,7 +29,7 @@ def test_each_axle_and_speed_is_a_row(tmp_path: Path) -> None:
 
 
 def test_a_linear_car_has_none(tmp_path: Path) -> None:
-    document = Identification(Quality((), 1.0), {}).document()
+    document = Identification(Judgement((), 1.0), {}).document()
     with pytest.raises(InputError, match="the linear model explains the decays"):
         write_damper_table(document, tmp_path / "d.csv")
     assert not (tmp_path / "d.csv").exists()
@@ -38,7 +38,7 @@ def test_a_linear_car_has_none(tmp_path: Path) -> None:
 def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     curve = DamperCurve(*(np.zeros(1),) * 5)
     axles = (AxleForces("front", curve, {}, ()), AxleForces("rear", curve, {}, ()))
-    document = Identification(Quality((), 1.0), {}, forces=Forces(axles, ())).document()
+    document = Identification(Judgement((), 1.0), {}, forces=Forces(axles, ())).document()
     with pytest.raises(InputError, match="cannot be written: No such file"):
         write_damper_table(document, tmp_path / "none" / "d.csv")
 
@@ -57,7 +57,7 @@ def _made() -> Document:
         mount = Estimate(1e6, 4e5, 6e5, 4e6, "N/m")
         axles.append(AxleForces(axle, curve, {"friction": friction, "mount": mount}, ()))
     forces = Forces((axles[0], axles[1]), ())
-    return Identification(Quality((), 1.0), {}, forces=forces).document()
+    return Identification(Judgement((), 1.0), {}, forces=forces).document()
 
 
 def _modelica_tables(text: str) -> dict[str, list[list[float]]]:

@@ -20,7 +20,7 @@ from dbc.finding import Finding, Severity
 from identify.fit.uncertainty import Correlation, Estimate
 from identify.identification import Identification
 from identify.model.matrices import physical_model
-from identify.trust.finding import Quality
+from identify.trust.finding import Judgement
 from tui.model_file import covariance, state_space, write_model
 
 
@@ -30,7 +30,7 @@ def _made(std: float = 0.01, refused: bool = False) -> Identification:
     n = len(values)
     matrix = 0.5 * np.eye(n) + 0.5
     return Identification(
-        quality=Quality((Finding("no_runs", Severity.ERROR, "no"),) if refused else (), 1.0),
+        quality=Judgement((Finding("no_runs", Severity.ERROR, "no"),) if refused else (), 1.0),
         provenance={"uuid": "1", "dbc": "long"},
         parameters=estimates,
         correlation=Correlation(tuple(values), matrix),

@@ -14,7 +14,7 @@ from daq.bench.config import default_bench_text, load_bench
 from daq.runs import Excitation
 from daq.vehicle import DOF, FORD_GRANADA, PARAMETER_NAMES
 from dbc import shipped_dbc
-from identify import Estimate, Identification, Quality
+from identify import Estimate, Identification, Judgement
 from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
@@ -200,7 +200,7 @@ def test_a_session_lends_the_elements_that_were_identified(
         name: Estimate(value, 0.01 * value, 0.98 * value, 1.02 * value, "")
         for name, value in zip(PARAMETER_NAMES, FORD_GRANADA.to_array(), strict=True)
     }
-    answer = Identification(Quality((), 1.0), {}, parameters=known, forces=forces)
+    answer = Identification(Judgement((), 1.0), {}, parameters=known, forces=forces)
     monkeypatch.setattr("identify.identify", lambda _: answer)
     held = daq.session_from_arrays([])
     expected = of_session(tmp_path / "car.h5", held)

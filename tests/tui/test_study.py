@@ -16,7 +16,7 @@ from daq.sessions import Session
 from dbc.errors import InputError
 from identify import Identification
 from identify.study.fleet import FleetCase
-from identify.trust.finding import Quality
+from identify.trust.finding import Judgement
 from tui.cli import run
 from tui.jobs import spread
 from tui.jobs.fleet import identified_car
@@ -190,7 +190,7 @@ def test_a_car_of_the_fleet_is_simulated_and_identified(monkeypatch: pytest.Monk
 
     def refuse(session: Session) -> Identification:
         seen.append(len(session.runs))
-        return Identification(Quality((), math.nan), session.provenance)
+        return Identification(Judgement((), math.nan), session.provenance)
 
     monkeypatch.setattr("identify.identify", refuse)
     case = identified_car(1, False, True, 3)

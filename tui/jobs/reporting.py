@@ -17,7 +17,7 @@ from dbc import InputError
 from .helpers import helpers
 
 if TYPE_CHECKING:  # slow to load
-    from identify import Quality
+    from identify import Judgement
     from identify.report import Picture, Report, Source
 
 _HEAVY = (
@@ -51,7 +51,7 @@ def write_report(
     stage: Callable[[float, str], None],
     written: Callable[[Path], None],
     signed: tuple[str, str] = ("", ""),
-) -> tuple[Report, Quality]:
+) -> tuple[Report, Judgement]:
     """Identify a session and write its report.
 
     `html` and `pdf`: what to write; no PDF if None.  `stage`: called with the share done, 0..1, and

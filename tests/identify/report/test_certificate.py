@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from daq import session_from_arrays
 from daq.sessions import Session
-from identify import Identification, Quality
+from identify import Identification, Judgement
 from identify.document import Document
 from identify.report.blocks import Cell, Section, Source, Table
 from identify.report.certificate import REFUSED, certificate_section, marked
@@ -28,7 +28,7 @@ def test_it_cites_session_software_and_persons() -> None:
     why = '[{"subject": "hub_fl", "reason": "cable taped", "by": "AE"}]'
     stated = {"uuid": "one", "origin": "simulated", "overrides": why}
     session = replace(session_from_arrays([]), provenance=stated)
-    document = Identification(Quality((), 1.0), session.provenance).document()
+    document = Identification(Judgement((), 1.0), session.provenance).document()
     tables = _rows(session, document)
     assert tables["Result"]["data"] == "simulated, not measured"
     assert tables["Result"]["session"] == "one"
@@ -43,7 +43,7 @@ def test_it_cites_session_software_and_persons() -> None:
 
 def test_where_nothing_was_overridden_there_is_no_such_table() -> None:
     session = session_from_arrays([])
-    tables = _rows(session, Identification(Quality((), 1.0), {}).document())
+    tables = _rows(session, Identification(Judgement((), 1.0), {}).document())
     assert list(tables) == ["Result", "Signed", "Sensors"]
     assert tables["Result"]["data"] == "measured"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from identify import Identification, Quality
+from identify import Identification, Judgement
 from identify.compare import Comparison, compare
 from identify.fit.estimation import Estimation
 from identify.fit.uncertainty import estimates
@@ -24,7 +24,7 @@ from ..changes import session
 
 def held(fits: list[Estimation]) -> Comparison:
     results = [
-        Identification(Quality((), 1.0), {}, parameters=estimates(e.box, e.fit), estimation=e)
+        Identification(Judgement((), 1.0), {}, parameters=estimates(e.box, e.fit), estimation=e)
         for e in fits
     ]
     return compare([f"session {i + 1}" for i in range(len(fits))], results)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dbc.finding import Finding, Severity
-from identify import Estimate, Identification, Quality
+from identify import Estimate, Identification, Judgement
 from identify.change import Change, NamedChange
 from identify.compare import Comparison, compare
 from identify.fit.uncertainty import ModeEstimate
@@ -32,7 +32,7 @@ def session(m_s: float, k_sf: float, hertz: float, lost: bool = False) -> Identi
     findings = (Finding("wide", Severity.WARNING, "wide"),) if lost else ()
     mode = ModeEstimate(estimate(hertz, 0.01, "Hz"), estimate(0.25, 0.01, "1"))
     return Identification(
-        Quality(findings, 1.0), {}, parameters=parameters,
+        Judgement(findings, 1.0), {}, parameters=parameters,
         modes={"baseline": (mode,)}, mode_names={"baseline": ("body bounce",)},
     )  # fmt: skip
 
@@ -156,7 +156,7 @@ def test_the_first_24_trends_are_drawn_and_all_are_listed() -> None:
     names = [f"p{i}" for i in range(25)]
     results = [
         Identification(
-            Quality((), 1.0), {}, parameters={n: estimate(9.0, 1.0, "kg") for n in names}
+            Judgement((), 1.0), {}, parameters={n: estimate(9.0, 1.0, "kg") for n in names}
         )
         for _ in range(3)
     ]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daq import InputError, session_from_arrays
-from identify import Estimate, Identification, Quality, plots
+from identify import Estimate, Identification, Judgement, plots
 from identify.batch import document_row
 from identify.compare import compare
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
@@ -36,7 +36,7 @@ def _result() -> Identification:
     kept = ElementChoice("friction", 120.0, 20.0, True, False, {})
     dropped = ElementChoice("bump_stops", 3.0, 40.0, False, False, {})
     forces = Forces((_axle("front", 1500.0), _axle("rear", 2000.0)), (kept, dropped))
-    return Identification(Quality((), 1.0), {}, forces=forces)
+    return Identification(Judgement((), 1.0), {}, forces=forces)
 
 
 def test_the_document_holds_the_curve_and_its_band() -> None:

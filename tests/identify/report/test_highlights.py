@@ -16,7 +16,7 @@ from daq.runs import RunStatus
 from daq.sessions import Session
 from daq.vehicle import Corner, Vehicle
 from dbc.finding import Finding, Severity
-from identify import Estimate, Identification, Quality
+from identify import Estimate, Identification, Judgement
 from identify.cross_checks import CrossChecks
 from identify.fit.cross_validation import Prediction
 from identify.report.blocks import Gallery, Picture, Report, Section, Source, Table
@@ -57,7 +57,7 @@ def cards(result: Identification, *predictions: Prediction) -> list[tuple[str, s
 
 def full() -> Identification:
     return Identification(
-        Quality((), 1.01234),
+        Judgement((), 1.01234),
         {},
         parameters={
             "m_s": estimate(1000.0, 20.0, "kg"),
@@ -94,7 +94,7 @@ def test_the_few_numbers_that_are_read_first() -> None:
 
 
 def test_without_a_fit_only_the_runs_are_said() -> None:
-    assert cards(Identification(Quality((REFUSAL,), nan), {})) == [("runs used", "2 of 3")]
+    assert cards(Identification(Judgement((REFUSAL,), nan), {})) == [("runs used", "2 of 3")]
 
 
 def test_where_every_parameter_is_given_no_interval_is_the_widest() -> None:
@@ -114,7 +114,7 @@ def test_what_is_not_determined_goes_before_the_widest_interval() -> None:
 
 
 def test_every_number_of_a_refused_session_is_marked_but_the_runs() -> None:
-    refused = replace(full(), quality=Quality((REFUSAL,), 3.0))
+    refused = replace(full(), quality=Judgement((REFUSAL,), 3.0))
     names = [name for name, _ in cards(refused)]
     assert names[0] == "runs used"
     assert all(name.endswith(" (✕ refused)") for name in names[1:])
@@ -140,7 +140,7 @@ def test_the_title_names_the_vehicle_and_that_it_was_not_measured(
 
 def test_a_report_has_what_was_found_and_what_survives() -> None:
     survival = Survival(("m_s",), {"k_sf": Loss("a sensor late", 0.073)})
-    made = report(replace(full(), quality=Quality((DOUBT,), 1.2, survival=survival)))
+    made = report(replace(full(), quality=Judgement((DOUBT,), 1.2, survival=survival)))
     assert (str(made.verdict), made.findings) == ("doubtful", (DOUBT,))
     assert made.survival == (
         "usable, moved by no cause that was sized: m_s",
@@ -196,7 +196,7 @@ def test_a_certificate_says_what_was_waived_and_which_runs_were_not_used() -> No
 def test_a_certificate_says_the_verdict_in_words(
     findings: tuple[Finding, ...], verdict: str
 ) -> None:
-    made = replace(full(), quality=Quality(findings, 1.0))
+    made = replace(full(), quality=Judgement(findings, 1.0))
     rows = dict(certificate(session(RunStatus.ACCEPTED), made)["Result"])
     assert rows["verdict"] == verdict
     assert rows["vehicle"] == "Granada"

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from dbc.finding import Finding, Severity
-from identify import Identification, Quality, Verdict
+from identify import Identification, Judgement, Verdict
 from identify.cross_checks import CrossChecks
 from identify.numbers import number
 from identify.report.blocks import Gallery, MovingCars, Picture, Table
@@ -142,7 +142,7 @@ def test_foreign_text_stays_text() -> None:
 def test_a_refused_session_has_a_page_with_its_reason_first() -> None:
     session, _ = made("linear")
     finding = Finding("mass_states", Severity.ERROR, "record a run with the added mass")
-    refused = Identification(Quality((finding,), float("nan")), session.provenance)
+    refused = Identification(Judgement((finding,), float("nan")), session.provenance)
     text = html_of(report_of(session, refused, CrossChecks(), SOURCE))
     assert text.index("verdict: refused") < text.index("record a run with the added mass")
     assert "must not be used" in text

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from identify import Document, Estimate, Identification, ModalModel, Quality
+from identify import Document, Estimate, Identification, Judgement, ModalModel
 from identify.fit.uncertainty import Correlation, ModeEstimate
 from identify.modes.pairing import Pairing
 from identify.modes.stabilisation import StabilisationDiagram
@@ -59,7 +59,7 @@ def result(swapped: bool = True) -> Identification:
     lengths = {n: estimate(1.0 + i, 0.1, "m") for i, n in enumerate(("a", "b", "t_f", "t_r"))}
     two = model(-3.0 + 4.0j, -1.0 + 60.0j)
     return Identification(
-        Quality((), 1.0, snr_db={"added_roll_1": (11.0, 22.0), "baseline_roll_1": (33.0, 44.0)}),
+        Judgement((), 1.0, snr_db={"added_roll_1": (11.0, 22.0), "baseline_roll_1": (33.0, 44.0)}),
         {},
         parameters=lengths,
         modal={"baseline": two, "added": two},
@@ -186,7 +186,7 @@ def test_a_mode_that_changed_its_rank_stays_in_its_column() -> None:
     estimation: Any = SimpleNamespace(records=records)
     made = replace(
         result(),
-        quality=Quality(
+        quality=Judgement(
             (), 1.0, snr_db={"added_roll_1": (11, 22, 99), "baseline_roll_1": (33, 44)}
         ),
         estimation=estimation,
@@ -203,7 +203,7 @@ def test_a_mode_that_changed_its_rank_stays_in_its_column() -> None:
 
 def document() -> Document:
     made = Identification(
-        Quality(
+        Judgement(
             (), 1.0, {"added_roll_1": {"z_s": 1.0, "hub": 1.25}, "baseline_roll_1": {"p": 0.9}}
         ),
         {},
@@ -252,7 +252,7 @@ def test_a_run_that_nothing_rests_on_has_no_row_of_shares() -> None:
 
 
 def test_where_nothing_is_known_of_the_runs_nothing_is_shown() -> None:
-    empty = Identification(Quality((), 1.0), {})
+    empty = Identification(Judgement((), 1.0), {})
     assert information_section(empty, empty.document()).blocks == ()
     assert correlation_section(empty.document()).blocks == ()
     assert parameter_section(empty.document()).blocks == ()

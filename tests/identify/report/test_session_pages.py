@@ -24,7 +24,7 @@ from daq.vehicle import (
     Vehicle,
 )
 from dbc.frames import FrameBatch
-from identify import Identification, Quality
+from identify import Identification, Judgement
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
@@ -78,7 +78,7 @@ def session(**provenance: str) -> Session:
 
 
 def result() -> Identification:
-    return Identification(Quality((), 1.0), {}, noise={"z_s": 0.03})
+    return Identification(Judgement((), 1.0), {}, noise={"z_s": 0.03})
 
 
 def test_channels_stand_with_their_place_and_lateness() -> None:

@@ -12,7 +12,7 @@ from dbc.finding import Finding, Severity
 from identify import Estimate, Identification
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
 from identify.study.fleet import FleetCase, fleet_case, fleet_study, fractions
-from identify.trust.finding import Quality, Verdict
+from identify.trust.finding import Judgement, Verdict
 
 SEVERITY = {Verdict.DOUBTFUL: Severity.WARNING, Verdict.REFUSED: Severity.ERROR}
 TRUTH = {"m_s": 1000.0, "k_sf": 20e3, "c_sf": 1500.0}
@@ -25,7 +25,7 @@ def identified(verdict: Verdict, **values: float) -> Identification:
         name: Estimate(value, 0.01 * value, 0.98 * value, 1.02 * value, "kg")
         for name, value in values.items()
     }
-    return Identification(Quality(findings, 1.01), {}, parameters)
+    return Identification(Judgement(findings, 1.01), {}, parameters)
 
 
 def case(verdict: Verdict, worst: float, covered: int = 13, cpu_s: float = 20.0) -> FleetCase:

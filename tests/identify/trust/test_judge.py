@@ -11,7 +11,7 @@ import pytest
 from dbc.finding import Finding, Severity
 from identify.trust import judge as gates
 from identify.trust.cause_texts import Causes
-from identify.trust.finding import Quality, Verdict
+from identify.trust.finding import Judgement, Verdict
 from identify.trust.refit import Explanation
 from identify.trust.survival import Survival
 
@@ -95,6 +95,6 @@ def test_an_odd_run_explains_what_goes_with_it(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_nothing_was_found_where_nothing_was_asked() -> None:
-    quality = Quality((), 1.0)
+    quality = Judgement((), 1.0)
     assert quality.verdict is Verdict.OK
     assert (quality.survival.surviving, dict(quality.survival.lost)) == ((), {})
