@@ -2,11 +2,11 @@
 
 A frame is stamped when it arrives, which is later than its sample by a varying delay, from other
 frames on the bus, the operating system, or a reader that reads a whole block at one instant.  The
-sensor itself samples evenly.  Sample k was taken at ``a + r k``; its frame arrives at ``t_k = a + r
-k + d_k`` with ``d_k >= 0``.  The line that lies below all points and has the least mean distance
-from them is the maximum-likelihood line for exponential delays.  For any distribution, its error is
-about the smallest delay divided by the number of punctual frames, because it only requires that
-some frames are punctual.  Stalls do not move it.
+sensor itself samples evenly.  Sample k was taken at ``a + r k``; its frame arrives at
+``t_k = a + r k + d_k`` with ``d_k >= 0``.  The line that lies below all points and has the least
+mean distance from them is the maximum-likelihood line for exponential delays.  For any
+distribution, its error is about the smallest delay divided by the number of punctual frames,
+because it only requires that some frames are punctual.  Stalls do not move it.
 
 If the scatter is so small that it is the noise of a hardware clock, which has two sides, least
 squares is better.
@@ -107,9 +107,10 @@ def sensor_times(
     t0_ns : int
         Origin of the result.
 
-    Notes ----- Frames may be missing.  After a restart of the sensor a new line is fitted.  The
-    arrival times are returned for fewer than 20 frames, and for a counter that mostly does not
-    change.
+    Notes
+    -----
+    Frames may be missing.  After a restart of the sensor a new line is fitted.  The arrival times
+    are returned for fewer than 20 frames, and for a counter that mostly does not change.
     """
     if len(t_ns) < _FEWEST:
         return arrival_times(t_ns, t0_ns)
@@ -272,9 +273,11 @@ def stamped_times(
     t0_ns : int
         Origin of the result.
 
-    Notes ----- Samples need not be evenly spaced; `SensorTimes.step` counts in the most usual
-    spacing.  After a restart of the sensor a new line is fitted.  The arrival times are returned
-    for fewer than 20 frames, and for stamps that do not run with the time of the bus.
+    Notes
+    -----
+    Samples need not be evenly spaced; `SensorTimes.step` counts in the most usual spacing.  After a
+    restart of the sensor a new line is fitted.  The arrival times are returned for fewer than 20
+    frames, and for stamps that do not run with the time of the bus.
     """
     arrival: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
     if len(t_ns) < _FEWEST:
