@@ -1,5 +1,6 @@
 """`make mutate` on a package of a few lines: it names the mutants that no test finds."""
 
+import gc
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from tests.mutate.draw import draw, mutants
 from tests.mutate.mutant import Mutant
 from tests.mutate.records import RecordedTest, Records
 from tests.mutate.room_tests import room_tests, users_tests
+from tests.mutate.served import put_in
 from tests.mutate.sources import sources
 
 ROOT = Path(__file__).parents[2]
@@ -277,3 +279,17 @@ def test_what_no_test_of_a_room_runs_meets_those_of_the_users() -> None:
 def test_every_file_of_the_packages_has_tests() -> None:
     for path in sources(ROOT, ["dbc", "daq", "identify", "tui"]):
         assert room_tests(ROOT, path), path
+
+
+def test_a_fault_reaches_functions_that_are_frozen(tmp_path: Path) -> None:
+    path = str(tmp_path / "wheel.py")
+    source = b"def turn(n):\n    return n + 1\n"
+    wheel: dict[str, Any] = {}
+    exec(compile(source, path, "exec"), wheel)
+    gc.collect()
+    gc.freeze()  # as `tests/conftest.py` does with all that is loaded
+    try:
+        put_in(path, source.replace(b"+", b"-"), 2)
+    finally:
+        gc.freeze()
+    assert wheel["turn"](3) == 2

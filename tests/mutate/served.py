@@ -127,6 +127,7 @@ def fits(mutant: Mutant, source: bytes) -> bool:
 def put_in(path: str, source: bytes, line: int) -> None:
     """Give the functions that begin up to a line the code that they have in a source."""
     new = _codes(source, path)
+    gc.unfreeze()  # `tests/conftest.py` froze what was loaded; frozen objects are not listed
     for function in gc.get_objects():
         if type(function) is FunctionType and function.__code__.co_filename == path:
             code = new.get(_key(function.__code__))
