@@ -16,9 +16,9 @@ class Explanation:
     title: str
     """Title of a few words."""
     meaning: str
-    """What the recorder observed, in one sentence."""
+    """Observation of the recorder, in one sentence."""
     advice: str
-    """What to do; a symptom may have a more specific advice."""
+    """Remedy; a symptom may have a more specific one."""
 
 
 EXPLAINED = MappingProxyType(

@@ -1,7 +1,7 @@
 """Columns of the tangents side by side, for machine code (Numba): reading, summing, writing.
 
 Columns are stored in blocks of `LANES`, one row of the state after the other: the distances between
-rows are then constants, which tell the compiler that rows do not overlap.
+rows are then constants, from which the compiler knows that rows do not overlap.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ it."""
 _REFUSED_SHIFT = 0.1
 """Relative change of a parameter by contradicted statements above which the result is refused."""
 _ALIKE = 0.95
-"""Correlation of two tests above which the runs cannot tell which statement is wrong."""
+"""Correlation of two tests above which the runs do not show which statement is wrong."""
 ALL_WEIGHTS = "all weights by a common factor"
 
 

@@ -68,7 +68,7 @@ def as_finished(
 ) -> Iterator[tuple[Item, Future[Result]]]:
     """Yield each item with its finished future, in the order in which they finish.
 
-    A worker process that dies does not tell at which item.  All items that were in flight are then
+    A worker process that dies does not report its item.  All items that were in flight are then
     done again one at a time, and only an item whose worker dies while it is alone fails, with
     `BrokenProcessPool`.
 
