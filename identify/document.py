@@ -186,6 +186,8 @@ class Document(TypedDict):
     closed_form: dict[str, float]
     closed_form_damping: dict[str, dict[str, float]]
     """c_sf and c_sr of the closed form by each way to C."""
+    closed_form_reason: str
+    """Why the closed form has no answer; empty where it has one."""
     noise: dict[str, float]
     """Standard deviation of the noise by channel, SI."""
     forces: ForcesEntry | None

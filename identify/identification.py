@@ -70,6 +70,8 @@ class Identification:
     """Parameters by the paper's chain (Eqs. 22-33); empty where it has no answer."""
     closed_form_damping: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """c_sf and c_sr of that chain by each of the three ways to C."""
+    closed_form_reason: str = ""
+    """Why that chain has no answer; empty where it has one, or was not asked."""
     physical: Mapping[str, PhysicalModel] = field(default_factory=dict)
     """M, C and K of the identified vehicle."""
     noise: Mapping[str, float] = field(default_factory=dict)
@@ -117,6 +119,7 @@ class Identification:
             "sensed_modes": {s: sensed_mode_entries(model) for s, model in self.sensed.items()},
             "closed_form": dict(self.closed_form),
             "closed_form_damping": {way: dict(c) for way, c in self.closed_form_damping.items()},
+            "closed_form_reason": self.closed_form_reason,
             "noise": dict(self.noise),
             "forces": forces_entry(self.forces) if self.forces else None,
         }

@@ -41,6 +41,7 @@ from .modes.mode_names import mode_names
 from .modes.pairing import pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import closed_form
+from .paper.physical_matrices import ClosedForm
 from .real_car import explained_by_elements
 from .trust.finding import Judgement
 from .trust.judge import judge
@@ -103,12 +104,15 @@ def identify(
     full = found.estimation.box.full(found.estimation.fit.eta.astype(complex)).real
     geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
     states = [state for state in session.mass_states if state.name in found.modal]
-    by_chain, damping = _closed_form(sensed, states, geometry, session.vehicle.geometry)
+    found = replace(found, sensed={name: modes.model for name, modes in sensed.items()})
+    try:
+        chain = _closed_form(sensed, states, geometry, session.vehicle.geometry)
+    except InputError as error:
+        return replace(found, closed_form_reason=str(error))
     return replace(
         found,
-        sensed={name: modes.model for name, modes in sensed.items()},
-        closed_form=by_chain,
-        closed_form_damping=damping,
+        closed_form=asdict(chain.parameters),
+        closed_form_damping=chain.corner_damping(),
     )
 
 
@@ -217,17 +221,28 @@ def _closed_form(
     states: Sequence[MassState],
     geometry: VehicleGeometry,
     known: VehicleGeometry | None,
-) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
-    """Return the parameters by the paper's chain, and its damping by three ways, or nothing.
+) -> ClosedForm:
+    """Return the paper's chain for the two mass states of a session.
 
-    `geometry` is the estimated one, `known` that of the tape measure.
+    `geometry` is the estimated one, `known` that of the tape measure.  Raises InputError that says
+    why there is none.
     """
-    if len(states) != 2 or len(sensed) != 2:
-        return {}, {}
-    first, second = states
-    with suppress(InputError, np.linalg.LinAlgError):
-        chain = closed_form(
-            sensed[first.name], sensed[second.name], (first, second), geometry, known
+    if len(states) != 2:
+        raise InputError(
+            "closed form",
+            f"the session has {len(states)} mass state{'s' if len(states) > 1 else ''}",
+            "record two, without and with weights",
         )
-        return asdict(chain.parameters), chain.corner_damping()
-    return {}, {}
+    for state in states:
+        if state.name not in sensed:
+            raise InputError(
+                f"mass state {state.name}",
+                "the State Variable Method finds no modes in its decays",
+                "a car with friction has none; else record longer decays",
+            )
+    first, second = states
+    try:
+        return closed_form(sensed[first.name], sensed[second.name], (first, second), geometry, known)
+    except np.linalg.LinAlgError as error:
+        what = "a matrix of the chain is singular"
+        raise InputError("closed form", what, "compare the modes with the likelihood's") from error

@@ -166,7 +166,7 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
     """
     identified = (model.M, model.C, model.K)
     if not all(np.all(np.isfinite(matrix)) for matrix in identified):
-        raise InputError("structured fit", "the matrices are not finite", "check the modes")
+        raise InputError("closed form", "the matrices are not finite", "check the modes")
     weights = tuple(_equalising(matrix) for matrix in identified)
     start = _start(model, geometry)
     free = len(start) - (0 if geometry is None else _N_GEOMETRY)
@@ -190,7 +190,11 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
         lambda scaled: elements(scaled.astype(complex)).real - target, jacobian, start[:free] / size
     )
     if found is None or np.any(found * size <= 0.0):
-        raise InputError("structured fit", "no vehicle comes near the matrices", "check the modes")
+        raise InputError(
+            "closed form",
+            "no vehicle with positive parameters has nearly the matrices of these modes",
+            "it needs a signal some 60 dB over the noise; the likelihood does not",
+        )
     theta = np.concatenate([found * size, start[free:]])
     return VehicleParameters(*(float(value) for value in theta))
 

@@ -130,7 +130,8 @@ def closed_form_section(document: Document) -> Section:
         "the data. It is compared with the likelihood as a check by another method."
     )
     if not names:
-        lead += " It has no answer for this session: it needs all seven modes in two mass states."
+        reason = document["closed_form_reason"] or "the decays determine none of its parameters"
+        lead += f" It has no answer for this session: {reason}."
         return Section("closed_form", "Closed form and likelihood", lead, ())
     estimates = [document["parameters"][n] for n in names]
     apart = [

@@ -25,6 +25,7 @@ KEYS = (
     "parameters", "derived", "motion_ratios", "correlation", "covariance", "drivers", "modes",
     "shapes", "matrices",
     "paired", "swapped", "snr_db", "sensed_modes", "closed_form", "closed_form_damping",
+    "closed_form_reason",
     "noise", "forces",
 )  # fmt: skip
 
@@ -56,6 +57,7 @@ def _made() -> Identification:
         sensed={"baseline": model},
         closed_form={"m_s": 1400.0},
         closed_form_damping={"mean": {"c_sf": 1500.0}},
+        closed_form_reason="one mass state",
         noise={"hub": 0.15},
     )
 
@@ -120,6 +122,7 @@ def test_each_entry_is_that_of_the_result() -> None:
     assert sensed["damping_ratio_std"] == 0.3
     assert document["closed_form"] == {"m_s": 1400.0}
     assert document["closed_form_damping"] == {"mean": {"c_sf": 1500.0}}
+    assert document["closed_form_reason"] == "one mass state"
     assert document["noise"] == {"hub": 0.15}
 
 

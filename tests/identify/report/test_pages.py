@@ -344,10 +344,13 @@ def test_the_closed_form_stands_beside_the_likelihood() -> None:
 
 
 def test_where_the_closed_form_has_no_answer_the_lead_says_so() -> None:
-    section = closed_form_section(document())
+    made = document()
+    made["closed_form_reason"] = "closed form: the session has 1 mass state (record two)"
+    section = closed_form_section(made)
     assert section.blocks == ()
     assert section.lead.endswith(
-        "It has no answer for this session: it needs all seven modes in two mass states."
+        "It has no answer for this session: "
+        "closed form: the session has 1 mass state (record two)."
     )
 
 
