@@ -40,7 +40,7 @@ def draw_snr(panel: SnrPanel, figure: FigureBase) -> None:
     n, m = len(panel.runs), len(panel.modes)
     height = height_in(figure)
     axes = figure.add_axes((0.19, 0.0, 0.8, 1.0 - 2.0 * _HEAD_IN / height))
-    texts = [[f"{v:.0f}" if np.isfinite(v) else "" for v in row] for row in panel.decibel]
+    texts = [[f"{v:z.0f}" if np.isfinite(v) else "" for v in row] for row in panel.decibel]
     top = max(float(np.nanmax(panel.decibel, initial=panel.limit_db)), 2.0 * panel.limit_db)
     _heat(axes, panel.decibel, _ONE_WAY, (0.0, top), texts)
     _label(axes, panel.runs, [name.replace(" wheels ", " wheels\n") for name in panel.modes])

@@ -67,16 +67,16 @@ def test_a_mode_that_a_run_does_not_show_has_a_triangle() -> None:
     panel = SnrPanel(
         ("baseline_roll_1", "baseline_$2$"),
         ("body bounce", "front wheels in phase"),
-        np.array([[30.4, 19.9], [NAN, 20.0]]),
+        np.array([[30.4, -0.3], [NAN, 20.0]]),
         20.0,
     )
     assert size_in(panel) == pytest.approx((7.4, 0.5 + 2 * 0.215))
     (axes,) = figure_of(panel).axes
     values, limits = mesh(axes)
-    assert values == [[30.4, 19.9], [None, 20.0]]
+    assert values == [[30.4, -0.3], [None, 20.0]]
     assert limits == (0.0, 40.0)
     assert {at: text for at, (text, _) in written(axes).items()} == {
-        (0, 0): "30", (1, 0): "20", (0, 1): "", (1, 1): "20",
+        (0, 0): "30", (1, 0): "0", (0, 1): "", (1, 1): "20",
     }  # fmt: skip
     assert [(points(line), line.get_marker()) for line in axes.lines] == [([(0.58, 0.0)], "v")]
     assert ticks(axes) == ["baseline_roll_1", "baseline_$2$"]
