@@ -44,8 +44,8 @@ MEANING: Mapping[Verdict, str] = MappingProxyType(
         "sensors, and the intervals hold.",
         Verdict.DOUBTFUL: "They may be wrong by more than their intervals say, or the intervals "
         "are wide. The findings say where, and what to do.",
-        Verdict.REFUSED: "The recordings do not support a result. The findings say why, and what "
-        "to do.",
+        Verdict.REFUSED: "The recordings do not support a result. The findings say why, what to "
+        "do, and which parameters are usable all the same, if any.",
     }
 )
 SEVERITY: Mapping[Verdict, str] = MappingProxyType(
