@@ -242,7 +242,9 @@ def _closed_form(
             )
     first, second = states
     try:
-        return closed_form(sensed[first.name], sensed[second.name], (first, second), geometry, known)
+        return closed_form(
+            sensed[first.name], sensed[second.name], (first, second), geometry, known
+        )
     except np.linalg.LinAlgError as error:
         what = "a matrix of the chain is singular"
         raise InputError("closed form", what, "compare the modes with the likelihood's") from error

@@ -1,8 +1,8 @@
 """Reads columns of text tables, with any separator, decimal mark and head of common tools.
 
-The head ends where numbers begin.  The last line of the head with as many cells as the data has the
-names; the next line has the units if all its cells are units.  A unit may also follow a name, in
-brackets.
+The head ends where numbers begin; the first lines of numbers may have gaps.  The last line of the
+head with as many cells as the data has the names; the next line has the units if all its cells are
+units.  A unit may also follow a name, in brackets.
 """
 
 from __future__ import annotations
@@ -74,11 +74,14 @@ def _form(path: Path) -> _Form:
     lines = lines[:-1] if len(raw) == _HEAD_BYTES else lines
     for separator in _SEPARATORS:
         rows = [next(csv.reader([line], delimiter=separator), []) for line in lines[:2000]]
-        first = next((i for i, row in enumerate(rows) if _is_data(row, separator)), None)
-        if first is not None:
+        full = next((i for i, row in enumerate(rows) if _is_data(row, separator)), None)
+        if full is not None:
+            first = full
+            while first > 0 and _is_sparse(rows[first - 1], rows[full], separator):
+                first -= 1
             cells = [cell.strip() for row in rows[first : first + 50] for cell in row]
             is_comma = separator != "," and any(map(_COMMA.match, cells))
-            names = _headings(rows[:first], rows[first])
+            names = _headings(rows[:first], rows[full])
             return _Form(encoding, separator, "," if is_comma else ".", first, names)
     what = "is not a table of numbers with ; tabulator or , between the columns"
     raise InputError(str(path), what, "name a file of channels, or export it with one of these")
@@ -87,10 +90,22 @@ def _form(path: Path) -> _Form:
 def _is_data(row: Sequence[str], separator: str) -> bool:
     """Return whether a line has numbers in most of its cells and in at least two."""
     cells = [cell.strip() for cell in row]
-    numbers = sum(bool(_NUMBER.match(c) and (separator != "," or "," not in c)) for c in cells)
+    numbers = sum(_is_number(cell, separator) for cell in cells)
     times = sum(bool(_DATE.match(cell)) for cell in cells)
     filled = sum(bool(cell) for cell in cells)
     return len(row) > 1 and numbers > 0 and numbers + times >= max(2, (2 * filled + 2) // 3)
+
+
+def _is_sparse(row: Sequence[str], data: Sequence[str], separator: str) -> bool:
+    """Return whether a line above the first full line of data is data: one value, else gaps."""
+    filled = [cell.strip() for cell in row if cell.strip()]
+    if len(row) != len(data) or len(filled) != 1:
+        return False
+    return _is_number(filled[0], separator) or bool(_DATE.match(filled[0]))
+
+
+def _is_number(cell: str, separator: str) -> bool:
+    return bool(_NUMBER.match(cell)) and (separator != "," or "," not in cell)
 
 
 def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Heading, ...]:

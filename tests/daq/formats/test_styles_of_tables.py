@@ -62,6 +62,18 @@ TABLES: dict[str, tuple[str, Expected]] = {
         "t,x,y\n1,2,\n3,,4\n5,nan,\n",
         {"t": ("", [1, 3, 5]), "x": ("", [2, nan, nan]), "y": ("", [nan, 4, nan])},
     ),
+    "gaps before the first full line": (
+        "t,x\n1,\n,2\n3,4\n",
+        {"t": ("", [1, nan, 3]), "x": ("", [nan, 2, 4])},
+    ),
+    "a date and a gap before the first full line": (
+        "when,x\n1970-01-01 00:00:01,\n1970-01-01T00:00:02.5,3\n",
+        {"when": ("ns", [1e9, 2.5e9]), "x": ("", [nan, 3])},
+    ),
+    "a name alone below a line of one cell": (
+        "7\nt,\n3,4\n",
+        {"t": ("", [3]), "column 2": ("", [4])},
+    ),
     "words among numbers": ("t,x\n1,2\n3,overload\n", {"t": ("", [1, 3]), "x": ("", [2, nan])}),
     "words among decimal commas": (
         "t;x\n1,5;2,5\n3,5;over\n",

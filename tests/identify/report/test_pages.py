@@ -349,8 +349,7 @@ def test_where_the_closed_form_has_no_answer_the_lead_says_so() -> None:
     section = closed_form_section(made)
     assert section.blocks == ()
     assert section.lead.endswith(
-        "It has no answer for this session: "
-        "closed form: the session has 1 mass state (record two)."
+        "It has no answer for this session: closed form: the session has 1 mass state (record two)."
     )
 
 
