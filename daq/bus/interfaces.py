@@ -72,7 +72,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "udp_multicast": {"hop_limit": 0},
 }
 _ADVICE = {
-    "socketcan": "see `ip link`; `ip link set can0 up type can bitrate 1000000` brings a bus up",
+    "socketcan": "see `ip link`; `sudo ip link set {channel} up type can bitrate {bitrate}` brings "
+    "a bus up",
     "slcan": "channel is the serial device, like /dev/ttyACM0 or /dev/ttyUSB0@115200",
     "udp_multicast": "channel is a multicast group, like 239.74.163.2",
 }
@@ -157,6 +158,7 @@ def _one_line(config: BusConfig) -> Iterator[None]:
         raise
     except Exception as error:
         advice = _ADVICE.get(config.interface, "check [bus] in bench.toml, cable and driver")
+        advice = advice.format(channel=config.channel, bitrate=config.bitrate)
         raise BusError(_name(config), f"cannot be opened: {_reason(error)}", advice) from error
 
 

@@ -58,3 +58,12 @@ def test_a_folder_without_a_journal_is_one_line(
 ) -> None:
     assert run(["recover", str(tmp_path)]) == 2
     assert "has no journal_*.mcap" in capsys.readouterr().err
+
+
+def test_a_journal_that_is_not_there_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["recover", str(tmp_path / "absent")]) == 2
+    text = capsys.readouterr().err
+    assert "absent: there is no such file or folder" in text
+    assert text.count("\n") == 1

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
     from daq.journal import RecordingInfo
 
+_WHAT_TO_NAME = "name the recorder's folder"
+
 
 def recover(
     journal: Annotated[
@@ -64,12 +66,14 @@ def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
 
     segments: list[Path] = []
     for path in paths:
+        if not path.exists():
+            raise InputError(str(path), "there is no such file or folder", _WHAT_TO_NAME)
         if not path.is_dir():
             segments.append(path)
             continue
         inside = segments_in(path) or segments_in(path / "journal")
         if not inside:
-            raise InputError(str(path), "has no journal_*.mcap", "name the recorder's folder")
+            raise InputError(str(path), "has no journal_*.mcap", _WHAT_TO_NAME)
         segments += inside
     return tuple(segments)
 

@@ -324,7 +324,7 @@ def test_what_other_groups_sent_while_a_bus_was_opened_is_not_read(
     [
         ("nonsense", "can0", "no interface 'nonsense'.*virtual"),
         ("", "can0", "no interface ''"),
-        ("socketcan", "nosuchcan0", "cannot be opened.*ip link"),
+        ("socketcan", "nosuchcan0", "cannot be opened.*ip link set nosuchcan0 up type can bitrate"),
         ("kvaser", "0", "cannot be opened: "),
         ("pcan", "PCAN_USBBUS1", "cannot be opened: "),
         ("gs_usb", "0", "cannot be opened: .*usb"),
