@@ -85,7 +85,8 @@ def survival(estimation: Estimation, hypotheses: Sequence[Hypothesis]) -> Surviv
         rivals = [h for h in hypotheses if h.explained >= _RIVAL * best]
     std = np.sqrt(np.diag(fit.covariance)[: len(names)])
     for name, within in zip(names, std.tolist(), strict=True):
-        worst = max(rivals, key=lambda h: abs(h.moved[name]), default=None)
+        # Two causes may be one shift in two words: rounding must not choose which of them is named.
+        worst = max(rivals, key=lambda h: float(f"{abs(h.moved[name]):.6g}"), default=None)
         if name not in lost and worst is not None and abs(worst.moved[name]) > within:
             by = float(np.expm1(np.clip(worst.moved[name], -_MOST, _MOST)))
             lost[name] = Loss(worst.cause, nan if name in SIGNED else by)

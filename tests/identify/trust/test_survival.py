@@ -46,6 +46,17 @@ def test_a_parameter_is_lost_to_what_moves_it_by_its_standard_deviation(
     assert len(found.surviving) == 14
 
 
+def test_of_causes_that_move_a_parameter_alike_the_first_is_named_whatever_the_rounding(
+    linear: Estimation,
+) -> None:
+    first = _moves(linear, 3.0)
+    for more in (0.0, 1e-13, -1e-13):
+        second = replace(_moves(linear, 3.0 * (1.0 + more)), cause="body sensors early")
+        assert survival(linear, [first, second]).lost["k_sf"].cause == "hub sensors late"
+    second = replace(_moves(linear, 3.001), cause="body sensors early")
+    assert survival(linear, [first, second]).lost["k_sf"].cause == "body sensors early"
+
+
 def test_nothing_survives_where_no_cause_explains_a_third(linear: Estimation) -> None:
     broken = replace(linear, chi2_per_n=1.4)
     assert len(survival(broken, [_moves(linear, 3.0, 0.36)]).surviving) == 14
