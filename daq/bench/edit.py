@@ -225,10 +225,10 @@ def _set(table: Any, key: str, value: Any) -> None:
     if key in table and table[key] == value:
         return
     if key in table:
-        beside = table[key].trivia
+        before = table[key].trivia
         table[key] = value
         trivia = table[key].trivia
-        trivia.comment_ws, trivia.comment = beside.comment_ws, beside.comment
+        trivia.comment_ws, trivia.comment = before.comment_ws, before.comment
         return
     tail = _cut_tail(table)
     table[key] = value

@@ -124,22 +124,22 @@ def _exported(
         return _export_csv(session, path, style, force)
     if form is ExportFormat.UFF:
         sidecar = description.sidecar_of(path)
-        with written_whole([path, sidecar], force) as (beside, about):
-            notes = write_uff(session, modes, beside)
+        with written_whole([path, sidecar], force) as (part, about):
+            notes = write_uff(session, modes, part)
             about.write_text(description.text_of(description.describe(session)), "utf-8")
         return Exported((path, sidecar), notes)
     if form in _LOGS:
         return _export_log(session, path, form, force)
-    with written_whole([path], force) as (beside,):
+    with written_whole([path], force) as (part,):
         match form:
             case ExportFormat.MF4:
-                notes = write_mf4(session, beside)
+                notes = write_mf4(session, part)
             case ExportFormat.MAT:
-                notes = write_mat(session, beside)
+                notes = write_mat(session, part)
             case ExportFormat.PARQUET:
-                notes = write_parquet(session, beside)
+                notes = write_parquet(session, part)
             case ExportFormat.SEP005:
-                notes = write_sep005(session, beside)
+                notes = write_sep005(session, part)
     return Exported((path,), notes)
 
 
@@ -161,10 +161,10 @@ def _export_csv(session: Session, path: Path, style: CsvStyle, force: bool) -> E
         raise InputError("session", "its runs hold no samples", "choose other runs")
     sidecar = description.sidecar_of(path)
     about = replace(description.describe(session, files), style=(style.separator, style.decimal))
-    with written_whole([*groups, sidecar], force) as (*beside, last):
-        for place, group in zip(beside, groups.values(), strict=True):
-            write_csv(group, units, place, style)
-        last.write_text(description.text_of(about), "utf-8")
+    with written_whole([*groups, sidecar], force) as (*parts, about_part):
+        for part, group in zip(parts, groups.values(), strict=True):
+            write_csv(group, units, part, style)
+        about_part.write_text(description.text_of(about), "utf-8")
     return Exported((*groups, sidecar), frames_left_out(session))
 
 
@@ -172,8 +172,8 @@ def _export_log(session: Session, path: Path, form: ExportFormat, force: bool) -
     frames = session_frames(session)
     described = description.describe(session, spans=frame_spans(session, frames))
     sidecar = description.sidecar_of(path)
-    with written_whole([path, sidecar], force) as (beside, about):
-        notes = _LOGS[form](frames, beside)
+    with written_whole([path, sidecar], force) as (part, about):
+        notes = _LOGS[form](frames, part)
         about.write_text(description.text_of(described), "utf-8")
     return Exported((path, sidecar), notes)
 
