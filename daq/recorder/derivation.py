@@ -59,7 +59,7 @@ class Derivation:
 
     def recall(self, target: Path, recording: str, revision: int) -> None:
         """Set the status to a session file that an earlier recorder has built."""
-        self.status = _Job(target, (), recording, revision).status(SessionState.READY)
+        self.status = SessionStatus(SessionState.READY, str(target), "", recording, revision)
 
     def poll(self) -> None:
         """Handle processes that have ended or hang; to be called with every block."""

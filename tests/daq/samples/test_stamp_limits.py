@@ -106,3 +106,19 @@ def test_whole_turns_of_the_stamp_are_counted_by_the_time_of_the_bus(turns: int)
     times = stamped_times(taken % 0.5, 0.5, stamps(late(taken)), 0)
     assert np.abs(times.time_s - taken).max() < 1e-4
     assert times.step[100] == 1 + 50 * turns
+
+
+def test_a_backlog_that_a_reader_works_off_within_five_seconds_is_no_restart() -> None:
+    """A quarter of a second late at once, then a little less with each frame, for four seconds."""
+    taken = np.arange(1200.0) * CYCLE_S
+    delay_s = np.where(taken < 4.0, 0.0, np.maximum(0.25 - (taken - 4.0) / 16.0, 0.0))
+    times = stamped_times(taken, 100.0, stamps(late(taken) + delay_s), 0)
+    assert np.abs(times.time_s - taken).max() < 1e-4
+
+
+def test_a_restart_is_found_though_another_one_follows_after_seven_seconds() -> None:
+    """The stamps lose 80 ms and then gain 100 ms: over all 20 s they have not lost any."""
+    taken = np.arange(2000.0) * CYCLE_S
+    stamp = taken + 50.0 - np.where(taken < 6.0, 0.0, np.where(taken < 13.0, 0.08, -0.02))
+    times = stamped_times(stamp, 1000.0, stamps(late(taken)), 0)
+    assert np.abs(times.time_s - taken).max() < 1e-4
