@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
 from daq.bench.config import Bench
 from daq.clocks import Now
-from daq.control.messages import Live, Status
-from daq.control.orders import Arm, Until
+from daq.control.messages import Live, SessionState, Status
+from daq.control.orders import Arm, Build, Until
 from daq.journal.folder import segments_in
 from daq.journal.writer import JournalError
 from daq.recorder.derivation import Derivation
@@ -21,6 +21,7 @@ from dbc import Codec, FrameBatch
 from ..quick_bench import Gated, quick
 from ..recorder_run import Running, Script, sources
 from ..small_campaign import START_NS, blocks, bumps
+from .test_derivation_ends import Process
 
 __all__ = ["quick"]  # a fixture
 
@@ -39,6 +40,7 @@ class Paced:
         self.now_s = 1000.0
         self.cycles_s: list[float] = []
         self.shown: list[tuple[float, Status]] = []
+        self.at_end: Callable[[], None] = lambda: None
         self.stop, self.gate = threading.Event(), threading.Event()
         self._steps_s, self._watched = list(steps_s), watched
         opened = sources(Gated(self.gate, list(given)))
@@ -50,6 +52,7 @@ class Paced:
     def is_watched(self) -> bool:
         if not self._steps_s:
             self.stop.set()
+            self.at_end()
             return False
         self.now_s += self._steps_s.pop(0)
         self.cycles_s.append(self.now_s)
@@ -129,3 +132,16 @@ def test_an_order_to_a_recorder_that_cannot_begin_is_cancelled(
     with pytest.raises(JournalError):
         paced.run()
     assert answer.cancelled()
+
+
+def test_a_session_file_that_is_ready_at_the_end_is_said_to_be(
+    quick: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Process.made = []
+    monkeypatch.setattr("daq.recorder.derivation.subprocess.Popen", Process)
+    paced = Paced(quick, tmp_path, [], [0.1], watched=False)
+    paced.recorder.submit(Build(), "Ann")
+    paced.at_end = lambda: setattr(Process.made[0], "returncode", 0)
+    paced.run()
+    states = [status.session.state for _, status in paced.shown]
+    assert states == [SessionState.BUILDING, SessionState.READY]
