@@ -62,7 +62,7 @@ def test_a_bump_is_ten_times_the_noise(peak: float, passed: bool) -> None:
     assert finding.value == pytest.approx(peak, rel=0.003)
 
 
-@pytest.mark.parametrize(("travel_m", "passed"), [(0.0599, True), (0.0601, False)])
+@pytest.mark.parametrize(("travel_m", "passed"), [(0.0599, True), (0.06, True), (0.0601, False)])
 def test_travel_may_exceed_the_planned_height_by_half(travel_m: float, passed: bool) -> None:
     finding = one(too_strong, {TRAVEL: pulse(travel_m)})  # 40 mm are planned
     assert finding.passed is passed
@@ -150,6 +150,12 @@ def test_a_strike_of_which_every_second_sample_is_missing_is_as_high(
     keep = (T_S < 1.0) | (np.arange(len(T_S)) % 2 == 0)
     finding = one(double_bump, {HUB: strikes(second, 1.2)[keep]}, T_S[keep])
     assert finding.passed is passed
+
+
+def test_a_strike_at_the_end_of_a_run_has_none_after_it() -> None:
+    """The bump and what belongs to it, 0.45 s, end behind the run, or with it."""
+    for at_s in (2.0, 2.09, 2.3):
+        assert one(double_bump, {HUB: np.where(np.abs(T_S - at_s) < 0.02, 40.0, 0.0)}).passed
 
 
 def test_the_body_that_swings_back_is_no_second_strike() -> None:
