@@ -43,7 +43,8 @@ class Derivation:
         self._jobs: deque[_Job] = deque()
         self._job: _Job | None = None
         self._process: subprocess.Popen[bytes] | None = None
-        self._deadline_s, self._hung = 0.0, ""
+        self._deadline_s: float  # of the process, since it was started
+        self._hung = ""
         self.status = SessionStatus()
 
     def begin(self, target: Path, segments: Sequence[Path], recording: str, revision: int) -> None:

@@ -120,7 +120,7 @@ class Recorder:
         self._checks = Checks()
         self._opened: OpenRecording  # since `run` began
         self._hops_before = HopLosses()
-        self._lag_s = 0.0
+        self._lag_s: float  # of the last block
         self._begun = ""
         self._build_s: float | None = None  # when the session file is to be built
         self._next_s = self._looked_s = 0.0

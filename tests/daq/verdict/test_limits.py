@@ -176,6 +176,15 @@ def test_fifteen_percent_of_the_motion_may_be_left(left: float, passed: bool) ->
     assert finding.value == pytest.approx(left, rel=0.01)
 
 
+def test_motion_that_is_left_counts_in_noise_or_else_in_thousandths_of_the_peak() -> None:
+    """A tenth is left of a travel without noise, a fifth of a body with a thousandth of noise."""
+    turn = np.where(T_S < -0.0301, np.resize([0.0, 1.0, 0.0, -1.0], len(T_S)), 0.0)
+    body = swing(0.2) + 1e-3 * np.sqrt(2.0) * turn
+    finding = one(not_decayed, {TRAVEL: swing(0.1), BODY: body})
+    assert finding.value == pytest.approx(np.sqrt((0.1**2 + 0.2**2) / 2.0), rel=0.02)
+    assert finding.subject == "body"
+
+
 @pytest.mark.parametrize(("moved_m", "passed"), [(0.0074, True), (-0.0074, True), (0.0076, False),
                                                  (-0.0076, False)])  # fmt: skip
 def test_the_rest_position_may_change_by_fifteen_percent_of_the_peak(

@@ -37,11 +37,16 @@ def test_a_message_that_another_says_was_silent_is_so_for_twice_the_limit() -> N
 
 
 def test_silent_messages_are_named_unless_all_are() -> None:
+    """The one that was silent for longest is the subject."""
     whole, broken = (
         np.arange(-1.0, 2.5001, 0.001),
         without(np.arange(-1.0, 2.5001, 0.001), 1.0, 0.5),
     )
-    for hub_s, start in ((broken, "all 2 messages were silent for 0.50 s"), (whole, "SUSP was")):
+    longer = without(whole, 1.0, 0.75)
+    for hub_s, start, subject in (
+        (longer, "all 2 messages were silent for 0.75 s", "HUB"),
+        (whole, "SUSP was silent for 0.50 s", "SUSP"),
+    ):
         bench, run = window({HUB: T_S, TRAVEL: T_S})
         columns = {
             channel.name: (run.bump_ns + np.rint(time_s * 1e9).astype(np.int64), np.sin(time_s))
@@ -50,6 +55,7 @@ def test_silent_messages_are_named_unless_all_are() -> None:
         (finding,) = stale(bench, replace(run, channels=columns), ())
         assert not finding.passed
         assert finding.text.startswith(start)
+        assert finding.subject == subject
 
 
 @pytest.mark.parametrize(("lost", "passed"), [(71, True), (72, False)])
