@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 
@@ -13,3 +14,8 @@ class Now:
     """UTC, ns since 1970; this clock may be set at any moment."""
     monotonic_s: float
     """Monotonic time, s, from an arbitrary origin; waiting and silence are measured with it."""
+
+
+def read_clocks() -> Now:
+    """Read the clocks of this host."""
+    return Now(time.time_ns(), time.monotonic())

@@ -155,7 +155,7 @@ def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBat
             ledger.garbled(torn, f"{torn} objects of type {kinds[0]} are not frames")
     frames = FrameBatch.concatenate(batches)
     if len(batches) > 1:
-        frames = frames.select(np.argsort(np.concatenate(places), kind="stable"))
+        frames = frames.select(np.argsort(np.concatenate(places)))
     return frames
 
 

@@ -43,7 +43,8 @@ class Derivation:
         self._jobs: deque[_Job] = deque()
         self._job: _Job | None = None
         self._process: subprocess.Popen[bytes] | None = None
-        self._deadline_s, self._hung = 0.0, ""
+        self._deadline_s: float  # of the process, since it was started
+        self._hung = ""
         self.status = SessionStatus()
 
     def begin(self, target: Path, segments: Sequence[Path], recording: str, revision: int) -> None:
@@ -59,7 +60,7 @@ class Derivation:
 
     def recall(self, target: Path, recording: str, revision: int) -> None:
         """Set the status to a session file that an earlier recorder has built."""
-        self.status = _Job(target, (), recording, revision).status(SessionState.READY)
+        self.status = SessionStatus(SessionState.READY, str(target), "", recording, revision)
 
     def poll(self) -> None:
         """Handle processes that have ended or hang; to be called with every block."""

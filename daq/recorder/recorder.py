@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
@@ -22,7 +21,7 @@ from ..bench.config import Bench, bench_codec
 from ..bus.link import Link, OpenSource
 from ..bus.source import HopLosses, LinkFacts
 from ..bus.steady_clock import STEADY_CLOCK
-from ..clocks import Now
+from ..clocks import Now, read_clocks
 from ..control.heartbeat import Heartbeats
 from ..control.messages import Live, Reply, Status, StorageStatus
 from ..control.orders import (
@@ -86,7 +85,8 @@ class Recorder:
     opens a bus, given its description and its number; may raise any exception.  `software`: name
     and version, for the journal.  `resume`: resume the newest campaign in the folder if it was not
     ended.  `create`: creates a file of the journal.  `pieces`: the queue between readers and
-    writer.  Raises InputError if bench.toml and DBC contradict each other.
+    writer.  `clock`: reads the host's clocks.  Raises InputError if bench.toml and DBC contradict
+    each other.
     """
 
     def __init__(
@@ -99,6 +99,7 @@ class Recorder:
         resume: bool = True,
         create: CreateFile = SyncedFile,
         pieces: PieceQueue | None = None,
+        clock: Callable[[], Now] = read_clocks,
     ) -> None:
         bench_mapping(bench, bench_codec(bench))
         self._bench = bench
@@ -108,6 +109,7 @@ class Recorder:
         self._software = software
         self._resume = resume
         self._create = create
+        self._clock = clock
         self._pieces = pieces or PieceQueue()
         self._storage = StorageWatch()
         self._readers = Readers(self._pieces, self._storage)
@@ -118,11 +120,11 @@ class Recorder:
         self._checks = Checks()
         self._opened: OpenRecording  # since `run` began
         self._hops_before = HopLosses()
-        self._lag_s = 0.0
+        self._lag_s: float  # of the last block
         self._begun = ""
         self._build_s: float | None = None  # when the session file is to be built
         self._next_s = self._looked_s = 0.0
-        self._heartbeats = Heartbeats((), time.monotonic(), 0.0)
+        self._heartbeats = Heartbeats((), self._clock().monotonic_s, 0.0)
 
     def submit(self, order: Order, by: str) -> Future[Reply]:
         """Queue an order to be carried out between two blocks; from any thread, never blocks.
@@ -141,7 +143,7 @@ class Recorder:
 
     def storage(self) -> StorageStatus:
         """Return the counts of received and stored frames; from any thread, never blocks."""
-        return self._storage.status(time.monotonic())
+        return self._storage.status(self._clock().monotonic_s)
 
     def run(
         self, stop: threading.Event, publish: Publish, is_watched: Watched = lambda: True
@@ -173,26 +175,26 @@ class Recorder:
 
     def _cycle(self, publish: Publish, is_watched: bool) -> None:
         """Wait for the next block and store it; at every look, execute orders and publish."""
-        if not self._pieces.status.blocks or self._next_s > time.monotonic():
-            self._orders.arrived.wait(max(self._next_s - time.monotonic(), 0.0))
+        if not self._pieces.status.blocks or self._next_s > self._clock().monotonic_s:
+            self._orders.arrived.wait(max(self._next_s - self._clock().monotonic_s, 0.0))
         self._orders.arrived.clear()
-        self._next_s = max(self._next_s + BLOCK_S, time.monotonic())
+        self._next_s = max(self._next_s + BLOCK_S, self._clock().monotonic_s)
         # Half a block early, because the cycles are not exactly equidistant.
-        is_due = time.monotonic() - self._looked_s >= UNWATCHED_S - BLOCK_S / 2
+        is_due = self._clock().monotonic_s - self._looked_s >= UNWATCHED_S - BLOCK_S / 2
         if not (is_watched or is_due or self._orders.are_waiting):
             self._store()
             return
         self._look()
         while (pending := self._orders.take()) is not None:
             self._carry_out(pending.order, pending.by, pending.answer)
-        if self._build_s is not None and time.monotonic() >= self._build_s:
+        if self._build_s is not None and self._clock().monotonic_s >= self._build_s:
             self._build(self._opened)
         self._derivation.poll()
         self._publish(publish)
 
     def _look(self, links: Sequence[LinkFacts] | None = None) -> bool:
         """Store a block, and look at all frames since the last look; return what `_store` does."""
-        stored, now = self._store(), _now()
+        stored, now = self._store(), self._clock()
         facts, disk = links or self._readers.facts(), self._opened.writer.status
         storage = self._storage.status(now.monotonic_s)
         events = self._recording.look(now, facts, disk, self._pieces.status, storage)
@@ -207,10 +209,10 @@ class Recorder:
         batch = FrameBatch.concatenate([piece.frames for piece in pieces])
         writer = self._opened.writer
         self._recording.store(batch, self._readers.hops().since(self._hops_before))
-        writer.maintain(time.monotonic())
+        writer.maintain(self._clock().monotonic_s)
         self._storage.stored(writer.stored_frames)
         disk = writer.status
-        done_s = time.monotonic()
+        done_s = self._clock().monotonic_s
         self._lag_s = max((done_s - piece.received_s for piece in pieces), default=0.0)
         durable = not (disk.failed or disk.held_frames)
         self._heartbeats = Heartbeats(
@@ -221,7 +223,7 @@ class Recorder:
         return bool(pieces)
 
     def _publish(self, publish: Publish) -> None:
-        now = _now()
+        now = self._clock()
         live = self._barrier.value("live", now, None, self._recording.live)
         self._barrier.run("publish", now, lambda: publish(self._status(now), live))
 
@@ -250,7 +252,7 @@ class Recorder:
 
     def _answer(self, order: Order | Bench, by: str, answer: Future[Reply]) -> Reply | None:
         """Execute an order; return None if the answer comes later."""
-        now = _now()
+        now = self._clock()
         match order:
             case Hello() | AskStatus():
                 pass
@@ -294,7 +296,7 @@ class Recorder:
 
     def _resume_or_begin(self) -> None:
         """Resume the last campaign, or build its session file if necessary and begin a new one."""
-        now = _now()
+        now = self._clock()
         seal_left_open(self._journal)
         found = resumable(self._journal, self._bench) if self._resume else ""
         if isinstance(found, str):
@@ -393,7 +395,3 @@ class Recorder:
             _log.error("%d frames were in memory, and the disk did not take them", held)
         self._derivation.poll()
         self._publish(publish)
-
-
-def _now() -> Now:
-    return Now(time.time_ns(), time.monotonic())

@@ -341,7 +341,7 @@ def _fitted(
         free_start, free_rate = lower_line(k, y, cycle_s, LARGEST_TOLERANCE)
         if np.mean(y) - start > 2 * (np.mean(y) - free_start):  # k has mean 0: the mean distances
             start, rate = free_start, free_rate
-    late = y - start - rate * k
+    late = y - rate * k  # from any origin: only its scatter counts
     quarters = np.array([0.25, 0.5, 0.75]) * (len(late) - 1)
     # As `np.quantile`, which takes several times as long.
     low, middle, high = np.interp(quarters, np.arange(len(late)), np.sort(late)).tolist()

@@ -76,4 +76,4 @@ def is_fine(quantity: Quantity, unit: str, step: float) -> bool:
     potentiometer rests on one value.  `step`: of the converter, in `unit`; 0 for a floating-point
     signal.
     """
-    return TIME_DERIVATIVE.get(quantity, 0) > 0 and step < FINE_STEP.get(unit, 0.0)
+    return TIME_DERIVATIVE.get(quantity, 0) > 0 and step < FINE_STEP[unit]

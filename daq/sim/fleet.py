@@ -255,13 +255,11 @@ def _met_stops(fleet_car: FleetCar, simulated: Simulated) -> tuple[bool, bool]:
     i, p = fleet_car.car.imperfections, fleet_car.car.parameters
     bare = load_car(p, AddedMass(), i).progression
     met = np.zeros(4, dtype=bool)
-    if bare is None or not np.isfinite(i.stop_gap_m).any():
-        return False, False
-    plan = fleet_car.plan
-    begin = plan.rest_s + plan.bump_s
-    t_s = np.arange(begin, begin + 0.5, 1e-3)
-    for motion in simulated.motions:
-        pose = motion.at(t_s).pose
-        body = pose[0] - motion.plant.corner_x_m * pose[1] + motion.plant.corner_y_m * pose[2]
-        met |= (pose[3:] - body - bare.ride_m > bare.stop_gap_m).any(axis=1)
+    if bare is not None:
+        begin = fleet_car.plan.rest_s + fleet_car.plan.bump_s
+        t_s = np.arange(begin, begin + 0.5, 1e-3)
+        for motion in simulated.motions:
+            plant, pose = motion.plant, motion.at(t_s).pose
+            body = pose[0] - plant.corner_x_m * pose[1] + plant.corner_y_m * pose[2]
+            met |= (pose[3:] - body - bare.ride_m > bare.stop_gap_m).any(axis=1)
     return bool(met[:2].any()), bool(met[2:].any())

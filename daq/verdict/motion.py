@@ -173,8 +173,6 @@ def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     envelope = _rms_envelope(trace.time_s, quick, grid)
     start = int(np.argmax(envelope > 0.5 * envelope.max()))
     first_stop = start + round(guard_s / _GRID_S)
-    if first_stop >= len(grid) - 1:
-        return 0.0, 0.0
     first = float(envelope[:first_stop].max())
     later = envelope[first_stop:]
     lowest = np.maximum(np.minimum.accumulate(later), max(floor, 0.02 * first))

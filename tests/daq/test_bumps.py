@@ -25,6 +25,23 @@ def test_every_kind_has_a_row_in_the_order_of_the_kinds() -> None:
 
 
 @pytest.mark.parametrize(
+    ("kind", "shares", "hand"),
+    [
+        (BOUNCE, (1.0, 1.0, 1.0, 1.0), (0, 0)),
+        (PITCH, (1.0, 1.0, 0.0, 0.0), (1, 0)),
+        (ROLL, (1.0, 0.0, 1.0, 0.0), (0, 1)),
+        (WARP, (1.0, 0.0, 0.0, 1.0), None),
+        (REAR, (0.0, 0.0, 1.0, 1.0), (-1, 0)),
+    ],
+)
+def test_a_kind_lifts_its_wheels_and_a_hand_pushes_where_they_are(
+    kind: Excitation, shares: tuple[float, ...], hand: tuple[int, int] | None
+) -> None:
+    """Left is positive, as is ahead; no hand pushes two opposite corners."""
+    assert (BUMPS[kind].shares, BUMPS[kind].hand) == (shares, hand)
+
+
+@pytest.mark.parametrize(
     ("wheels", "planned", "kinds"),
     [
         ({FL, FR, RL, RR}, USUAL, (BOUNCE,)),

@@ -9,6 +9,7 @@ from daq.bench.config import bench_codec, parse_bench
 from daq.errors import InputError
 from daq.samples.mapping import map_channels
 from daq.session import read_session, write_session
+from daq.vehicle import Structure
 from dbc.frames import FrameBatch
 
 DBC = """VERSION ""
@@ -65,6 +66,29 @@ def test_a_bench_may_add_what_the_dbc_does_not_say() -> None:
     assert acc.counter is not None
     assert (acc.counter.signal, acc.counter.modulus) == ("count", 15)
     assert (acc.crc, acc.crc_rule) == ("crc", "crc8_8h2f")
+
+
+@pytest.mark.parametrize(
+    ("lines", "structure", "elements"),
+    [
+        ("", (True, False, False, False), {}),
+        ("symmetric = false", (False, False, False, False), {}),
+        (
+            "anti_roll_bars = true\nfriction = true\nbump_stops = false",
+            (True, True, False, False),
+            {"anti_roll_bars": True, "friction": True, "bump_stops": False},
+        ),
+        ("tyre_damping = true", (True, False, True, False), {"tyre_damping": True}),
+        ("cg_offset = true", (True, False, False, True), {"cg_offset": True}),
+    ],
+)
+def test_an_element_that_is_not_stated_is_neither_forced_nor_forbidden(
+    lines: str, structure: tuple[bool, ...], elements: dict[str, bool]
+) -> None:
+    text = f"[vehicle.structure]\n{lines}\n{CHANNEL}"
+    vehicle = parse_bench(text, "bench.toml", Path(), DBC).vehicle
+    assert vehicle.structure == Structure(*structure)
+    assert vehicle.elements == elements
 
 
 def test_the_checksum_rule_of_the_bench_decides_which_frames_count() -> None:

@@ -12,6 +12,7 @@ from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench
 from daq.bench.databases import Database, stored_databases, stored_text
 from daq.bench.edit import with_channel
 from daq.bench.replaced import with_database
+from daq.bench.sensor_maps import ready_tables, sensor_map
 from daq.errors import InputError
 from daq.samples.bench_mapping import bench_mapping
 from dbc import Samples, shipped_dbc
@@ -241,3 +242,27 @@ def test_a_motion_ratio_has_limits(lines: str, reason: str | None) -> None:
         assert reason in read(stated("pot_fl.Position"))
     if "10" not in lines:
         assert "motion_ratio is for suspension_travel" in read(stated("hubs.FL"))
+
+
+def test_a_bench_that_states_no_tables_gets_those_of_the_ready_map() -> None:
+    added = ready_tables([("imu", "layout:bosch_mm7"), ("own", "own.dbc")], {})
+    assert added == {
+        "message": sensor_map("imu", "layout:bosch_mm7")["message"],
+        "sample_set": sensor_map("imu", "layout:bosch_mm7")["sample_set"],
+        "channel": sensor_map("imu", "layout:bosch_mm7")["channel"],
+    }
+    for kind, stated in (
+        ("message", {"name": added["message"][0]["name"]}),
+        ("sample_set", {"messages": [added["message"][0]["name"]]}),
+        ("channel", {"signal": "imu.x"}),
+    ):
+        rest = ready_tables([("imu", "layout:bosch_mm7")], {kind: [stated]})
+        assert {name for name in added if rest[name] != added[name]} == {kind}
+
+
+def test_a_sensor_without_a_bus_is_on_the_only_one() -> None:
+    text = TEXT.replace('[[bus]]\ninterface = "virtual"\nchannel = "can1"\nname = "rear"\n', "")
+    text = text.replace('bus = "rear"\n', "").replace('bus = "can0"\n', "").replace("bus = 0\n", "")
+    text = text.replace('name = "imu_b"', 'name = "imu_b"\nid_offset = 16')
+    bench = parse_bench(text, "bench.toml", Path(), STORED)
+    assert {sensor.bus for sensor in bench.sensors} == {0}

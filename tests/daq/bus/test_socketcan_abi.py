@@ -68,3 +68,16 @@ def test_an_echo_of_this_host_s_own_frame_is_marked() -> None:
     batch, good = frame_columns(datagrams, np.arange(3), 0)
     assert list(batch.flags) == [0, FrameFlag.TRANSMITTED]
     assert list(good) == [True, True, False]
+
+
+@pytest.mark.parametrize(("can_id", "is_frame"), [(0x7FF, True), (0x800, False), (0xFFE, False)])
+def test_a_number_above_eleven_bits_without_the_flag_of_29_is_no_identifier(
+    can_id: int, is_frame: bool
+) -> None:
+    frames = np.zeros(2, abi.FRAME)
+    frames["can_id"], frames["length"] = [0x123, can_id], 8
+    nothing = abi.Ancillary(np.zeros(2, np.int64), np.zeros(2, np.int64))
+    sizes, marks = np.full(2, 16, np.uint32), np.zeros(2, np.int32)
+    batch, good = frame_columns(abi.Datagrams(frames, sizes, marks, nothing), np.arange(2), 0)
+    assert list(good) == [True, is_frame]
+    assert list(batch.can_id) == [0x123, can_id][: 1 + is_frame]

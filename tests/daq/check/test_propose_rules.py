@@ -15,7 +15,14 @@ from daq.channels import Quantity
 from daq.check.answers import answered
 from daq.check.find_sensors import find_sensors
 from daq.check.frame_checks import Arrivals
-from daq.check.guess_map import Asked, Guess, guess_quantity, is_travel, unit_by_gravity
+from daq.check.guess_map import (
+    Asked,
+    Guess,
+    axis_by_name,
+    guess_quantity,
+    is_travel,
+    unit_by_gravity,
+)
 from daq.check.mounting import axis_of, mounting, pushed_corner
 from daq.check.propose_message import Seen, message_rule
 from daq.vehicle import Corner
@@ -307,3 +314,20 @@ def test_an_answer_of_body_makes_an_acceleration_one_of_the_body() -> None:
     )  # fmt: skip
     on_hub = answered(guess, "RL")
     assert (on_hub.quantity, on_hub.corner) == (Quantity.HUB_ACCELERATION, RL)
+
+
+@pytest.mark.parametrize(
+    ("name", "comment", "axis"),
+    [
+        ("AccZ", "", "z"),
+        ("s1", "pitch rate", "y"),
+        ("rateX", "z", "x"),  # the name goes before the comment
+        ("gyroy", "", "y"),  # no word of its own, but the last letter
+        ("gyrob", "", None),
+        ("", "", None),
+    ],
+)
+def test_an_axis_is_known_by_a_word_or_else_by_the_last_letter(
+    name: str, comment: str, axis: str | None
+) -> None:
+    assert axis_by_name(name, comment) == axis

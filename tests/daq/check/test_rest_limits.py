@@ -219,6 +219,14 @@ def test_a_hundredth_of_the_samples_may_lie_at_the_end_of_the_bits(
     assert "overload" not in found(floating)
 
 
+@pytest.mark.parametrize(("signal", "end", "judged"), [("bit", 1.0, False), ("two", 0.03, True)])
+def test_a_single_bit_is_always_at_one_of_its_ends(signal: str, end: float, judged: bool) -> None:
+    value = still(0.01 * (signal == "two"))
+    value[::40] = end
+    lines = checked(channel(Quantity.SUSPENSION_TRAVEL, f"RAW.{signal}"), value)
+    assert ("overload" in found(lines)) is judged
+
+
 @pytest.mark.parametrize(
     ("signal", "value", "n", "expected"),
     [

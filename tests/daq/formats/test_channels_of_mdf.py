@@ -10,6 +10,7 @@ from typing import Any
 import asammdf
 import numpy as np
 import pytest
+from asammdf.blocks.conversion_utils import from_dict
 
 from daq.errors import InputError
 from daq.formats.columns.child import columns_tree
@@ -54,6 +55,15 @@ def test_channels_have_the_name_and_the_times_of_their_group(tmp_path: Path) -> 
         "IMU (group 2)/az": ("", 2.0),
     }
     assert held.times_s[held.columns["IMU/az"].clock].tolist() == [0.0, 0.25, 0.5]
+
+
+def test_a_channel_without_a_unit_has_that_of_its_conversion(tmp_path: Path) -> None:
+    rule = from_dict({"a": 2.0, "b": 0.0})
+    rule.unit = "m/s2"
+    path = tmp_path / "a.mf4"
+    _write(path, [("IMU", [_signal("az", conversion=rule), _signal("ax")])])
+    units = {name: column.unit for name, column in read_here(path).columns.items()}
+    assert units == {"IMU/az": "m/s2", "IMU/ax": ""}
 
 
 def test_values_that_are_invalid_are_missing(tmp_path: Path) -> None:

@@ -316,6 +316,7 @@ CONTAINERS = {
     ),
     "a byte less than claimed": (_container(CLASSIC, claimed=49), 1, 1),
     "a byte more than claimed": (_container(CLASSIC, claimed=47), 1, 1),
+    "a torn checksum": (_container(CLASSIC, packed=zlib.compress(CLASSIC)[:-1]), 1, 1),
     "no zlib": (_container(CLASSIC, packed=bytes(10)), 0, 48),
     "in two": (_container(CLASSIC[:20]) + _container(CLASSIC[20:]), 1, 0),
     "in two, the first plain": (

@@ -172,9 +172,9 @@ def test_payloads_out_of_order_and_some_of_them_missing() -> None:
 
 
 def test_a_window_of_payloads_moves_along_with_the_records() -> None:
-    n = 40_000  # in blocks of 16384, with payloads of more than a piece of data
-    stored = b"".join(struct.pack("<LL", 4, k) for k in range(n))
-    records = b"".join(_record(k, 0x123, 4, 8 * k) for k in range(n))
+    n = 40_000  # in blocks of 16384, with payloads of many pieces of data
+    stored = b"".join(struct.pack("<LL56x", 60, k) for k in range(n))
+    records = b"".join(_record(k, 0x123, 4, 64 * k) for k in range(n))
     mdf = _sorted(records, stored=stored)
     batches = list(read_mf4(io.BytesIO(mdf.raw), "a.mf4", Ledger()))
     frames = FrameBatch.concatenate(batches)

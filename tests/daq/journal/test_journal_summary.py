@@ -10,7 +10,7 @@ import pytest
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal import scan as journal_scan
-from daq.journal.folder import last_recording
+from daq.journal.folder import last_recording, state_of
 from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
 from daq.journal.records import SegmentFile
@@ -78,6 +78,25 @@ def test_the_end_of_a_recording_is_in_its_last_summary(tmp_path: Path) -> None:
     tail = last_recording(tmp_path)
     assert tail is not None
     assert tail.ended
+
+
+def test_each_event_counts_once_though_the_last_block_is_in_the_next_segment_too(
+    tmp_path: Path,
+) -> None:
+    info = scan(record(tmp_path)[0])
+    assert info is not None
+    first, second, *others = (Event(START_NS + k, "note", text=f"{k}") for k in range(5))
+    infos = [
+        replace(info, events=((0, first), (0, second), (1, others[0]), (2, others[1]))),
+        replace(info, events=((2, others[1]), (3, others[2]))),
+    ]
+    assert state_of(infos).events == (first, second, *others)
+
+
+def test_events_before_the_first_frame_are_at_no_time(tmp_path: Path) -> None:
+    hops = read_journal(record(tmp_path)).hops
+    assert hops.t_ns[0] == 0
+    assert hops.t_ns[1] > START_NS
 
 
 def test_a_changed_byte_of_the_summary_is_never_believed(tmp_path: Path) -> None:

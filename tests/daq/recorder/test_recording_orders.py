@@ -10,6 +10,7 @@ import pytest
 from daq.bench.campaign import Step
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses
+from daq.control.messages import Phase
 from daq.control.orders import (
     Accept,
     Acknowledge,
@@ -19,6 +20,7 @@ from daq.control.orders import (
     Mark,
     Note,
     OverrideWarning,
+    Pause,
     Redo,
     Reject,
     Undo,
@@ -99,6 +101,26 @@ def test_orders_are_written_down_and_those_that_make_no_sense_refused(
     events = read_journal(journal.paths).events
     assert fold(events) == recording.run_log
     assert {e.t_ns for e in events if e.code == "mark"} == {int(frames.t_ns[-1])}
+
+
+def test_a_recording_armed_for_one_kind_waits_for_no_other(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = armed(quick, codec, journal, Until.EXCITATION)
+    phases = [status_of(recording).phase]
+    for order in (
+        Choose("baseline", Excitation.BOUNCE),
+        Choose("baseline", Excitation.ROLL),
+        Arm(Until.EXCITATION),
+        Pause(),
+    ):
+        recording.carry_out(order, "Ann", now())
+        phases.append(status_of(recording).phase)
+    assert phases == [Phase.WAITING, Phase.WAITING, Phase.IDLE, Phase.WAITING, Phase.PAUSED]
+    journal.close()
+    stored = [(e.code, e.text) for e in read_journal(journal.paths).events]
+    assert stored[-1] == ("pause", "Ann")
+    assert ("arm", "excitation Ann") in stored
 
 
 def test_bench_toml_may_change_within_a_recording(

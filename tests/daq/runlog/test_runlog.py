@@ -127,6 +127,23 @@ def test_verdicts_are_undone_and_redone_in_turn() -> None:
     assert statuses(UNDO, UNDO, REDO, REDO, REDO) == ["accepted", "rejected"]
 
 
+def test_runs_that_are_left_out_together_come_back_together() -> None:
+    labels = [f"baseline_bounce_{n}" for n in range(1, 5)]
+    events = [Event(n, Code.BUMP, 1.0, label) for n, label in enumerate(labels)]
+    events += [verdict_entry(9, label, [FINE]) for label in labels]
+    reasons = dict.fromkeys([labels[0], labels[1], "no such run", labels[3]], "unlike")
+    events.append(entry(Code.LEAVE_OUT, 10, reasons=reasons, by="Ann"))
+
+    def accepted(*more: Event) -> list[bool]:
+        runs = fold([*events, *more]).runs
+        return [run.status is LoggedStatus.ACCEPTED for run in runs]
+
+    assert accepted() == [False, False, True, False]
+    assert accepted(UNDO) == [True, True, True, True]
+    assert accepted(UNDO, REDO) == [False, False, True, False]
+    assert accepted(UNDO, UNDO) == [True, True, True, False]  # the verdict before it
+
+
 def test_the_revision_counts_changes_of_the_session_file_alone() -> None:
     note = entry(Code.NOTE, 3, text="windy", label="", by="Ann")
     override = entry(Code.OVERRIDE, 4, subject="bus", reason="known", by="Ann")

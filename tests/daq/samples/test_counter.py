@@ -74,3 +74,21 @@ def test_without_a_cycle_the_counter_is_taken_at_its_word() -> None:
     steps = counter_steps(np.array([250, 255, 3]), 256, _ns(np.array([0.0, 1, 9000])), None)
     np.testing.assert_array_equal(steps.step, [5, 4])
     assert steps.missing == 7
+
+
+@pytest.mark.parametrize(
+    ("counter", "late_s"),
+    [
+        (np.arange(21), 0.02),
+        (np.delete(np.arange(22), 5), 0.0195),
+        (np.concatenate([np.arange(11), np.arange(10)]), 0.02),
+    ],
+    ids=["whole", "one lost", "a restart"],
+)
+def test_a_delay_is_carried_over_and_forgotten_by_a_twentieth(
+    counter: NDArray[np.int64], late_s: float
+) -> None:
+    """The first of the frames is 3 cycles late; 20 (21) cycles later one of them is forgotten."""
+    sent = np.arange(21) + (np.arange(21) >= 5) * (counter[5] == 6)
+    steps = counter_steps(counter, 256, _ns(sent * 10.0), 0.01, 0.03)
+    assert steps.late_s == pytest.approx(late_s)

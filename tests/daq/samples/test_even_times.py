@@ -157,3 +157,13 @@ def test_a_faster_clock_of_which_each_tenth_frame_is_missing_is_none(missing: in
         found = even_times(np.rint(arrival_s[kept] * 1e9).astype(np.int64), 0)
         assert np.max(np.abs(found.time_s - tick_s[kept])) < 0.2 * CYCLE_S, seed
         assert np.flatnonzero(found.step > 1).tolist() == ([] if missing is None else [missing])
+
+
+@pytest.mark.parametrize(("every", "is_found"), [(12, True), (10, False)])
+def test_up_to_a_tenth_of_the_frames_may_follow_a_gap(every: int, is_found: bool) -> None:
+    """With each twelfth frame missing one in 11 follows a gap, with each tenth one in 9."""
+    number = np.delete(np.arange(720), np.arange(every - 1, 719, every))
+    t_ns = np.rint((number * 0.01 + 3e-4 * np.random.default_rng(4).random(len(number))) * 1e9)
+    found = even_times(t_ns.astype(np.int64), 0)
+    assert (np.abs(found.time_s - number * 0.01).max() < 1e-4) == is_found
+    assert (found.step.max() == 2) == is_found

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.samples.clock import SensorTimes, sensor_times, stamped_times
+from daq.samples.clock import SensorTimes, even_times, sensor_times, stamped_times
 
 Array = NDArray[np.float64]
 CYCLE_S = 0.01
@@ -47,6 +47,7 @@ def test_twenty_frames_show_a_clock(n: int, fitted: bool) -> None:
     by_count = sensor_times(np.arange(n), 256, stamps(arrival), CYCLE_S, 0)
     assert is_arrival(by_stamp, arrival) is not fitted
     assert is_arrival(by_count, arrival) is not fitted
+    assert is_arrival(even_times(stamps(arrival), 0), arrival) is not fitted
 
 
 @pytest.mark.parametrize(("n", "believed"), [(300, False), (301, True)])
@@ -106,3 +107,30 @@ def test_whole_turns_of_the_stamp_are_counted_by_the_time_of_the_bus(turns: int)
     times = stamped_times(taken % 0.5, 0.5, stamps(late(taken)), 0)
     assert np.abs(times.time_s - taken).max() < 1e-4
     assert times.step[100] == 1 + 50 * turns
+
+
+def test_a_backlog_that_a_reader_works_off_within_five_seconds_is_no_restart() -> None:
+    """A quarter of a second late at once, then a little less with each frame, for four seconds."""
+    taken = np.arange(1200.0) * CYCLE_S
+    delay_s = np.where(taken < 4.0, 0.0, np.maximum(0.25 - (taken - 4.0) / 16.0, 0.0))
+    times = stamped_times(taken, 100.0, stamps(late(taken) + delay_s), 0)
+    assert np.abs(times.time_s - taken).max() < 1e-4
+
+
+def test_a_restart_is_found_though_another_one_follows_after_seven_seconds() -> None:
+    """The sensor stops for 80 ms and then leaps by 100 ms: over all 20 s it has not stopped."""
+    taken = np.arange(2000.0) * CYCLE_S
+    stamp = taken + 50.0 + np.where(taken < 13.0, 0.0, 0.1)
+    taken += np.where(taken < 6.0, 0.0, 0.08)
+    times = stamped_times(stamp, 1000.0, stamps(late(taken)), 0)
+    assert np.abs(times.time_s - taken).max() < 1e-4
+
+
+def test_times_increase_across_a_restart_whose_first_frames_were_held_up() -> None:
+    """The second clock begins before the last frame of the first, which nothing forbids."""
+    first, second = np.arange(100) * CYCLE_S, 0.97 + np.arange(100) * CYCLE_S
+    arrival = np.concatenate([first, np.maximum(second, 1.0)])
+    count = np.concatenate([np.arange(100), np.arange(100)])
+    times = sensor_times(count, 256, stamps(arrival), CYCLE_S, 0)
+    assert np.all(np.diff(times.time_s) > 0.0)
+    assert np.abs(times.time_s[110:] - second[10:]).max() < 1e-4

@@ -155,3 +155,9 @@ def test_a_channel_keeps_a_bench_from_being_armed_for_a_tenth_of_a_second(
     block = {"moved": (times(n), value), "still": (times(n), hub({}, n))}
     state, _ = advance(CONFIG, TriggerState(), block)
     assert not_at_rest(CONFIG, state) == (("moved",) if named else ())
+
+
+@pytest.mark.parametrize(("size", "bumps"), [(3.0, 0), (-3.0, 0), (3.0000001, 1)])
+def test_the_level_itself_is_not_beyond_it(size: float, bumps: int) -> None:
+    _, found = events(hub({100: size, 101: size}, rest=0.0))
+    assert [event.code for event in found].count("bump") == bumps

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import tempfile
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import h5py
 import pytest
@@ -117,3 +119,20 @@ for path in sys.argv[4:]:
     faults = [fault for fault in found[1:3] if isinstance(fault, InputError)]
     assert [fault.where for fault in faults] == ["crash1", "crash2"]
     assert len(found) == 4
+
+
+def test_the_process_that_reads_has_neither_a_terminal_nor_threads_nor_plugins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, Any] = {}
+
+    def refused(_: list[str], **options: Any) -> None:
+        asked.update(options)
+        raise BlockingIOError
+
+    monkeypatch.setattr("daq.session.preview.subprocess.Popen", refused)
+    with pytest.raises(BlockingIOError):
+        list(glances([tmp_path / "car.h5"]))
+    assert (asked["stdin"], asked["stderr"]) == (subprocess.DEVNULL, subprocess.DEVNULL)
+    assert asked["env"]["OPENBLAS_NUM_THREADS"] == "1"
+    assert asked["env"]["HDF5_PLUGIN_PRELOAD"] == "::"

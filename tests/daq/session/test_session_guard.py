@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +41,11 @@ def path(tmp_path: Path) -> Path:
 
 def test_the_child_reads_what_this_process_reads(path: Path) -> None:
     assert_same(read_foreign_session(path), read_session(path))
+
+
+def test_nothing_waits_for_a_child_that_has_answered(path: Path) -> None:
+    read_foreign_session(path)
+    assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
 
 
 def test_samples_are_read_without_frames(path: Path) -> None:

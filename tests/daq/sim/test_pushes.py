@@ -5,11 +5,12 @@ from __future__ import annotations
 from itertools import takewhile
 
 import numpy as np
+import pytest
 
 from daq.bench.config import bench_codec
 from daq.check.propose import propose_sensors
 from daq.sim.car import SimulatedCar
-from daq.sim.pushes import push_frames
+from daq.sim.pushes import PUSHES_S, push_frames
 from dbc import FrameBatch
 
 from ..sensor_frames import START_NS
@@ -22,6 +23,10 @@ def played(rest_s: float, length_s: float) -> FrameBatch:
     blocks = push_frames(bench, bench_codec(bench), SimulatedCar(), 1, START_NS, rest_s)
     end_ns = START_NS + round(length_s * 1e9)
     return FrameBatch.concatenate(list(takewhile(lambda b: int(b.t_ns[0]) < end_ns, blocks)))
+
+
+def test_four_pushes_and_kicks_with_their_rests_take_eleven_seconds() -> None:
+    assert pytest.approx(4 * (1.2 + 0.8 + 0.04 + 0.8)) == PUSHES_S
 
 
 def test_each_corner_goes_down_once_and_is_kicked_after_it() -> None:

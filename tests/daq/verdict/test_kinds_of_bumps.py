@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from daq.bench.campaign import Step
 from daq.bench.config import Bench, load_bench
 from daq.bench.procedure import Method
 from daq.bumps import Wheels
 from daq.channels import Channel, Quantity
-from daq.runs import Excitation
+from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
-from daq.verdict import RunWindow
+from daq.verdict import RunWindow, judge
 from daq.verdict.pattern import mirrored, patterns, struck, wrong_mode
 from daq.verdict.strikes import Pattern
 from daq.verdict.window import traces
@@ -35,9 +36,12 @@ def found(
     records: Mapping[Channel, Array], method: Method = Method.ROLL_OVER
 ) -> tuple[Pattern, ...]:
     bench = bench_of(tuple(records), method)
+    return patterns(bench, traces(bench.channels, run_of(records)))
+
+
+def run_of(records: Mapping[Channel, Array]) -> RunWindow:
     t_ns = BUMP_NS + np.rint(T_S * 1e9).astype(np.int64)
-    run = RunWindow(BUMP_NS, {c.name: (t_ns, value) for c, value in records.items()})
-    return patterns(bench, traces(bench.channels, run))
+    return RunWindow(BUMP_NS, {c.name: (t_ns, value) for c, value in records.items()})
 
 
 def corners(quantity: Quantity, unit: str, shapes: Mapping[Corner, Array]) -> dict[Channel, Array]:
@@ -314,6 +318,14 @@ def test_a_bump_of_the_other_side_or_axle_is_named(
     named = [finding.text for finding in mirrored(due, pattern)]
     assert named == ([f"{text}: it still counts"] if text else [])
     assert all(finding.passed for finding in mirrored(due, pattern))
+
+
+def test_the_other_axle_is_named_once_though_wheels_and_body_show_it() -> None:
+    rear = travels((0, 0, 1, 1)) | {Z: jolt(1.0), RATES[0]: rate(P), RATES[1]: rate(0.0)}
+    assert all(list(mirrored(PITCH, pattern)) for pattern in found(rear))
+    step = Step(BASELINE, PITCH, 1)
+    findings, _ = judge(bench_of(tuple(rear)), step, run_of(rear), ())
+    assert [finding.code for finding in findings].count("mirrored") == 1
 
 
 @pytest.mark.parametrize(("rear", "other"), [(0.54, False), (0.58, True)])

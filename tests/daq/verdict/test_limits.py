@@ -62,7 +62,7 @@ def test_a_bump_is_ten_times_the_noise(peak: float, passed: bool) -> None:
     assert finding.value == pytest.approx(peak, rel=0.003)
 
 
-@pytest.mark.parametrize(("travel_m", "passed"), [(0.0599, True), (0.0601, False)])
+@pytest.mark.parametrize(("travel_m", "passed"), [(0.0599, True), (0.06, True), (0.0601, False)])
 def test_travel_may_exceed_the_planned_height_by_half(travel_m: float, passed: bool) -> None:
     finding = one(too_strong, {TRAVEL: pulse(travel_m)})  # 40 mm are planned
     assert finding.passed is passed
@@ -152,6 +152,12 @@ def test_a_strike_of_which_every_second_sample_is_missing_is_as_high(
     assert finding.passed is passed
 
 
+def test_a_strike_at_the_end_of_a_run_has_none_after_it() -> None:
+    """The bump and what belongs to it, 0.45 s, end behind the run, or with it."""
+    for at_s in (2.0, 2.09, 2.3):
+        assert one(double_bump, {HUB: np.where(np.abs(T_S - at_s) < 0.02, 40.0, 0.0)}).passed
+
+
 def test_the_body_that_swings_back_is_no_second_strike() -> None:
     later = np.clip((T_S - 1.0) / 1.4, 0.0, 1.0)
     assert one(double_bump, {HUB: strikes(0.0, 1.2) + 15.0 * np.sin(np.pi * later) ** 2}).passed
@@ -168,6 +174,15 @@ def test_fifteen_percent_of_the_motion_may_be_left(left: float, passed: bool) ->
     finding = one(not_decayed, {TRAVEL: swing(left)})
     assert finding.passed is passed
     assert finding.value == pytest.approx(left, rel=0.01)
+
+
+def test_motion_that_is_left_counts_in_noise_or_else_in_thousandths_of_the_peak() -> None:
+    """A tenth is left of a travel without noise, a fifth of a body with a thousandth of noise."""
+    turn = np.where(T_S < -0.0301, np.resize([0.0, 1.0, 0.0, -1.0], len(T_S)), 0.0)
+    body = swing(0.2) + 1e-3 * np.sqrt(2.0) * turn
+    finding = one(not_decayed, {TRAVEL: swing(0.1), BODY: body})
+    assert finding.value == pytest.approx(np.sqrt((0.1**2 + 0.2**2) / 2.0), rel=0.02)
+    assert finding.subject == "body"
 
 
 @pytest.mark.parametrize(("moved_m", "passed"), [(0.0074, True), (-0.0074, True), (0.0076, False),

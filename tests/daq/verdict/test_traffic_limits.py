@@ -36,6 +36,28 @@ def test_a_message_that_another_says_was_silent_is_so_for_twice_the_limit() -> N
     assert (finding.passed, finding.value, finding.subject) == (False, 0.5, "absent")
 
 
+def test_silent_messages_are_named_unless_all_are() -> None:
+    """The one that was silent for longest is the subject."""
+    whole, broken = (
+        np.arange(-1.0, 2.5001, 0.001),
+        without(np.arange(-1.0, 2.5001, 0.001), 1.0, 0.5),
+    )
+    longer = without(whole, 1.0, 0.75)
+    for hub_s, start, subject in (
+        (longer, "all 2 messages were silent for 0.75 s", "HUB"),
+        (whole, "SUSP was silent for 0.50 s", "SUSP"),
+    ):
+        bench, run = window({HUB: T_S, TRAVEL: T_S})
+        columns = {
+            channel.name: (run.bump_ns + np.rint(time_s * 1e9).astype(np.int64), np.sin(time_s))
+            for channel, time_s in ((HUB, hub_s), (TRAVEL, broken))
+        }
+        (finding,) = stale(bench, replace(run, channels=columns), ())
+        assert not finding.passed
+        assert finding.text.startswith(start)
+        assert finding.subject == subject
+
+
 @pytest.mark.parametrize(("lost", "passed"), [(71, True), (72, False)])
 def test_two_percent_of_the_frames_may_be_lost(lost: int, passed: bool) -> None:
     bench, run = window({TRAVEL: pulse(0.05)})  # 3500 came: 71 of 3571 are 1.99 %
