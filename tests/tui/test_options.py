@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
 from typer.main import get_command
 
-from tui.cli import app, run
+from tui.cli import app
 
 NUMBERS = {
     "demo": {"--seed": (1, 0, None)},
@@ -117,13 +116,3 @@ def test_help_has_a_word_for_each_value_and_no_earlier_option() -> None:
     hidden = {(name, option) for name, option, p in PARAMETERS if p.hidden}
     earlier = {(name, "--config") for name in ("import", "redecode", "decode", "replay")}
     assert hidden == earlier | {("plan", "--bench"), ("check", "--log")}
-
-
-@pytest.mark.parametrize("words", [[], ["study"]])
-def test_commands_are_listed_where_none_is_named(
-    words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(words) == 0
-    out, err = capsys.readouterr()
-    assert out.startswith("Usage: bumpbench")
-    assert err == ""
