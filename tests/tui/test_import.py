@@ -17,6 +17,7 @@ from dbc.witness.second_reader import Witness
 from tui.cli import run
 
 from ..daq.small_campaign import bumps, small_codec
+from .conftest import Stages
 
 BENCH = """
 [campaign]
@@ -125,7 +126,7 @@ def test_one_log_a_run_in_files_that_all_begin_at_the_same_time(
 
 
 def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str, stages: Stages
 ) -> None:
     frames = bumps(small_codec(), 4)
     halves = [frames.select(slice(0, 700)), frames.select(slice(700, None))]
@@ -134,6 +135,15 @@ def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
     document, _ = done(capsys, "import", *logs, "--config", bench, "--out", str(out))
     assert labels(document) == CAMPAIGN
     assert {one["status"] for one in document["runs"]} == {"accepted"}
+    shown = stages["import"]
+    counts = [line for line in shown if "frames" in line[1]]
+    assert counts[-1] == (1.0, "4800 frames, 4 bumps")
+    assert (0.5, "700 frames, 1 bumps") in counts
+    assert shown[len(counts) :] == [
+        (1.0, "reading the logs' hashes"),
+        (1.0, "writing the session"),
+        (1.0, "reading the DBC with cantools"),
+    ]
 
 
 def test_a_loss_in_the_log_is_reported_and_is_exit_code_3(
