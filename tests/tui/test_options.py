@@ -1,7 +1,7 @@
 """What each command does with an option that is left out, and what it takes.
 
-The functions are named as their commands, but for `import_` and `write_report`; options that several
-have are Fits, Seed, Workers, Noise, Rate, CarName, DisplayAt and DisplayControl.
+The functions are named as their commands, but for `import_` and `write_report`; options that
+several have are Fits, Seed, Workers, Noise, Rate, CarName, DisplayAt and DisplayControl.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from identify.plan import Advice
+from identify.plan import Advice, NextStep
 from tui.cli import run
 from tui.contents import print_contents
 from tui.jobs.comparing import print_comparison
@@ -84,7 +84,7 @@ def test_a_plan_has_one_for_each_table(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("identify.plan.advise", lambda *_: advice)
-    others = (BETTER,)
+    others: tuple[NextStep, ...] = (BETTER,)
     monkeypatch.setattr("identify.plan.compare_campaigns", lambda *_: others)
     head = "Runs: 2 x baseline bounce"
     steps = "What would improve it (95 % intervals, share of the value)"
