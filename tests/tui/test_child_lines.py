@@ -14,7 +14,6 @@ import pytest
 from dbc.errors import InputError
 from tui.commands.batch import work
 from tui.commands.batch.work import Job, job_of, row_of
-from tui.jobs import worker
 from tui.jobs.lines import Done, Line, ListTask, Progress, Trouble, line_bytes, task_text
 from tui.jobs.worker import lines_of
 
@@ -65,14 +64,18 @@ def heard(child: Any, monkeypatch: pytest.MonkeyPatch) -> list[Line]:
 def ended(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     """Return the process groups that were ended, and how."""
     seen: list[tuple[int, int]] = []
-    monkeypatch.setattr(worker.os, "killpg", lambda *given: seen.append(given))
+    monkeypatch.setattr("tui.jobs.worker.os.killpg", lambda *given: seen.append(given))
     return seen
 
 
 def test_what_is_no_line_is_passed_over_and_the_answer_is_the_last(
     ended: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lines = (Progress(0.5, "reading"), Done({"count": 1}), Progress(1.0, "too late"))
+    lines: tuple[Line, ...] = (
+        Progress(0.5, "reading"),
+        Done({"count": 1}),
+        Progress(1.0, "too late"),
+    )
     child = Child(b"warning: odd\n", *map(line_bytes, lines))
     assert heard(child, monkeypatch) == list(lines[:2])
     ((command, options),) = child.commands

@@ -273,6 +273,6 @@ def test_a_crew_is_looked_at_while_nothing_comes(monkeypatch: pytest.MonkeyPatch
 
     crew = SimpleNamespace(ahead=1, submit=lambda *_: future, check=lambda: checked.append(1))
     monkeypatch.setattr(executors, "wait", wait_)
-    assert list(as_finished(cast(Any, crew), abs, ["item"])) == [("item", future)]
+    assert list(as_finished(cast(Any, crew), len, ["item"])) == [("item", future)]
     assert looks == [2.0] * 3
     assert checked == [1, 1]

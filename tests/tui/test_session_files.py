@@ -200,7 +200,7 @@ def test_all_channels_are_exported_where_no_bus_has_some_of_them(
 ) -> None:
     session = small_session()
     database = stored_text((Database("imu.dbc", IMU),))
-    about = session.provenance | {"bench_toml": bench, "dbc": database}
+    about = {**session.provenance, "bench_toml": bench, "dbc": database}
     write_session(tmp_path / "car.h5", replace(session, provenance=about))
     out = tmp_path / "part.mf4"
     words = ["export", str(tmp_path / "car.h5"), "--bus", bus, "--out", str(out)]

@@ -125,7 +125,12 @@ def test_a_recorder_arms_unless_it_is_idle_and_ends_with_a_summary_unless_it_goe
 
     monkeypatch.setattr("tui.recorders.recording.record_campaign", record)
     opened: list[int] = []
-    monkeypatch.setattr("daq.open_source", lambda bus, number: opened.append(number) or Source())
+
+    def open_source(_: object, number: int) -> Source:
+        opened.append(number)
+        return Source()
+
+    monkeypatch.setattr("daq.open_source", open_source)
     bus = ["--interface", "udp_multicast", "--channel", "239.74.163.99"]
     figures = ["--figures", str(tmp_path / "a.prom"), "--log", str(tmp_path / "a.log")]
     assert run(["record", "--out", str(tmp_path / "day"), *bus, *figures, *words]) == code

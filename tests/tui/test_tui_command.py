@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from textual_serve.server import Server
@@ -125,7 +125,7 @@ def test_a_recorder_is_started_where_none_answers(
 ) -> None:
     started: list[int] = []
     monkeypatch.setattr("daq.control.is_running", lambda _: runs)
-    attach(tmp_path, lambda: started.append(1))  # type: ignore[arg-type, func-returns-value]
+    attach(tmp_path, cast(Any, lambda: started.append(1)))
     assert started == [1] * (not runs)
 
 
@@ -173,7 +173,7 @@ def test_a_browser_gets_a_free_port(monkeypatch: pytest.MonkeyPatch) -> None:
             """Refuse."""
             raise OSError
 
-    monkeypatch.setattr(server.socket, "socket", Full)
+    monkeypatch.setattr("tui.browser.server.socket.socket", Full)
     with pytest.raises(InputError, match=r"--web: no port of 127\.0\.0\.1 is free"):
         server.serve([])
     assert len(ports) == 1

@@ -61,7 +61,8 @@ async def test_only_keys_that_do_something_are_at_hand(make_app: Make) -> None:
         assert await at_hand(pilot) == {"reject", "pause"}
         recorder.judge(DOUBLE_BUMP)
         assert await at_hand(pilot) == {"next", "reject", "undo", "pause", "take_back"}
-        assert not app.screen.ready, "the countdown runs out by itself"
+        assert isinstance(run, BumpingScreen)
+        assert not run.ready, "the countdown runs out by itself"
         await pressed(pilot, "escape")
         assert orders_of(recorder, Pause) == [Pause()]
         assert "pauses after this run" not in seen(app)

@@ -140,7 +140,7 @@ async def test_a_corner_that_is_skipped_leads_to_the_next(make_app: Make) -> Non
         assert "Push the car down" in seen(app), "no reason, no skip"
         recorder.refuse = "JL is in control"
         await pressed(pilot, "s", *"post", "enter")
-        assert recorder.orders[-1] == OverrideWarning("wiggle FR", "post")
+        assert orders_of(recorder, OverrideWarning)[-1] == OverrideWarning("wiggle FR", "post")
         assert "wiggle FR" in str(screen.query_one("#explained").border_title), "it is still due"
         recorder.refuse = ""
         await pressed(pilot, "s", "enter")
