@@ -283,6 +283,7 @@ def test_at_a_terminal_a_proposal_asks(
     assert (channels["rate_x"].sign, channels["rate_y"].sign) == (-1, -1)
     assert channels["acc_z"].x_m == -1.05
     assert "# ASK" not in text
+    assert text.endswith("\n")
     assert "y_m = 0.0  # FILL IN" in text  # an empty answer leaves the mark
 
 

@@ -115,3 +115,87 @@ def test_several_databases_keep_their_messages_apart(
     assert samples["same_1.HUB_Rear.acc_rl"] == 20
     assert not any("HUB_Front" in name or "Other" in name for name in samples)
     assert "same_1.HUB_Front and same_2.Other have the identifier 0x110" in err
+
+
+MOTOR = """VERSION ""
+BU_: A
+BO_ 2566849022 Motor: 8 A
+ SG_ speed : 0|16@1+ (0.5,-10) [0|0] "1,min" A
+ SG_ torque : 16|16@1- (1,0) [0|0] "Nm" A
+"""
+"""One message with the J1939 identifier 0x18FF01FE: its group is 0xFF01, its source 0xFE."""
+
+
+def test_another_source_of_a_parameter_group_is_decoded_where_that_is_asked_for(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    log, dbc = tmp_path / "a.log", tmp_path / "motor.dbc"
+    dbc.write_text(MOTOR, "utf-8")
+    log.write_text(
+        "(2.5) can0 18FF01FE#1400FFFF00000000\n(2.25) can0 0CFF0117#1600020000000000\n"
+        "(3.0) can0 18FF02FE#1400FFFF00000000\n",
+        "ascii",
+    )
+    words = ["decode", str(log), "--dbc", str(dbc)]
+    assert run(words) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines() == [
+        "time_s,message,signal,value,unit",
+        '2.500000000,Motor,speed,0,"1,min"',
+        "2.500000000,Motor,torque,-1,Nm",
+    ]
+    assert err == "bumpbench: of 3 frames not all were decoded: 2 unknown_id\n"
+    assert run([*words, "--j1939"]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[1:] == [
+        '2.250000000,Motor,speed,1,"1,min"',
+        "2.250000000,Motor,torque,2,Nm",
+        '2.500000000,Motor,speed,0,"1,min"',
+        "2.500000000,Motor,torque,-1,Nm",
+    ]
+    assert "1 unknown_id" in err
+
+
+def test_a_frame_that_is_too_short_has_no_line_for_the_signal_that_it_lacks(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    log, dbc = tmp_path / "a.log", tmp_path / "motor.dbc"
+    dbc.write_text(MOTOR, "utf-8")
+    log.write_text("(0.000000001) can0 18FF01FE#1400\n", "ascii")
+    assert run(["decode", str(log), "--dbc", str(dbc)]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[1:] == ['0.000000001,Motor,speed,0,"1,min"']
+    assert "of 1 frames not all were decoded: 1 wrong_length" in err
+
+
+BENCH = """
+dbc = "motor.dbc"
+[[bus]]
+interface = "virtual"
+channel = "can0"
+name = "left, front"
+[[channel]]
+name = "v"
+signal = "Motor.speed"
+quantity = "unused"
+"""
+
+
+def test_a_bench_of_one_bus_names_it_and_one_of_two_does_not_guess(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    log, dbc, bench = (tmp_path / name for name in ("a.log", "motor.dbc", "bench.toml"))
+    dbc.write_text(MOTOR, "utf-8")
+    log.write_text("(2.5) can0 18FF01FE#1400FFFF00000000\n", "ascii")
+    more = '[[bus]]\ninterface = "virtual"\nchannel = "can1"\n'
+    for text, bus in (
+        (BENCH, '"left, front"'),
+        (BENCH.replace("[[channel]]", f"{more}[[channel]]"), ""),
+    ):
+        bench.write_text(text, "utf-8")
+        assert run(["decode", str(log), str(bench)]) == 0, capsys.readouterr().err
+        assert capsys.readouterr().out.splitlines() == [
+            "time_s,bus,sensor,message,signal,value,unit",
+            f'2.500000000,{bus},,Motor,speed,0,"1,min"',
+            f"2.500000000,{bus},,Motor,torque,-1,Nm",
+        ]

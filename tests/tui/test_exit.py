@@ -3,11 +3,12 @@
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 
 import pytest
 
-from tui.jobs.start import sigterm_deferred
+from tui.jobs.start import ended_by_sigterm, ignoring_interrupts, sigterm_deferred
 
 _COUNTED = """
 import atexit, gc, sys
@@ -66,6 +67,41 @@ def test_sigterm_waits_until_a_process_is_started(ended: list[int]) -> None:
     assert ended == [signal.SIGTERM]
     signal.raise_signal(signal.SIGTERM)
     assert len(ended) == 2
+
+
+def test_sigterm_is_an_exit_with_the_code_of_a_process_that_it_ends(ended: list[int]) -> None:
+    with pytest.raises(SystemExit) as left, ended_by_sigterm():
+        signal.raise_signal(signal.SIGTERM)
+    assert left.value.code == 143
+    assert ended == []
+    signal.raise_signal(signal.SIGTERM)
+    assert ended == [signal.SIGTERM], "afterwards it is as before"
+
+
+def test_ctrl_c_does_not_reach_what_is_started_meanwhile() -> None:
+    """A process inherits the signals that its parent has blocked."""
+
+    def blocked() -> bool:
+        return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+    with ignoring_interrupts():
+        assert blocked()
+    assert not blocked()
+
+
+def test_only_the_main_thread_defers_signals(ended: list[int]) -> None:
+    seen: list[bool] = []
+
+    def work() -> None:
+        before = signal.getsignal(signal.SIGTERM)
+        with sigterm_deferred():
+            seen.append(signal.getsignal(signal.SIGTERM) is before)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [True]
+    assert ended == []
 
 
 def test_what_is_loaded_is_hardly_searched_for_garbage() -> None:

@@ -16,6 +16,7 @@ from tui.cli import run
 from ..daq.small_campaign import bumps, small_codec
 from ..daq.small_session import small_session
 from .batches import refused_session, write_all
+from .conftest import Stages
 from .test_import import BENCH, write_log
 
 
@@ -179,7 +180,7 @@ def test_a_replay_of_a_torn_log_is_exit_3(
 
 
 def test_the_simulated_car_plays_its_campaign(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, wire: list[can.Message]
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, wire: list[can.Message], stages: Stages
 ) -> None:
     bench = tmp_path / "bench.toml"
     bench.write_text(BENCH.replace('["bounce", "roll"]', '["bounce"]'))
@@ -189,6 +190,13 @@ def test_the_simulated_car_plays_its_campaign(
     assert document["truth"]["m_s"] == 1380.0
     stamps = [message.timestamp for message in wire]
     assert stamps == sorted(stamps)
+    computed, played = stages["simulate"][:2], stages["simulate"][2:]
+    assert computed == [(0.0, "computing run 1 of 2"), (0.0, "computing run 2 of 2")]
+    assert [share for share, _ in played] == sorted(share for share, _ in played)
+    assert played[-1] == (1.0, "playing added_bounce_1")
+    last_of = {text: share for share, text in played}
+    assert 0.45 < last_of["playing baseline_bounce_1"] <= 0.55
+    assert len(last_of) == 2
     first = [message.data for message in wire]
     wire.clear()
     again = said(capsys, *words, "--seed", "2", code=0)[0].splitlines()

@@ -17,6 +17,7 @@ from dbc.witness.second_reader import Witness
 from tui.cli import run
 
 from ..daq.small_campaign import bumps, small_codec
+from .conftest import Stages
 
 BENCH = """
 [campaign]
@@ -125,7 +126,7 @@ def test_one_log_a_run_in_files_that_all_begin_at_the_same_time(
 
 
 def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str, stages: Stages
 ) -> None:
     frames = bumps(small_codec(), 4)
     halves = [frames.select(slice(0, 700)), frames.select(slice(700, None))]
@@ -134,6 +135,15 @@ def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
     document, _ = done(capsys, "import", *logs, "--config", bench, "--out", str(out))
     assert labels(document) == CAMPAIGN
     assert {one["status"] for one in document["runs"]} == {"accepted"}
+    shown = stages["import"]
+    counts = [line for line in shown if "frames" in line[1]]
+    assert counts[-1] == (1.0, "4800 frames, 4 bumps")
+    assert (0.5, "700 frames, 1 bumps") in counts
+    assert shown[len(counts) :] == [
+        (1.0, "reading the logs' hashes"),
+        (1.0, "writing the session"),
+        (1.0, "reading the DBC with cantools"),
+    ]
 
 
 def test_a_loss_in_the_log_is_reported_and_is_exit_code_3(
@@ -285,3 +295,31 @@ def test_a_dbc_that_cantools_reads_otherwise_ends_with_1_and_keeps_the_session(
     first, *_ = err.splitlines()
     assert first.startswith("bumpbench: FAIL message HUB_Front: signal acc_fl: our DBC reader has ")
     assert ", cantools has " in first
+
+
+def test_frames_that_are_lost_in_a_run_are_exit_code_3_though_the_log_is_whole(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    frames = bumps(small_codec(), 4)
+    kept = np.ones(len(frames), bool)
+    kept[600:603] = False
+    log = write_log(tmp_path / "all.log", frames.select(kept))
+    out = str(tmp_path / "s.h5")
+    document, err = done(capsys, "import", str(log), "--config", bench, "--out", out, code=3)
+    assert "is not whole" not in err
+    assert document["runs"][0]["losses"]["counter_gaps"] > 0
+    assert [run["losses"]["counter_gaps"] for run in document["runs"][1:]] == [0, 0, 0]
+
+
+def test_a_log_of_one_run_that_has_nothing_of_the_bus_is_named_alone(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    logs = [write_log(tmp_path / f"{n}.log", bumps(small_codec(), 1)) for n in range(2)]
+    logs[1].write_text(logs[1].read_text().replace("can0", "can3"))
+    runs = [word for n in range(2) for word in ("--run", f"baseline:bounce:{logs[n]}")]
+    out = ["--out", str(tmp_path / "s.h5"), "--config", bench]
+    assert run(["import", *runs, *out, "--bus", "0"]) == 2
+    err = capsys.readouterr().err
+    assert "1.log" in err
+    assert "0.log" not in err
+    assert "no bump in 1200 frames" in err

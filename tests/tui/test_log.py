@@ -121,3 +121,63 @@ def test_a_line_in_a_file_has_the_time_at_which_it_was_logged(
     assert path.read_text() == "2026-11-22T08:30:00.062Z bumpbench: alarm\n"
     path.write_text("2026-11-22T08:30:00.062Z bumpbench: error: x: no bus (plug it)\n")
     assert last_line(tmp_path) == "x: no bus (plug it)"
+
+
+def test_lines_that_find_no_room_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "recorder.log"
+    log = Log(path)
+    for number in range(1002):
+        log.line(f"line {number}")
+    with log:
+        pass
+    words = [line.partition("bumpbench: ")[2] for line in path.read_text().splitlines()]
+    assert len(words) == 1000
+    assert words[:2] == ["2 lines of log dropped; line 2", "line 3"]
+    assert words[-1] == "line 1001"
+
+
+def test_a_thousand_kinds_of_lines_are_told_apart_then_counted_anew(tmp_path: Path) -> None:
+    path = tmp_path / "recorder.log"
+    with Log(path) as log:
+        for _ in range(BURST + 1):
+            log.line("often", "often")
+        for number in range(1001):
+            log.line("once", f"key {number}")
+            if number % 100 == 99:
+                while log._lines:
+                    pass  # there is room for a thousand
+        log.line("often", "often")
+    text = path.read_text()
+    assert text.count("bumpbench: often") == BURST + 1, "five, and one after the thousand"
+    assert text.count("bumpbench: once") == 1001
+
+
+def test_a_log_is_continued_and_its_group_may_read_it(tmp_path: Path) -> None:
+    path = tmp_path / "recorder.log"
+    path.write_text("before\n")
+    other = tmp_path / "other.log"
+    with Log(path) as log, Log(other):
+        log.line("after")
+    before, after = path.read_text().splitlines()
+    assert (before, after[25:]) == ("before", "bumpbench: after")
+    assert other.stat().st_mode & 0o777 == 0o640
+
+
+def test_what_a_log_takes_from_libraries_is_given_back(tmp_path: Path) -> None:
+    root = logging.getLogger()
+    before = (threading.excepthook, list(root.handlers), root.level)
+    path = tmp_path / "recorder.log"
+    root.setLevel(logging.DEBUG)
+    try:
+        with Log(path):
+            assert not logging.raiseExceptions
+            assert threading.excepthook is not before[0]
+            logging.getLogger("can").info("quiet")
+            logging.getLogger("can").warning("loud")
+    finally:
+        root.setLevel(before[2])
+    assert logging.raiseExceptions
+    assert (threading.excepthook, list(root.handlers)) == before[:2]
+    assert warnings.showwarning.__module__ != "logging"
+    assert "loud" in path.read_text()
+    assert "quiet" not in path.read_text()

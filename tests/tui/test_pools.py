@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+import sys
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from importlib.metadata import version
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from dbc.errors import InputError
 from tui.jobs import executors
-from tui.jobs.executors import Cluster, Processes
+from tui.jobs.executors import Cluster, Processes, as_finished, workers_of
 
 
 class Pool:
@@ -112,3 +115,164 @@ def test_a_cluster_is_as_large_as_its_workers_and_gone_after_a_minute_without_an
     said.threads = None
     with pytest.raises(InputError, match="the scheduler has gone"):
         crew.check()
+
+
+# Connecting ---------------------------------------------------------------------------------------
+
+
+class Scheduler:
+    """A client of Dask, and its executor, that note what they are asked."""
+
+    def __init__(self, workers: dict[str, object], waits: bool = False) -> None:
+        self.workers, self.waits = workers, waits
+        self.asked: list[object] = []
+        self.gone = False
+
+    def __call__(self, address: str, **options: object) -> Scheduler:
+        self.asked.append((address, options))
+        return self
+
+    def wait_for_workers(self, count: int, timeout: float) -> None:
+        """Wait for the first."""
+        self.asked.append(("wait", count, timeout))
+        if self.waits:
+            raise TimeoutError
+
+    def run(self, function: Callable[[str], str], name: str, on_error: str) -> dict[str, object]:
+        """Return what the workers say of a package."""
+        self.asked.append((function.__name__, name, on_error))
+        return self.workers
+
+    def get_executor(self, pure: bool) -> Scheduler:
+        """Return what takes items."""
+        self.asked.append(("executor", pure))
+        return self
+
+    def scheduler_info(self) -> dict[str, Any]:
+        """Return what there is."""
+        return {"workers": {"one": {"nthreads": 3}}}
+
+    def submit(self, function: Callable[[Any], Any], item: Any) -> Future[Any]:
+        """Do an item."""
+        future: Future[Any] = Future()
+        future.set_result(function(item))
+        return future
+
+    def shutdown(self, wait: bool) -> None:
+        """End."""
+        if self.gone:
+            raise OSError("connection closed")
+        self.asked.append(("shutdown", wait))
+
+    def close(self, timeout: float) -> None:
+        """Leave."""
+        self.asked.append(("close", timeout))
+
+
+ADDRESS = "tcp://host:8786"
+
+
+@pytest.fixture
+def dask(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Scheduler]]:
+    """Return what puts a scheduler of a test in the place of Dask; its greeting may fail."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
+    levels = [logger.level for logger in loggers]
+
+    def put(scheduler: Scheduler, greets: BaseException | None = None) -> Scheduler:
+        async def greet(address: str) -> None:
+            scheduler.asked.append(("greet", address))
+            if greets is not None:
+                raise greets
+
+        monkeypatch.setattr(executors, "_greet", greet)
+        monkeypatch.setitem(
+            sys.modules, "distributed", cast(Any, SimpleNamespace(Client=scheduler))
+        )
+        return scheduler
+
+    yield put
+    for logger, level in zip(loggers, levels, strict=True):
+        logger.setLevel(level)
+
+
+def test_a_cluster_is_greeted_looked_at_and_left(dask: Callable[..., Scheduler]) -> None:
+    own = version("bumpbench")
+    scheduler = dask(Scheduler({"one": own, "two": own}))
+    with workers_of(8, ADDRESS) as crew:
+        assert crew.ahead == 6, "three threads"
+        assert crew.submit(abs, -3).result() == 3
+    assert scheduler.asked == [
+        ("greet", ADDRESS),
+        (ADDRESS, {"timeout": 4.0, "set_as_default": False}),
+        ("wait", 1, 4.0),
+        ("version", "bumpbench", "return"),
+        ("executor", False),
+        ("shutdown", False),
+        ("close", 0.5),
+    ]
+    assert logging.getLogger("tornado").level > logging.CRITICAL
+    scheduler.gone = True
+    with workers_of(8, ADDRESS):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "why"),
+    [
+        (Scheduler({}, waits=True), f"{ADDRESS}: the scheduler has no workers"),
+        (Scheduler({"one": "0.0.1"}), "worker one has bumpbench 0.0.1, here is "),
+        (Scheduler({"two": ImportError()}), "worker two has no bumpbench (install one version"),
+    ],
+)
+def test_a_cluster_that_is_of_no_use_is_left(
+    scheduler: Scheduler, why: str, dask: Callable[..., Scheduler]
+) -> None:
+    dask(scheduler)
+    with pytest.raises(InputError) as refused:
+        workers_of(8, ADDRESS)
+    assert why in str(refused.value)
+    assert scheduler.asked[-1] == ("close", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("error", "why"),
+    [
+        (OSError("connection refused"), "connection refused"),
+        (ValueError("no such protocol"), "no such protocol"),
+        (OSError(), "something else listens there"),
+        (KeyError("op"), "something else listens there"),
+    ],
+)
+def test_who_listens_in_place_of_a_scheduler_is_said(
+    error: Exception, why: str, dask: Callable[..., Scheduler]
+) -> None:
+    scheduler = dask(Scheduler({}), error)
+    with pytest.raises(InputError) as refused:
+        workers_of(8, ADDRESS)
+    assert f"--scheduler {ADDRESS}: no Dask scheduler answers: {why}" in str(refused.value)
+    assert scheduler.asked == [("greet", ADDRESS)]
+
+
+def test_a_cluster_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match="needs Dask, which is not installed"):
+        workers_of(8, ADDRESS)
+
+
+def test_a_crew_is_looked_at_while_nothing_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks: list[float] = []
+    checked: list[int] = []
+    future: Future[int] = Future()
+
+    def wait_(running: Any, seconds: float, _: object) -> tuple[set[Any], set[Any]]:
+        looks.append(seconds)
+        if len(looks) < 3:
+            return set(), set(running)
+        future.set_result(1)
+        return set(running), set()
+
+    crew = SimpleNamespace(ahead=1, submit=lambda *_: future, check=lambda: checked.append(1))
+    monkeypatch.setattr(executors, "wait", wait_)
+    assert list(as_finished(cast(Any, crew), len, ["item"])) == [("item", future)]
+    assert looks == [2.0] * 3
+    assert checked == [1, 1]

@@ -1,6 +1,7 @@
 """`export`, `validate` and `inspect` at the command line."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import can
@@ -9,13 +10,15 @@ import numpy as np
 import pytest
 import pyuff
 
-from daq import session_from_arrays, write_session
+from daq import read_session, session_from_arrays, write_session
+from daq.bench.databases import Database, stored_text
 from daq.formats.export import ExportFormat
 from daq.vehicle import DOF, Vehicle
 from tui.cli import run
 from tui.commands.export import Format
 from tui.output import print_line, print_table
 
+from ..daq.sensor_bench import IMU
 from ..daq.small_session import small_session
 from ..identify.bumps import PAPER_DELTA_MASS, paper_records
 
@@ -175,3 +178,32 @@ def test_inspect(capsys: pytest.CaptureFixture[str], car: str) -> None:
     assert document["geometry"]["t_r"] == 0.75
     assert document["facts"][1] == {"quantity": "k_sfl", "value": 17000.0, "sigma": 50.0}
     assert document["provenance"]["dbc"] == "7 bytes"
+
+
+ONE_BUS = """
+[[bus]]
+interface = "virtual"
+channel = "can0"
+name = "front"
+"""
+TWO_BUSES = ONE_BUS + '[[bus]]\ninterface = "virtual"\nchannel = "can1"\n'
+SENSOR = '[[sensor]]\nname = "imu"\ndbc = "imu.dbc"\nbus = 0\n'
+
+
+@pytest.mark.parametrize(
+    ("bench", "bus"),
+    [(ONE_BUS + SENSOR, "1"), (TWO_BUSES, "can1")],
+    ids=["the number is that of the log", "no sensor names its bus"],
+)
+def test_all_channels_are_exported_where_no_bus_has_some_of_them(
+    bench: str, bus: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = small_session()
+    database = stored_text((Database("imu.dbc", IMU),))
+    about = {**session.provenance, "bench_toml": bench, "dbc": database}
+    write_session(tmp_path / "car.h5", replace(session, provenance=about))
+    out = tmp_path / "part.mf4"
+    words = ["export", str(tmp_path / "car.h5"), "--bus", bus, "--out", str(out)]
+    assert run(words) == 0, capsys.readouterr().err
+    assert run(["import", str(out), "--out", str(tmp_path / "part.h5")]) == 0
+    assert len(read_session(tmp_path / "part.h5").channels) == 4

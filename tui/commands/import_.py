@@ -97,7 +97,7 @@ def import_(
             labels = [_single(text) for text in run or []]
             return import_channels(channels, logs, labels, runs, skip, out, json)
     chosen = any((run, runs, skip, bus, config, dbc))
-    if logs and len(logs) == 1 and not chosen and _import_export(logs[0], out, json):
+    if len(logs) == 1 and not chosen and _import_export(logs[0], out, json):
         return ExitCode.OK
     singles = [_single(text) for text in run or []]
     if bool(singles) == bool(logs):

@@ -51,7 +51,7 @@ def main(argument: str) -> None:
 
     task = parse_task(argument)
     try:
-        send(Done(_answer(task, send)))
+        send(Done(answer(task, send)))
     except Exception as error:
         send(trouble_of(error, _subject(task)))
 
@@ -77,7 +77,8 @@ def _subject(task: Task) -> str:
             return task.session
 
 
-def _answer(task: Task, send: Send) -> dict[str, Any]:
+def answer(task: Task, send: Send) -> dict[str, Any]:
+    """Do a task in this process, send its progress, and return the answer."""
     match task:
         case IdentifyTask():
             return _identify(task, send)

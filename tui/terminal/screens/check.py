@@ -290,8 +290,7 @@ class CheckScreen(BenchScreen):
                 self._pushed = {
                     c: w for c, w in self._pushed.items() if wiggle_subject(c) != subject
                 }
-                if self._corner is None or subject == wiggle_subject(self._corner):
-                    await self._go_on()
+                await self._go_on()
             self._show_rows()
 
         self.app.push_screen(Question(f"{subject}: {question}", "reason"), answered)

@@ -1,0 +1,122 @@
+"""The bar of progress at a terminal, and the planner's process of the terminal."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daq.bench.config import default_bench_text
+from dbc import shipped_dbc
+from tui.cli import run
+from tui.jobs import gain
+from tui.jobs.gain import GAIN, Gain
+from tui.output import progress
+
+from ..daq.crash_derive import journal_of_runs
+
+
+class Terminal(io.StringIO):
+    """A stream that is a terminal."""
+
+    def isatty(self) -> bool:
+        """Say so."""
+        return True
+
+
+def test_a_bar_shows_title_words_and_share_and_ends_full(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+    for name, value in (("TERM", "xterm"), ("NO_COLOR", "1"), ("COLUMNS", "100")):
+        monkeypatch.setenv(name, value)
+    with progress("plan [x]") as stage:
+        stage(0.25, "reading [y]")
+    frames = re.split(r"\r|\n", shown.getvalue())
+    last = [frame for frame in frames if "plan [x]" in frame][-1]
+    assert "reading [y]" in last, "nothing in it is markup"
+    assert last.count("━") == 28
+    assert "0:00:00" in last
+
+
+def test_no_bar_is_shown_in_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress("plan") as stage:
+        stage(0.5, "reading")
+    assert capsys.readouterr() == ("", "")
+
+
+# The planner's process ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def planned(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Return the benches whose gain was asked for."""
+    benches: list[Any] = []
+
+    def expected(bench: Any) -> Gain:
+        benches.append(bench)
+        return Gain(worst=0.5, widest="m_s")
+
+    monkeypatch.setattr(gain, "expected_gain", expected)
+    return benches
+
+
+def answered(
+    text: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Gain:
+    question = json.dumps({"bench": text, "folder": str(folder)})
+    monkeypatch.setattr(sys, "stdin", io.StringIO(question))
+    assert gain.main() == 0
+    return GAIN.validate_json(capsys.readouterr().out)
+
+
+def test_the_planner_reads_the_database_of_the_newest_recording(
+    planned: list[Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    answer = answered(default_bench_text(), tmp_path, monkeypatch, capsys)
+    assert answer == Gain(worst=0.5, widest="m_s")
+    assert planned[0].dbc_text == shipped_dbc()
+    one, two = (f'{shipped_dbc()}CM_ "{n}";\n' for n in (1, 2))
+    heads = {"1.mcap": one, "2.mcap": two, "3.mcap": None}
+    monkeypatch.setattr("daq.journal.segments_in", lambda _: [Path(name) for name in heads])
+    kind = type("Head", (), {})
+
+    def head(path: Path) -> Any:
+        found = kind()
+        found.dbc_text = heads[path.name]
+        return None if found.dbc_text is None else (found, 0)
+
+    monkeypatch.setattr("daq.journal.read_head", head)
+    answered(default_bench_text(), tmp_path, monkeypatch, capsys)
+    assert planned[1].dbc_text == two, "the third segment was cut off in its head"
+
+
+def test_the_planner_says_what_is_wrong_with_the_bench(
+    planned: list[Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    answer = answered("[campaign]\nrepeats = 0\n", tmp_path, monkeypatch, capsys)
+    assert answer.error.startswith("bench.toml:2")
+    assert planned == []
+
+
+def test_segments_that_are_named_one_by_one_are_recovered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    segments = journal_of_runs(tmp_path / "journal", 8_000)
+    assert run(["recover", *map(str, sorted((tmp_path / "journal").glob("*.mcap"))), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["frames_recorded"] == 8_000
+    assert document["session"] == str(tmp_path / "session_0001.h5")
+    assert segments
+    assert run(["recover", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"session: {tmp_path / 'session_0001.h5'}"

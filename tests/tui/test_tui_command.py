@@ -1,0 +1,255 @@
+"""`bumpbench tui` up to its first screen, its server for browsers, and `bumpbench status`."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+from textual_serve.server import Server
+
+from daq.bench.origin import Origin
+from daq.control.client import OrderRefusedError, RecorderGoneError
+from daq.control.messages import Reply, Setup, Status
+from daq.control.orders import AskStatus, Order
+from daq.errors import InputError
+from tui.browser import server
+from tui.cli import run
+from tui.commands.tui import attach
+from tui.terminal.screens.display_link import DisplayLinkScreen
+from tui.terminal.state.display_link import DisplayLink
+from tui.terminal.state.glyphs import GlyphSet
+
+from ..daq.a_status import a_status
+
+# The terminal -------------------------------------------------------------------------------------
+
+
+class Opened:
+    """The command without a terminal: what it opens is only noted."""
+
+    def __init__(self) -> None:
+        self.apps: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
+        self.displays: list[tuple[Any, ...]] = []
+        self.attached: list[Path] = []
+        self.ran = 0
+        self.return_code: int | None = None
+        self.display_link: Any = "not set"
+        self.link: DisplayLink | None = None
+
+    def __call__(self, *arguments: Any, **options: Any) -> Opened:
+        self.apps.append((arguments, options))
+        return self
+
+    def run(self) -> None:
+        """Show nothing."""
+        assert len(self.attached) == len(self.apps), "a recorder is there before the screen"
+        self.ran += 1
+
+    @contextmanager
+    def beside(self, *arguments: Any) -> Iterator[DisplayLink | None]:
+        """Serve no display."""
+        self.displays.append(arguments)
+        yield self.link
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Opened:
+    made = Opened()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TEXTUAL_DRIVER", "of the test")
+    monkeypatch.setenv("USER", "anna")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.setattr("tui.commands.tui.pause_collector", lambda _: None)
+    monkeypatch.setattr("tui.commands.tui.attach", lambda folder, _: made.attached.append(folder))
+    monkeypatch.setattr("tui.terminal.app.BenchApp", made)
+    monkeypatch.setattr("tui.display.start.display_beside_terminal", made.beside)
+    return made
+
+
+def test_the_terminal_is_opened_in_the_folder_of_its_kind(opened: Opened, tmp_path: Path) -> None:
+    (tmp_path / "car.h5").touch()
+    assert run(["tui"]) == 0
+    assert run(["tui", "--demo"]) == 0
+    assert run(["tui", "--replay", "car.h5"]) == 0
+    assert run(["tui", "--demo", "--out", "here"]) == 0
+    folders = [Path(), Path("bumpbench-demo"), Path("bumpbench-replay"), Path("here")]
+    assert opened.attached == folders
+    assert [arguments[1] for arguments, _ in opened.apps] == folders
+    assert [options["wanted"].origin for _, options in opened.apps] == [
+        Origin.REAL, Origin.SIMULATED, Origin.REPLAYED, Origin.SIMULATED,
+    ]  # fmt: skip
+    assert opened.ran == 4
+
+
+def test_the_terminal_has_what_its_options_say(opened: Opened, tmp_path: Path) -> None:
+    words = ["--glyphs", "ascii", "--theme", "bench-light", "--auto", "--operator", "MK"]
+    shown = ["--display", "lan", "--display-control"]
+    opened.return_code = 3
+    opened.link = DisplayLink(("display: open x",), ())
+    assert run(["tui", *words, *shown, "--out", "day"]) == 3
+    ((feed, folder, glyphs, name, theme, auto), options) = opened.apps[0]
+    assert (folder, glyphs.name, name) == (Path("day"), GlyphSet.ASCII, "MK")
+    assert (theme, auto) == ("bench-light", True)
+    assert options["wanted"] == Setup(Origin.REAL)
+    assert options["choices"].is_relative_to(tmp_path / "config")
+    assert (feed._folder, feed._name) == (Path("day"), "MK")
+    assert opened.displays == [(Path("day"), "lan", "MK", True)]
+    assert isinstance(opened.display_link(), DisplayLinkScreen)
+
+
+def test_who_is_not_named_is_the_user_to_the_recorder_and_asked_on_the_screen(
+    opened: Opened,
+) -> None:
+    assert run(["tui"]) == 0
+    ((feed, _, _, name, _, _), _) = opened.apps[0]
+    assert (feed._name, name) == ("anna", "")
+    assert opened.displays == [(Path(), None, "", False)]
+    assert opened.display_link is None
+    assert run(["tui", "--demo"]) == 0
+    ((feed, _, _, name, _, _), _) = opened.apps[1]
+    assert (feed._name, name) == ("demo", "demo")
+
+
+@pytest.mark.parametrize("runs", [False, True])
+def test_a_recorder_is_started_where_none_answers(
+    runs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[int] = []
+    monkeypatch.setattr("daq.control.is_running", lambda _: runs)
+    attach(tmp_path, cast(Any, lambda: started.append(1)))
+    assert started == [1] * (not runs)
+
+
+# Browsers -----------------------------------------------------------------------------------------
+
+
+def test_a_browser_gets_the_same_command_behind_a_link(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    served: list[Server] = []
+    monkeypatch.setattr(Server, "serve", lambda self: served.append(self))
+    monkeypatch.setattr(sys, "argv", ["bumpbench", "tui", "--web", "--out", "my day", "--demo"])
+    assert run(["tui", "--web", "--demo"]) == 0
+    (made,) = served
+    command = f"{sys.executable} -m tui tui --out 'my day' --demo"
+    assert (made.command, made.host, made.title) == (command, "127.0.0.1", "Bumpbench")
+    assert made.templates_path == Path(server.__file__).parent / "templates"
+    root = logging.getLogger()
+    before = root.level
+    made.initialize_logging()
+    assert root.level == logging.WARNING
+    root.setLevel(before)
+    asyncio.run(made.on_startup(None))  # type: ignore[arg-type]
+    said = capsys.readouterr().err
+    assert said.startswith(f"open http://127.0.0.1:{made.port}/")
+    assert said.count("\n") == 1
+
+
+def test_a_browser_gets_a_free_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    ports: list[int] = []
+    monkeypatch.setattr(server._Guarded, "serve", lambda self: ports.append(self.port))
+    with socket.socket() as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            taken.bind(("127.0.0.1", 8000))
+        except OSError:
+            """Another program has it: as good."""
+        else:
+            taken.listen()
+        server.serve([])
+    assert ports[0] not in (0, 8000)
+
+    class Full(socket.socket):
+        def bind(self, place: Any) -> None:
+            """Refuse."""
+            raise OSError
+
+    monkeypatch.setattr("tui.browser.server.socket.socket", Full)
+    with pytest.raises(InputError, match=r"--web: no port of 127\.0\.0\.1 is free"):
+        server.serve([])
+    assert len(ports) == 1
+
+
+def test_without_its_library_browsers_get_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "tui.browser.server", None)
+    assert run(["tui", "--web"]) == 2
+    assert "--web: textual-serve is not installed" in capsys.readouterr().err
+
+
+# Status -------------------------------------------------------------------------------------------
+
+
+class Asked:
+    """A recorder that says its status, or nothing yet, or refuses."""
+
+    def __init__(self, says: Status | Exception | None) -> None:
+        self.says = says
+        self.calls: list[object] = []
+
+    def __call__(self, _: object, name: str, control: bool) -> Asked:
+        self.calls.append((name, control))
+        return self
+
+    def ask(self, order: Order) -> Reply:
+        """Answer."""
+        self.calls.append(order)
+        if isinstance(self.says, Exception):
+            raise self.says
+        return Reply(0, status=self.says)
+
+    def close(self) -> None:
+        """Note it."""
+        self.calls.append("closed")
+
+
+def test_the_status_is_printed_in_lines_or_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recorder = Asked(replace(a_status(), vehicle="T5"))
+    monkeypatch.setattr("daq.control.Client", recorder)
+    assert run(["status", str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("T5, into /var/lib/bumpbench: ")
+    assert len(out.splitlines()) > 4
+    assert err == ""
+    assert recorder.calls == [("status", False), AskStatus(), "closed"]
+    assert run(["status", str(tmp_path), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["vehicle"], document["phase"]) == ("T5", a_status().phase)
+
+
+@pytest.mark.parametrize(
+    ("says", "why"),
+    [
+        (None, "the recorder has only just started"),
+        (OrderRefusedError("not now"), "not now"),
+        (RecorderGoneError("here", "it has ended", "start one"), "it has ended"),
+    ],
+)
+def test_a_recorder_without_a_status_is_exit_1(
+    says: Exception | None,
+    why: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    recorder = Asked(says)
+    monkeypatch.setattr("daq.control.Client", recorder)
+    assert run(["status", str(tmp_path)]) == 1
+    assert capsys.readouterr() == ("", f"bumpbench: {tmp_path}: {why}\n")
+    assert recorder.calls[-1] == "closed"
+    assert run(["status", str(tmp_path), "--json"]) == 1
+    out, err = capsys.readouterr()
+    assert json.loads(out) == {"folder": str(tmp_path), "running": False, "error": why}
+    assert why in err
