@@ -36,6 +36,37 @@ def test_each_stage_is_fitted_as_finely_as_the_next_one_needs(
     ]  # fmt: skip
 
 
+def test_corrections_of_what_is_stated_join_after_the_first_stage(
+    played: Callable[..., Any],
+) -> None:
+    """Earlier they would absorb the effects of elements; from then on they are always free."""
+    script = Script([3.0, 1.1, 1.05, 1.02, 1.0])
+    rule = gain_by("r_c", (9.0, 0.0), (0.1, 0.0))
+    played(script, [attempt("a")], of("friction", "static_friction"), rule)
+    late = ["delay of hubs" in one.free for one in script.asked]
+    assert late == [False, True, True, True, True]
+
+
+def test_each_fit_and_each_promise_has_a_line_in_the_log(played: Callable[..., Any]) -> None:
+    script, lines = Script([3.0, 2.0, 1.1, 1.05, 1.0]), list[str]()
+    rule = gain_by("r_c", (9.0, 0.0), (0.1, 0.0))
+    allowed = of("friction", "tyre_damping", "bump_stops", "static_friction")
+    played(script, [attempt("a")], allowed, rule, lines.append)
+    assert [line.split(":")[0] for line in lines] == [
+        "friction",
+        "tyre_damping, progressive_tyres, friction_left_right, dampers_left_right, "
+        "corners_left_right",
+        "bump_stops",
+        "bump_stops",
+        "static_friction",
+        "static_friction",
+        "polished in 1 steps, decrement 0.1",
+    ]
+    assert "would lower the cost by 9" in lines[4]
+    assert "chi2/n 1.050 after 1 steps" in lines[5]
+    assert "begin at nothing" in lines[2]
+
+
 def test_a_stage_that_ends_higher_is_left_out(played: Callable[..., Any]) -> None:
     script = Script([3.0, 3.1, None, 1.0])
     played(script, [attempt("a")])
