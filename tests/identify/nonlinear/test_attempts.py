@@ -75,6 +75,24 @@ def test_after_a_start_that_ended_short_of_the_noise_the_next_must_begin_well(
     assert "".join(given) == asked
 
 
+def test_starts_are_compared_by_what_each_of_their_values_costs(
+    played: Callable[..., Any],
+) -> None:
+    """2600 of 200 values are less than 1400 of 100; the start with the lower cost waits."""
+    script = Script([14.0, 13.0, 1.1, 1.1, 1.0])
+    (best, _), _ = played(script, [attempt("a"), attempt("b", n_runs=2)])
+    assert best.point.problem.runs[0].label == "b whole 0"
+
+
+def test_starts_that_end_alike_are_followed_as_they_came(played: Callable[..., Any]) -> None:
+    script = Script([12.0, 12.0, 1.1, 1.1, 1.0])
+    (best, _), _ = played(script, [attempt("a"), attempt("b")])
+    assert best.point.problem.runs[0].label == "a whole 0"
+    script = Script([12.0, 12.0, 2.0, 1.5, 2.0, 1.5, 1.0])
+    (best, _), _ = played(script, [attempt("a"), attempt("b")])
+    assert best.point.problem.runs[0].label == "a whole 0"
+
+
 def test_three_starts_are_followed_at_most_and_the_lowest_end_is_polished(
     played: Callable[..., Any],
 ) -> None:
@@ -117,14 +135,24 @@ def test_beginnings_that_the_car_explains_are_fitted_too(played: Callable[..., A
 
 
 @pytest.mark.parametrize(
-    ("end", "back"), [(1.09, True), (1.11, False), (None, False)], ids=["alike", "worse", "lost"]
+    ("end", "back"), [(1.15, True), (1.16, False), (None, False)], ids=["alike", "worse", "lost"]
 )
 def test_beginnings_stay_out_where_the_whole_is_explained_a_tenth_worse(
     end: float | None, back: bool, played: Callable[..., Any]
 ) -> None:
-    _, best = beginnings(played, [40.0, 3.0, 1.1, 1.0, 1.0, 1.0, end, 1.0])
+    _, best = beginnings(played, [40.0, 3.0, 1.1, 1.05, 1.0, 1.0, end, 1.0])
     labels = [run.label for run in best.point.problem.runs]
     assert labels == [f"{'first' if back else 'late'} whole {i}" for i in range(2)]
+
+
+def test_the_log_says_how_many_beginnings_are_back(played: Callable[..., Any]) -> None:
+    both, lines = [attempt("first", n_runs=3), attempt("late", 0.15, 3)], list[str]()
+    script = Script([40.0, 3.0, 1.1, 1.0, 2.0, 9.0, 2.0, 1.05, 1.0])
+    played(script, both, of(), None, lines.append)
+    assert "beginnings of 2 of 3 runs: chi2/n 1.050 after 1 steps" in lines
+    worse = Script([40.0, 3.0, 1.1, 1.0, 2.0, 9.0, 2.0, 1.2, 1.0])
+    played(worse, both, of(), None, lines.append)
+    assert "stay left out" in lines[-2]
 
 
 def test_a_beginning_without_a_path_stays_out(played: Callable[..., Any]) -> None:

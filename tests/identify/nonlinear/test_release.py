@@ -268,3 +268,20 @@ def test_mounts_that_have_become_rigid_are_taken_out_where_they_hold_up_the_poli
     (best, chosen), _ = played(script, [attempt("a")], of("damper_mounts"), rule)
     assert (len(script.asked) - 3, chosen) == (polishes, kept)
     assert best.cost == pytest.approx(100.0 if polishes == 1 else 99.0)
+
+
+def test_mounts_join_with_the_stops_that_have_begun(played: Callable[..., Any]) -> None:
+    """Before the stops they would lead astray; if all of it does, stops are tried alone."""
+    script = Script([3.0, 2.0, 2.1, 1.1, 1.05, 1.0])
+
+    def gains(names: Sequence[str], eta: NDArray[np.float64], problem: Any) -> Any:
+        if names[0] == "k_bf":
+            return stops({0.025: (90.0, 90.0)})(names, eta, problem)
+        return gain_by("s_m", (90.0, 90.0), (0.1, 0.1))(names, eta, problem)
+
+    (_, chosen), _ = played(script, [attempt("a")], of("bump_stops", "damper_mounts"), gains)
+    assert chosen == ("bump_stops", "damper_mounts")
+    with_both, alone, late = script.asked[2:5]
+    assert (with_both.eta["k_bf"], with_both.eta["s_mf"]) == (0.8, 0.3)
+    assert (alone.eta["k_bf"], alone.eta["s_mf"]) == (0.8, 0.0)
+    assert late.eta["s_mf"] == 0.3  # once more, now that the stops are there
