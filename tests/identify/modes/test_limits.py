@@ -107,13 +107,13 @@ def test_shapes_are_found_from_afar_as_from_the_truth() -> None:
     rng = np.random.default_rng(2)
     poles = np.array([-1.0 + 20.0j, -2.0 + 23.0j])
     wave = np.exp(np.outer(np.arange(120) / 100.0, poles))
-    true = np.array([[1.0, 1.0], [0.5j, -1.0], [-0.3, 0.8j]])
+    true = np.array([[1.0, 1.0], [0.5j, -1.0], [-0.3, 0.8j]], dtype=np.complex128)
     records = [
         (wave @ (true * amplitudes).T).real + 0.01 * rng.standard_normal((120, 3))
         for amplitudes in ([1.0, 0.2], [0.3, 1.0], [1j, 1.0])
     ]
     given, sets = project(records, 100.0, poles), np.arange(2)[None]
-    afar = np.ones((3, 2), dtype=complex) + 0.3 * rng.standard_normal((3, 2))
+    afar = np.array(1.0 + 0.3 * rng.standard_normal((3, 2)), dtype=np.complex128)
     (once,), (found,) = given.fits(sets, afar, 1), given.fits(sets, afar)
     (near,) = given.fits(sets, true)
     assert once.merit < near.merit - 1000.0
