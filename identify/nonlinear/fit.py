@@ -13,6 +13,8 @@ from .path import InitialState
 from .problem import Normal, Point, Problem, normal, point
 from .run import Block
 
+_RANK = 1e-13
+"""Share of the strongest direction below which one counts as not observed."""
 _HOLDS = 12
 """Largest number of solutions of a step, each with more unknowns held at their bounds."""
 _ROUNDS = 8
@@ -63,11 +65,11 @@ def unit_size(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.where(size > 0.0, size, 1.0)))
 
 
-def inverse(matrix: NDArray[np.float64], rank: float = 1e-13) -> NDArray[np.float64]:
+def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert a positive matrix after scaling; directions without information stay zero."""
     scale = 1.0 / unit_size(matrix)
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    good = values > rank * values[-1]
+    good = values > _RANK * values[-1]
     return np.asarray(
         (vectors[:, good] / values[good]) @ vectors[:, good].T * np.outer(scale, scale)
     )

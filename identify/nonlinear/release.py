@@ -310,7 +310,7 @@ def _promises(
 def _sizes(model: Model, name: str) -> NDArray[np.intp]:
     """Return the positions of a group's first unknown, front and rear."""
     kind = BY_NAME[name].kinds[0]
-    return np.array([model.names.index(f"{kind}{axle}") for axle in "fr"], dtype=np.intp)
+    return np.array([model.names.index(f"{kind}{axle}") for axle in "fr"])
 
 
 def _joined(model: Model, eta: NDArray[np.float64], name: str) -> NDArray[np.float64]:
@@ -327,7 +327,7 @@ def _begin_stops(problem: Problem, best: Optimum, log: Log) -> NDArray[np.float6
     """
     model = problem.model
     n = sum(run.freedom for run in problem.runs)
-    rates = np.array([model.names.index(f"k_b{axle}") for axle in "fr"], dtype=np.intp)
+    rates = np.array([model.names.index(f"k_b{axle}") for axle in "fr"])
     gaps = [model.names.index(f"g_b{axle}") for axle in "fr"]
     result = best.eta.copy()
     most = np.full(2, 2.0 * np.log(n) * max(1.0, best.cost / n))

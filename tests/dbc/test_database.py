@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dbc import InputError, load_codec, parse_codec, shipped_dbc
-from dbc.reader.limits import MAX_BYTES
+from dbc import InputError, load_codec, parse_codec, read_dbc, shipped_dbc
 
 HEAD = 'VERSION ""\n\nBU_: A B\n\n'
 ORPHANS = "VECTOR__INDEPENDENT_SIG_MSG"
@@ -147,12 +146,32 @@ def test_syntax_errors_name_the_line() -> None:
 
 def test_a_text_beyond_the_size_limit_is_not_parsed() -> None:
     with pytest.raises(InputError, match="larger than 5 MB"):
-        parse_codec(GOOD + " " * MAX_BYTES, "x.dbc")
+        parse_codec(GOOD + " " * (5_000_001 - len(GOOD)), "x.dbc")
+    assert len(parse_codec(GOOD + " " * (5_000_000 - len(GOOD)), "x.dbc").messages) == 1
+
+
+def test_a_file_of_5_megabytes_is_read_and_one_byte_more_is_not(tmp_path: Path) -> None:
+    file = tmp_path / "x.dbc"
+    file.write_bytes(b" " * 5_000_000)
+    assert len(read_dbc(file)) == 5_000_000
+    file.write_bytes(b" " * 5_000_001)
+    with pytest.raises(InputError, match="larger than 5 MB"):
+        read_dbc(file)
+
+
+@pytest.mark.parametrize(("lines", "refused"), [(1000, False), (1001, True)])
+def test_a_thousand_lines_may_be_no_statement(lines: int, refused: bool) -> None:
+    text = GOOD + "\n" + "CM_ a\n" * lines + "\nBU_: C\n"
+    if refused:
+        with pytest.raises(InputError, match="more than 1000 lines are not understood"):
+            parse_codec(text, "x.dbc")
+    else:
+        assert len(parse_codec(text, "x.dbc").messages) == 1
 
 
 def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     large = tmp_path / "large.dbc"
-    large.write_bytes(b" " * (MAX_BYTES + 1))
+    large.write_bytes(b" " * 5_000_001)
     binary = tmp_path / "binary.dbc"
     binary.write_bytes(bytes(range(128, 160)))
     wide = tmp_path / "wide.dbc"

@@ -55,6 +55,45 @@ def test_factors_are_exact_in_every_spelling(spelling: str) -> None:
     assert math.isclose(known.factor, factor, rel_tol=1e-15)
 
 
+SI = {
+    "1": (1.0, "1"),
+    "%": (0.01, "1"),
+    "mm/s2": (0.001, "m/s2"),
+    "mrad/s": (0.001, "rad/s"),
+    "rad/s2": (1.0, "rad/s2"),
+    "rad": (1.0, "rad"),
+    "deg": (0.017453292519943295, "rad"),
+    "in": (0.0254, "m"),
+    "m/s": (1.0, "m/s"),
+    "mm/s": (0.001, "m/s"),
+    "kph": (0.2777777777777778, "m/s"),
+    "s": (1.0, "s"),
+    "ms": (0.001, "s"),
+    "us": (0.000001, "s"),
+    "ns": (0.000000001, "s"),
+    "Hz": (1.0, "Hz"),
+    "kHz": (1000.0, "Hz"),
+    "N": (1.0, "N"),
+    "kN": (1000.0, "N"),
+    "kg": (1.0, "kg"),
+    "V": (1.0, "V"),
+    "mV": (0.001, "V"),
+    "A": (1.0, "A"),
+    "mA": (0.001, "A"),
+    "bar": (100000.0, "Pa"),
+    "kPa": (1000.0, "Pa"),
+    "Pa": (1.0, "Pa"),
+    "K": (1.0, "K"),
+}
+
+
+@pytest.mark.parametrize("unit", SI)
+def test_each_unit_is_that_of_the_si(unit: str) -> None:
+    known = to_si(unit)
+    assert known.factor == pytest.approx(SI[unit][0], rel=1e-15)
+    assert (known.offset, known.unit) == (0.0, SI[unit][1])
+
+
 @pytest.mark.parametrize("spelling", ["m/s²", "°/s", "°", "µm", "°C"])
 def test_utf8_that_was_read_as_windows_text_is_recognised(spelling: str) -> None:
     misread = spelling.encode("utf-8").decode("cp1252")

@@ -254,3 +254,13 @@ def test_an_unknown_that_one_session_does_not_determine_is_left_out() -> None:
     after = with_elements(session({}, 5), F_cf=(3.0, np.inf))
     change = change_of([before, after])
     assert (change.outcome, change.freedom) == ("nothing", 15)
+
+
+@pytest.mark.parametrize(("n", "rare"), [(2, 2.326), (3, 2.576)])
+def test_a_misfit_is_held_against_one_of_a_hundred_pairs_or_sets(n: int, rare: float) -> None:
+    """By the normal distribution: one of fifty to both sides, shared by all pairs with the best."""
+    fits = [session({}, 1)] * n
+    spread = float(np.hypot(fits[0].chi2_std, fits[0].chi2_std))
+    for deviations, outcome in ((rare - 0.02, "nothing"), (rare + 0.02, "other")):
+        worse = replace(fits[-1], chi2_per_n=fits[0].chi2_per_n + deviations * spread)
+        assert change_of([*fits[:-1], worse]).outcome == outcome

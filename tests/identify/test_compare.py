@@ -7,7 +7,7 @@ import pytest
 
 from dbc.errors import InputError
 from identify import Estimate, Identification, Judgement
-from identify.compare import compare
+from identify.compare import Difference, Trend, compare
 
 NAMES = ("m_s", "k_sf", "c_sf", "c_sr")
 
@@ -98,3 +98,9 @@ def test_a_session_without_parameters_is_named() -> None:
         compare(["a", "broken.h5"], [_result([1.0] * 4, [1.0] * 4), nothing])
     with pytest.raises(InputError, match="one session"):
         compare(["a"], [_result([1.0] * 4, [1.0] * 4)])
+
+
+def test_half_of_a_95_percent_interval_is_1_96_deviations() -> None:
+    assert Difference(1.0, 0.5, 2.0, 0.05, False).half == pytest.approx(0.98, rel=1e-4)
+    trend = Trend(1.0, 0.25, 0.05, 3.0, 2, 0.2, False, False)
+    assert trend.half == pytest.approx(0.49, rel=1e-4)

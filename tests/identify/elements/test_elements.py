@@ -15,6 +15,7 @@ from identify.elements.friction import (
     friction_rate_by_limit,
     friction_rate_by_share,
     friction_rate_by_speed,
+    rounded_speed,
     sliding_share,
     sliding_share_by_fall,
     sliding_share_by_speed,
@@ -69,6 +70,15 @@ def test_a_stop_acts_beyond_its_gap_alone() -> None:
     assert stop_force(0.030, 1e5, 0.025, 5e-5) == pytest.approx(500.0)
     assert stop_by_rate(0.030, 0.025, 5e-5) == pytest.approx(0.005)
     assert stop_stiffness(0.030, 1e5, 0.025, 5e-5) == 1e5
+
+
+@pytest.mark.parametrize("u", [0.0, 0.0249, 0.02497, 0.02503, 0.030])
+def test_the_stiffness_and_the_rate_of_a_stop(u: float) -> None:
+    """Before the gap, in the rounding of 0.05 mm about it, and beyond."""
+    found = slope(lambda v: stop_force(v, 2e5, 0.025, 5e-5), u, 1e-9)
+    assert stop_stiffness(u, 2e5, 0.025, 5e-5) == pytest.approx(found, rel=1e-5, abs=1e-3)
+    found = slope(lambda k: stop_force(u, k, 0.025, 5e-5), 2e5, 1.0)
+    assert stop_by_rate(u, 0.025, 5e-5) == pytest.approx(found, rel=1e-7, abs=1e-12)
 
 
 def test_a_bar_pushes_the_corner_that_is_compressed_more() -> None:
@@ -170,3 +180,17 @@ def test_a_tyre_is_damped_on_the_road_and_not_in_the_air() -> None:
 def test_a_rigid_mount_gives_the_speed_of_the_suspension() -> None:
     assert mount_misfit(0.3, 450.0, 0.0, 0.3, 0.0, 1.2e-4) == 0.0
     assert mount_slope(1500.0, 1e-6, 1.2e-4) == pytest.approx(1.62e-3)
+
+
+def test_on_a_mount_the_force_of_the_damper_bends_it_and_the_rubber_follows() -> None:
+    """450 N on 1e-6 m/N: 0.45 mm; 0.2 m/s more in the damper than outside: 0.024 mm of loss."""
+    found = mount_misfit(0.5, 450.0, 0.1e-3, 0.3, 1e-6, 1.2e-4)
+    assert found == pytest.approx(0.45e-3 + 0.024e-3 - 0.1e-3)
+    by_speed = slope(lambda r: mount_misfit(r, 1500.0 * r, 0.1e-3, 0.3, 1e-6, 1.2e-4), 0.5)
+    assert mount_slope(1500.0, 1e-6, 1.2e-4) == pytest.approx(by_speed, rel=1e-7)
+
+
+def test_the_rate_of_friction_by_hand() -> None:
+    """0.3 m/s rounded over 0.4 is 0.5 m/s; half of the limit acts; the lag doubles the length."""
+    assert rounded_speed(0.3, 0.4) == pytest.approx(0.5)
+    assert friction_rate(0.3, 0.6, 0.5e-3, 1.2, 0.4, 1e-3) == pytest.approx(0.05 / 1e-3)

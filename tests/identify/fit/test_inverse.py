@@ -27,3 +27,16 @@ def test_what_the_data_do_not_show_stays_zero() -> None:
 
 def test_no_unknowns_have_an_inverse_too() -> None:
     assert pseudo_inverse(np.zeros((0, 0))).shape == (0, 0)
+
+
+@pytest.mark.parametrize(("apart", "shown"), [(5e-12, False), (2e-11, True)])
+def test_a_direction_counts_from_a_billionth_of_a_thousandth_of_the_strongest(
+    apart: float, shown: bool
+) -> None:
+    """Ten unknowns that are alike but for so much: their sum has a strength of ten."""
+    alike = np.full((10, 10), 1.0 - apart) + apart * np.eye(10)
+    found = pseudo_inverse(alike)
+    if shown:
+        assert found[0, 0] == pytest.approx(0.9 / apart, rel=1e-3)
+    else:
+        assert found == pytest.approx(np.full((10, 10), 0.01), rel=1e-3)

@@ -49,6 +49,28 @@ def test_slope_of_the_propagator_is_its_derivative(name: str) -> None:
     np.testing.assert_allclose(slope, expected, rtol=1e-7, atol=1e-9 * np.max(np.abs(expected)))
 
 
+@pytest.mark.parametrize("name", ["vehicle", "overdamped"])
+def test_channels_and_changes_are_worked_out_together_as_each_alone(name: str) -> None:
+    """Two channels, three changes and four first states at once."""
+    A = _systems()[name]
+    n = len(A)
+    modes = spectrum(A)
+    rng = np.random.default_rng(3)
+    rows, states = rng.standard_normal((2, n)), rng.standard_normal((4, n))
+    dA = rng.standard_normal((3, n, n)) * np.abs(A).max() * (A != 0)
+    change = modes.change(dA)
+    seen = modes.outputs(rows @ modes.V, change, NO_FILTER)
+    found = modes.on_real_basis(*modes.propagator_slope(seen, change, states @ modes.W.T))
+    assert found.shape == (4, 2, 2 * n, 3)
+    for s, c, p in ((0, 0, 0), (3, 1, 2), (1, 0, 2)):
+        own = modes.change(dA[p : p + 1])
+        one = modes.outputs((rows[c] @ modes.V)[None], own, NO_FILTER)
+        alone = modes.on_real_basis(*modes.propagator_slope(one, own, modes.W @ states[s]))
+        np.testing.assert_allclose(
+            found[s, c, :, p], alone[0, :, 0], rtol=1e-9, atol=1e-9 * np.abs(alone).max()
+        )
+
+
 @pytest.mark.parametrize("samples", [3, 64, 65, 1400, 2801])
 def test_waves_of_even_times_are_the_exponentials(samples: int) -> None:
     rates = np.array([-2.0 + 7.0j, -18.0 + 70.0j, -40.0, 0.0])

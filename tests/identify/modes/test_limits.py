@@ -10,7 +10,7 @@ from daq.channels import Channel, Quantity
 from identify.modes.modal_model import ModalModel, mpc
 from identify.modes.mode_selection import clean_modes, vibrates
 from identify.modes.pairing import pair_modes
-from identify.modes.shape_fit import gain_by_noise
+from identify.modes.shape_fit import gain_by_noise, project
 from identify.modes.stabilisation import seen_in
 from identify.modes.state_variable_method import Delays, checked_records, delay_space, layouts
 from identify.modes.symmetry import mirror_of
@@ -100,3 +100,22 @@ def test_delays_step_by_a_tenth_of_the_fastest_period_that_matters() -> None:
     record = free_decay(oscillators([5.0], [0.0]), np.ones((1, 1)), np.array([1.0]), 1000.0, 3.0)
     chosen = layouts([record[:3000]], 1000.0)
     assert [(d.blocks, d.step) for d in chosen] == [(75, 20), (37, 20), (240, 1), (120, 1)]
+
+
+def test_shapes_are_found_from_afar_as_from_the_truth() -> None:
+    """Two near modes in three channels: one alternation from equal shapes is far from enough."""
+    rng = np.random.default_rng(2)
+    poles = np.array([-1.0 + 20.0j, -2.0 + 23.0j])
+    wave = np.exp(np.outer(np.arange(120) / 100.0, poles))
+    true = np.array([[1.0, 1.0], [0.5j, -1.0], [-0.3, 0.8j]], dtype=np.complex128)
+    records = [
+        (wave @ (true * amplitudes).T).real + 0.01 * rng.standard_normal((120, 3))
+        for amplitudes in ([1.0, 0.2], [0.3, 1.0], [1j, 1.0])
+    ]
+    given, sets = project(records, 100.0, poles), np.arange(2)[None]
+    afar = np.array(1.0 + 0.3 * rng.standard_normal((3, 2)), dtype=np.complex128)
+    (once,), (found,) = given.fits(sets, afar, 1), given.fits(sets, afar)
+    (near,) = given.fits(sets, true)
+    assert once.merit < near.merit - 1000.0
+    assert found.merit == pytest.approx(near.merit, abs=0.1)
+    assert near.merit < given.most_merit

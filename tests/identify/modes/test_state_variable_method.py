@@ -280,3 +280,13 @@ def test_a_few_samples_of_noise_have_no_mode_in_any_channel() -> None:
     noise = np.random.default_rng(0).standard_normal((8, 3))
     found = identify_modes([noise], 100.0)
     assert (len(found), found.shapes.shape) == (0, (3, 0))
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_what_is_rounding_does_not_depend_on_the_unit(unit: float) -> None:
+    """Two modes are four directions; the others are rounding, of the strength and not its root."""
+    poles = oscillators([2.0, 5.0], [0.05, 0.02])
+    record = unit * free_decay(poles, np.array([[1.0, 1.0], [1.0, -2.0]]), np.ones(2), 100.0, 4.0)
+    strength = delay_space([record], 100.0, Delays(10, 1)).strength
+    assert strength[3] > 1e-4 * strength[0]
+    assert strength[4] < 1e-12 * strength[0]

@@ -67,7 +67,7 @@ def test_car_and_weights_times_a_factor_move_as_before(factor: float) -> None:
     assert cost_of_motion(given, alone) != pytest.approx(before, rel=0.01)
 
 
-@pytest.mark.parametrize("factor", [0.6, 0.9, 1.7])
+@pytest.mark.parametrize("factor", [0.25, 0.6, 0.9, 1.7, 4.0])
 def test_the_weights_bring_the_factor_back(factor: float) -> None:
     given = problem()
     eta = rich_car(given.model)

@@ -73,7 +73,10 @@ def test_the_path_is_the_same_whether_or_not_stops_and_knees_are_met(
 def test_machine_code_and_numpy_give_the_same_tangents(mounted: bool) -> None:
     one, own = made(mounted), moving()
     path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)[0])
-    times = np.sort(np.concatenate([np.arange(0.0, END_S, 0.0125), np.linspace(0.001, 0.19, 31)]))
+    ends = [0.0, 0.1985, 0.1999]  # in the first and the last step, too
+    times = np.sort(
+        np.concatenate([ends, np.arange(0.0, END_S, 0.0125), np.linspace(0.001, 0.19, 31)])
+    )
     acts = acting([one])
     start, plan = start_of(one, own, acts, PATH), plan_of(one, path, USUAL)
     sampled = fast.sample(one, path, times)

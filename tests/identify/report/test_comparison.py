@@ -47,7 +47,17 @@ def test_the_table_and_the_document_name_the_change(fits: list[Estimation]) -> N
     assert by.source == "change/named/0/changes/0"
     assert document["change"]["named"][0]["changes"][0]["value"] == pytest.approx(43.865, abs=1e-2)
     assert "all else is unchanged: chi2 35.6 on 27" in table.note
-    assert "c_sf (+2.85 ± 0.30 %)" in comparison_html(comparison)
+    one = comparison.parameters[0]
+    rows = tuple(
+        replace(row, differences=tuple(replace(d, significant=row is one) for d in row.differences))
+        for row in comparison.parameters
+    )
+    named = replace(comparison, parameters=rows)
+    page = comparison_html(named)
+    assert "c_sf (+2.85 ± 0.30 %)" in page
+    assert f"<dd>1 of {len(named.quantities)}</dd>" in page
+    assert f"<strong>Differ:</strong> {one.name}</p>" in page
+    assert "<strong>Drift:</strong>" not in page
 
 
 def test_where_nothing_changed_the_table_says_so() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -74,3 +76,13 @@ def test_small_motion_over_dampers_that_are_not_linear() -> None:
     finding = by_gate(repeat_findings(estimated("damper_mild", 1), NO_RIVAL))["amplitude"]
     assert finding.severity is Severity.WARNING
     assert "small motion" in finding.text
+
+
+def test_without_a_late_motion_nothing_is_said_of_it() -> None:
+    """Decays of 0.45 s at 500 Hz have no fifty samples after 0.4 s."""
+    result = estimated("damper_mild", 1)
+    short = tuple(
+        replace(d, recordings=tuple(r.between(0.0, 0.45) for r in d.recordings))
+        for d in result.decays
+    )
+    assert "amplitude" not in by_gate(repeat_findings(replace(result, decays=short), NO_RIVAL))

@@ -149,3 +149,11 @@ def test_the_best_run_of_each_mode_of_the_paper_s_car() -> None:
     for pole, against in zip(poles, antisymmetric(model), strict=True):
         best = best_run(model, pole, tyres)
         assert best in ((Excitation.ROLL,) if against else (Excitation.BOUNCE, Excitation.PITCH))
+
+
+def test_a_run_drives_by_the_force_that_its_tyres_pass_on() -> None:
+    """Where the tyres of one side pass on nothing, a bounce rolls the body as a roll run does."""
+    model = physical_model(FORD_GRANADA)
+    roll = modes_of(model.A).poles[2]
+    assert best_run(model, roll, np.full(4, 192e3)) is Excitation.ROLL
+    assert best_run(model, roll, np.array([192e3, 1e3, 192e3, 1e3])) is Excitation.BOUNCE

@@ -35,6 +35,23 @@ def test_nothing_is_held_against_a_car_that_is_as_modelled(seed: int) -> None:
     assert rank_causes(result)[0].strength < 0.6
 
 
+ONE_IN_A_MILLION = {1: 23.928, 2: 27.631, 3: 30.665, 4: 33.377}
+"""Chi-squared by its degrees of freedom (of 2: twice the logarithm of a million)."""
+
+
+def test_a_cause_counts_in_units_of_what_chance_gives_once_in_a_million_times() -> None:
+    result = estimated("linear", 1)
+    found = rank_causes(result)
+    strengths = [suspect.strength for suspect in found]
+    assert strengths == sorted(strengths, reverse=True)
+    by_size = {len(suspect.effects): suspect for suspect in found}
+    shared = by_size.keys() & ONE_IN_A_MILLION
+    assert len(shared) >= 2
+    for n in shared:
+        gain = by_size[n].score.gain / max(1.0, result.chi2_per_n)
+        assert gain / by_size[n].strength == pytest.approx(ONE_IN_A_MILLION[n], rel=1e-4)
+
+
 def test_no_false_alarm_and_sizes_that_are_noise() -> None:
     deviates = []
     for seed in range(10):

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
 from identify.trust import sensor_faults
 from identify.trust.refit import Explanation, first_repeats, largest_shift
-from identify.trust.sensor_faults import _kind, _late_ms, sensor_explanations
+from identify.trust.sensor_faults import _kind, _late_ms, gain_of, sensor_explanations
 
 ONE: Any = SimpleNamespace(fit=SimpleNamespace(eta=None))
 
@@ -104,3 +107,124 @@ def test_the_first_of_each_kind_of_run_is_enough_to_compare() -> None:
     assert kept == (
         ("baseline_roll_1", 125.0), ("added_roll_2", 125.0), ("baseline_pitch_1", 125.0)
     )  # fmt: skip
+
+
+BODY = Channel("body_az", Quantity.BODY_ACCELERATION, "m/s2")
+WHEELS = tuple(
+    Channel(name, quantity, corner=Corner.FRONT_LEFT)
+    for name, quantity in (
+        ("hub", Quantity.HUB_ACCELERATION), ("travel", Quantity.SUSPENSION_TRAVEL)
+    )
+)  # fmt: skip
+
+
+def slow(
+    monkeypatch: pytest.MonkeyPatch, names: set[str], true_hz: float
+) -> tuple[Explanation, list[tuple[int, float]]]:
+    """Return what is found where some channels have a low-pass, and what was tried.
+
+    That is the number of channels with a low-pass, and its frequency.  The cost is how far the
+    frequency is off, and 10 for each channel that has a low-pass in one place only.
+    """
+    tried = []
+
+    def refit(
+        _: Any, change: Callable[[Channel], Channel], *__: object, **___: object
+    ) -> SimpleNamespace:
+        changed = [change(channel) for channel in (BODY, *WHEELS)]
+        filtered = {c.name: c.low_pass_hz for c in changed if c.low_pass_hz}
+        cost = 99.0
+        if filtered:
+            (hz,) = set(filtered.values())
+            tried.append((len(filtered), hz))
+            cost = abs(np.log(hz / true_hz)) + 10.0 * len(names ^ filtered.keys())
+        group = SimpleNamespace(channels=(BODY, *WHEELS))
+        box = SimpleNamespace(parameters=("m_s", "k_sf"), groups=(group,))
+        eta = np.array([0.0, 0.3 if filtered else 0.0])
+        fit = SimpleNamespace(cost=cost, eta=eta)
+        return SimpleNamespace(fit=fit, box=box, excess=0.4 if filtered else 2.0)
+
+    monkeypatch.setattr(sensor_faults, "refit", refit)
+    monkeypatch.setattr(sensor_faults, "_late", lambda *_: [])
+    monkeypatch.setattr(sensor_faults, "replace", lambda one, **kw: _changed(one, **kw))
+    monkeypatch.setattr(sensor_faults, "first_repeats", lambda decays: decays)
+    one: Any = SimpleNamespace(fit=SimpleNamespace(eta=np.zeros(2)), decays=())
+    (found,) = sensor_explanations(one, [])
+    return found, tried
+
+
+def _changed(one: Any, **changes: Any) -> Any:
+    return replace(one, **changes) if isinstance(one, Channel) else one
+
+
+@pytest.mark.parametrize(
+    ("names", "true_hz", "sizes"),
+    [
+        ({"body_az"}, 60.0, "near 56 Hz on body sensors"),
+        ({"hub", "travel"}, 8.5, "near 8 Hz on sensors at the wheels"),
+        ({"hub", "travel"}, 27.0, "near 28 Hz on sensors at the wheels"),
+        ({"hub", "travel", "body_az"}, 200.0, "near 80 Hz on all sensors"),
+        ({"hub", "travel", "body_az"}, 40.0, "near 40 Hz on all sensors"),
+    ],
+)
+def test_a_low_pass_is_sought_on_each_kind_of_sensors(
+    monkeypatch: pytest.MonkeyPatch, names: set[str], true_hz: float, sizes: str
+) -> None:
+    found, _ = slow(monkeypatch, names, true_hz)
+    assert (found.name, found.sizes) == ("low-pass", sizes)
+    assert found.explained == pytest.approx(0.8)  # 0.4 of 2 are left
+    assert found.shift == pytest.approx(0.3)
+    assert found.shifted == "k_sf"
+
+
+@pytest.mark.parametrize(
+    ("true_hz", "fine"), [(50.0, [20.0, 28.0, 56.0, 80.0]), (12.0, [8.0, 10.0, 20.0, 28.0])]
+)
+def test_a_low_pass_is_sought_finely_where_the_coarse_search_ended(
+    monkeypatch: pytest.MonkeyPatch, true_hz: float, fine: list[float]
+) -> None:
+    """By 15 and 40 Hz on body, wheels and all; then within a factor of 2.5 of the better one."""
+    _, tried = slow(monkeypatch, {"body_az"}, true_hz)
+    assert tried[:6] == [(n, hz) for n in (1, 2, 3) for hz in (15.0, 40.0)]
+    assert tried[6:-1] == [(1, hz) for hz in fine]
+
+
+@pytest.mark.parametrize(
+    ("shown", "sizes", "advice"),
+    [(2.0, "it shows 2 times", "unit"), (-1.0, "it shows -1 times", "turn its sign")],
+)
+def test_a_channel_shows_so_many_times_what_the_others_predict(
+    monkeypatch: pytest.MonkeyPatch, shown: float, sizes: str, advice: str
+) -> None:
+    """Of a travel of a tenth of a millimetre about 5 mm, beside another channel."""
+    motion = 1e-4 * np.array([1.0, -1.0, 2.0, -2.0])
+    values = np.column_stack([np.arange(4.0), shown * motion + 5e-3])
+    group = SimpleNamespace(channels=WHEELS)
+    recording = SimpleNamespace(group=group, values=values)
+    decays = (SimpleNamespace(recordings=(recording,)),) * 2
+    box = SimpleNamespace(parameters=("m_s",))
+
+    def refit(_: Any, change: Callable[[Channel], Channel | None], *__: object) -> SimpleNamespace:
+        kept = [change(channel) for channel in WHEELS]
+        fit = SimpleNamespace(eta=np.zeros(1))
+        return SimpleNamespace(box=box, decays=decays, fit=fit, excess=2.0 if all(kept) else 0.5)
+
+    noises = []
+
+    def residuals(_: Any, __: Any, noise: dict[str, float], ___: Any) -> list[SimpleNamespace]:
+        noises.append(noise)
+        left = {"hub": np.zeros(4), "travel": values[:, 1] - motion}
+        return [SimpleNamespace(values=left)] * 2
+
+    monkeypatch.setattr(sensor_faults, "refit", refit)
+    monkeypatch.setattr(sensor_faults, "residuals", residuals)
+    monkeypatch.setattr(sensor_faults, "parameters_as_start", lambda *_: np.zeros(1))
+    one: Any = SimpleNamespace(
+        fit=SimpleNamespace(eta=np.zeros(1)), noise={"hub": 0.1, "travel": 2e-4}
+    )
+    found = gain_of(one, "travel")
+    assert found.sizes.startswith(sizes)
+    assert advice in found.advice
+    assert found.explained == pytest.approx(0.75)
+    # The first state is found without this channel: it counts as very noisy.
+    assert noises == [{"hub": 0.1, "travel": pytest.approx(0.2)}]

@@ -1,0 +1,287 @@
+"""Which groups of elements join, where they begin, and how finely they are fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from identify.nonlinear.level import POLISH, ROUGH
+from identify.nonlinear.unknowns import KNOTS
+
+from .scripted import Script, attempt, of
+
+
+def test_each_stage_is_fitted_as_finely_as_the_next_one_needs(
+    played: Callable[..., Any],
+) -> None:
+    script = Script([3.0, 2.0, 1.1, 1.0])
+    (best, chosen), given = played(script, [attempt("a"), attempt("b")])
+    assert (chosen, given) == ((), ["a"])
+    assert best.cost == 100.0
+    assert [one.runs for one in script.asked] == [["a short 0"]] * 3 + [["a whole 0"]]
+    assert [one.grade for one in script.asked] == [ROUGH, ROUGH, ROUGH, POLISH]
+    assert [one.options for one in script.asked] == [
+        {"tolerance": 0.05, "rough": 2e-3, "max_iterations": 25},
+        {"tolerance": 0.05, "rough": 2e-3, "max_iterations": 25},
+        {"tolerance": 0.05, "rough": pytest.approx(2e-4), "max_iterations": 40},
+        {"tolerance": 0.3, "max_iterations": 25},
+    ]
+    # Each goes on from where the one before it ended.
+    assert [one.initials for one in script.asked] == [
+        ("own 0",), ("own 0'",), ("own 0''",), ("own 0'''",),
+    ]  # fmt: skip
+
+
+def test_corrections_of_what_is_stated_join_after_the_first_stage(
+    played: Callable[..., Any],
+) -> None:
+    """Earlier they would absorb the effects of elements; from then on they are always free."""
+    script = Script([3.0, 1.1, 1.05, 1.02, 1.0])
+    rule = gain_by("r_c", (9.0, 0.0), (0.1, 0.0))
+    played(script, [attempt("a")], of("friction", "static_friction"), rule)
+    late = ["delay of hubs" in one.free for one in script.asked]
+    assert late == [False, True, True, True, True]
+
+
+def test_each_fit_and_each_promise_has_a_line_in_the_log(played: Callable[..., Any]) -> None:
+    script, lines = Script([3.0, 2.0, 1.1, 1.05, 1.0]), list[str]()
+    rule = gain_by("r_c", (9.0, 0.0), (0.1, 0.0))
+    allowed = of("friction", "tyre_damping", "bump_stops", "static_friction")
+    played(script, [attempt("a")], allowed, rule, lines.append)
+    assert [line.split(":")[0] for line in lines] == [
+        "friction",
+        "tyre_damping, progressive_tyres, friction_left_right, dampers_left_right, "
+        "corners_left_right",
+        "bump_stops",
+        "bump_stops",
+        "static_friction",
+        "static_friction",
+        "polished in 1 steps, decrement 0.1",
+    ]
+    assert "would lower the cost by 9" in lines[4]
+    assert "chi2/n 1.050 after 1 steps" in lines[5]
+    assert "begin at nothing" in lines[2]
+
+
+def test_a_stage_that_ends_higher_is_left_out(played: Callable[..., Any]) -> None:
+    script = Script([3.0, 3.1, None, 1.0])
+    played(script, [attempt("a")])
+    assert [one.initials[0] for one in script.asked] == ["own 0", "own 0'", "own 0'", "own 0'"]
+
+
+def test_friction_begins_at_15_newtons_in_the_first_stage(played: Callable[..., Any]) -> None:
+    """One unit is 50 N; a stage frees what may be, and later ones keep it."""
+    script = Script([3.0, 2.0, 1.1, 1.0])
+    (_, chosen), _ = played(script, [attempt("a")], of("friction", "tyre_damping"))
+    assert chosen == ("friction", "tyre_damping")
+    first, second = script.asked[:2]
+    assert (first.eta["F_cf"], first.eta["F_cr"]) == (0.3, 0.3)
+    assert first.eta["d_cf"] == pytest.approx(np.log(0.5e-3))
+    assert {"F_cf", "d_cr", "m_s"} <= first.free
+    assert "c_tf" not in first.free
+    assert {"F_cf", "c_tf"} <= second.free
+    plain = Script([3.0, 2.0, 1.1, 1.0])
+    played(plain, [attempt("a")])
+    assert plain.asked[0].eta["F_cf"] == 0.0
+
+
+def test_the_last_stage_and_the_polish_know_curves_by_more_knees(
+    played: Callable[..., Any],
+) -> None:
+    script = Script([3.0, 2.0, 1.1, 1.0])
+    played(script, [attempt("a")], of("damper_knees"))
+    assert [len(one.knots) for one in script.asked] == [3, 3, 21, 33]
+    assert script.asked[-1].knots == KNOTS["K33"]
+    straight = Script([3.0, 2.0, 1.1, 1.0])
+    played(straight, [attempt("a")], of("friction"))
+    assert [len(one.knots) for one in straight.asked] == [3, 3, 3, 3]
+
+
+def stops(by_gap: dict[float, tuple[float, float]], size: float = 0.8) -> Callable[..., Any]:
+    """Return gains of stops at the front and the rear by the gap, m, at which they are tried."""
+
+    def gains(names: Sequence[str], eta: NDArray[np.float64], problem: Any) -> Any:
+        if not names[0].startswith("k_b"):
+            return [0.0, 0.0], [0.0, 0.0]
+        gap = float(np.exp(eta[problem.model.names.index("g_bf")]))
+        assert float(np.exp(eta[problem.model.names.index("g_br")])) == pytest.approx(gap)
+        near = min(by_gap, key=lambda one: abs(one - gap))
+        found = by_gap[near] if abs(near - gap) < 1e-6 else (0.0, 0.0)
+        return list(found), [size, size]
+
+    return gains
+
+
+def test_a_stop_begins_at_the_gap_where_it_gains_most(played: Callable[..., Any]) -> None:
+    """What stood in for it, a spring that stiffens, begins again at zero; the rear has none."""
+    script = Script([3.0, 2.0, 1.1, 1.0], sizes={"k_2f": 0.4, "k_3f": 0.2, "k_2r": 0.3})
+    gains = stops({0.012: (60.0, 5.0), 0.025: (90.0, 6.0), 0.042: (80.0, 4.0)})
+    allowed = of("bump_stops", "progressive_springs")
+    (_, chosen), _ = played(script, [attempt("a")], allowed, gains)
+    assert chosen == ("progressive_springs", "bump_stops")
+    begun = script.asked[2].eta
+    assert np.exp(begun["g_bf"]) == pytest.approx(0.025)
+    assert (begun["k_bf"], begun["k_2f"], begun["k_3f"]) == (0.8, 0.0, 0.0)
+    assert (begun["k_br"], begun["k_2r"]) == (0.0, 0.3)
+    assert np.exp(begun["g_br"]) == pytest.approx(0.025)  # where it is at rest
+
+
+@pytest.mark.parametrize("gap_m", [0.012, 0.018, 0.025, 0.033, 0.042])
+@pytest.mark.parametrize(("size", "begun"), [(0.8, 0.8), (1.4, 1.4), (3.0, 1.5)])
+def test_a_stop_is_tried_at_five_gaps_and_begins_with_150_newtons_a_millimetre_at_most(
+    gap_m: float, size: float, begun: float, played: Callable[..., Any]
+) -> None:
+    script = Script([3.0, 2.0, 1.1, 1.0])
+    gains = stops({gap_m: (5.0, 90.0)}, size)
+    played(script, [attempt("a")], of("bump_stops"), gains)
+    found = script.asked[2].eta
+    assert np.exp(found["g_br"]) == pytest.approx(gap_m)
+    assert (found["k_br"], found["k_bf"]) == (begun, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("cost", "gain", "begins"),
+    [(90.0, 9.5, False), (90.0, 9.6, True), (236.0, 19.0, False), (236.0, 19.1, True)],
+)
+def test_a_stop_begins_where_it_gains_more_than_chance(
+    cost: float, gain: float, begins: bool, played: Callable[..., Any]
+) -> None:
+    """Twice the logarithm of 118 values is 9.54; where they cost twice their number, 19.08."""
+    script = Script([3.0, cost / 100.0, 0.8, 0.7, 0.7])
+    gains = stops({0.025: (gain, 0.0)})
+    played(script, [attempt("a")], of("bump_stops"), gains)
+    assert (script.asked[2].eta["k_bf"] == 0.8) is begins
+
+
+def test_a_stop_that_would_pull_is_none(played: Callable[..., Any]) -> None:
+    script = Script([3.0, 2.0, 1.1, 1.0])
+    played(script, [attempt("a")], of("bump_stops"), stops({0.025: (90.0, 90.0)}, -0.5))
+    assert (script.asked[2].eta["k_bf"], script.asked[2].eta["k_br"]) == (0.0, 0.0)
+
+
+def test_stops_that_lead_astray_are_fitted_from_nothing_again(
+    played: Callable[..., Any],
+) -> None:
+    """From 2.0, the stage ends at 2.5 with them; then they begin without a rate."""
+    script = Script([3.0, 2.0, 2.5, 1.1, 1.0])
+    (_, chosen), _ = played(script, [attempt("a")], of("bump_stops"), stops({0.025: (90.0, 90.0)}))
+    assert chosen == ("bump_stops",)
+    assert [one.eta["k_bf"] for one in script.asked] == [0.0, 0.0, 0.8, 0.0, 0.0]
+
+
+def gain_by(kind: str, gain: tuple[float, float], size: tuple[float, float]) -> Callable[..., Any]:
+    """Return the gains of the unknowns of one kind at the front and the rear."""
+
+    def gains(names: Sequence[str], eta: NDArray[np.float64], problem: Any) -> Any:
+        mine = names[0] == f"{kind}f" and names[1] == f"{kind}r"
+        return (gain, size) if mine else ((0.0, 0.0), (0.0, 0.0))
+
+    return gains
+
+
+@pytest.mark.parametrize(
+    ("gain", "size", "joins"),
+    [
+        ((15.0, 5.0), (0.1, 0.1), True),  # four times the logarithm of 118 values is 19.08
+        ((15.0, 4.0), (0.1, 0.1), False),
+        ((15.0, 5.0), (0.1, -0.1), False),  # there is no mount that is more than rigid
+    ],
+)
+def test_mounts_join_where_they_promise_much_more_than_chance(
+    gain: tuple[float, float],
+    size: tuple[float, float],
+    joins: bool,
+    played: Callable[..., Any],
+) -> None:
+    script = Script([3.0, 1.1, 1.05, 1.04, 1.0])
+    (_, chosen), _ = played(script, [attempt("a")], of("damper_mounts"), gain_by("s_m", gain, size))
+    assert chosen == (("damper_mounts",) if joins else ())
+    begun = script.asked[2]
+    assert begun.eta["s_mf"] == begun.eta["s_mr"] == (0.3 if joins else 0.0)
+    assert ("s_mf" in begun.free) is joins
+
+
+def test_what_mounts_promise_counts_in_units_of_what_is_unexplained(
+    played: Callable[..., Any],
+) -> None:
+    """A cost of 236 is twice the 118 values: 38.17 instead of 19.08 let them join."""
+    for gain, joins in ((38.0, False), (38.4, True)):
+        script = Script([3.0, 2.36, 1.05, 1.04, 1.0])
+        rule = gain_by("s_m", (gain, 0.0), (0.1, 0.1))
+        played(script, [attempt("a")], of("damper_mounts"), rule)
+        assert (script.asked[2].eta["s_mf"] == 0.3) is joins
+
+
+@pytest.mark.parametrize(("gain", "joins"), [(3.9, False), (4.1, True)])
+def test_static_friction_joins_last_from_two_standard_deviations_on(
+    gain: float, joins: bool, played: Callable[..., Any]
+) -> None:
+    script = Script([3.0, 1.1, 1.05, 1.02, 1.0])
+    rule = gain_by("r_c", (gain, 0.0), (0.1, 0.0))
+    (_, chosen), _ = played(script, [attempt("a")], of("friction", "static_friction"), rule)
+    assert chosen == (("friction", "static_friction") if joins else ("friction",))
+    begun = script.asked[3]
+    assert begun.eta["r_cf"] == begun.eta["r_cr"] == (0.2 if joins else 0.0)
+    if joins:
+        assert begun.options == {"tolerance": 0.05, "max_iterations": 40}
+
+
+def test_without_friction_there_is_no_static_friction(played: Callable[..., Any]) -> None:
+    script = Script([3.0, 1.1, 1.05, 1.0])
+    rule = gain_by("r_c", (90.0, 90.0), (0.1, 0.1))
+    (_, chosen), _ = played(script, [attempt("a")], of("static_friction"), rule)
+    assert chosen == ()
+
+
+@pytest.mark.parametrize("end", [1.06, None])
+def test_what_joins_and_ends_higher_is_left_out_again(
+    end: float | None, played: Callable[..., Any]
+) -> None:
+    script = Script([3.0, 1.1, 1.05, end, 1.0])
+    rule = gain_by("r_c", (90.0, 0.0), (0.1, 0.0))
+    (_, chosen), _ = played(script, [attempt("a")], of("friction", "static_friction"), rule)
+    assert chosen == ("friction",)
+    assert script.asked[4].initials == ("own 0'''",)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "converged", "polishes", "kept"),
+    [
+        ({"s_mf": 0.0, "s_mr": 0.0}, False, 2, ()),
+        ({"s_mf": 0.1, "s_mr": 0.0}, False, 1, ("damper_mounts",)),
+        ({"s_mf": 0.0, "s_mr": 0.0}, True, 1, ("damper_mounts",)),
+    ],
+)
+def test_mounts_that_have_become_rigid_are_taken_out_where_they_hold_up_the_polish(
+    sizes: dict[str, float],
+    converged: bool,
+    polishes: int,
+    kept: tuple[str, ...],
+    played: Callable[..., Any],
+) -> None:
+    script = Script([3.0, 1.1, 1.05, 1.0, 0.99], converged=converged, sizes=sizes)
+    rule = gain_by("s_m", (90.0, 90.0), (0.1, 0.1))
+    (best, chosen), _ = played(script, [attempt("a")], of("damper_mounts"), rule)
+    assert (len(script.asked) - 3, chosen) == (polishes, kept)
+    assert best.cost == pytest.approx(100.0 if polishes == 1 else 99.0)
+
+
+def test_mounts_join_with_the_stops_that_have_begun(played: Callable[..., Any]) -> None:
+    """Before the stops they would lead astray; if all of it does, stops are tried alone."""
+    script = Script([3.0, 2.0, 2.1, 1.1, 1.05, 1.0])
+
+    def gains(names: Sequence[str], eta: NDArray[np.float64], problem: Any) -> Any:
+        if names[0] == "k_bf":
+            return stops({0.025: (90.0, 90.0)})(names, eta, problem)
+        return gain_by("s_m", (90.0, 90.0), (0.1, 0.1))(names, eta, problem)
+
+    (_, chosen), _ = played(script, [attempt("a")], of("bump_stops", "damper_mounts"), gains)
+    assert chosen == ("bump_stops", "damper_mounts")
+    with_both, alone, late = script.asked[2:5]
+    assert (with_both.eta["k_bf"], with_both.eta["s_mf"]) == (0.8, 0.3)
+    assert (alone.eta["k_bf"], alone.eta["s_mf"]) == (0.8, 0.0)
+    assert late.eta["s_mf"] == 0.3  # once more, now that the stops are there
