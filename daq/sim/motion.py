@@ -1,4 +1,4 @@
-"""Simulates the car over a bump: integrates the plant in time, to be read at any instant.
+"""Simulates the car over a bump: solves the plant in time, to be read at any instant.
 
 Arrays have the layout of `plant`: axis 0 is the degree of freedom, axis 1 is time.
 """
@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 
 from .balance import forces, static_pose
 from .excitation import Bump, road_height, road_speed
+from .linear import in_touch
 from .plant import Array, Memory, Plant, blank_memory, side_by_side
 from .stepping import State, Steps, step_all
 
@@ -71,7 +72,7 @@ class Motion(Moving, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SmoothMotion:
-    """A run of a car without memory, solved to rounding as an ordinary differential equation."""
+    """A run of a car without memory: in closed form while the car is linear, else integrated."""
 
     plant: Plant
     """The car that moves."""
@@ -252,6 +253,11 @@ def _solved(plant: Plant, bump: Bump, end_s: float, start: State | None) -> Smoo
     def solve(
         road: Callable[[float], tuple[Array, Array]], start_s: float, stop_s: float, state: Array
     ) -> tuple[Solution, Array]:
+        if plant.smooth:
+            known = in_touch(plant, bump, rest, start_s, stop_s, state)
+            if known is not None:
+                return known, known(np.array([stop_s]))[:, 0]
+
         def rate(t_s: float, state: Array) -> Array:
             motion = state.reshape(2, 7, 1)
             total = forces(plant, motion[0], motion[1], *road(t_s))
