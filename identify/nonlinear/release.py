@@ -48,11 +48,9 @@ _STATIC_PAYS = 4.0
 below the gain for which it is named: without it the sliding friction reads up to 20 % high and
 wheels 1 % light.  Released without need, it leads the search astray."""
 _STAGE_STEPS = 25
-_FAR = 5.0
-"""chi2/n above which the first stage counts as led astray: from good starts it ends at 1 to 4."""
 _FOLLOWED = 10.0
-"""Largest chi2/n from which later stages bring a second attempt down to the noise (8.2 became 0.99,
-17.6 did not): further attempts leave data out."""
+"""Largest chi2/n of a first stage from which later stages come down to the noise (8.2 became 0.99,
+17.6 did not; from good starts it is 1 to 4): where no attempt ends below, the next one is made."""
 _EXPLAINED = 5.0
 """Largest chi2/n of a run from its beginning, by a vehicle that was found without that beginning,
 at which the beginning is fitted, too."""
@@ -117,8 +115,7 @@ def release(
     waiting: list[tuple[float, Optimum, Attempt]] = []
     ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
     while len(ends) < _FOLLOWED_MOST:
-        least = _FAR if len(begun) == 1 else _FOLLOWED
-        while all(one.cost >= least * attempt.freedom for _, one, attempt in waiting):
+        while all(one.cost >= _FOLLOWED * attempt.freedom for _, one, attempt in waiting):
             attempt = next(source, None)
             if attempt is None:
                 break

@@ -10,8 +10,9 @@ from .style import PALETTE
 
 _ROW = 0.08
 """Height of a row of the legend, as a share of the figure's."""
-_LONGEST = 22
-"""Largest number of letters of a session's name: two names fit in a row."""
+_LONGEST = 20
+"""Largest number of letters of a session's name: two names fit in a row, also with matplotlib 3.9,
+which sets them wider."""
 
 
 def draw_overlay(panel: OverlayPanel, figure: FigureBase) -> None:

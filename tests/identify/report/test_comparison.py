@@ -97,7 +97,7 @@ def test_channel_and_names_of_sessions_stand_above_the_curves(n: int) -> None:
     legend = axes.get_legend()
     assert legend is not None
     assert legend.get_title().get_text() == "travel_rr, m"
-    assert [len(text.get_text()) for text in legend.get_texts()] == [22] * n
+    assert [len(text.get_text()) for text in legend.get_texts()] == [20] * n
     figure.canvas.draw()
     box = legend.get_window_extent()
     assert axes.bbox.y1 <= box.y0 < box.y1 <= figure.bbox.y1
