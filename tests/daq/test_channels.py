@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from daq.channels import Channel, Quantity
+from daq.channels import SI_UNITS, TIME_DERIVATIVE, Channel, Quantity
 from daq.vehicle import Corner
 
 TEXT: dict[str, Any] = {"name": "fl", "quantity": "hub_acceleration", "corner": "FL"}
@@ -15,6 +15,13 @@ def test_the_unit_is_that_of_the_quantity() -> None:
     assert Channel("r", Quantity.ROLL_RATE, "rad/s").unit == "rad/s"
     assert Channel("yaw", Quantity.UNUSED, "deg/s").unit == "deg/s"
     assert Channel("yaw", Quantity.UNUSED).unit == ""
+
+
+def test_the_unit_shows_how_often_a_displacement_is_derived() -> None:
+    order = {"m/s2": 2, "rad/s2": 2, "rad/s": 1, "m": 0}
+    assert set(Quantity) - set(TIME_DERIVATIVE) == {Quantity.UNUSED}
+    for quantity, derivative in TIME_DERIVATIVE.items():
+        assert derivative == order[SI_UNITS[quantity]], quantity
 
 
 def test_another_unit_is_refused() -> None:

@@ -231,6 +231,7 @@ def test_uff(tmp_path: Path, session: Session) -> None:
     assert_allclose(shape[1], -1.25 * (1 + 2j))
     assert_allclose(shape[103], -0.25 * (1 + 2j))
     assert_allclose(shape[5], 0.0)
+    assert not np.any([mode["r1"], mode["r2"]])  # up and down alone
 
 
 def test_uff_of_a_car_that_nobody_measured(tmp_path: Path, session: Session) -> None:

@@ -34,6 +34,8 @@ def test_a_service_that_may_not_be_nice_derives_all_the_same(
     code = main([str(target), *map(str, segments_in(tmp_path)), str(gone)], said)
     assert (code, json.loads(said.getvalue())["loss"]) == (DONE, "")
     assert target.exists()
+    score = Path("/proc/self/oom_score_adj")  # it ends before the recorder if the memory runs out
+    assert not score.exists() or int(score.read_text("ascii")) >= 500
 
 
 def test_a_process_that_hangs_is_ended_and_the_next_one_has_its_turn(

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from daq.bench.config import Bench
+from daq.bench.config import Bench, parse_bench
 from daq.clocks import Now
 from daq.control.messages import Live, SessionState, Status
-from daq.control.orders import Arm, Build, Until
-from daq.journal.folder import segments_in
+from daq.control.orders import Arm, Build, Stop, Until
+from daq.journal.folder import recordings, segments_in
 from daq.journal.writer import JournalError
 from daq.recorder.derivation import Derivation
 from daq.recorder.recorder import Recorder
@@ -145,3 +145,30 @@ def test_a_session_file_that_is_ready_at_the_end_is_said_to_be(
     paced.run()
     states = [status.session.state for _, status in paced.shown]
     assert states == [SessionState.BUILDING, SessionState.READY]
+
+
+@pytest.mark.parametrize(
+    ("stopped", "name", "recordings_made"),
+    [(False, "Other", 1), (True, "Ford Granada", 2), (True, "Other", 3)],
+)
+def test_a_new_bench_toml_begins_a_campaign_only_between_campaigns(
+    quick: Bench,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    stopped: bool,
+    name: str,
+    recordings_made: int,
+) -> None:
+    Process.made = []
+    monkeypatch.setattr("daq.recorder.derivation.subprocess.Popen", Process)
+    text = quick.text.replace('name = "Ford Granada"', f'name = "{name}"')
+    paced = Paced(quick, tmp_path, [], [], watched=False)
+    if stopped:
+        paced.recorder.submit(Stop(), "Ann")
+    paced.recorder.reload(parse_bench(text, "bench.toml", Path(), quick.dbc_text))
+    paced.run()
+    found = recordings(tmp_path / "journal")
+    assert len(found) == recordings_made
+    assert paced.shown[-1][1].vehicle == name
+    assert bool(paced.shown[-1][1].recording) is (recordings_made != 2)
+    assert len(Process.made) == stopped  # the session file of the campaign that was ended
