@@ -1,4 +1,4 @@
-"""How a campaign is recorded with and without a person; the names by which sessions are compared."""
+"""How a campaign is recorded with and without a person; by which names sessions are compared."""
 
 from __future__ import annotations
 
