@@ -273,3 +273,6 @@ def test_a_batch_counts_names_and_ends_with_1(
     assert lines[1].endswith(f": {out_file}")
     assert len([line for line in lines if line.startswith("  - ")]) == 21
     assert lines[-1] == "  - and 2 more in the table"
+    table = out_file.read_bytes()
+    assert table.count(b"\n") == 23, "a head and a line for each session, on every system"
+    assert b"\r" not in table

@@ -33,7 +33,7 @@ async def test_only_keys_that_do_something_are_at_hand(make_app: Make) -> None:
     recorder = FakeRecorder()
     recorder.mark("vehicle", "check")
     app = make_app(recorder)
-    async with app.run_test(size=(140, 40)) as pilot:
+    async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause()
         home = app.screen
         assert isinstance(home, BumpingScreen)

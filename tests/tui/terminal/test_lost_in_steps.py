@@ -209,8 +209,7 @@ async def test_weights_that_the_bench_cannot_take_are_said_so(make_app: Make) ->
         await reach(pilot, MassesScreen)
         screen = app.screen
         assert isinstance(screen, MassesScreen)
-        for _ in range(8):
-            await pressed(pilot, "space")
+        await pressed(pilot, *["space"] * 8)
         assert "all are bolted" in seen(app)
         recorder.post(GONE)
         await pilot.pause()

@@ -89,7 +89,7 @@ class CheckScreen(BenchScreen):
     def compose_body(self) -> ComposeResult:
         """Compose the lines, and the explanation of the marked one."""
         yield RowList()
-        yield Static(id="explained", classes="box", markup=False)
+        yield Static(id="explained", classes="box")
 
     def on_mount(self) -> None:
         """Request the check again each second."""

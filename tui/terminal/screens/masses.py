@@ -99,9 +99,9 @@ class MassesScreen(BenchScreen):
         """Compose the car, the table and the expected precision."""
         yield Static(f"{'':25}{table_head()}", id="head", markup=False)
         with Horizontal(id="top"):
-            yield Static(id="car", markup=False)
+            yield Static(id="car")
             yield RowList()
-        yield Static(id="outlook", classes="box", markup=False)
+        yield Static(id="outlook", classes="box")
 
     @property
     def ready(self) -> bool:

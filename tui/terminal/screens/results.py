@@ -89,7 +89,7 @@ class ResultsScreen(BenchScreen):
     def compose_body(self) -> ComposeResult:
         """Compose verdict, page and decay."""
         yield Static(id="verdict", markup=False)
-        yield Static(id="pages", markup=False)
+        yield Static(id="pages")
         with Horizontal(id="body"):
             with VerticalScroll(id="scroll", can_focus=True):
                 yield Static(id="text", markup=False)

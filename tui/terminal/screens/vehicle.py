@@ -73,7 +73,7 @@ class VehicleScreen(BenchScreen):
         """Compose the form, and a box for help on the field."""
         by_name = {field.name: field for field in VEHICLE_FIELDS}
         yield Form([[by_name[name] for name in row] for row in _ROWS], 15)
-        yield Static(id="help", classes="box", markup=False)
+        yield Static(id="help", classes="box")
 
     @property
     def ready(self) -> bool:

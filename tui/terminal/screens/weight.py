@@ -51,7 +51,7 @@ class WeightScreen(ModalScreen[Values | None]):
         with Vertical(classes="box") as box:
             box.border_title = self._title
             yield Form([(field,) for field in WEIGHT_FIELDS], 11)
-            yield Static(id="help", markup=False)
+            yield Static(id="help")
             yield Static("Enter: next field, last one applies   Ctrl+S applies   Esc back",
                          markup=False)  # fmt: skip
 

@@ -90,7 +90,7 @@ def _spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
     place = f"{words} {channel.corner}" if channel.corner else words
     same = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]
     label = place if len(same) == 1 and place else channel.name
-    least = _LEAST.get(channel.unit, 1.0) * factor
+    least = _LEAST[channel.unit] * factor
     scale = str(channel.quantity) if channel.corner else channel.name
     return LaneSpec(channel.name, label[:10], unit, factor, least, scale)
 
