@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -160,6 +161,22 @@ def test_a_group_gains_what_the_cost_would_rise_without_it(
     assert list(choice.values) == ["F_cf"]
     assert choice.values["F_cf"].value == pytest.approx(50.0)
     assert choice.values["F_cf"].std == pytest.approx(50.0 * std, rel=1e-6)
+
+
+@pytest.mark.parametrize(("unknown", "gains"), [(1.0, True), (-1.0, False)])
+def test_friction_below_zero_is_none(
+    unknown: float, gains: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = at_start()
+    eta = at.eta.copy()
+    eta[MODEL.names.index("F_cf")] = unknown
+    equations = normal(at)
+    best = Optimum(replace(at, eta=eta), equations, reduced(equations, 0.0)[0], 3, 0.01, True)
+    monkeypatch.setattr(module, "release", lambda *_: (best, ("friction",)))
+    result = real_car(linear(0.15), VEHICLES, {}, lambda _: None)
+    assert result is not None
+    (choice,) = result.forces.choices
+    assert (choice.gain > 0.0) is gains
 
 
 @pytest.mark.parametrize("kept", [True, False])

@@ -80,3 +80,11 @@ def test_an_element_may_show_on_one_axle_alone() -> None:
     knees = BY_NAME["damper_knees"].parts(("h_f1", "h_f3", "h_r1"))
     assert knees == (("h_f1", "h_f3", "h_r1"),)
     assert BY_NAME["cg_offset"].members(model_of()) == ("y_s",)
+
+
+def test_what_cannot_be_negative_is_absent_below_zero() -> None:
+    """Bars of a solid axle, a spring that softens and differences of sides may be negative."""
+    assert {group.name for group in GROUPS if group.positive} == {
+        "friction", "static_friction", "damper_mounts", "tyre_damping", "progressive_tyres",
+        "bump_stops",
+    }  # fmt: skip

@@ -50,6 +50,8 @@ def test_machine_code_and_numpy_give_the_same_path(mounted: bool) -> None:
     (compiled,) = fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)
     plain, shorter = reference.integrate([one, one], [own, own], [END_S, 0.1], USUAL.step_s, PATH)
     assert np.allclose(whole(compiled).states, whole(plain).states, rtol=1e-9, atol=1e-12)
+    assert np.allclose(whole(compiled).slopes, whole(plain).slopes, rtol=1e-9, atol=1e-9)
+    assert np.allclose(whole(compiled).speeds, whole(plain).speeds, rtol=1e-9, atol=1e-9)
     assert len(whole(shorter).states) == 321
     assert np.array_equal(whole(shorter).states, whole(plain).states[:321])
 
