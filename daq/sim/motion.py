@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from .balance import forces, static_pose
 from .excitation import Bump, road_height, road_speed
@@ -257,6 +256,8 @@ def _solved(plant: Plant, bump: Bump, end_s: float, start: State | None) -> Smoo
             known = in_touch(plant, bump, rest, start_s, stop_s, state)
             if known is not None:
                 return known, known(np.array([stop_s]))[:, 0]
+
+        from scipy.integrate import solve_ivp  # slow to import, and most runs need none
 
         def rate(t_s: float, state: Array) -> Array:
             motion = state.reshape(2, 7, 1)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from distributed import Client
 
 from daq import read_session
 from identify.batch import session_row
@@ -67,6 +66,8 @@ def test_kill_9_loses_only_what_was_running(
 def test_a_cluster_does_again_what_a_killed_worker_had(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    from distributed import Client  # half a second to import, and only the long form needs it
+
     files = write_all(tmp_path / "s", paper_session, 4)
     lost: list[str] = []
     with cluster(tmp_path, workers=2) as (address, workers):

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import signal
 
 from daq.channels import Channel, Quantity
 from daq.sessions import Session
@@ -28,6 +27,8 @@ def _filtered(order: int) -> Channel:
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
 def test_it_is_butterworths(order: int) -> None:
+    from scipy import signal  # a second to import, in every process that collects
+
     low_pass = low_pass_of(_filtered(order))
     zeros, poles, _ = signal.butter(order, 2.0 * np.pi * 20.0, analog=True, output="zpk")
     assert len(zeros) == 0
@@ -53,6 +54,8 @@ def test_slope_is_that_of_the_gain(order: int) -> None:
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_a_decay_through_it_is_gain_times_decay_and_transients(order: int) -> None:
+    from scipy import signal
+
     # Switched on at t = 0 before a filter at rest, the output is what scipy simulates.
     pole = np.array([-3.0 + 25.0j])
     time = np.linspace(0.0, 0.6, 1201)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import signal
 
 from daq.channels import Channel, Quantity
 from identify.model.low_pass import low_pass_of
@@ -76,6 +75,8 @@ def test_a_sensor_that_was_at_rest_filters_a_path_as_scipy_does(order: int) -> N
     def motion(t: NDArray[np.floating]) -> NDArray[np.float64]:
         wave = np.exp(-3.0 * t) * np.sin(2 * np.pi * 9.0 * t)
         return np.column_stack([wave, np.cos(2 * np.pi * 1.3 * t) - 1.0])
+
+    from scipy import signal  # a second to import, in every process that collects
 
     fine = np.arange(5001) * 1e-4
     system = signal.butter(order, 2.0 * np.pi * 20.0, analog=True)

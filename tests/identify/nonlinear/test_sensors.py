@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import signal
 
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
@@ -84,6 +83,8 @@ def test_sensors_see_the_path_at_their_own_times_through_their_filters(late_ms: 
     # A CG that stands 10 mm to the left: the corner is 0.75 m from it.
     seen = np.interp(TIMES + early, time, x[:, 6] - body)
     assert travel[:, 0] == pytest.approx(-1000.0 * without(seen), abs=2e-3 * np.ptp(travel))
+
+    from scipy import signal  # a second to import, in every process that collects
 
     b, a = signal.butter(2, 2.0 * np.pi * 30.0, analog=True)
     output = signal.lsim((b, a), path.slopes[:, 10], time)[1]

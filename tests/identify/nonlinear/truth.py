@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, cont2discrete, lfilter
 
 from daq.channels import Channel, Quantity
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState
@@ -330,6 +329,8 @@ def _reading(car: Truth, channel: Channel, motions: Motions, r: int, times: Arra
 
 
 def _low_passed(value: Array, channel: Channel, step_s: float) -> Array:
+    from scipy.signal import butter, cont2discrete, lfilter  # a second to import, seldom used
+
     b, a = butter(channel.low_pass_order, 2 * np.pi * channel.low_pass_hz, analog=True)
     (num,), den, _ = cont2discrete((b, a), step_s, method="foh")
     return np.asarray(lfilter(num, den, value))
