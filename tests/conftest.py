@@ -11,8 +11,6 @@ if "RUNTIME_DIRECTORY" not in os.environ:  # no sockets of tests among those of 
     os.environ["RUNTIME_DIRECTORY"] = tempfile.mkdtemp(prefix="bumpbench-")
     atexit.register(shutil.rmtree, os.environ["RUNTIME_DIRECTORY"], ignore_errors=True)
 
-import daq.python_can  # noqa: F401  else the first `import can` loads asammdf and pandas, for 0.7 s
-
 pytest_plugins = ["tests.compiled_once", "tests.without_children"]
 
 
