@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from .propose import propose_sensors as propose_sensors
     from .propose_columns import propose_map as propose_map
     from .push_test import ORDER as ORDER
-    from .push_test import Wiggle as Wiggle
-    from .push_test import judge_wiggle as judge_wiggle
+    from .push_test import PushResult as PushResult
+    from .push_test import judge_push as judge_push
     from .push_test import shows_push as shows_push
     from .push_test import spoken as spoken
     from .result import WORDS as WORDS

@@ -1,4 +1,4 @@
-"""Judges the guided wiggle: a push on one corner of the car proves places and signs of sensors.
+"""Judges the guided push test: a push on one corner of the car proves places and signs of sensors.
 
 A push on a corner presses its suspension together (travel first positive), sinks the body there
 (displacement first negative), and turns it: nose down at the front (pitch rate first positive), the
@@ -45,7 +45,7 @@ Envelope = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
-class Wiggle:
+class PushResult:
     """The result of a push on one corner."""
 
     corner: Corner
@@ -81,20 +81,20 @@ def shows_push(channels: Sequence[Channel]) -> bool:
     return any(channel.quantity in _LEAST for channel in channels)
 
 
-def judge_wiggle(
+def judge_push(
     corner: Corner,
     channels: Sequence[Channel],
     lanes: Mapping[str, Envelope],
     begin: int,
     bin_s: float,
-) -> Wiggle:
+) -> PushResult:
     """Judge the push on one corner from the data so far.
 
     `lanes`: the last seconds as an envelope, NaN where there is no sample; all have the same bins,
     and most bins are at rest.  `begin`: the first bin that counts: before it another corner may
     have been pushed.  `bin_s`: width of a bin, s.
     """
-    asked = Wiggle(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
+    asked = PushResult(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
     deviations = {
         c: found
         for c in channels
@@ -105,7 +105,7 @@ def judge_wiggle(
     if not moves:
         return asked
     if not _over(list(deviations.values()), bin_s):
-        return Wiggle(corner, False, False, "moving: let it come to rest")
+        return PushResult(corner, False, False, "moving: let it come to rest")
     return _judged(corner, list(moves.values()), channels)
 
 
@@ -149,7 +149,7 @@ def _over(deviations: Sequence[tuple[NDArray[np.float64], float]], bin_s: float)
     return quiet_s >= _SETTLED_S or (length - 1 - min(began)) * bin_s >= _LONGEST_S
 
 
-def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel]) -> Wiggle:
+def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel]) -> PushResult:
     travels = [m for m in moves if m.channel.quantity is Quantity.SUSPENSION_TRAVEL]
     own = next(
         (c for c in channels
@@ -157,7 +157,7 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
     )  # fmt: skip
     if own is not None and not travels:
         text = f"{own.name} did not move"
-        return Wiggle(corner, True, False, text, "check its plug and its rod, then push again")
+        return PushResult(corner, True, False, text, "check its plug and its rod, then push again")
     most = max(travels, key=lambda m: m.size, default=None)
     if own is not None and most is not None and most.channel.corner is not corner:
         return _elsewhere(corner, own, most, moves)
@@ -167,23 +167,23 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
     if wrong:
         names = tuple(m.channel.name for m in wrong)
         text = f"{', '.join(names)} moved the wrong way"
-        return Wiggle(corner, True, False, text, f"I inverts the sign of {names[0]}", names)
-    return Wiggle(corner, True, True, f"{sizes}, sign right")
+        return PushResult(corner, True, False, text, f"I inverts the sign of {names[0]}", names)
+    return PushResult(corner, True, True, f"{sizes}, sign right")
 
 
-def _elsewhere(corner: Corner, own: Channel, most: _Move, moves: Sequence[_Move]) -> Wiggle:
+def _elsewhere(corner: Corner, own: Channel, most: _Move, moves: Sequence[_Move]) -> PushResult:
     """Distinguish a swapped plug from a push on another corner, if the gyroscopes show it."""
     assert most.channel.corner is not None  # ensured by Channel: a travel has a corner
     pushed = _corner_of_turn(moves)
     text = f"{most.channel.corner} moved"
     if pushed is most.channel.corner:
         text += f", and the car tilted that way: the {spoken(corner)} was not pushed"
-        return Wiggle(corner, True, False, text, f"push the {spoken(corner)}")
+        return PushResult(corner, True, False, text, f"push the {spoken(corner)}")
     text += f": {own.name} and {most.channel.name} are swapped"
     advice = "swap their plugs, or their signals in bench.toml"
     if pushed is None:
         advice += f"; or another corner was pushed: press R and push the {spoken(corner)}"
-    return Wiggle(corner, True, False, text, advice)
+    return PushResult(corner, True, False, text, advice)
 
 
 def _corner_of_turn(moves: Sequence[_Move]) -> Corner | None:

@@ -89,7 +89,7 @@ class SimulatedBench:
         """The bus, for messages to the operator."""
         return "simulated bench"
 
-    def wiggle(self, corner: Corner) -> None:
+    def push(self, corner: Corner) -> None:
         """Push a corner down for a second as soon as the car is at rest; from any thread."""
         self._asked.append(corner)
 
@@ -168,10 +168,10 @@ class SimulatedBench:
             self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
 
     def _heed(self, notes: Sequence[Remark]) -> None:
-        """Push the corner that a new mark asks for: `wiggle FL`, as the bench check sets it."""
+        """Push the corner that a new mark asks for: `push FL`, as the bench check sets it."""
         for note in notes[len(notes) if self._notes is None else self._notes :]:
             word, _, corner = note.text.partition(" ")
-            if word == "wiggle" and corner in set(Corner):
+            if word == "push" and corner in set(Corner):
                 self._asked.append(Corner(corner))
         self._notes = len(notes)
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
-from daq.check import ORDER, Wiggle, judge_wiggle
+from daq.check import ORDER, PushResult, judge_push
 from daq.check.pushes import Pushes, Trace, find_pushes
 from daq.vehicle import Corner
 
@@ -34,9 +34,9 @@ def lane(values: Sequence[float] | Array, at: int = 50, n: int = 100) -> Array:
 
 def judged(
     corner: Corner, lanes: Mapping[Channel, Array], begin: int = 0, bin_s: float = 0.1
-) -> Wiggle:
+) -> PushResult:
     pairs = {c.name: (value - 1e-6, value + 1e-6) for c, value in lanes.items()}
-    return judge_wiggle(corner, tuple(lanes), pairs, begin, bin_s)
+    return judge_push(corner, tuple(lanes), pairs, begin, bin_s)
 
 
 @pytest.mark.parametrize(
@@ -50,9 +50,9 @@ def judged(
 )
 def test_a_push_moves_each_kind_of_channel_by_so_much(quantity: Quantity, least: float) -> None:
     for share, done in ((0.99, False), (1.01, True)):
-        wiggle = judged(FL, {channel(quantity): lane([share * least, -share * least])})
-        assert wiggle.done is done
-        assert wiggle.text.startswith("push DOWN at the front LEFT") is not done
+        result = judged(FL, {channel(quantity): lane([share * least, -share * least])})
+        assert result.done is done
+        assert result.text.startswith("push DOWN at the front LEFT") is not done
     assert not judged(FL, {channel(Quantity.PITCH_ACCELERATION): lane([9.0])}).done
 
 
@@ -62,17 +62,17 @@ def test_a_push_is_six_times_the_noise(size: float, done: bool) -> None:
     noise = np.resize([-1e-3, 0.0, 1e-3], 100)
     noise[50:60] = lane([size], 0, 10)
     for level in (0.0, 0.5):
-        wiggle = judged(FL, {channel(Quantity.SUSPENSION_TRAVEL): noise + level})
-        assert wiggle.done is done
+        result = judged(FL, {channel(Quantity.SUSPENSION_TRAVEL): noise + level})
+        assert result.done is done
 
 
 @pytest.mark.parametrize(("share", "first"), [(0.39, 1), (0.41, -1)])
 def test_the_first_way_is_that_of_four_tenths_of_the_peak(share: float, first: int) -> None:
     rate = channel(Quantity.PITCH_RATE)
-    wiggle = judged(FL, {rate: lane([0.001, -0.05 * share, 0.05, -0.02])})
-    assert wiggle.done
-    assert wiggle.passed is (first > 0)
-    assert wiggle.inverted == (() if first > 0 else ("c",))
+    result = judged(FL, {rate: lane([0.001, -0.05 * share, 0.05, -0.02])})
+    assert result.done
+    assert result.passed is (first > 0)
+    assert result.inverted == (() if first > 0 else ("c",))
 
 
 @pytest.mark.parametrize(
@@ -84,9 +84,9 @@ def test_a_push_is_over_after_rest_or_after_five_seconds(
 ) -> None:
     """0.6 s of rest, or 5 s since the movement began."""
     value = lane([0.02] * moving, 120 - after - moving, 120)
-    wiggle = judged(FL, {channel(Quantity.SUSPENSION_TRAVEL): value})
-    assert wiggle.done is done
-    assert wiggle.text.startswith("moving") is not done
+    result = judged(FL, {channel(Quantity.SUSPENSION_TRAVEL): value})
+    assert result.done is done
+    assert result.text.startswith("moving") is not done
 
 
 def test_the_last_channel_to_come_to_rest_counts_and_the_first_that_moved() -> None:
@@ -109,9 +109,9 @@ def test_each_corner_turns_the_body_its_own_way(corner: Corner) -> None:
     roll = -1 if corner in (FL, RL) else 1
     for quantity, way in ((Quantity.PITCH_RATE, pitch), (Quantity.ROLL_RATE, roll)):
         for turned in (1, -1):
-            wiggle = judged(corner, {channel(quantity): lane([0.05 * way * turned])})
-            assert wiggle.passed is (turned > 0)
-            assert wiggle.done
+            result = judged(corner, {channel(quantity): lane([0.05 * way * turned])})
+            assert result.passed is (turned > 0)
+            assert result.done
 
 
 @pytest.mark.parametrize(

@@ -143,7 +143,7 @@ def test_an_unplugged_bench_comes_back_when_it_is_opened_again() -> None:
 
 def test_a_push_on_a_corner_presses_its_suspension_together_first() -> None:
     source = _resting()
-    source.wiggle(Corner.REAR_LEFT)
+    source.push(Corner.REAR_LEFT)
     samples = bench_codec(short_bench()).decode(_read(source, 2.0))
     peaks = {
         name: float(np.max(samples[f"SUSP_{axle}.travel_{name}"].value))
@@ -160,7 +160,7 @@ def test_a_mark_of_the_bench_check_asks_for_a_push() -> None:
     codec = bench_codec(bench)
     source = SimulatedBench(bench, codec, SimulatedCar(), 1, math.inf, lambda: reported[0])
     rest = codec.decode(_read(source, 1.0))["SUSP_Rear.travel_rr"].value
-    reported[0] = replace(reported[0], notes=(Remark(0, "a note"), Remark(0, "wiggle RR")))
+    reported[0] = replace(reported[0], notes=(Remark(0, "a note"), Remark(0, "push RR")))
     travel = codec.decode(_read(source, 4.0))["SUSP_Rear.travel_rr"]
     assert np.max(np.abs(rest)) < 3.0
     pushed_s = np.flatnonzero(travel.value > 5.0) * np.median(np.diff(travel.t_ns)) * 1e-9

@@ -180,7 +180,7 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
         recorder.post(Live(0, BIN_S, ()))
         await pilot.press("space")
         for corner in Corner:
-            await until(pilot, partial(recorder.orders.__contains__, Mark(f"wiggle {corner}")))
+            await until(pilot, partial(recorder.orders.__contains__, Mark(f"push {corner}")))
             await _push(pilot, recorder, corner, 1.0)
         await until(pilot, lambda: "SPACE = zero" in screen_text(app))
         assert "travel_rr moved +14 mm, sign right" in screen_text(app)
@@ -222,7 +222,7 @@ async def test_a_push_the_wrong_way_is_a_failure_that_i_mends(make_app: Make) ->
         await pilot.press("i")
         await until(pilot, lambda: orders_of(recorder, Configure))
         assert {c.name: c.sign for c in bench_of(recorder).channels}["travel_fl"] == -1
-        await until(pilot, lambda: recorder.orders.count(Mark("wiggle FL")) == 2)
+        await until(pilot, lambda: recorder.orders.count(Mark("push FL")) == 2)
         await pilot.press("s", *"wall", "enter")
-        await until(pilot, lambda: Mark("wiggle FR") in recorder.orders)
+        await until(pilot, lambda: Mark("push FR") in recorder.orders)
         assert "skipped: wall (MK)" in screen_text(app)

@@ -12,7 +12,7 @@ import pytest
 from daq.bench.config import default_bench_text, load_bench
 from daq.bench.edit import with_campaign, with_weights
 from daq.bench.procedure import Method
-from daq.check.push_test import Wiggle
+from daq.check.push_test import PushResult
 from daq.control.messages import BusState, BusStatus, CheckItem, DiskStatus
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, HubWeight
@@ -30,8 +30,8 @@ from tui.terminal.forms.inventory import (
 )
 from tui.terminal.state.bench_check import (
     item_rows,
+    push_rows,
     recorder_rows,
-    wiggle_rows,
     with_overrides,
     zero_offsets,
 )
@@ -170,16 +170,16 @@ def test_an_override_takes_the_block_from_a_warning_and_never_from_a_failure() -
     assert with_overrides(item_rows(items), {})[0].asks
 
 
-def test_wiggle_lines() -> None:
+def test_lines_of_pushes() -> None:
     seen = {
-        Corner.FRONT_LEFT: Wiggle(Corner.FRONT_LEFT, True, True, "travel_fl moved +14 mm"),
-        Corner.FRONT_RIGHT: Wiggle(Corner.FRONT_RIGHT, True, False, "FL moved", "swap"),
+        Corner.FRONT_LEFT: PushResult(Corner.FRONT_LEFT, True, True, "travel_fl moved +14 mm"),
+        Corner.FRONT_RIGHT: PushResult(Corner.FRONT_RIGHT, True, False, "FL moved", "swap"),
     }
-    rows = wiggle_rows(seen, Corner.REAR_LEFT, {"wiggle RR": "wall (MK)"}, True)
+    rows = push_rows(seen, Corner.REAR_LEFT, {"push RR": "wall (MK)"}, True)
     assert [row.state for row in rows] == ["OK", "FAIL", "NOW", "WARN"]
     assert rows[1].blocks
     assert not rows[3].asks
-    (row,) = wiggle_rows({}, "", {}, False)
+    (row,) = push_rows({}, "", {}, False)
     assert row.state == "OK"
 
 

@@ -134,17 +134,17 @@ async def test_a_corner_that_is_skipped_leads_to_the_next(make_app: Make) -> Non
         await pressed(pilot, "space")
         assert not screen.acts
         await pressed(pilot, "s", *"wall", "enter")
-        assert OverrideWarning("wiggle FL", "wall") in recorder.orders
-        assert recorder.orders[-1] == Mark("wiggle FR")
+        assert OverrideWarning("push FL", "wall") in recorder.orders
+        assert recorder.orders[-1] == Mark("push FR")
         await pressed(pilot, "s", "escape")
         assert "Push the car down" in seen(app), "no reason, no skip"
         recorder.refuse = "JL is in control"
         await pressed(pilot, "s", *"post", "enter")
-        assert orders_of(recorder, OverrideWarning)[-1] == OverrideWarning("wiggle FR", "post")
-        assert "wiggle FR" in str(screen.query_one("#explained").border_title), "it is still due"
+        assert orders_of(recorder, OverrideWarning)[-1] == OverrideWarning("push FR", "post")
+        assert "push FR" in str(screen.query_one("#explained").border_title), "it is still due"
         recorder.refuse = ""
         await pressed(pilot, "s", "enter")
-        assert recorder.orders[-1] == Mark("wiggle RL"), "the reason was kept"
+        assert recorder.orders[-1] == Mark("push RL"), "the reason was kept"
 
 
 # Masses -------------------------------------------------------------------------------------------

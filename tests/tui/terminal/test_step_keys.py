@@ -88,7 +88,7 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
         assert "Push the car down" not in seen(app), "the recorder refused its mark"
         recorder.refuse = ""
         assert "Push the car down at the corner marked NOW." in await pressed(pilot, "r")
-        assert recorder.orders[-1] == Mark("wiggle RR")
+        assert recorder.orders[-1] == Mark("push RR")
 
 
 async def test_no_corner_is_pushed_while_a_run_is_armed(make_app: Make) -> None:
@@ -99,7 +99,7 @@ async def test_no_corner_is_pushed_while_a_run_is_armed(make_app: Make) -> None:
     async with app.run_test(size=(80, 30)) as pilot:
         await pilot.pause()
         await pressed(pilot, "2")
-        await until(pilot, lambda: "wiggle FL" in screen_text(app))
+        await until(pilot, lambda: "push FL" in screen_text(app))
         recorder.turn(Phase.ARMED)
         await pilot.pause()
         await pressed(pilot, *["down"] * 20, "up")

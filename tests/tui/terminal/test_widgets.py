@@ -142,8 +142,8 @@ def test_a_line_of_the_check_says_an_override_behind_its_text() -> None:
     assert check_line(row, 12, ASCII).plain == (
         "! WARN channel a     noise - overridden: lift (MK)"
     )
-    plain = CheckRow("wait", "wiggle RL", "rear LEFT", "push it")
-    assert check_line(plain, 9, ASCII).plain == ". wait wiggle RL  rear LEFT"
+    plain = CheckRow("wait", "push RL", "rear LEFT", "push it")
+    assert check_line(plain, 9, ASCII).plain == ". wait push RL    rear LEFT"
 
 
 async def test_a_decay_is_drawn_as_often_as_eight_rows_fit() -> None:

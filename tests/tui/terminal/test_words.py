@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from daq.bench.config import Bench
-from daq.check.push_test import Wiggle
+from daq.check.push_test import PushResult
 from daq.control.messages import (
     Alarm,
     BusState,
@@ -24,9 +24,9 @@ from daq.vehicle import Corner
 from tui.terminal.state.banner import banner
 from tui.terminal.state.bench_check import (
     ZeroOffset,
+    push_rows,
     recorder_rows,
     rest_levels,
-    wiggle_rows,
     zero_offsets,
 )
 from tui.terminal.state.feed import Lost
@@ -314,16 +314,16 @@ def test_only_an_offset_that_a_tare_can_improve_is_one() -> None:
     assert rest_levels(items) == {"a": 1.0}
 
 
-def test_a_wiggled_corner_passes_fails_waits_or_is_skipped() -> None:
+def test_a_pushed_corner_passes_fails_waits_or_is_skipped() -> None:
     fl, fr = Corner.FRONT_LEFT, Corner.FRONT_RIGHT
-    seen = {fl: Wiggle(fl, True, True, "moved"), fr: Wiggle(fr, True, False, "odd", "swap")}
-    rows = wiggle_rows(seen, fl, {}, True)
+    seen = {fl: PushResult(fl, True, True, "moved"), fr: PushResult(fr, True, False, "odd", "swap")}
+    rows = push_rows(seen, fl, {}, True)
     assert [(row.state, row.text) for row in rows] == [
         ("NOW", "moved"), ("FAIL", "odd"), ("wait", "rear LEFT"), ("wait", "rear RIGHT"),
     ]  # fmt: skip
-    (first, *_) = wiggle_rows({}, fl, {}, True)
+    (first, *_) = push_rows({}, fl, {}, True)
     assert first.text.startswith("push DOWN at the front LEFT")
-    (skipped, *_) = wiggle_rows({}, "", {"wiggle FL": "wall"}, True)
+    (skipped, *_) = push_rows({}, "", {"push FL": "wall"}, True)
     assert (skipped.state, skipped.text, skipped.asks) == ("WARN", "skipped: wall", False)
     assert not skipped.blocks
 

@@ -13,7 +13,7 @@ from textual.widgets import Static
 
 from daq import Corner, InputError, Status
 from daq.bench import with_channel
-from daq.check import ORDER, Wiggle, judge_wiggle, shows_push
+from daq.check import ORDER, PushResult, judge_push, shows_push
 from daq.control import AskCheck, CheckItem, Configure, Mark, OverrideWarning, Phase
 from daq.errors import printable
 
@@ -26,10 +26,10 @@ from ..state.bench_check import (
     CheckRow,
     ZeroOffset,
     item_rows,
+    push_rows,
+    push_subject,
     recorder_rows,
     rest_levels,
-    wiggle_rows,
-    wiggle_subject,
     with_overrides,
     zero_offsets,
 )
@@ -80,7 +80,7 @@ class CheckScreen(BenchScreen):
         self._asking = self._asked = self._zeroed = False
         self._corner: Corner | None = None
         self._begin_bin = 0
-        self._pushed: dict[Corner, Wiggle] = {}
+        self._pushed: dict[Corner, PushResult] = {}
         self._skipped: set[str] = set()
         self._failing: set[str] = set()
         self._hands_off_s = 0.0
@@ -156,7 +156,7 @@ class CheckScreen(BenchScreen):
             rows.append(CheckRow(WAIT, "sensors", "listening"))
         rows = with_overrides(rows, overridden)
         active = self._corner or ""
-        rows += wiggle_rows(self._pushed, active, overridden, shows_push(app.bench.channels))
+        rows += push_rows(self._pushed, active, overridden, shows_push(app.bench.channels))
         rows.append(self._zero_row())
         self._rows = rows
         lines = self.query_one(RowList)
@@ -238,7 +238,7 @@ class CheckScreen(BenchScreen):
         app, due = self.bench_app, self._due
         corner = self._next_corner()
         if due == _PUSH and corner is not None:
-            await self._begin_wiggle(corner)
+            await self._begin_push(corner)
         elif due == _HANDS_OFF:
             self._begin_zero()
         elif due == _TARE:
@@ -254,9 +254,9 @@ class CheckScreen(BenchScreen):
     async def action_again(self) -> None:
         """Repeat the marked check: push that corner again, measure zero again, or check again."""
         row = self._marked
-        corner = next((c for c in ORDER if row and row.subject == wiggle_subject(c)), None)
+        corner = next((c for c in ORDER if row and row.subject == push_subject(c)), None)
         if again := self._corner or corner:
-            await self._begin_wiggle(again)
+            await self._begin_push(again)
         elif row is not None and row.subject == _ZERO:
             self._begin_zero()
         else:
@@ -275,8 +275,8 @@ class CheckScreen(BenchScreen):
     def action_skip(self) -> None:
         """Skip the corner that is due, with a reason."""
         row = self._marked
-        subject = wiggle_subject(self._corner) if self._corner else row.subject if row else ""
-        if not subject.startswith("wiggle "):
+        subject = push_subject(self._corner) if self._corner else row.subject if row else ""
+        if not subject.startswith("push "):
             self.bench_app.warn("S skips a corner of the push test: mark its line")
             return
         self._ask_reason(subject, "Why is this corner not pushed?")
@@ -285,27 +285,25 @@ class CheckScreen(BenchScreen):
         async def answered(reason: str | None) -> None:
             if not reason or await self.bench_app.ask(OverrideWarning(subject, reason)) is None:
                 return
-            if subject.startswith("wiggle "):
+            if subject.startswith("push "):
                 self._skipped.add(subject)  # the recorder's status confirms it a moment later
-                self._pushed = {
-                    c: w for c, w in self._pushed.items() if wiggle_subject(c) != subject
-                }
+                self._pushed = {c: w for c, w in self._pushed.items() if push_subject(c) != subject}
                 await self._go_on()
             self._show_rows()
 
         self.app.push_screen(Question(f"{subject}: {question}", "reason"), answered)
 
-    # The wiggle ---------------------------------------------------------------------------------
+    # The push test -------------------------------------------------------------------------------
 
     def _next_corner(self) -> Corner | None:
         app = self.bench_app
         if app.bench is None or app.status is None or not shows_push(app.bench.channels):
             return None
         skipped = {override.subject for override in app.status.overrides} | self._skipped
-        open_corners = (c for c in ORDER if wiggle_subject(c) not in skipped)
+        open_corners = (c for c in ORDER if push_subject(c) not in skipped)
         return next((c for c in open_corners if c not in self._pushed), None)
 
-    async def _begin_wiggle(self, corner: Corner) -> None:
+    async def _begin_push(self, corner: Corner) -> None:
         """Wait for a push; a mark in the recording names the corner."""
         app = self.bench_app
         if app.status is None or app.status.phase is not Phase.IDLE:
@@ -314,8 +312,8 @@ class CheckScreen(BenchScreen):
         self._pushed.pop(corner, None)
         self._corner, self._begin_bin = corner, app.lanes.end
         self._show_rows()
-        self._mark_row(wiggle_subject(corner))
-        if await app.ask(Mark(wiggle_subject(corner))) is None:
+        self._mark_row(push_subject(corner))
+        if await app.ask(Mark(push_subject(corner))) is None:
             self._corner = None
             self._show_rows()
 
@@ -328,9 +326,9 @@ class CheckScreen(BenchScreen):
         first = app.lanes.end - count
         seen = {c.name: app.lanes.window(c.name, first, count) for c in app.bench.channels}
         begin = max(0, self._begin_bin - first)
-        wiggle = judge_wiggle(corner, app.bench.channels, seen, begin, app.lanes.bin_s)
-        self._pushed[corner] = wiggle
-        if wiggle.done:
+        result = judge_push(corner, app.bench.channels, seen, begin, app.lanes.bin_s)
+        self._pushed[corner] = result
+        if result.done:
             await self._go_on()
         else:
             self._show_rows()
@@ -342,7 +340,7 @@ class CheckScreen(BenchScreen):
         right = corner is None or corner not in self._pushed or self._pushed[corner].passed
         following = self._next_corner()
         if right and following is not None:
-            await self._begin_wiggle(following)
+            await self._begin_push(following)
         self._show_rows()
 
     # Sign and zero ------------------------------------------------------------------------------
@@ -352,7 +350,7 @@ class CheckScreen(BenchScreen):
         app, row = self.bench_app, self._marked
         if row is None or app.bench is None:
             return
-        corner = next((c for c in ORDER if row.subject == wiggle_subject(c)), None)
+        corner = next((c for c in ORDER if row.subject == push_subject(c)), None)
         names = [row.subject.removeprefix("channel ")]
         if corner is not None:
             names = list(self._pushed[corner].inverted) if corner in self._pushed else []
@@ -363,7 +361,7 @@ class CheckScreen(BenchScreen):
         if await self._configure({channel.name: (-channel.sign, -channel.tare)}):
             app.inform(f"sign of {channel.name} is now {-channel.sign:+.0f}")
             if corner is not None:
-                await self._begin_wiggle(corner)
+                await self._begin_push(corner)
 
     def _begin_zero(self) -> None:
         self._hands_off_s, self._zeroed = HANDS_OFF_S, False

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from daq import Channel, Corner, Quantity, Status
-from daq.check import ORDER, Wiggle, spoken
+from daq.check import ORDER, PushResult, spoken
 from daq.control import BusState, CheckItem
 
 OK, WARN, FAIL, NOW, WAIT = "OK", "WARN", "FAIL", "NOW", "wait"
@@ -88,10 +88,10 @@ def item_rows(items: Sequence[CheckItem]) -> tuple[CheckRow, ...]:
     return tuple(CheckRow(item.verdict, item.subject, item.reason, item.advice) for item in items)
 
 
-def wiggle_rows(
-    results: Mapping[Corner, Wiggle], active: str, skipped: Mapping[str, str], possible: bool
+def push_rows(
+    results: Mapping[Corner, PushResult], active: str, skipped: Mapping[str, str], possible: bool
 ) -> tuple[CheckRow, ...]:
-    """Return the lines of the guided wiggle, by corner.
+    """Return the lines of the guided push test, by corner.
 
     `results`: result of the last push on each corner.  `active`: the corner that is to be pushed
     now; empty if none.  `skipped`: reason why a corner was left out.  `possible`: True if a sensor
@@ -99,10 +99,10 @@ def wiggle_rows(
     """
     if not possible:
         text = "no sensor of this bench can distinguish the corners"
-        return (CheckRow(OK, "wiggle", text),)
+        return (CheckRow(OK, "push", text),)
     rows = []
     for corner in ORDER:
-        subject, seen = wiggle_subject(corner), results.get(corner)
+        subject, seen = push_subject(corner), results.get(corner)
         if subject in skipped:
             rows.append(CheckRow(WARN, subject, f"skipped: {skipped[subject]}", "", True))
         elif corner == active:
@@ -117,9 +117,9 @@ def wiggle_rows(
     return tuple(rows)
 
 
-def wiggle_subject(corner: str) -> str:
+def push_subject(corner: str) -> str:
     """Return the subject of the line on a corner."""
-    return f"wiggle {corner}"
+    return f"push {corner}"
 
 
 def rest_levels(items: Sequence[CheckItem]) -> dict[str, float]:

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from daq.bench.config import default_bench_text, parse_bench
 from daq.channels import Channel, Quantity
-from daq.check.push_test import Wiggle, judge_wiggle, shows_push
+from daq.check.push_test import PushResult, judge_push, shows_push
 from daq.sim.balance import forces, static_pose
 from daq.sim.load import load_car
 from daq.sim.plant import corner_motion
@@ -89,8 +89,8 @@ def _judge(
     asked: Corner,
     lanes: Mapping[str, tuple[Array, Array]],
     channels: tuple[Channel, ...] = CHANNELS,
-) -> Wiggle:
-    return judge_wiggle(asked, channels, lanes, round(2.0 / BIN_S), BIN_S)
+) -> PushResult:
+    return judge_push(asked, channels, lanes, round(2.0 / BIN_S), BIN_S)
 
 
 def _only(*quantities: Quantity) -> tuple[Channel, ...]:
@@ -99,9 +99,9 @@ def _only(*quantities: Quantity) -> tuple[Channel, ...]:
 
 @pytest.mark.parametrize("corner", Corner)
 def test_a_push_on_the_right_corner_passes(corner: Corner) -> None:
-    wiggle = _judge(corner, _lanes(corner, CHANNELS))
-    assert (wiggle.done, wiggle.passed, wiggle.inverted) == (True, True, ())
-    assert f"travel_{corner.lower()} moved +" in wiggle.text
+    result = _judge(corner, _lanes(corner, CHANNELS))
+    assert (result.done, result.passed, result.inverted) == (True, True, ())
+    assert f"travel_{corner.lower()} moved +" in result.text
     gyros = _only(Quantity.PITCH_RATE, Quantity.ROLL_RATE)
     assert _judge(corner, _lanes(corner, gyros), gyros).passed
 
@@ -111,29 +111,29 @@ def test_a_push_on_the_right_corner_passes(corner: Corner) -> None:
 def test_a_wrong_sign_is_named(corner: Corner, name: str) -> None:
     name = f"travel_{corner.lower()}" if name == "travel" else name
     wrong = tuple(replace(c, sign=-1.0) if c.name == name else c for c in CHANNELS)
-    wiggle = _judge(corner, _lanes(corner, wrong))
-    assert (wiggle.done, wiggle.passed) == (True, False)
-    assert wiggle.inverted == (name,)
-    assert name in wiggle.text
-    assert "I inverts" in wiggle.advice
+    result = _judge(corner, _lanes(corner, wrong))
+    assert (result.done, result.passed) == (True, False)
+    assert result.inverted == (name,)
+    assert name in result.text
+    assert "I inverts" in result.advice
 
 
 def test_swapped_plugs_are_named() -> None:
     lanes = _lanes(Corner.FRONT_LEFT, CHANNELS)
     lanes["travel_fl"], lanes["travel_fr"] = lanes["travel_fr"], lanes["travel_fl"]
-    wiggle = _judge(Corner.FRONT_LEFT, lanes)
-    assert (wiggle.done, wiggle.passed) == (True, False)
-    assert wiggle.text == "FR moved: travel_fl and travel_fr are swapped"
-    assert "swap their plugs" in wiggle.advice
+    result = _judge(Corner.FRONT_LEFT, lanes)
+    assert (result.done, result.passed) == (True, False)
+    assert result.text == "FR moved: travel_fl and travel_fr are swapped"
+    assert "swap their plugs" in result.advice
 
 
 def test_gyros_tell_a_push_on_another_corner_from_swapped_plugs() -> None:
-    wiggle = _judge(Corner.FRONT_LEFT, _lanes(Corner.REAR_RIGHT, CHANNELS))
-    assert not wiggle.passed
-    assert "the front LEFT was not pushed" in wiggle.text
+    result = _judge(Corner.FRONT_LEFT, _lanes(Corner.REAR_RIGHT, CHANNELS))
+    assert not result.passed
+    assert "the front LEFT was not pushed" in result.text
     travels = _only(Quantity.SUSPENSION_TRAVEL)
-    wiggle = _judge(Corner.FRONT_LEFT, _lanes(Corner.REAR_RIGHT, travels), travels)
-    assert "another corner was pushed" in wiggle.advice
+    result = _judge(Corner.FRONT_LEFT, _lanes(Corner.REAR_RIGHT, travels), travels)
+    assert "another corner was pushed" in result.advice
 
 
 def test_a_dead_sensor_is_named() -> None:
@@ -142,9 +142,9 @@ def test_a_dead_sensor_is_named() -> None:
     travels = [f"travel_{c.lower()}" for c in Corner]
     dead = {name: lane for name, lane in lanes.items() if name not in travels}
     dead["travel_rl"] = (np.zeros(450), np.full(450, 1e-4))
-    wiggle = _judge(Corner.REAR_LEFT, dead)
-    assert (wiggle.done, wiggle.passed) == (True, False)
-    assert wiggle.text == "travel_rl did not move"
+    result = _judge(Corner.REAR_LEFT, dead)
+    assert (result.done, result.passed) == (True, False)
+    assert result.text == "travel_rl did not move"
 
 
 def test_nothing_is_said_before_the_push_is_over() -> None:
@@ -153,8 +153,8 @@ def test_nothing_is_said_before_the_push_is_over() -> None:
     for stop_s in (3.0, 4.4, LONG_S):
         stop = round(stop_s / BIN_S)
         part = {name: (low[:stop], high[:stop]) for name, (low, high) in lanes.items()}
-        wiggle = _judge(Corner.FRONT_LEFT, part)
-        said.append((wiggle.done, wiggle.text.split(" ")[0]))
+        result = _judge(Corner.FRONT_LEFT, part)
+        said.append((result.done, result.text.split(" ")[0]))
     assert said == [(False, "push"), (False, "moving:"), (True, "travel_fl")]
     assert not _judge(Corner.FRONT_LEFT, {}).done
 
