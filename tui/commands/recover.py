@@ -66,9 +66,9 @@ def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
 
     segments: list[Path] = []
     for path in paths:
-        if not path.exists():
-            raise InputError(str(path), "there is no such file or folder", _WHAT_TO_NAME)
         if not path.is_dir():
+            if not path.exists():
+                raise InputError(str(path), "there is no such file or folder", _WHAT_TO_NAME)
             segments.append(path)
             continue
         inside = segments_in(path) or segments_in(path / "journal")

@@ -64,11 +64,11 @@ def test_the_next_start_is_followed_where_the_first_ends_between_noise_and_nonse
     assert best.point.problem.runs[0].label == ("b whole 0" if more else "a whole 0")
 
 
-@pytest.mark.parametrize(("second", "asked"), [(4.9, "ab"), (5.1, "abc")])
+@pytest.mark.parametrize(("second", "asked"), [(9.9, "ab"), (10.1, "abc")])
 def test_after_a_start_that_ended_short_of_the_noise_the_next_must_begin_well(
     second: float, asked: str, played: Callable[..., Any]
 ) -> None:
-    """The first one ends at 1.5; one that begins above 5 is not followed unasked."""
+    """The first one ends at 1.5; one that begins above 10 is not followed unasked."""
     more = [4.0] if asked == "abc" else []
     script = Script([4.9, 1.5, 1.5, second, *more, 1.1, 1.1, 1.0])
     _, given = played(script, [attempt(name) for name in "abc"])

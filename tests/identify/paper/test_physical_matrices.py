@@ -173,7 +173,7 @@ def test_matrices_that_are_no_numbers_are_refused() -> None:
 def test_matrices_of_no_vehicle_are_refused(geometry: VehicleGeometry | None) -> None:
     """Springs that push the body up: the nearest vehicle has negative ones."""
     turned = PhysicalModel(VEHICLE.M, VEHICLE.C, -VEHICLE.K)
-    with pytest.raises(InputError, match="no vehicle comes near the matrices"):
+    with pytest.raises(InputError, match="no vehicle with positive parameters"):
         nearest_vehicle(turned, geometry)
 
 

@@ -191,7 +191,7 @@ def test_a_run_without_a_channel_to_show_is_an_empty_figure() -> None:
 
 def test_sessions_lie_over_each_other_the_first_broad_and_beneath() -> None:
     curves = tuple(np.array([[0.0, 0.1], [float(i), 1.0]]) for i in range(6))
-    labels = ("a" * 22, "b" * 23, "c", "d", "e", "f")
+    labels = ("a" * 20, "b" * 21, "c", "d", "e", "f")
     panel = OverlayPanel("z_s", "m/s²", labels, curves)
     assert size_in(panel) == (3.62, 2.0)
     (axes,) = figure_of(panel).axes
@@ -203,7 +203,7 @@ def test_sessions_lie_over_each_other_the_first_broad_and_beneath() -> None:
     held = axes.get_legend()
     assert held is not None
     texts = [text.get_text() for text in held.get_texts()]
-    assert texts == ["a" * 22, "…" + "b" * 21, "c", "d", "e", "f"]
+    assert texts == ["a" * 20, "…" + "b" * 19, "c", "d", "e", "f"]
     assert axes.get_xlabel() == "time since the start of the decay, s"
     place = axes.get_position()  # under three rows of names of 8 % each
     assert (place.y0, place.y1) == pytest.approx((0.17, 0.9 - 3 * 0.08))
