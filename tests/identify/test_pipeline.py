@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq import Session, session_from_arrays
 from daq.runs import ADDED, BASELINE
-from daq.vehicle import DOF, FORD_GRANADA, Vehicle, VehicleGeometry
+from daq.vehicle import DOF, FORD_GRANADA, Fact, Vehicle, VehicleGeometry
 from identify import Identification, Verdict, identify
 
 from .bumps import PAPER_DELTA_MASS, TRUTH, paper_records
@@ -125,6 +125,26 @@ def test_a_missing_mass_state_is_refused(missing: str) -> None:
     assert result.quality.verdict is Verdict.REFUSED
     assert len(result.parameters) == 0
     assert ("baseline" if missing == BASELINE else "added mass") in result.quality.reasons[0]
+
+
+def test_a_weighed_car_without_weights_has_parameters_and_no_closed_form() -> None:
+    whole = _session(60.0)
+    runs = [
+        (
+            run.mass_state,
+            str(run.excitation),
+            {n: (run.groups[0].time_s, v) for n, v in run.groups[0].values.items()},
+        )
+        for run in whole.runs
+        if run.mass_state == BASELINE
+    ]
+    # 1380 + 2 (40.5 + 45.4) kg, and the front's share of the body by the levers 1.51 / 2.76.
+    front_kg = 1380.0 * 1.51 / 2.76 + 2.0 * 40.5
+    weighed = (Fact("total_mass_kg", 1551.8, 1.0), Fact("front_axle_kg", front_kg, 1.0))
+    result = identify(session_from_arrays(runs, vehicle=Vehicle("Granada", facts=weighed)))
+    assert np.max(np.abs(_errors(result))) < 0.02
+    assert result.closed_form == {}
+    assert "1 mass state " in result.closed_form_reason
 
 
 def test_an_empty_session_is_refused() -> None:
