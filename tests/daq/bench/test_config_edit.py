@@ -193,3 +193,17 @@ def test_any_number_goes_through_to_the_last_bit(
     assert bench.mass_states[1].added.weights == tuple(second)
     assert next(c for c in bench.channels if c.name == "pitch_rate").tare == tare
     assert _comments(text) >= {"Bench of hall 3, ask Erna.", "How we bump:", "more costs a day"}
+
+
+@pytest.mark.parametrize(
+    ("key", "wrong", "edit"),
+    [
+        ("weight", "weight = 3\n", lambda text: with_weights(text, [])),
+        ("fact", 'fact = "a"\n', lambda text: with_facts(text, [])),
+    ],
+)
+def test_a_value_that_is_wrong_already_is_named_and_not_replaced(
+    key: str, wrong: str, edit: Callable[[str], str]
+) -> None:
+    with pytest.raises(InputError, match=f"bench.toml:1: {key}: must be a valid list"):
+        edit(wrong)
