@@ -185,15 +185,13 @@ def test_motion_that_is_left_counts_in_noise_or_else_in_thousandths_of_the_peak(
     assert finding.subject == "body"
 
 
-@pytest.mark.parametrize(("moved_m", "passed"), [(0.0074, True), (-0.0074, True), (0.0076, False),
-                                                 (-0.0076, False)])  # fmt: skip
-def test_the_rest_position_may_change_by_fifteen_percent_of_the_peak(
-    moved_m: float, passed: bool
-) -> None:
+@pytest.mark.parametrize(("moved_m", "passed"), [(0.0099, True), (-0.0099, True), (0.0101, False),
+                                                 (-0.0101, False)])  # fmt: skip
+def test_the_rest_position_may_change_by_a_fifth_of_the_peak(moved_m: float, passed: bool) -> None:
     value = pulse(0.05) + np.where(T_S > 0.5, moved_m, 0.0)
     finding = one(rest_changed, {TRAVEL: value})
     assert finding.passed is passed
-    assert finding.limit == pytest.approx(0.0075)
+    assert finding.limit == pytest.approx(0.01)
 
 
 def test_a_travel_that_never_moved_rests_where_it_was() -> None:
