@@ -19,7 +19,7 @@ from daq.verdict.window import traces
 from dbc.finding import Finding
 
 from .closed_forms import BODY, BUMP_NS, HUB, T_S, TRAVEL, Array, found, one, pulse, window
-from .test_limits import strikes
+from .test_limits import strikes, swing
 from .test_measures import ringing, seen
 from .test_motion_details import BEFORE, PITCH, TURNS
 from .test_traffic_limits import without
@@ -106,6 +106,15 @@ def test_a_channel_that_ended_early_has_nothing_left_and_rests() -> None:
     assert (left.passed, left.value) == (True, 0.0)
     rest = one(rest_changed, {TRAVEL: np.where(T_S > 0.5, 1.0, 0.0)[early]}, T_S[early])
     assert (rest.passed, rest.value) == (True, 0.0)
+
+
+def test_motion_without_noise_counts_in_thousandths_of_the_peak_of_its_kind() -> None:
+    """A tenth is left of a travel of 50 mm, a fifth of a body that moved by 20 m/s2."""
+    finding = one(not_decayed, {TRAVEL: 0.05 * swing(0.1), BODY: 20.0 * swing(0.2)})
+    assert finding.value == pytest.approx(np.sqrt((0.1**2 + 0.2**2) / 2.0), rel=0.02)
+    # A second travel that moved by a tenth counts by the larger one.
+    finding = one(not_decayed, {TRAVEL: 0.05 * swing(0.1), OTHER: 0.005 * swing(0.9)})
+    assert finding.value == pytest.approx(np.hypot(0.1, 0.09) / np.hypot(1.0, 0.1), rel=0.02)
 
 
 def test_at_two_seconds_the_car_still_counts_from_where_it_stood() -> None:

@@ -152,6 +152,7 @@ def test_a_level_is_odd_from_three_times_the_usual_difference_on(level_m: float,
     ("odd", "text"),
     [
         (_run(levels={"travel": 0.1984}), "travel 1.6 mm lower before the bump"),
+        (_run(peaks={"body": 0.0, "travel": 0.05}), "peak of body 0.00 times the others'"),
         (_run(peaks={"body": 2.7, "travel": 0.05}), "peak of body 0.90 times the others'"),
         (_run(roughness={"body": 0.012, "travel": 0.0002}), "body 0.5 times as rough"),
         (
