@@ -72,6 +72,16 @@ def test_only_what_is_as_slow_as_the_body_is_its_course(hertz: float, out: bool)
     assert (set(_left_out(odd)) == {"odd"}) is out
 
 
+@pytest.mark.parametrize(("halves", "out"), [(9, True), (10, False)])
+def test_a_course_is_the_mean_and_nine_cosines(halves: int, out: bool) -> None:
+    """Cosines of so many half periods over the 70 means are at right angles to each other."""
+    cosine = np.cos(np.pi * halves * (np.arange(70) + 0.5) / 70)
+    wave = np.exp(-2.0 * T_S) * np.cos(8.8 * T_S) + 0.01 * cosine
+    runs = {str(k): _run() for k in range(4)}
+    runs["odd"] = _run(waves={"body": wave, "travel": 0.01 * wave})
+    assert (set(left_out(CHANNELS, 0.0, runs, 3)) == {"odd"}) is out
+
+
 @pytest.mark.parametrize(
     ("odd", "text"),
     [

@@ -155,7 +155,7 @@ def test_a_trace_is_the_deviation_from_rest() -> None:
     assert replace(trace, noise=0.0).rms(0.0, 0.004) == 3.0
     assert replace(trace, noise=3.0).rms(0.0, 0.002) == 3.0
     assert replace(trace, noise=5.0).rms(0.0, 0.002) == 0.0
-    assert trace.rms(5.0, 6.0) == 0.0
+    assert replace(trace, noise=0.0).rms(5.0, 6.0) == 0.0
 
 
 def test_a_channel_with_eight_samples_and_rest_before_the_bump_counts() -> None:
