@@ -115,7 +115,7 @@ def _compared(
     """Return the largest difference of each requested run relative to its limit, and its text."""
     usual = _usual(channels, list(kept.values()))
     among = [_differences(usual, run) for run in kept.values()]
-    common = {key: median(abs(found.get(key, 0.0)) for found in among) for key in among[0]}
+    common = {key: median(abs(found[key]) for found in among) for key in among[0]}
     limits = {
         (sort, name): max(LEAST[sort], size if sort is Sort.COURSE else UNUSUAL * size)
         for (sort, name), size in common.items()

@@ -45,7 +45,7 @@ def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the integral, up to given times, of the straight lines between the samples."""
     time_s, value = trace.time_s, trace.value
     steps = np.diff(time_s) * (value[1:] + value[:-1]) / 2.0
-    before = np.clip(np.searchsorted(time_s, t_s) - 1, 0, len(time_s) - 1)
+    before = np.searchsorted(time_s, t_s) - 1  # a trace begins before the bump
     rest_s = t_s - time_s[before]
     mean = (value[before] + np.interp(t_s, time_s, value)) / 2.0
     return np.asarray(np.concatenate([[0.0], np.cumsum(steps)])[before] + rest_s * mean)

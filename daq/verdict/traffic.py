@@ -130,7 +130,7 @@ def _early_gap(window: RunWindow, signals: tuple[Trace, ...]) -> tuple[float, fl
         if _message(trace.channel) in window.timed:
             time_s = _sent_by(time_s)
         first, last = np.searchsorted(time_s, [0.0, WHEEL_MOTION_S])
-        times = time_s[max(first - 1, 0) : last + 1]
+        times = time_s[first - 1 : last + 1]  # a trace begins before the bump
         gap_s = float(np.max(np.diff(times))) if len(times) > 1 else 0.0
         worst = max(worst, (gap_s, limit_s, trace.channel.name), key=lambda w: w[0] / w[1])
     return worst

@@ -82,7 +82,10 @@ def _misfit(
     frequencies: NDArray[np.float64],
     dampings: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the residual sum of squares of each wave with the best amplitude, phase and level."""
+    """Return the residual sum of squares of each wave with the best amplitude, phase and level.
+
+    The sum of squares of the record, which is the same for all, is left out.
+    """
     omega = 2 * np.pi * frequencies[:, None]
     rate = omega * dampings
     turn = omega * np.sqrt(1.0 - dampings**2)
@@ -93,4 +96,4 @@ def _misfit(
     normal = np.einsum("fdti,fdtj->fdij", basis, basis)
     projection = np.einsum("fdti,t->fdi", basis, record)
     solution = np.linalg.solve(normal, projection[..., None])[..., 0]
-    return np.asarray(np.sum(record**2) - np.einsum("fdi,fdi->fd", projection, solution))
+    return np.asarray(-np.einsum("fdi,fdi->fd", projection, solution))

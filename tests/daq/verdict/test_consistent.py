@@ -72,6 +72,16 @@ def test_only_what_is_as_slow_as_the_body_is_its_course(hertz: float, out: bool)
     assert (set(_left_out(odd)) == {"odd"}) is out
 
 
+@pytest.mark.parametrize(("halves", "out"), [(9, True), (10, False)])
+def test_a_course_is_the_mean_and_nine_cosines(halves: int, out: bool) -> None:
+    """Cosines of so many half periods over the 70 means are at right angles to each other."""
+    cosine = np.cos(np.pi * halves * (np.arange(70) + 0.5) / 70)
+    wave = np.exp(-2.0 * T_S) * np.cos(8.8 * T_S) + 0.01 * cosine
+    runs = {str(k): _run() for k in range(4)}
+    runs["odd"] = _run(waves={"body": wave, "travel": 0.01 * wave})
+    assert (set(left_out(CHANNELS, 0.0, runs, 3)) == {"odd"}) is out
+
+
 @pytest.mark.parametrize(
     ("odd", "text"),
     [
@@ -138,3 +148,107 @@ def test_a_first_run_with_a_hand_on_the_car_is_found_by_those_after_it(
     assert passed == [True, False, True, True, True]
     first = found.session.runs[0].label
     assert set(left_out(bench().channels, BUMP_S, found.of(kind), 3)) == {first}
+
+
+@pytest.mark.parametrize(("level_m", "out"), [(0.2115, False), (0.2125, True)])
+def test_a_level_is_odd_from_three_times_the_usual_difference_on(level_m: float, out: bool) -> None:
+    """Their median is 0.203, from which they differ by 3, 1, 7 and 0 mm: the limit is at 9 mm."""
+    levels = dict(zip("abcde", (0.200, 0.204, 0.196, 0.203, level_m), strict=True))
+    runs = {label: _run(levels={"travel": level}) for label, level in levels.items()}
+    assert set(left_out(CHANNELS, BUMP_S, runs, 3)) == ({"e"} if out else set())
+
+
+@pytest.mark.parametrize(
+    ("odd", "text"),
+    [
+        (_run(levels={"travel": 0.1984}), "travel 1.6 mm lower before the bump"),
+        (_run(peaks={"body": 0.0, "travel": 0.05}), "peak of body 0.00 times the others'"),
+        (_run(peaks={"body": 2.7, "travel": 0.05}), "peak of body 0.90 times the others'"),
+        (_run(roughness={"body": 0.012, "travel": 0.0002}), "body 0.5 times as rough"),
+        (
+            _run(
+                levels={"travel": 0.21},
+                peaks={"body": 3.6, "travel": 0.05},
+                roughness={"body": 0.3, "travel": 0.0002},
+                frequency_hz=1.4,
+            ),
+            "travel 10.0 mm higher before the bump, peak of body 1.20 times the others'",
+        ),
+        (_run(levels={"travel": 0.21}, frequency_hz=None), "travel 10.0 mm higher before the bump"),
+    ],
+)
+def test_the_first_two_differences_are_said_with_their_sense(odd: RunMeasure, text: str) -> None:
+    assert _left_out(odd) == {"odd": text}
+
+
+def test_a_frequency_is_said_only_if_all_the_others_have_one() -> None:
+    runs = {str(k): _run(frequency_hz=1.4 if k else None) for k in range(4)}
+    runs["odd"] = _run(levels={"travel": 0.21}, frequency_hz=2.8)
+    text = "travel 10.0 mm higher before the bump"
+    assert left_out(CHANNELS, BUMP_S, runs, 3) == {"odd": text}
+
+
+@pytest.mark.parametrize(
+    ("peak", "out"), [(3.31, False), (3.32, True), (2.72, False), (2.71, True)]
+)
+def test_peaks_are_compared_as_they_are_where_no_run_has_a_course(peak: float, out: bool) -> None:
+    """A logarithm of 0.1 either way: 3 times 1.105, or 3 / 1.105."""
+    runs = {str(k): _run(waves={}) for k in range(4)}
+    runs["odd"] = _run(waves={}, peaks={"body": peak, "travel": 0.05})
+    assert (set(left_out(CHANNELS, BUMP_S, runs, 3)) == {"odd"}) is out
+
+
+@pytest.mark.parametrize(("rough", "out"), [(0.0024, False), (0.0026, True)])
+def test_a_thousandth_of_the_peak_is_no_roughness(rough: float, out: bool) -> None:
+    """Above nothing, 3 thousandths of 1 m/s2 count as 1, and exp(0.6) = 1.822 is the limit."""
+    runs = {str(k): _run(roughness={"body": 0.0, "travel": 0.0}) for k in range(4)}
+    runs["odd"] = _run(roughness={"body": rough, "travel": 0.0})
+    assert (set(left_out(CHANNELS, BUMP_S, runs, 3)) == {"odd"}) is out
+
+
+OTHER = Channel("other", Quantity.SUSPENSION_TRAVEL, "m", "S.o", corner=Corner.FRONT_RIGHT)
+PITCH = Channel("pitch", Quantity.PITCH_RATE, "rad/s", "B.p")
+TURN = Channel("turn", Quantity.ROLL_ACCELERATION, "rad/s2", "B.t")
+
+
+@pytest.mark.parametrize(
+    ("large", "small", "size", "out"),
+    [("travel", "other", 0.31, True), ("travel", "other", 0.3, False),
+     ("pitch", "turn", 0.29, False), ("pitch", "body", 0.29, True)],
+)  # fmt: skip
+def test_peaks_count_from_three_tenths_of_the_largest_of_their_kind_on(
+    large: str, small: str, size: float, out: bool
+) -> None:
+    """Half as high as usual; a body's rates and angular accelerations are of one kind."""
+    runs = {str(k): RunMeasure(peaks={large: 1.0, small: size}) for k in range(4)}
+    runs["odd"] = RunMeasure(peaks={large: 1.0, small: size / 2})
+    found = left_out((*CHANNELS, OTHER, PITCH, TURN), BUMP_S, runs, 3)
+    assert (set(found) == {"odd"}) is out
+
+
+def test_a_level_is_a_share_of_the_largest_travel() -> None:
+    """0.03 of 0.1 m are 3 mm, for the travel of 0.05 m too."""
+    for level_m, out in ((0.2029, False), (0.2031, True)):
+        peaks = {"travel": 0.05, "other": 0.1}
+        runs = {str(k): RunMeasure(peaks=peaks, levels={"travel": 0.2}) for k in range(4)}
+        runs["odd"] = RunMeasure(peaks=peaks, levels={"travel": level_m})
+        found = left_out((*CHANNELS, OTHER), BUMP_S, runs, 3)
+        assert (set(found) == {"odd"}) is out
+        assert not out or found["odd"] == "travel 3.1 mm higher before the bump"
+
+
+@pytest.mark.parametrize(("first", "out"), [(0, False), (5, False), (11, True), (40, True)])
+def test_a_course_counts_from_80_ms_after_the_bump_on(first: int, out: bool) -> None:
+    """Means are every 20 ms from 0.1 s on, and the bump takes 0.2 s: the tenth is at 0.28 s."""
+    usual = _run()
+    jump = np.where((np.arange(70) >= first) & (np.arange(70) < first + 4), 0.2, 0.0)
+    odd = _run(waves={name: wave + jump * (name == "body") for name, wave in usual.waves.items()})
+    runs = {**{str(k): usual for k in range(4)}, "odd": odd}
+    assert (set(left_out(CHANNELS, 0.2, runs, 3)) == {"odd"}) is out
+
+
+def test_runs_are_left_out_one_by_one_from_the_oddest_on() -> None:
+    levels = {"a": 0.2, "b": 0.2, "c": 0.2, "d": 0.2, "far": 0.23, "near": 0.21}
+    runs = {label: _run(levels={"travel": level}) for label, level in levels.items()}
+    assert list(left_out(CHANNELS, BUMP_S, runs, 3)) == ["far", "near"]
+    assert list(left_out(CHANNELS, BUMP_S, runs, 5)) == ["far"]
