@@ -103,3 +103,9 @@ def test_an_unused_channel_is_refused() -> None:
     yaw = Channel("yaw", Quantity.UNUSED, "rad/s")
     with pytest.raises(InputError, match="channel yaw"):
         displacement_shapes(sensed_by_hand(), (*MIXED[:7], yaw), GEOMETRY)
+
+
+def test_without_any_channel_no_degree_of_freedom_is_seen() -> None:
+    none = ModalModel(TRUTH.poles, np.zeros((0, 7), dtype=complex))
+    with pytest.raises(InputError, match="z_uA, z_uB, z_uC, z_uD"):
+        displacement_shapes(none, (), GEOMETRY)
