@@ -102,3 +102,11 @@ def test_shapes_are_in_the_units_of_the_channels() -> None:
     assert found.shapes / found.shapes[0] == pytest.approx(
         expected / expected[0], rel=1e-6, abs=1e-6
     )
+
+
+def test_an_order_beyond_what_a_short_record_holds_is_all_that_it_holds() -> None:
+    """Eight samples are five columns of four samples."""
+    record = np.random.default_rng(4).standard_normal((8, 5))
+    most, beyond = realised_modes([record], 100.0, 5), realised_modes([record], 100.0, 1000)
+    assert beyond.poles == pytest.approx(most.poles)
+    assert beyond.shapes == pytest.approx(most.shapes)

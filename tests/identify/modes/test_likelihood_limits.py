@@ -87,7 +87,7 @@ def moved(pole: complex, to: complex, values: Array, time_s: Array, turning: boo
     return problem.move(start, system, 0.0)
 
 
-@pytest.mark.parametrize(("nepers", "goes"), [(29.9, True), (30.1, False)])
+@pytest.mark.parametrize(("nepers", "goes"), [(29.9, True), (30.0, True), (30.1, False)])
 def test_no_pole_grows_by_more_than_30_nepers_within_the_longest_series(
     nepers: float, goes: bool
 ) -> None:
