@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -126,3 +128,11 @@ def test_sensors_at_one_place_do_not_see_the_pitch(apart_m: float, seen: bool) -
     else:
         with pytest.raises(InputError, match=r"do not determine theta \("):
             displacement_shapes(sensed, channels, GEOMETRY)
+
+
+def test_modes_are_complex_numbers_of_double_precision_whatever_they_are_made_of() -> None:
+    poles: Any = np.array([-1.0 + 2.0j, -1.0 + 1.0j], dtype=np.complex64)
+    shapes: Any = np.array([[1.0, 2.0], [3.0, 4.0]], dtype=np.float32)
+    model = ModalModel(poles, shapes)
+    assert (model.poles.dtype.name, model.shapes.dtype.name) == ("complex128", "complex128")
+    assert model.shapes[0].tolist() == pytest.approx([0.5, 1.0 / 3.0], rel=1e-15)
