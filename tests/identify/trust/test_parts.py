@@ -120,6 +120,17 @@ def test_times_are_arrivals_where_most_are_those_of_frames(
     assert _by_arrival(run, group) is by_arrival
 
 
+@pytest.mark.parametrize(("on_arrival", "by_arrival"), [(4, False), (5, False), (6, True)])
+def test_more_than_half_of_the_samples_are_stamped_on_arrival(
+    on_arrival: int, by_arrival: bool
+) -> None:
+    t0_ns, t_ns = 5 * 10**9, 5 * 10**9 + np.arange(10) * 10**7
+    time_s = (t_ns - t0_ns) * 1e-9 + np.where(np.arange(10) < on_arrival, 0.0, 0.001)
+    group: Any = SimpleNamespace(t_ns=t_ns, time_s=time_s)
+    run: Any = SimpleNamespace(t0_ns=t0_ns, frames=range(1))
+    assert _by_arrival(run, group) is by_arrival
+
+
 def test_a_hold_counts_its_samples_from_the_first_of_them() -> None:
     """Ten samples of one value at the start of a decay of 100 samples a second, then motion."""
     channel = Channel("travel", Quantity.SUSPENSION_TRAVEL, "m", corner=Corner.FRONT_LEFT)
