@@ -51,6 +51,8 @@ class Recording:
 
     def thinned(self, rate_hz: float) -> Recording:
         """Return every k-th sample, so that about `rate_hz` are left (all, if there are fewer)."""
+        if len(self.time_s) < 2:  # a sensor that failed on the bump has none in the decay
+            return self
         own = (len(self.time_s) - 1) / float(self.time_s[-1] - self.time_s[0])
         step = max(1, round(own / rate_hz))
         return Recording(self.group, self.time_s[::step], self.values[::step])

@@ -2,8 +2,9 @@
 
 Every run is the response to its own initial state, as if each were one input of an impulse test:
 the runs are adjacent blocks of columns of one block Hankel matrix.  Its singular value
-decomposition, cut off at the order, is a balanced realisation of the structure.  It is kept in
-addition to the State Variable Method for comparison: two methods that agree are better than one.
+decomposition, cut off at the order, is a realisation of the structure; to balance it would change
+neither poles nor shapes.  It is kept in addition to the State Variable Method for comparison: two
+methods that agree are better than one.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def realised_modes(
     if order is None:
         order = standing_out(strength)
     n_channels = len(size)
-    observability = directions[:, :order] * np.sqrt(strength[:order])
+    observability = directions[:, :order]
     earlier, later = observability[:-n_channels], observability[n_channels:]
     z, vectors = np.linalg.eig(np.linalg.lstsq(earlier, later)[0])
     poles = np.log(np.where(z == 0.0, np.finfo(float).tiny, z).astype(complex)) * rate_hz

@@ -95,12 +95,12 @@ class ModalModel:
     @property
     def frequencies_hz(self) -> NDArray[np.float64]:
         """Undamped natural frequencies, (m,)."""
-        return np.asarray(np.abs(self.poles) / (2.0 * np.pi), dtype=np.float64)
+        return np.asarray(np.abs(self.poles) / (2.0 * np.pi))
 
     @property
     def damping_ratios(self) -> NDArray[np.float64]:
         """Shares of critical damping, (m,)."""
-        return np.asarray(-self.poles.real / np.abs(self.poles), dtype=np.float64)
+        return np.asarray(-self.poles.real / np.abs(self.poles))
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
@@ -163,7 +163,7 @@ def mpc(shapes: NDArray[np.complex128]) -> NDArray[np.float64]:
     xx = np.sum(shapes.real**2, axis=0)
     yy = np.sum(shapes.imag**2, axis=0)
     xy = np.sum(shapes.real * shapes.imag, axis=0)
-    return np.asarray(((xx - yy) ** 2 + 4.0 * xy**2) / (xx + yy) ** 2, dtype=np.float64)
+    return np.asarray(((xx - yy) ** 2 + 4.0 * xy**2) / (xx + yy) ** 2)
 
 
 def sensor_rows(channels: Sequence[Channel], geometry: VehicleGeometry) -> NDArray[np.float64]:

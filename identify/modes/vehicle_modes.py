@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from daq.channels import Channel
 from dbc.errors import InputError
 
-from ..decays.decay import FreeDecay, Record
+from ..decays.decay import FreeDecay, Record, Recording
 from ..decays.onset import onset_s
 from ..model.chi_squared import exceeded_by_chance
 from ..model.matrices import N_DOF
@@ -93,12 +93,16 @@ def vehicle_diagram(
 
 
 def _common(decays: Sequence[FreeDecay]) -> tuple[tuple[Channel, ...], float]:
-    """Return the channels that all decays have, and the rate of the slowest group, Hz."""
-    sets = [{c.name for r in decay.recordings for c in r.group.channels} for decay in decays]
-    common = set.intersection(*sets)
-    channels = tuple(c for r in decays[0].recordings for c in r.group.channels if c.name in common)
-    rates = (_rate_hz(r.time_s) for d in decays for r in d.recordings if len(r.time_s) > 1)
-    return channels, min(rates)
+    """Return the channels that all decays show, and the rate of the slowest group, Hz."""
+    shown = [[r for r in decay.recordings if _lasts(r)] for decay in decays]
+    common = set.intersection(*({c.name for r in own for c in r.group.channels} for own in shown))
+    channels = tuple(c for r in shown[0] for c in r.group.channels if c.name in common)
+    return channels, min((_rate_hz(r.time_s) for own in shown for r in own), default=0.0)
+
+
+def _lasts(recording: Recording) -> bool:
+    """Return whether a group has two samples: one that fails on the bump has none in the decay."""
+    return len(recording.time_s) > 1
 
 
 def _mirrored_modes(
@@ -186,6 +190,8 @@ def _on_grid(
     onset = onset_s(record)
     columns: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
     for before, after in zip(record.recordings, decay.recordings, strict=True):
+        if not _lasts(after):
+            continue
         width = max(1, round(_rate_hz(after.time_s) / rate_hz))
         n = len(after.time_s) // width
         time = after.time_s[: n * width].reshape(n, width).mean(axis=1)

@@ -162,5 +162,5 @@ def scores(
         information -= with_linear @ linear.normal_inverse @ with_linear.T
         mixed -= with_linear @ linear.normal_inverse @ between
         unknown -= between.T @ linear.normal_inverse @ between
-    covariance = np.asarray(np.linalg.pinv(unknown, hermitian=True), dtype=np.float64)
+    covariance = np.asarray(np.linalg.pinv(unknown, hermitian=True))
     return Scores(gradient - mixed @ covariance @ downhill, information, mixed, covariance)

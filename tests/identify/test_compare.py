@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dbc.errors import InputError
+from dbc.finding import Finding, Severity
 from identify import Estimate, Identification, Judgement
 from identify.compare import Difference, Trend, compare
 
@@ -96,6 +97,10 @@ def test_a_session_without_parameters_is_named() -> None:
     nothing = Identification(Judgement((), float("nan")), {})
     with pytest.raises(InputError, match=r"broken\.h5"):
         compare(["a", "broken.h5"], [_result([1.0] * 4, [1.0] * 4), nothing])
+    reasons = tuple(Finding(f"code{i}", Severity.ERROR, f"reason {i}") for i in (1, 2))
+    refused = Identification(Judgement(reasons, float("nan")), {})
+    with pytest.raises(InputError, match="reason 1"):
+        compare(["a", "b"], [_result([1.0] * 4, [1.0] * 4), refused])
     with pytest.raises(InputError, match="one session"):
         compare(["a"], [_result([1.0] * 4, [1.0] * 4)])
 

@@ -92,3 +92,11 @@ def test_the_bump_of_the_paper_is_nine_centimetres_high_and_lasts_a_fifth_of_a_s
     assert (bump.height_m, bump.start_s, bump.duration_s) == (0.09, 0.1, 0.2)
     assert bump.end_s == pytest.approx(0.3)
     assert Bump(0.05, 1.0, 0.25).end_s == 1.25
+
+
+def test_a_response_cannot_be_changed() -> None:
+    response = exact_response(MODEL, Excitation.BOUNCE, BUMP, 50.0, 0.2)
+    whole = (response.time_s, response.displacement, response.velocity, response.acceleration)
+    for array in whole:
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0

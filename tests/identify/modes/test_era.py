@@ -9,7 +9,14 @@ from identify.modes.era import realised_modes
 from identify.modes.modal_model import mac
 from identify.modes.stabilisation import stabilisation_diagram
 
-from ..structures import chain_poles, chain_shapes, free_decay, random_amplitudes, with_noise
+from ..structures import (
+    chain_poles,
+    chain_shapes,
+    free_decay,
+    oscillators,
+    random_amplitudes,
+    with_noise,
+)
 
 POLES, SHAPES = chain_poles(3, k=400.0, c=4.0, m=1.0), chain_shapes(3)
 
@@ -62,3 +69,44 @@ def test_the_diagram_marks_what_comes_again() -> None:
     assert not np.any(diagram.stable[diagram.rank > diagram.rank.max() - 2])
     best = diagram.shapes[:, near & high] / np.array([[1.0], [1.0], [100.0]])
     assert np.all(mac(best, SHAPES.astype(complex)).max(axis=1) > 0.98)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "n_modes", "found"),
+    [(40.0, 4, True), (40.0, 5, False), (8.0, 1, True), (8.0, 2, False)],
+)
+def test_a_column_is_a_quarter_of_a_second_of_at_least_four_samples(
+    rate_hz: float, n_modes: int, found: bool
+) -> None:
+    """In one channel two states a mode need a sample each and one more: ten hold four modes."""
+    frequencies = list(rate_hz * np.linspace(0.08, 0.42, n_modes))
+    poles = oscillators(frequencies, [0.02] * n_modes)
+    record = free_decay(poles, np.ones((1, n_modes)), np.ones(n_modes), rate_hz, 400 / rate_hz)
+    realised = realised_modes([record], rate_hz, 2 * n_modes).poles
+    near = [np.abs(realised / pole - 1.0).min(initial=1.0) < 1e-6 for pole in poles]
+    assert all(near) is found
+
+
+def test_a_column_of_four_samples_holds_a_mode_and_a_decay() -> None:
+    poles = np.append(oscillators([2.0], [0.1]), -1.5)
+    record = free_decay(poles, np.ones((1, 2)), np.array([1.0, 2.0]), 8.0, 8.0)
+    (found,) = realised_modes([record], 8.0, 3).poles
+    assert found == pytest.approx(poles[0], rel=1e-9)
+
+
+def test_shapes_are_in_the_units_of_the_channels() -> None:
+    units = np.array([1.0, 1e3, 0.02])
+    record = free_decay(POLES, SHAPES, np.array([1.0, 0.8j, 0.9]), 50.0, 6.0) * units
+    found = realised_modes([record], 50.0, 6)
+    expected = units[:, None] * SHAPES
+    assert found.shapes / found.shapes[0] == pytest.approx(
+        expected / expected[0], rel=1e-6, abs=1e-6
+    )
+
+
+def test_an_order_beyond_what_a_short_record_holds_is_all_that_it_holds() -> None:
+    """Eight samples are five columns of four samples."""
+    record = np.random.default_rng(4).standard_normal((8, 5))
+    most, beyond = realised_modes([record], 100.0, 5), realised_modes([record], 100.0, 1000)
+    assert beyond.poles == pytest.approx(most.poles)
+    assert beyond.shapes == pytest.approx(most.shapes)

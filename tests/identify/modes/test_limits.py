@@ -12,7 +12,13 @@ from identify.modes.mode_selection import clean_modes, vibrates
 from identify.modes.pairing import pair_modes
 from identify.modes.shape_fit import gain_by_noise, project
 from identify.modes.stabilisation import seen_in
-from identify.modes.state_variable_method import Delays, checked_records, delay_space, layouts
+from identify.modes.state_variable_method import (
+    Delays,
+    DelaySpace,
+    checked_records,
+    delay_space,
+    layouts,
+)
 from identify.modes.symmetry import mirror_of
 
 from ..structures import free_decay, oscillators
@@ -36,7 +42,7 @@ def test_mirrored_places_agree_to_5_mm(gap_m: float, image: list[int]) -> None:
 
 
 @pytest.mark.parametrize(("likeness", "again"), [(0.91, True), (0.89, False)])
-@pytest.mark.parametrize(("off", "near"), [(0.9, True), (1.1, False)])
+@pytest.mark.parametrize(("off", "near"), [(0.9, True), (1.0, False), (1.1, False)])
 def test_a_pole_comes_again_with_pole_and_shape(
     likeness: float, again: bool, off: float, near: bool
 ) -> None:
@@ -119,3 +125,32 @@ def test_shapes_are_found_from_afar_as_from_the_truth() -> None:
     assert once.merit < near.merit - 1000.0
     assert found.merit == pytest.approx(near.merit, abs=0.1)
     assert near.merit < given.most_merit
+
+
+def of_pole(pole: complex, more: tuple[complex, ...] = ()) -> DelaySpace:
+    """Return the delay vectors of a decay without noise, of one pole and perhaps some more."""
+    poles = np.array([pole, *more])
+    record = free_decay(poles, np.ones((1, len(poles))), np.ones(len(poles)), 50.0, 2.0)
+    return delay_space([record], 50.0, Delays(10, 1))
+
+
+@pytest.mark.parametrize(("off", "n"), [(0.9e-4, 1), (1.1e-4, 0), (-0.9e-4, 1), (-1.1e-4, 0)])
+def test_a_mode_without_noise_comes_again_within_1e_4_in_another_layout(off: float, n: int) -> None:
+    pole = -0.5 + 12.0j
+    found = clean_modes([of_pole(pole), of_pole(pole * (1.0 + off))])
+    assert found is not None
+    assert len(found) == n
+    alone = clean_modes([of_pole(pole)])
+    assert alone is not None
+    assert alone.poles == pytest.approx([pole], rel=1e-8)
+
+
+def test_modes_without_noise_are_those_of_the_layout_that_shows_most() -> None:
+    one, other = -0.5 + 12.0j, -1.0 + 40.0j
+    for spaces in ([of_pole(one), of_pole(one, (other,))], [of_pole(other, (one,)), of_pole(one)]):
+        found = clean_modes(spaces)
+        assert found is not None
+        assert found.poles == pytest.approx([one], rel=1e-6)
+    both = clean_modes([of_pole(one), of_pole(one, (other,)), of_pole(other)])
+    assert both is not None
+    assert both.poles == pytest.approx([one, other], rel=1e-6)

@@ -144,3 +144,8 @@ def test_nearness_counts_from_the_larger_of_two_poles() -> None:
 def test_two_channels_show_a_shape() -> None:
     poles = np.array([100j - 1.0, 100.1j - 2.0])
     assert originals(poles, np.ones((2, 2), dtype=complex)).tolist() == [0]
+
+
+def test_poles_that_are_two_per_cent_apart_are_two() -> None:
+    assert len(originals(np.array([98j, 100j]), np.column_stack([SHAPE, SHAPE]))) == 2
+    assert len(originals(np.array([98.01j, 100j]), np.column_stack([SHAPE, SHAPE]))) == 1

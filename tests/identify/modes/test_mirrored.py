@@ -144,3 +144,29 @@ def test_fast_samples_come_on_a_grid_of_about_125_hertz(
 def test_of_no_poles_none_is_a_copy() -> None:
     kept = originals(np.zeros(0, dtype=complex), np.zeros((3, 0), dtype=complex))
     assert np.arange(3)[kept].tolist() == []
+
+
+def test_the_start_is_sought_in_samples_with_noise_of_three_per_cent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of each channel's own size, so that errors of interpolation are not taken for modes."""
+    seen: list[Any] = []
+
+    def regression(grids: Any, rate: float) -> Any:
+        seen.extend(grids)
+        return []
+
+    monkeypatch.setattr(module, "regression_modes", regression)
+    monkeypatch.setattr(module, "_mirrored_modes", lambda *_: None)
+    lone = tuple(
+        Channel(name, Quantity.BODY_ACCELERATION, "m/s2", x_m=-1.0, y_m=0.3) for name in "ab"
+    )
+    values = np.random.default_rng(0).standard_normal((400, 2)) * [1.0, 50.0]
+    values[:20] = [[1e-9, 1e-9], [-1e-9, -1e-9]] * 10  # at rest before the motion
+    recording = Recording(ChannelGroup("g", lone), np.arange(400) / 100.0, values)
+    given = [Record("run", "baseline", 0.2, (recording,))]
+    sensed_modes(given, [record.decay(0.5) for record in given])
+    (grid,) = seen
+    start = int(np.argmin(np.abs(values[:, 1] - grid[0, 1])))
+    added = grid - values[start : start + len(grid)]
+    assert np.std(added, axis=0) == pytest.approx([0.03, 1.5], rel=0.2)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -103,3 +105,34 @@ def test_an_unused_channel_is_refused() -> None:
     yaw = Channel("yaw", Quantity.UNUSED, "rad/s")
     with pytest.raises(InputError, match="channel yaw"):
         displacement_shapes(sensed_by_hand(), (*MIXED[:7], yaw), GEOMETRY)
+
+
+def test_without_any_channel_no_degree_of_freedom_is_seen() -> None:
+    none = ModalModel(TRUTH.poles, np.zeros((0, 7), dtype=complex))
+    with pytest.raises(InputError, match="z_uA, z_uB, z_uC, z_uD"):
+        displacement_shapes(none, (), GEOMETRY)
+
+
+@pytest.mark.parametrize(("apart_m", "seen"), [(2.2e-9, True), (1.8e-9, False)])
+def test_sensors_at_one_place_do_not_see_the_pitch(apart_m: float, seen: bool) -> None:
+    """Rows (1, 0) and (1, -x) have the singular values sqrt(2) and x / sqrt(2): x / 2 is 1e-9."""
+    channels = (
+        Channel("one", Quantity.BODY_ACCELERATION, "m/s2", at_cg=True),
+        Channel("two", Quantity.BODY_ACCELERATION, "m/s2", x_m=apart_m - GEOMETRY.a, y_m=0.0),
+        Channel("p", Quantity.ROLL_RATE, "rad/s"),
+        *(Channel(f"{c}", Quantity.HUB_DISPLACEMENT, "m", corner=c) for c in Corner),
+    )
+    sensed = ModalModel(np.array([-1.0 + 10.0j]), np.ones((7, 1), dtype=complex))
+    if seen:
+        assert len(displacement_shapes(sensed, channels, GEOMETRY)) == 1
+    else:
+        with pytest.raises(InputError, match=r"do not determine theta \("):
+            displacement_shapes(sensed, channels, GEOMETRY)
+
+
+def test_modes_are_complex_numbers_of_double_precision_whatever_they_are_made_of() -> None:
+    poles: Any = np.array([-1.0 + 2.0j, -1.0 + 1.0j], dtype=np.complex64)
+    shapes: Any = np.array([[1.0, 2.0], [3.0, 4.0]], dtype=np.float32)
+    model = ModalModel(poles, shapes)
+    assert (model.poles.dtype.name, model.shapes.dtype.name) == ("complex128", "complex128")
+    assert model.shapes[0].tolist() == pytest.approx([0.5, 1.0 / 3.0], rel=1e-15)

@@ -76,3 +76,7 @@ def test_a_pair_of_the_first_two_channels_is_tied() -> None:
     ties = mirror.ties(np.array([1.0, -1.0]))
     assert ties.owner.tolist() == [0, 0, 1]
     assert ties.sign.tolist() == [[1.0, 1.0], [1.0, -1.0], [1.0, 1.0]]
+
+
+def test_five_millimetres_are_still_the_mirror_place() -> None:
+    assert list(mirror_of((body("left", 0.0, 0.5), body("right", 0.005, -0.5))).image) == [1, 0]

@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
     ("strength", "n"),
     [
         ([10.0, 2.87, 1.0, 1.0, 1.0], 2),
+        ([10.0, 2.858, 1.0, 1.0, 1.0], 1),
         ([10.0, 2.84, 1.0, 1.0, 1.0], 1),
         ([1.0, 1.1e-11, 1e-15, 1e-15, 1e-15], 2),
         ([1.0, 0.9e-11, 1e-15, 1e-15, 1e-15], 1),
@@ -58,6 +59,9 @@ def test_a_record_of_a_few_samples_is_realised_by_half_of_them() -> None:
     [
         ([1.0, 1e-8, 0.9e-11], 2),
         ([1.0, 1e-8, 1.1e-11], None),
+        ([1.0, 1e-8, 1e-11], None),
+        ([1.0, 100 * 2.0**-40, 2.0**-40], None),
+        ([1.0, 101 * 2.0**-40, 2.0**-40], 2),
         ([1.0, 1.01e-9, 1e-11 * 0.9999], 2),
         ([1.0, 0.99e-9, 1e-11 * 0.9999], None),
         ([1.0, 1e-3, 1e-13, 1e-14], 2),
@@ -126,6 +130,7 @@ def test_delay_vectors_of_all_records_span_the_directions() -> None:
     rows = np.array([np.concatenate([mean[i], mean[i + 2], mean[i + 4]]) for i in range(4)])
     space = delay_space([long, short], 10.0, Delays(3, 2))
     assert space.strength[:4] == pytest.approx(np.linalg.svd(rows, compute_uv=False))
+    assert space.directions.shape == (6, 4)
     assert [c.shape[0] for c in space.coordinates] == [4]
     assert space.coordinates[0] @ space.directions.T == pytest.approx(rows)
     assert delay_space([long], 10.0, Delays(3, 1)).coordinates == ()
@@ -152,7 +157,7 @@ def diagram(
 @pytest.mark.parametrize(
     ("strength", "highest"),
     [
-        (np.array([9.0, 2.1, 1.9, *np.ones(27)]), 14),  # two above twice the median, and 12
+        (np.array([9.0, 2.1, 2.0, *np.ones(27)]), 14),  # two above twice the median, and 12
         (np.array([9.0, 9.0, 9.0, *np.ones(7)]), 8),  # all but two
     ],
 )
@@ -174,6 +179,7 @@ def test_ranks_go_twelve_beyond_what_stands_out(
         (-1e-3 + 0.1j, -1e-3 + 0.124j, 2.0, True),
         (-1e-3 + 0.1j, -1e-3 + 0.126j, 2.0, False),
         (0.24 + 10j, 0.24 + 10j, 2.0, True),  # grows by half a neper
+        (0.25 + 10j, 0.25 + 10j, 2.0, False),
         (0.26 + 10j, 0.26 + 10j, 2.0, False),
         (-3 + 0j, -3 + 0j, 1.0, True),
     ],
@@ -212,9 +218,9 @@ def test_a_modal_model_is_sorted_and_scaled() -> None:
     assert np.isnan(model.damping_ratio_std).tolist() == [True, True]
     assert model.damping_ratios[0] == pytest.approx(0.6)
     assert model.frequencies_hz[0] == pytest.approx(5.0 / (2 * np.pi))
-    near = ModalModel(poles[:1], np.array([[1.0 + 0j], [-1.0 - 1e-7], [1.1e-6]]))
+    near = ModalModel(poles[:1], np.array([[1.0 + 0j], [-1.0 - 0.9e-6], [1.1e-6]]))
     assert near.shapes[0, 0] == 1.0
-    far = ModalModel(poles[:1], np.array([[1.0 + 0j], [-1.0 - 1e-5]]))
+    far = ModalModel(poles[:1], np.array([[1.0 + 0j], [-1.0 - 1.1e-6]]))
     assert far.shapes[1, 0] == 1.0
     with pytest.raises(ValueError, match="do not fit"):
         ModalModel(poles, np.ones((2, 3), complex))

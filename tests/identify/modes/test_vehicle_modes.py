@@ -16,7 +16,7 @@ from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.model.matrices import PhysicalModel, physical_model
 from identify.model.response import Bump, Response, exact_response
 from identify.modes.modal_model import ModalModel, displacement_shapes, mac, modes_of, sensor_rows
-from identify.modes.vehicle_modes import SensedModes, _model, sensed_modes
+from identify.modes.vehicle_modes import SensedModes, _model, sensed_modes, vehicle_diagram
 
 RUNS = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.WARP)
 GRANADA = physical_model(FORD_GRANADA)
@@ -187,3 +187,31 @@ def test_the_papers_channels_have_no_lone_one() -> None:
 def test_of_no_likely_modes_there_is_none_in_any_channel() -> None:
     model = _model(None, np.array([True, False, True]))
     assert (model.poles.shape, model.shapes.shape) == ((0,), (3, 0))
+
+
+def test_a_group_that_ends_on_the_bump_is_left_out() -> None:
+    """Its plug came loose in two runs: it has no decay there, and the others show the modes."""
+    records = campaign(GRANADA, 40.0, 2)
+    decays = [record.decay(0.3001) for record in records]
+    for run, n in ((1, 0), (2, 1)):
+        *others, last = decays[run].recordings
+        short = replace(last, time_s=last.time_s[:n], values=last.values[:n])
+        assert short.thinned(1.0).time_s.tolist() == short.time_s.tolist()
+        decays[run] = replace(decays[run], recordings=(*others, short))
+    sensed = sensed_modes(records, decays)
+    assert [c.name for c in sensed.channels] == ["az", "q", "p", "hub_FL", "hub_RL"]
+    assert len(sensed.model) == 7
+    assert vehicle_diagram(records, [decay.thinned(50.0) for decay in decays]) is not None
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_a_run_that_ends_with_its_bump_is_refused_in_words(n: int) -> None:
+    records = campaign(GRANADA, 40.0, 2)
+    decays = [record.decay(0.3001) for record in records]
+    ended = tuple(
+        replace(r, time_s=r.time_s[:n], values=r.values[:n]) for r in decays[0].recordings
+    )
+    decays[0] = replace(decays[0], recordings=ended)
+    with pytest.raises(InputError, match="free decays"):
+        sensed_modes(records, decays)
+    assert vehicle_diagram(records, decays) is None

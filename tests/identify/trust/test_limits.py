@@ -42,7 +42,10 @@ def _at(result: Estimation, **values: float) -> Estimation:
     return replace(result, fit=replace(result.fit, eta=eta))
 
 
-@pytest.mark.parametrize(("chi2", "severity"), [(1.49, Severity.WARNING), (1.51, Severity.ERROR)])
+@pytest.mark.parametrize(
+    ("chi2", "severity"),
+    [(1.49, Severity.WARNING), (1.5, Severity.WARNING), (1.51, Severity.ERROR)],
+)
 def test_a_misfit_of_one_and_a_half_is_refused(
     linear: Estimation, chi2: float, severity: Severity
 ) -> None:
@@ -222,8 +225,10 @@ def _suspect(
     ("shift", "severity"),
     [
         (0.019, Severity.NOTE),
+        (0.02, Severity.NOTE),
         (0.021, Severity.WARNING),
         (0.099, Severity.WARNING),
+        (0.1, Severity.WARNING),
         (0.101, Severity.ERROR),
     ],
 )
@@ -237,7 +242,8 @@ def test_a_cause_is_as_bad_as_what_it_moves(
 
 
 def test_a_cause_must_be_stronger_than_chance(linear: Estimation) -> None:
-    assert causes_of(linear, [_suspect(strength=0.99)]).findings == ()
+    for strength in (0.99, 1.0):
+        assert causes_of(linear, [_suspect(strength=strength)]).findings == ()
     assert len(causes_of(linear, [_suspect(strength=1.01)]).findings) == 1
 
 
@@ -251,8 +257,9 @@ def test_of_late_hubs_and_an_early_body_the_hubs_are_named(linear: Estimation) -
 
 def test_a_cause_that_explains_nine_tenths_needs_no_other(linear: Estimation) -> None:
     broken = replace(linear, chi2_per_n=1.4)
-    (finding,) = causes_of(broken, [_suspect(explained=0.91)]).findings
-    assert "explains 91 % of the misfit" in finding.text
+    for explained in (0.9, 0.91):
+        (finding,) = causes_of(broken, [_suspect(explained=explained)]).findings
+        assert f"explains {100 * explained:.0f} % of the misfit" in finding.text
 
 
 @pytest.mark.parametrize(
@@ -262,9 +269,13 @@ def test_a_cause_that_explains_nine_tenths_needs_no_other(linear: Estimation) ->
         (-1.19, "upside down"),
         (-0.81, "upside down"),
         (-0.79, "calibration"),
+        (0.0, "calibration"),
+        (float("nan"), "calibration"),
         (0.69, "unit or gain"),
+        (0.7, "unit or gain"),
         (0.71, "calibration"),
         (1.39, "calibration"),
+        (1.4, "unit or gain"),
         (1.41, "unit or gain"),
     ],
 )

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from daq.channels import Channel, Quantity
-from daq.vehicle import Corner, Structure, VehicleGeometry
+from daq.vehicle import Corner, VehicleGeometry
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.trust import cause_texts, contradiction, swaps
 from identify.trust.consistency import _size
 from identify.trust.contradiction import contradictions
-from identify.trust.linear_effects import structural
-from identify.trust.nonlinear_effects import _speeds
+from identify.trust.linear_effects import RICHEST, gains, lateness, structural
+from identify.trust.nonlinear_effects import _speeds, suspension_forces
 from identify.trust.refit import Explanation
 from identify.trust.sampling import _by_arrival, _Stretch
 from identify.trust.score_test import fitted_decays
@@ -120,6 +120,17 @@ def test_times_are_arrivals_where_most_are_those_of_frames(
     assert _by_arrival(run, group) is by_arrival
 
 
+@pytest.mark.parametrize(("on_arrival", "by_arrival"), [(4, False), (5, False), (6, True)])
+def test_more_than_half_of_the_samples_are_stamped_on_arrival(
+    on_arrival: int, by_arrival: bool
+) -> None:
+    t0_ns, t_ns = 5 * 10**9, 5 * 10**9 + np.arange(10) * 10**7
+    time_s = (t_ns - t0_ns) * 1e-9 + np.where(np.arange(10) < on_arrival, 0.0, 0.001)
+    group: Any = SimpleNamespace(t_ns=t_ns, time_s=time_s)
+    run: Any = SimpleNamespace(t0_ns=t0_ns, frames=range(1))
+    assert _by_arrival(run, group) is by_arrival
+
+
 def test_a_hold_counts_its_samples_from_the_first_of_them() -> None:
     """Ten samples of one value at the start of a decay of 100 samples a second, then motion."""
     channel = Channel("travel", Quantity.SUSPENSION_TRAVEL, "m", corner=Corner.FRONT_LEFT)
@@ -213,7 +224,7 @@ def test_the_trace_of_an_effect_is_that_of_the_vehicle_with_a_little_of_it() -> 
     (one,) = fitted_decays(corrected, 50.0)
     effects = structural(corrected, (one,))
     labels = [effect.label for effect in effects.effects]
-    rich = GreyBox(box.groups, states, None, Structure(anti_roll_bars=True, tyre_damping=True))
+    rich = GreyBox(box.groups, states, None, RICHEST)
 
     def outputs(recording: Recording, **added: float) -> NDArray[np.float64]:
         point = rich.unknowns_of(box.full(eta.astype(complex)).real)
@@ -229,9 +240,15 @@ def test_the_trace_of_an_effect_is_that_of_the_vehicle_with_a_little_of_it() -> 
     for recording, basis, trace in zip(
         one.decay.recordings, one.basis, effects.trace_of(one), strict=True
     ):
-        for name in ("k_af", "c_tr"):
-            h = 1e-4
-            slope = (outputs(recording, **{name: h}) - outputs(recording, **{name: -h})) / (2 * h)
+        h = 1e-4
+        for name, parts in {
+            "k_af": {"k_af": h},
+            "c_tr": {"c_tr": h},
+            "y_s": {"y_s": h},
+            "k_sf": {"k_sfl": h, "k_sfr": -h},
+        }.items():
+            less = {part: -size for part, size in parts.items()}
+            slope = (outputs(recording, **parts) - outputs(recording, **less)) / (2 * h)
             predicted = basis[:, :28] @ trace[:, :, labels.index(name)].T
             np.testing.assert_allclose(predicted, slope, atol=1e-4 * np.abs(slope).max())
 
@@ -315,3 +332,38 @@ def test_a_length_can_be_wrong_only_where_it_is_stated() -> None:
         effects = structural(replace(known, box=box, fit=fit), ()).effects
         labels = [effect.label for effect in effects if effect.cause == "a length is wrong"]
         assert labels == (["a", "b", "t_f", "t_r"] if stated else [])
+
+
+def test_each_effect_is_sized_in_a_unit_that_says_how_much() -> None:
+    """A unit of a trace is a neper or, of what may be zero, a usual size.
+
+    A neper more on the left and less on the right is a difference of 200 %, to first order.
+    """
+    known = shortly_estimated("linear", 1)
+    sizes = {
+        (effect.cause, effect.label): (effect.factor, effect.unit)
+        for kind in (
+            structural(known, ()),
+            lateness(known),
+            gains(known),
+            suspension_forces(known),
+        )
+        for effect in kind.effects
+    }
+    for axle in "fr":
+        assert sizes["anti-roll bars", f"k_a{axle}"] == (1e4, "N/m")
+        assert sizes["tyre damping", f"c_t{axle}"] == (100.0, "N s/m")
+        for name in ("m_u", "k_s", "k_t", "c_s"):
+            of_side = sizes["left and right differ", f"{name}{axle}"]
+            assert of_side == (200.0, "% more left than right")
+    assert sizes["CG off the middle", "y_s"] == (0.1, "m")
+    for axle in ("front", "rear"):
+        assert sizes["friction in the suspension", axle] == (1.0, "N")
+        rebound = "dampers stronger in rebound than in compression"
+        assert sizes[rebound, axle] == (2.0, "N s/m")
+    groups = {group.name for group in known.box.groups}
+    channels = {c.name for group in known.box.groups for c in group.channels}
+    for group in groups:
+        assert sizes[f"{group} late", group] == (1.0, "ms")
+    for channel in channels:
+        assert sizes[f"gain of {channel}", channel] == (100.0, "%")

@@ -23,6 +23,7 @@ def swapped(
     after_kg: float,
     explained: float = 0.3,
     states: tuple[MassState, ...] = STATES,
+    after_cost: float = 100.0,
 ) -> str | None:
     """Return the swap that is named, by the body's mass before and after it, of 40 kg added."""
 
@@ -33,7 +34,7 @@ def swapped(
             names=("m_s", "k_sf"), parameters=("m_s", "k_sf"), mass_states=states,
             values=lambda _: np.array([kg, 1e4]),
         )  # fmt: skip
-        fit = SimpleNamespace(cost=100.0 if after else 900.0, eta=np.zeros(2))
+        fit = SimpleNamespace(cost=after_cost if after else 900.0, eta=np.zeros(2))
         return SimpleNamespace(box=box, fit=fit, excess=2.0 * (1.0 - explained if after else 1.0))
 
     monkeypatch.setattr(swaps, "refit", refit)
@@ -68,7 +69,7 @@ def test_what_has_no_weights_cannot_run_away_from_them(monkeypatch: pytest.Monke
     assert swapped(monkeypatch, 1e6, 1000.0, states=STATES[:1]) is None
 
 
-@pytest.mark.parametrize(("explained", "named"), [(0.59, False), (0.61, True)])
+@pytest.mark.parametrize(("explained", "named"), [(0.59, False), (0.6, True), (0.61, True)])
 def test_a_swap_explains_three_fifths(
     explained: float, named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -117,3 +118,22 @@ def test_rates_of_the_body_may_be_exchanged() -> None:
     assert hypotheses(pitch, roll) == ["q and p swapped"]
     assert hypotheses(fast, slow) == ["qq and pp swapped"]
     assert hypotheses(pitch, slow) == []
+
+
+@pytest.mark.parametrize(("before_kg", "named"), [(1510.0, True), (1490.0, False)])
+def test_mass_that_is_added_as_a_matrix_counts_by_what_it_adds_to_the_body(
+    before_kg: float, named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 10 kg in the matrix and 40 kg of weights in the heavier state; the body has 30 times."""
+    matrix = np.diag([10.0, 500.0, 600.0, 1.0, 2.0, 3.0, 4.0])
+    matrix[0, 1] = matrix[1, 0] = 7.0
+    states = (*STATES, MassState("both", AddedMass(WEIGHTS.weights, matrix)))
+    assert (swapped(monkeypatch, before_kg, 1000.0, states=states) is not None) is named
+
+
+@pytest.mark.parametrize(("after_cost", "named"), [(801.0, False), (800.0, True), (799.0, True)])
+def test_a_swap_gains_a_hundred_squares_of_the_noise(
+    after_cost: float, named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = swapped(monkeypatch, 1000.0, 1000.0, 0.9, after_cost=after_cost)
+    assert (found is not None) is named
