@@ -22,7 +22,7 @@ _REACH = 0.1
 _LOOK_S = 5e-4
 """Interval at which the tyres are looked at, s: a fiftieth of the fastest motion of a wheel."""
 _MOST_CONDITION = 1e6
-"""Condition of the mode shapes above which modes are too much alike to be told apart."""
+"""Condition of the mode shapes above which modes are too alike to be separated."""
 
 Complex = NDArray[np.complex128]
 

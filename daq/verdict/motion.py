@@ -38,7 +38,7 @@ LEFT_SHARE = 0.15
 would fit a wave that was cut in the middle."""
 END_S = 0.5
 """Time over which the remaining motion is taken, s: half a period of a body at 1 Hz."""
-STIFF_SHARE = 0.2
+SHIFTED_SHARE = 0.2
 """Largest ratio of the change of the rest position to the peak of the travel.  Friction holds a car
 with leaf springs at 0.16 after a roll, and the other named cars at 0.02: more is a slipped weight
 or a person on the car."""
@@ -276,7 +276,7 @@ def rest_changed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) ->
         return float(np.mean(part)) if len(part) else 0.0
 
     worst = max(travels, key=lambda trace: abs(changed_m(trace)))
-    value, limit = abs(changed_m(worst)), STIFF_SHARE * largest
+    value, limit = abs(changed_m(worst)), SHIFTED_SHARE * largest
     text = (
         f"{worst.channel.name} rests {value * 1e3:.1f} mm from where it was (limit "
         f"{limit * 1e3:.1f} mm)"
