@@ -53,16 +53,6 @@ class Proposal:
         return tuple(question.line for question in self.asked)
 
 
-def propose_bench(dbc: str, dbc_text: str, codec: Codec, frames: FrameBatch | None) -> str:
-    """Return the text of a bench.toml that fits one DBC: see `propose_sensors`.
-
-    `dbc`: path of the DBC to be written.  `dbc_text`: its text.  `codec`: the compiled DBC.
-    `frames`: traffic of the car at rest, in order of arrival; None or empty: only names are used.
-    """
-    del codec  # compiled again, once, under the written name
-    return propose_sensors([Database(dbc, dbc_text)], (), frames, None).text
-
-
 def propose_sensors(
     databases: Sequence[Database],
     buses: Sequence[BusConfig],

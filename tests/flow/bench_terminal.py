@@ -18,7 +18,6 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from itertools import groupby
 from pathlib import Path
-from unittest import mock
 
 from textual.pilot import Pilot
 
@@ -27,8 +26,7 @@ from daq.control.address import control_address, is_running
 from daq.control.client import Client
 from daq.control.messages import Status
 from daq.control.orders import AskStatus, Mark, ShutDown
-from tui.recorders import process as recorders
-from tui.recorders.process import start_demo_recorder, wait_for_recorder
+from tui.recorders.process import failure, start_demo_recorder
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.base import LOCK_OUT_S
 from tui.terminal.state.feed import RecorderFeed
@@ -126,12 +124,20 @@ def demo_bench(
     """Give a bench whose recorders end with the test."""
     bench = DemoBench(folder, speed, repeats, fault, bumps)
     try:
-        with mock.patch.object(recorders, "PATIENCE_S", PATIENCE_S):
-            yield bench
+        yield bench
     finally:
         for process in bench.processes:
             process.kill()
             process.wait()
+
+
+def wait_for_recorder(process: subprocess.Popen[bytes], folder: Path) -> None:
+    """Wait until a started recorder answers."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not is_running(control_address(folder)):
+        assert not (failed := failure(process, folder)), failed
+        assert time.monotonic() < deadline_s, "the recorder does not answer"
+        time.sleep(0.05)
 
 
 def end_recorder(folder: Path) -> None:
@@ -148,7 +154,9 @@ def end_recorder(folder: Path) -> None:
 
 
 def terminal_on(
-    folder: Path, restart: Callable[[], object] = lambda: None, auto: bool = False
+    folder: Path,
+    restart: Callable[[], subprocess.Popen[bytes] | None] = lambda: None,
+    auto: bool = False,
 ) -> BenchApp:
     """Return a terminal on the recorder of a folder."""
     glyphs = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")

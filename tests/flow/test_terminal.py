@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import shutil
 from pathlib import Path
-from unittest import mock
 
 import pytest
 
@@ -14,11 +13,17 @@ from daq.control.messages import SessionState
 from daq.errors import InputError
 from daq.replay.recorded_source import whole_frames
 from daq.runlog.runlog import LoggedStatus
-from tui.recorders import process as recorders
-from tui.recorders.process import start_replay_recorder, wait_for_recorder
+from tui.recorders.process import start_replay_recorder
 from tui.terminal.state.steps import BenchStep, progress
 
-from .bench_terminal import PATIENCE_S, SHIPPED_BUMPS, PtyTerminal, demo_bench, seat, terminal_on
+from .bench_terminal import (
+    SHIPPED_BUMPS,
+    PtyTerminal,
+    demo_bench,
+    seat,
+    terminal_on,
+    wait_for_recorder,
+)
 
 KINDS = 6
 SPEED = 5.0
@@ -75,8 +80,7 @@ def results_by_space(folder: Path, session: Path) -> Path:
 
     player = start_replay_recorder(folder, session, 4.0 * SPEED)
     try:
-        with mock.patch.object(recorders, "PATIENCE_S", PATIENCE_S):
-            wait_for_recorder(player, folder)
+        wait_for_recorder(player, folder)
         return asyncio.run(act())
     finally:
         player.kill()

@@ -21,11 +21,11 @@ from tui.commands.tui import _starter, _wanted
 from tui.recorders.daemon import Lifetime, _Daemon, _Signals
 from tui.recorders.log import BURST, Log
 from tui.recorders.process import (
+    failure,
     last_line,
     start_demo_recorder,
     start_recorder,
     start_replay_recorder,
-    wait_for_recorder,
 )
 from tui.recorders.recording import OpenedAtStart, print_outcome, recorded_session
 
@@ -36,10 +36,10 @@ from ..daq.small_session import small_session
 class Started:
     """A process that is only noted."""
 
-    def __init__(self, ended: bool) -> None:
+    def __init__(self) -> None:
         self.commands: list[list[str]] = []
         self.options: dict[str, Any] = {}
-        self.ended = ended
+        self.code: int | None = None
 
     def __call__(self, command: list[str], **options: Any) -> Started:
         self.commands.append(command)
@@ -47,13 +47,13 @@ class Started:
         return self
 
     def poll(self) -> int | None:
-        """Say whether it has ended."""
-        return 1 if self.ended else None
+        """Return the exit code; None while it runs."""
+        return self.code
 
 
 @pytest.fixture
 def started(monkeypatch: pytest.MonkeyPatch) -> Started:
-    made = Started(ended=True)
+    made = Started()
     monkeypatch.setattr("tui.recorders.process.subprocess.Popen", made)
     return made
 
@@ -99,9 +99,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     assert refused.value.where == str(tmp_path / "file" / "day")
 
 
-def test_a_recorder_that_ends_or_hangs_is_reported_with_its_log(
-    tmp_path: Path, started: Started, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_end_of_a_recorder_is_the_last_line_of_its_log(tmp_path: Path) -> None:
     assert last_line(tmp_path) == "no log"
     log = tmp_path / "recorder.log"
     log.write_text(" \n\n")
@@ -110,15 +108,23 @@ def test_a_recorder_that_ends_or_hangs_is_reported_with_its_log(
     assert last_line(tmp_path) == "can0: no such bus"
     log.write_text("Traceback\nValueError: odd\n")
     assert last_line(tmp_path) == "ValueError: odd"
-    with pytest.raises(InputError, match="the recorder ended: ValueError: odd"):
-        wait_for_recorder(cast(Any, started), tmp_path)
-    clock = iter((0.0, 20.0, 20.1))
-    monkeypatch.setattr("tui.recorders.process.time.monotonic", lambda: next(clock))
-    monkeypatch.setattr("tui.recorders.process.time.sleep", lambda _: None)
-    started.ended = False
-    with pytest.raises(InputError, match="does not answer"):
-        wait_for_recorder(cast(Any, started), tmp_path)
-    assert list(clock) == [], "it is waited for as long as twenty seconds"
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (None, ""),
+        (0, ""),
+        (2, "the recorder ended: can0: no such bus"),
+        (-9, "the recorder was ended by SIGKILL"),
+    ],
+)
+def test_a_recorder_has_failed_if_it_ended_and_was_not_shut_down(
+    code: int | None, words: str, tmp_path: Path, started: Started
+) -> None:
+    (tmp_path / "recorder.log").write_text("bumpbench: error: can0: no such bus\n")
+    started.code = code
+    assert failure(cast(Any, started), tmp_path) == words
 
 
 def test_the_terminal_starts_the_recorder_that_was_asked_for(

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import pytest
 from textual_serve.server import Server
@@ -23,9 +23,9 @@ from daq.control.orders import AskStatus, Order
 from daq.errors import InputError
 from tui.browser import server
 from tui.cli import run
-from tui.commands.tui import attach
 from tui.terminal.screens.display_link import DisplayLinkScreen
 from tui.terminal.state.display_link import DisplayLink
+from tui.terminal.state.feed import RecorderFeed
 from tui.terminal.state.glyphs import GlyphSet
 
 from ..daq.a_status import a_status
@@ -69,7 +69,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Opened:
     monkeypatch.setenv("USER", "anna")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.setattr("tui.commands.tui.pause_collector", lambda _: None)
-    monkeypatch.setattr("tui.commands.tui.attach", lambda folder, _: made.attached.append(folder))
+    monkeypatch.setattr(RecorderFeed, "attach", lambda feed: made.attached.append(feed._folder))
     monkeypatch.setattr("tui.terminal.app.BenchApp", made)
     monkeypatch.setattr("tui.display.start.display_beside_terminal", made.beside)
     return made
@@ -117,16 +117,6 @@ def test_who_is_not_named_is_the_user_to_the_recorder_and_asked_on_the_screen(
     assert run(["tui", "--demo"]) == 0
     ((feed, _, _, name, _, _), _) = opened.apps[1]
     assert (feed._name, name) == ("demo", "demo")
-
-
-@pytest.mark.parametrize("runs", [False, True])
-def test_a_recorder_is_started_where_none_answers(
-    runs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    started: list[int] = []
-    monkeypatch.setattr("daq.control.is_running", lambda _: runs)
-    attach(tmp_path, cast(Any, lambda: started.append(1)))
-    assert started == [1] * (not runs)
 
 
 # Browsers -----------------------------------------------------------------------------------------

@@ -91,7 +91,7 @@ def tui(
     with display_beside_terminal(folder, display, name, display_control) as link:
         app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted, choices=choices)
         app.display_link = partial(DisplayLinkScreen, link) if link is not None else None
-        attach(folder, start)  # after all checks of the command
+        feed.attach()  # after all checks of the command
         app.run()
     return app.return_code or ExitCode.OK
 
@@ -147,14 +147,6 @@ def check_fault(folder: Path, fault: str | None) -> None:
         why = f"a recorder already runs in {folder} and cannot take a fault"
         advice = "leave --fault out to attach to it, or name another folder with --out"
         raise InputError(f"--fault {fault}", why, advice)
-
-
-def attach(folder: Path, start: Callable[[], subprocess.Popen[bytes]]) -> None:
-    """Start a recorder in a folder unless one answers there."""
-    from daq.control import control_address, is_running
-
-    if not is_running(control_address(folder)):
-        start()
 
 
 def _check_options(demo: bool, fault: str | None, replay: Path | None) -> None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 LOG = "recorder.log"
-PATIENCE_S = 20.0
-_POLL_S = 0.05
 
 
 def start_recorder(
@@ -50,22 +48,14 @@ def start_replay_recorder(folder: Path, session: Path, speed: float) -> subproce
     return _start([*arguments, "--speed", f"{speed:g}"], folder)
 
 
-def wait_for_recorder(process: subprocess.Popen[bytes], folder: Path) -> None:
-    """Wait until a started recorder answers.
-
-    Raises InputError if it ends, with the last line of its log, or does not answer in time.
-    """
-    from daq import InputError
-    from daq.control import control_address, is_running
-
-    address = control_address(folder)
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not is_running(address):
-        if process.poll() is not None:
-            raise InputError(str(folder), f"the recorder ended: {last_line(folder)}", f"see {LOG}")
-        if time.monotonic() > deadline_s:
-            raise InputError(str(folder), "the recorder does not answer", f"see {LOG} there")
-        time.sleep(_POLL_S)
+def failure(process: subprocess.Popen[bytes], folder: Path) -> str:
+    """Return why a started recorder has failed, in words; empty while it runs or after its end."""
+    code = process.poll()
+    if not code:
+        return ""
+    if code < 0:
+        return f"the recorder was ended by {signal.Signals(-code).name}"
+    return f"the recorder ended: {last_line(folder)}"
 
 
 def last_line(folder: Path) -> str:

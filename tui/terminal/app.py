@@ -110,7 +110,7 @@ class BenchApp(ScreensApp, KeyboardApp):
         self.feed, self.folder, self.glyphs, self.operator = feed, folder, glyphs, operator
         self.auto, self.clock = auto, clock
         self.lost: Lost | None = None
-        self.in_control, self.role_text = False, ""
+        self.in_control = False
         self.lanes = Lanes()
         self.bench: Bench | None = None
         self.bench_text = ""
@@ -171,6 +171,8 @@ class BenchApp(ScreensApp, KeyboardApp):
                 live = True
             elif isinstance(news, Role):
                 self._history_of = ""
+                if news.text:
+                    self.warn(news.text)
             elif isinstance(news, Setup):
                 self._other.compare(news, self._role.in_control)
             else:
@@ -180,7 +182,7 @@ class BenchApp(ScreensApp, KeyboardApp):
                 if isinstance(self.screen, ModalScreen) and not news.starting:
                     self.warn(LOST_IN_A_FIELD)
             self._news.popleft()
-        self.in_control, self.role_text = self._role.in_control, self._role.text
+        self.in_control = self._role.in_control
         if status is not None:
             await self._process_status(status)
         if live:

@@ -11,7 +11,7 @@ import pytest
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.channels import Quantity
 from daq.check.guess_map import guess_corner, guess_quantity, words
-from daq.check.propose import propose_bench
+from daq.check.propose import propose_sensors
 from daq.vehicle import Corner
 from dbc import parse_codec
 from dbc.crc import CRC_RULES
@@ -59,9 +59,8 @@ def _traffic() -> list[Row]:
 
 
 def _proposed(traffic: list[Row] | None) -> tuple[str, Bench]:
-    codec = parse_codec(DBC, "car.dbc")
     frames = None if traffic is None else frame_batch(traffic)
-    text = propose_bench("car.dbc", DBC, codec, frames)
+    text = propose_sensors([Database("car.dbc", DBC)], (), frames, None).text
     bench = parse_bench(text, "proposed", Path(), DBC)
     bench_codec(bench)  # fits its DBC
     return text, bench
@@ -127,8 +126,7 @@ def test_a_clock_that_runs_at_another_rate_is_not_taken() -> None:
 def test_hostile_names_stay_inside_their_quotes() -> None:
     # What a tool may write into a comment must not become TOML.
     text = DBC.replace("Nick rate of the car", "nick\\\n[bus]\nchannel = 1\n")
-    codec = parse_codec(text, "odd.dbc")
-    proposal = propose_bench('a"b\n.dbc', text, codec, None)
+    proposal = propose_sensors([Database('a"b\n.dbc', text)], (), None, None).text
     assert tomllib.loads(proposal)["dbc"] == 'a"b\n.dbc'
     assert tomllib.loads(proposal)["bus"]["channel"] == "can0"
 

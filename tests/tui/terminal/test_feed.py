@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from queue import Empty, Queue
@@ -120,3 +122,38 @@ def test_a_restart_is_reported_as_one(tmp_path: Path) -> None:
     listener.restart()
     assert started == [1]
     assert posted == [feed.STARTING]
+
+
+@pytest.mark.parametrize("runs", [False, True])
+def test_a_recorder_is_started_where_none_answers(
+    runs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[int] = []
+    monkeypatch.setattr(feed, "is_running", lambda _: runs)
+    RecorderFeed(tmp_path, "MK", lambda: started.append(1)).attach()
+    assert started == [1] * (not runs)
+
+
+@pytest.mark.parametrize(
+    ("end", "words"),
+    [
+        ("raise SystemExit(2)", "the recorder ended: no room for the journal"),
+        ("import os; os.kill(os.getpid(), 9)", "the recorder was ended by SIGKILL"),
+        ("", "no recorder is running there"),
+    ],
+)
+def test_a_recorder_that_does_not_come_up_is_reported_with_the_reason_in_its_log(
+    end: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "recorder.log").write_text("bumpbench: error: no room for the journal\n")
+    process = subprocess.Popen([sys.executable, "-I", "-S", "-c", end])
+    process.wait()
+    monkeypatch.setattr(feed, "is_running", lambda _: False)
+    listener = RecorderFeed(tmp_path, "MK", lambda: process)
+    listener.attach()
+    gone = RecorderGoneError("here", "no recorder is running there", "start one")
+    lost = listener._lost(gone)
+    assert lost.text == words
+    if end:
+        assert "recorder.log" in lost.advice
+        assert not listener._is_starting(), "nobody waits for one that has ended"

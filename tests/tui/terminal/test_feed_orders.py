@@ -128,7 +128,7 @@ def test_control_that_another_terminal_has_taken_is_said_once(
     client.script += [STATUS, "taken", STATUS]
     posted = posts(tmp_path, lost)
     roles = [news for news in posted if isinstance(news, Role)]
-    assert roles == [Role(True), Role(False, "another terminal has taken control")]
+    assert roles == [Role(True), Role(False, "another terminal has taken control: C takes it back")]
 
 
 @pytest.mark.parametrize(("age_s", "inherits"), [(3.9, True), (4.0, False)])

@@ -185,6 +185,7 @@ async def test_a_viewer_gives_no_orders_until_it_has_taken_over(make_app: MakeAp
         recorder.publish()
         await pilot.pause()
         assert "VIEWER" in screen_text(app).splitlines()[0]
+        assert "somebody else has taken over" in screen_text(app), "and why the keys are dead"
 
 
 async def test_a_lost_recorder_is_shown_everywhere_and_restarted(make_app: MakeApp) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
 import threading
 import time
 from collections.abc import Callable
@@ -28,6 +29,8 @@ from daq.control import (
     is_running,
     unreachable_words,
 )
+
+from ...recorders.process import LOG, failure
 
 RETRY_S = 0.5
 SLICE_S = 0.25
@@ -98,19 +101,22 @@ class Feed(Protocol):
 class RecorderFeed:
     """The recorder of a folder, over `daq.control.client`; it may end and start again.
 
-    `name`: name of the person.  `start_recorder`: starts a recorder in the folder; called when the
-    operator requests it.  `control`: False to look on until a `Hello` requests control.
+    `name`: name of the person.  `start_recorder`: starts a recorder in the folder, by `attach` and
+    when the operator requests it, and returns its process.  `control`: False to look on until a
+    `Hello` requests control.
     """
 
     def __init__(
         self,
         folder: Path,
         name: str,
-        start_recorder: Callable[[], object],
+        start_recorder: Callable[[], subprocess.Popen[bytes] | None],
         control: bool = True,
     ) -> None:
         self._folder, self._name, self._control = folder, name, control
         self._start_recorder = start_recorder
+        self._recorder: subprocess.Popen[bytes] | None = None
+        """The recorder that this terminal has started."""
         self._stop, self._reconnect = threading.Event(), threading.Event()
         self._take_over = False
         self._client: Client | None = None
@@ -119,6 +125,11 @@ class RecorderFeed:
         self._post: Callable[[News], None] | None = None
         self._reported: Lost | None = None
         self._thread: threading.Thread | None = None
+
+    def attach(self) -> None:
+        """Start a recorder unless one answers.  Raises InputError if it does not start."""
+        if not is_running(control_address(self._folder)):
+            self._recorder = self._start_recorder()
 
     def start(self, post: Callable[[News], None]) -> None:
         """Begin to post news."""
@@ -148,7 +159,7 @@ class RecorderFeed:
                 )
             time.sleep(RETRY_S / 5)
         try:
-            self._start_recorder()
+            self._recorder = self._start_recorder()
         except BumpbenchError as error:
             raise OrderRefusedError(str(error)) from error
         self._born_s, self._reported = time.monotonic(), None
@@ -194,18 +205,27 @@ class RecorderFeed:
             self._client = None
             client.close()
             if lost_text:
+                lost_text = self._failure() or lost_text
                 self._reported = Lost(lost_text, "all frames up to then are on the disk")
                 post(self._reported)
 
     def _lost(self, error: BumpbenchError) -> Lost:
-        """Return why there is no connection: no recorder, or one that this user cannot reach."""
+        """Return why there is no connection: none runs, ours failed, or it cannot be reached."""
         if words := unreachable_words(self._folder):
             advice = "it hangs, or was started with another HOME: end it, or name another --out"
             return Lost(words, advice)
+        if words := self._failure():
+            return Lost(words, f"see {LOG} in its folder")
         return Lost(error.what, error.advice)
+
+    def _failure(self) -> str:
+        """Return why the recorder that this terminal has started failed, or an empty text."""
+        return failure(self._recorder, self._folder) if self._recorder is not None else ""
 
     def _is_starting(self) -> bool:
         """Return True while a recorder that was started may take longer to answer."""
+        if self._failure():
+            return False
         age_s = time.monotonic() - self._born_s
         return age_s <= BIRTH_S or (age_s <= SLOW_BIRTH_S and is_locked(self._folder))
 
@@ -245,7 +265,7 @@ class RecorderFeed:
                 return f"the recorder has been silent for {SILENT_S:g} s"
             if in_control and not client.in_control:
                 in_control = False
-                post(Role(False, "another terminal has taken control"))
+                post(Role(False, "another terminal has taken control: C takes it back"))
             if was_refused and isinstance(news, Status) and not news.controller:
                 was_refused = False
                 if time.monotonic() - begun_s < HEIR_S:
