@@ -10,7 +10,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from dbc import Codec
 from dbc.errors import printable
 from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout

@@ -11,16 +11,15 @@ import uuid
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
-from pathlib import Path
 
 from dbc import Codec
 from dbc.frames import FrameBatch
 from dbc.samples import Decoded
 
-from ..bench.config import Bench, bench_codec, parse_bench
+from ..bench.config import Bench
 from ..channels import Quantity
 from ..errors import InputError
-from ..journal.contents import HopCounts, JournalContents
+from ..journal.contents import HopCounts
 from ..journal.format import JournalHead
 from ..runlog.fold import fold
 from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
@@ -38,25 +37,6 @@ _TEXT_BYTES = 160
 """Length of an event's text in a session file, bytes."""
 _EDGE_S = 0.05
 """A run is incomplete if its first or last sample lies further inside its window than this, s."""
-
-
-def session_from_journal(contents: JournalContents) -> Session:
-    """Build the session from a journal in memory.
-
-    Raises InputError if the bench.toml or DBC in the journal can no longer be used.
-    """
-    run_log = fold(contents.events)
-    text = run_log.bench_text or contents.bench_text
-    bench = parse_bench(text, "bench.toml in the journal", Path(), contents.dbc_text)
-    session = build_session(
-        bench, bench_codec(bench), contents.frames, contents.events, contents.hops, {}
-    )
-    digests = [frames_digest(run) for run in session.runs]
-    loss = contents.lost.text if contents.lost.any else ""
-    about = {"dbc": contents.dbc_text, "bench_toml": text}
-    return replace(
-        session, provenance=journal_provenance(contents.head, run_log, digests, loss) | about
-    )
 
 
 def journal_provenance(

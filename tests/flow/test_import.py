@@ -17,9 +17,8 @@ from daq.bench.config import parse_bench
 from daq.bus.source import HopLosses
 from daq.clocks import Now
 from daq.control.orders import Arm, Until
-from daq.derive.build_samples import session_from_journal
+from daq.derive.build_session import derive
 from daq.journal.format import JournalHead
-from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
 from daq.recorder.recording import Recording
 from daq.sim.ecu import campaign_frames
@@ -95,8 +94,8 @@ def test_a_campaign_as_blf_through_a_foreign_dbc_gives_the_same_samples(
             recorder.store(frames.select(slice(first, first + 400)), HopLosses())
             recorder.look(now)
         paths = journal.paths
-    recorded = session_from_journal(read_journal(paths))
-    daq.write_session(tmp_path / "recorded.h5", recorded)
+    derive(paths, tmp_path / "recorded.h5")
+    recorded = daq.read_session(tmp_path / "recorded.h5")
 
     _write_blf(tmp_path / "campaign.blf", frames)
     (tmp_path / "foreign.dbc").write_text(_foreign(shipped_dbc()), "utf-8")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import Bench, bench_codec, parse_bench
+from daq.bench.databases import Database
 from daq.channels import Quantity
 from daq.check.guess_map import guess_corner, guess_quantity, words
 from daq.check.propose import propose_sensors

@@ -12,11 +12,11 @@ from daq.bench.campaign import Campaign
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses
 from daq.channels import Channel, Quantity
-from daq.derive.build_samples import build_session, session_from_journal
+from daq.derive.build_samples import build_session
+from daq.derive.build_session import derive
 from daq.errors import InputError
 from daq.journal.contents import HopCounts
 from daq.journal.format import JournalHead
-from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
 from daq.runlog.entries import entry, verdict_entry
 from daq.runlog.runlog import Code
@@ -238,7 +238,8 @@ def test_the_last_bench_toml_holds_and_what_persons_said_goes_along(tmp_path: Pa
                 entry(Code.OVERRIDE, START_NS, subject="bus", reason="known", by="Bob"),
             ]
         )
-    session = session_from_journal(read_journal(journal.paths))
+    derive(journal.paths, tmp_path / "session.h5")
+    session = read_session(tmp_path / "session.h5")
     assert session.vehicle.name == "Other car"
     assert session.provenance["bench_toml"] == newer
     assert session.provenance["uuid"].replace("-", "") == "ab" * 16
@@ -325,15 +326,17 @@ def test_a_journal_gives_the_same_session_each_time_and_the_file_gives_it_back(
     with JournalWriter(tmp_path, head) as journal:
         journal.append(frames, HopLosses())
         journal.append_events([replace(BUMP, t_ns=START_NS + 1_200_000_000)])
-    session = session_from_journal(read_journal(journal.paths))
-    assert_same(session_from_journal(read_journal(journal.paths)), session)
+    derive(journal.paths, tmp_path / "s.h5")
+    session = read_session(tmp_path / "s.h5")
+    derive(journal.paths, tmp_path / "again.h5")
+    assert (tmp_path / "again.h5").read_bytes() == (tmp_path / "s.h5").read_bytes()
     assert session.provenance["created"] == "2027-01-15T08:00:00+00:00"
     assert (session.provenance["dbc"], session.provenance["software"]) == (
         bench.dbc_text,
         "test 1",
     )
-    write_session(tmp_path / "s.h5", session)
-    again = read_session(tmp_path / "s.h5")
+    write_session(tmp_path / "written.h5", session)
+    again = read_session(tmp_path / "written.h5")
     assert dict(again.provenance) == dict(session.provenance)
     assert_same(again, replace(session, provenance=again.provenance))
 

@@ -14,12 +14,11 @@ from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.databases import stored_databases
 from daq.bus.source import HopLosses
 from daq.check.check import check_bench, part_of
-from daq.derive.build_samples import session_from_journal
+from daq.derive.build_session import derive
 from daq.derive.from_logs import Intake, labelled, session_from_parts
 from daq.derive.redecode import redecoded
 from daq.errors import InputError
 from daq.journal.format import JournalHead
-from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
 from daq.samples.groups import group_names
 from daq.session import read_session, write_session
@@ -153,7 +152,8 @@ def test_a_journal_needs_nothing_else(tmp_path: Path) -> None:
     with JournalWriter(tmp_path, head) as journal:
         journal.append(frames(), HopLosses())
         journal.append_events(list(imported().runs[0].events))
-    session = session_from_journal(read_journal(journal.paths))
+    derive(journal.paths, tmp_path / "session.h5")
+    session = read_session(tmp_path / "session.h5")
     for name in ("acc_a", "acc_b", "pot_rr", "hub_fl"):
         assert level(session, name) == level(imported(), name)
 
