@@ -83,10 +83,9 @@ class Recorder:
 
     `folder`: for session files; segments are written to the folder `journal` in it.  `open_source`:
     opens a bus, given its description and its number; may raise any exception.  `software`: name
-    and version, for the journal.  `resume`: resume the newest campaign in the folder if it was not
-    ended.  `create`: creates a file of the journal.  `pieces`: the queue between readers and
-    writer.  `clock`: reads the host's clocks.  Raises InputError if bench.toml and DBC contradict
-    each other.
+    and version, for the journal.  `create`: creates a file of the journal.  `pieces`: the queue
+    between readers and writer.  `clock`: reads the host's clocks.  Raises InputError if bench.toml
+    and DBC contradict each other.
     """
 
     def __init__(
@@ -96,7 +95,6 @@ class Recorder:
         open_source: OpenSource,
         *,
         software: str,
-        resume: bool = True,
         create: CreateFile = SyncedFile,
         pieces: PieceQueue | None = None,
         clock: Callable[[], Now] = read_clocks,
@@ -107,7 +105,6 @@ class Recorder:
         self._journal = folder / JOURNAL_FOLDER
         self._open_source = open_source
         self._software = software
-        self._resume = resume
         self._create = create
         self._clock = clock
         self._pieces = pieces or PieceQueue()
@@ -298,7 +295,7 @@ class Recorder:
         """Resume the last campaign, or build its session file if necessary and begin a new one."""
         now = self._clock()
         seal_left_open(self._journal)
-        found = resumable(self._journal, self._bench) if self._resume else ""
+        found = resumable(self._journal, self._bench)
         if isinstance(found, str):
             self._begun = found
         else:

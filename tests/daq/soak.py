@@ -99,7 +99,7 @@ class Soak(AbstractContextManager["Soak"]):
         self.bench = TirelessBench(one_bump(bench_codec(bench)), pieces)
         self._folder = folder
         self._engine = Recorder(
-            bench, folder, lambda *_: self.bench, software="soak", pieces=pieces, resume=False
+            bench, folder, lambda *_: self.bench, software="soak", pieces=pieces
         )
         address = Address(f"ipc://{folder}/control", f"ipc://{folder}/news")
         self._server = Server(self._engine.submit, address)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -131,13 +132,16 @@ def test_a_killed_recorder_is_taken_up_again(quick: Bench, codec: Codec, tmp_pat
     finish(lambda *_: None)
 
 
-def test_a_recording_that_was_ended_or_is_not_wanted_is_left_alone(
+def test_a_recording_that_was_ended_or_has_another_dbc_is_left_alone(
     quick: Bench, codec: Codec, tmp_path: Path
 ) -> None:
     names = []
-    for k, (end, resume) in enumerate([(False, True), (False, True), (True, False), (False, True)]):
+    other = replace(quick, dbc_text=quick.dbc_text + "\n")
+    for k, (bench, end) in enumerate(
+        [(quick, False), (quick, False), (other, True), (other, False)]
+    ):
         script = Script(blocks(bumps(codec, 1)))
-        with Running(quick, tmp_path, sources(script), resume=resume) as running:
+        with Running(bench, tmp_path, sources(script)) as running:
             running.until(lambda s: s.disk.recorded_frames in (1200, 2400))
             names.append(running.last.recording)
             if k == 2:  # what was left without a session file gets it
