@@ -96,7 +96,7 @@ def demo(
         result = method.identify(session, stage)
     truth, document = present_parameters(simulated), result.document()
     if json:
-        from ..jobs.reporting import file_sha256
+        from ..jobs.source import file_sha256
 
         document["source"]["file_sha256"] = file_sha256(path)
         print_json({**document, "truth": truth, "session": str(path)})

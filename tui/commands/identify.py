@@ -40,7 +40,7 @@ def identify(
     if model is not None:
         write_model(result, model)
     if json:
-        from ..jobs.reporting import file_sha256
+        from ..jobs.source import file_sha256
 
         document["source"]["file_sha256"] = file_sha256(session)
         print_json(document)

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import gc
-import hashlib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,33 +12,17 @@ from daq.files import write_bytes
 from dbc import InputError
 
 from .helpers import helpers
+from .source import source_of
 
 if TYPE_CHECKING:  # slow to load
     from identify import Judgement
-    from identify.report import Picture, Report, Source
+    from identify.report import Picture, Report
 
 _HEAVY = (
     "identify.report.html",
     "identify.report.figures.panels",
     "matplotlib.backends.backend_svg",
 )
-_LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
-
-
-def file_sha256(path: Path) -> str:
-    """Return the hash of a session file, in hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def source_of(path: Path, operator: str = "", approver: str = "") -> Source:
-    """Return the source of the numbers of a session file, and the persons responsible for them."""
-    from identify.report import Source
-
-    digest = file_sha256(path)
-    libraries = {name: version(name) for name in _LIBRARIES}
-    today = datetime.now(UTC).date().isoformat()
-    return Source(path.name, digest, version("bumpbench"), libraries, today, operator, approver)
 
 
 def write_report(
