@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import hashlib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
@@ -28,17 +27,12 @@ _HEAVY = (
 _LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
 
 
-def file_sha256(path: Path) -> str:
-    """Return the hash of a session file, in hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def source_of(path: Path, operator: str = "", approver: str = "") -> Source:
     """Return the source of the numbers of a session file, and the persons responsible for them."""
+    import daq
     from identify.report import Source
 
-    digest = file_sha256(path)
+    digest = daq.file_sha256(path)
     libraries = {name: version(name) for name in _LIBRARIES}
     today = datetime.now(UTC).date().isoformat()
     return Source(path.name, digest, version("bumpbench"), libraries, today, operator, approver)
