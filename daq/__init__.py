@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .errors import BumpbenchError as BumpbenchError
     from .errors import BusError as BusError
     from .errors import InputError as InputError
+    from .files import file_sha256 as file_sha256
     from .formats.log import read_log as read_log
     from .recorder.recorder import Recorder as Recorder
     from .runs import ADDED as ADDED

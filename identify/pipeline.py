@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
 from math import nan
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -46,6 +46,9 @@ from .real_car import explained_by_elements
 from .trust.finding import Judgement
 from .trust.judge import judge
 from .trust.shortcomings import shortcomings
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 Progress = Callable[[float, str], None]
 """Receives the share of the work that is done, 0..1, and the next step."""

@@ -8,10 +8,12 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from .commands.batch import batch
 from .commands.check import check
@@ -46,8 +48,45 @@ GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
 """Commands by their user, in the order of `--help`; `study` comes last."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Plain:
+    """Converts a word of the command line to a path, a text or nothing.
+
+    Typer does so by pydantic, which takes as long to load as NumPy.
+    """
+
+    kind: type[Path] | type[str] | type[bool]
+    """What the word becomes."""
+
+    def coerce(self, value: Any, param: object, ctx: object) -> Any:
+        """Return the converted word; None if there is none."""
+        return None if value is None else self.kind(value)
+
+
+def _plainly(params: list[Any]) -> list[Any]:
+    """Return the parameters of a command; those that take one path or text convert plainly."""
+    for param in params:
+        # Typer 0.28 has no descriptors, and no pydantic.
+        kind = getattr(getattr(param, "type_descriptor", None), "annotation", None)
+        if kind in (Path, str, bool) and param.nargs == 1 and not param.multiple:
+            param._runtime_param = _Plain(kind)
+    return params
+
+
+class _Single(TyperCommand):
+    """One command."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters, that of help among them."""
+        return _plainly(super().get_params(ctx))
+
+
 class _Grouped(TyperGroup):
     """Lists the commands in groups, with whole sentences."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters, that of help among them."""
+        return _plainly(super().get_params(ctx))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the groups; those of `rich_help_panel`, without rich."""
@@ -89,7 +128,7 @@ def _bumpbench(
 
 for title, commands in GROUPS.items():
     for command in commands:
-        app.command(command.__name__.rstrip("_"), rich_help_panel=title)(command)
+        app.command(command.__name__.rstrip("_"), cls=_Single, rich_help_panel=title)(command)
 app.add_typer(study, name="study")
 
 

@@ -6,14 +6,12 @@ import json
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, Protocol
-
-from rich.console import Console, JustifyMethod
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
-from rich.text import Text
+from typing import TYPE_CHECKING, Any, Protocol
 
 from daq.strict_json import strict
+
+if TYPE_CHECKING:  # slow to load; a program that reads JSON needs none of it
+    from rich.console import Console, JustifyMethod
 
 _FILE_WIDTH = 400
 
@@ -25,6 +23,9 @@ def print_json(document: Mapping[str, Any]) -> None:
 
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
     """Write a table: the first column to the left, numbers to the right."""
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table(box=None, pad_edge=False)
     for i, column in enumerate(columns):
         justify: JustifyMethod = "left" if i == 0 else "right"
@@ -48,6 +49,8 @@ def _visible(text: str) -> str:
 
 def console() -> Console:
     """Return the console on the present stdout (tests and pipes replace it)."""
+    from rich.console import Console
+
     # A file has no width, so lines are not folded there.
     return Console(file=sys.stdout, width=None if sys.stdout.isatty() else _FILE_WIDTH)
 
@@ -62,13 +65,18 @@ class Stage(Protocol):
 @contextmanager
 def progress(title: str) -> Iterator[Stage]:
     """Show a bar on stderr while something takes time; silent where stderr is not a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda done, text="": None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
     bar = Progress(
         TextColumn("{task.description:<12}", markup=False),
         BarColumn(bar_width=28),
         TextColumn("{task.fields[text]}", markup=False),
         TimeElapsedColumn(),
         console=Console(stderr=True),
-        disable=not sys.stderr.isatty(),
     )
     with bar:
         task = bar.add_task(title, total=1.0, text="")

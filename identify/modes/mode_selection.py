@@ -26,7 +26,14 @@ from .normal_equations import gathered
 from .order_selection import likely_modes
 from .shape_fit import ModalFit, Projection, project, without_each
 from .stabilisation import Poles, diagram_of, seen_in
-from .state_variable_method import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
+from .state_variable_method import (
+    DelaySpace,
+    checked_records,
+    delay_space,
+    layouts,
+    noise_levels,
+    poles_of_rank,
+)
 from .waves import even_blocks
 
 _GAP = 100.0
@@ -94,6 +101,8 @@ def _modes(
     shapes = np.zeros((len(size), 0), dtype=complex)
     if not np.any(alive):
         return ModalModel(np.zeros(0, dtype=complex), shapes)
+    # With equal noise in all channels, directions of noise do not stand out like those of motion.
+    size[alive] *= noise_levels([decay[:, alive] / size[alive] for decay in decays])
     scaled = [decay[:, alive] / size[alive] for decay in decays]
     spaces = [delay_space(scaled, rate_hz, delays) for delays in layouts(scaled, rate_hz)]
     found = clean_modes(spaces)

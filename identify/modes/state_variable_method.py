@@ -32,6 +32,9 @@ _NOISY = 1e-5
 """Weakest direction relative to the strongest above which products of the samples serve: their
 rounding, 1e-16, is then far below the noise in every direction."""
 
+_ALONE = 24
+"""Delays of one channel alone, in which up to six modes leave half of the directions to noise."""
+
 _WHERE = "free-decay records"
 
 
@@ -118,6 +121,23 @@ def checked_records(
             )
         decays.append(decay)
     return tuple(decays)
+
+
+def noise_levels(decays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return a measure of the noise of each channel, (n_channels,); above zero without noise, too.
+
+    It is the median strength of the directions of the channel's own delay vectors.
+
+    `decays`: records, each (n_i, n_channels), no channel of zeros.
+    """
+    blocks = min(_ALONE, max(len(decay) for decay in decays) // 2)
+    long = [decay for decay in decays if len(decay) > blocks]
+    levels = []
+    for channel in range(decays[0].shape[1]):
+        alone = [decay[:, channel : channel + 1] for decay in long]
+        squares = np.linalg.eigvalsh(_products(alone, Delays(blocks, 1)), "U")
+        levels.append(max(np.median(squares), _NOISY**2 * squares[-1]) ** 0.5)
+    return np.array(levels)
 
 
 def layouts(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Delays, ...]:

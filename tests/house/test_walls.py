@@ -138,3 +138,9 @@ def test_the_command_line_starts_lightly() -> None:
     loaded = _modules_after("import tui.cli")
     heavy = {"numpy", "scipy", "matplotlib", "asammdf", "textual", "can", "cantools", "h5py"}
     assert not loaded & heavy
+
+
+def test_a_command_on_a_file_that_prints_json_needs_neither_pydantic_nor_rich() -> None:
+    loaded = _modules_after("from tui.cli import run; run(['identify', 'absent.h5', '--json'])")
+    assert "numpy" in loaded, "it has begun to read"
+    assert not loaded & {"pydantic", "rich"}

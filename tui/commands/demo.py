@@ -33,7 +33,7 @@ def demo(
     from dataclasses import replace
 
     import identify as method
-    from daq import Status, bench_codec, load_bench, open_source
+    from daq import Status, bench_codec, file_sha256, load_bench, open_source
     from daq.bench import Origin, on_bus, parse_bench, with_vehicle
     from daq.bus import open_bus
     from daq.control import Phase, lone_recorder
@@ -96,8 +96,6 @@ def demo(
         result = method.identify(session, stage)
     truth, document = present_parameters(simulated), result.document()
     if json:
-        from ..jobs.source import file_sha256
-
         document["source"]["file_sha256"] = file_sha256(path)
         print_json({**document, "truth": truth, "session": str(path)})
     else:

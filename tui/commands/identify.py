@@ -25,10 +25,7 @@ def identify(
     import daq
     import identify as method
 
-    from ..damper_table import write_damper_table
-    from ..model_file import write_model
     from ..output import print_json, progress
-    from ..result import print_identification
 
     with progress("identify") as stage:
         stage(0.05, "reading")
@@ -36,14 +33,18 @@ def identify(
         result = method.identify(recorded, stage)
     document = result.document()
     if dampers is not None:
+        from ..damper_table import write_damper_table
+
         write_damper_table(document, dampers)
     if model is not None:
+        from ..model_file import write_model
+
         write_model(result, model)
     if json:
-        from ..jobs.source import file_sha256
-
-        document["source"]["file_sha256"] = file_sha256(session)
+        document["source"]["file_sha256"] = daq.file_sha256(session)
         print_json(document)
     else:
+        from ..result import print_identification
+
         print_identification(document, {})
     return ExitCode.ANSWER_IS_NO if document["verdict"] == "refused" else ExitCode.OK

@@ -5,6 +5,8 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,17 +14,28 @@ from daq.files import write_bytes
 from dbc import InputError
 
 from .helpers import helpers
-from .source import source_of
 
 if TYPE_CHECKING:  # slow to load
     from identify import Judgement
-    from identify.report import Picture, Report
+    from identify.report import Picture, Report, Source
 
 _HEAVY = (
     "identify.report.html",
     "identify.report.figures.panels",
     "matplotlib.backends.backend_svg",
 )
+_LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
+
+
+def source_of(path: Path, operator: str = "", approver: str = "") -> Source:
+    """Return the source of the numbers of a session file, and the persons responsible for them."""
+    import daq
+    from identify.report import Source
+
+    digest = daq.file_sha256(path)
+    libraries = {name: version(name) for name in _LIBRARIES}
+    today = datetime.now(UTC).date().isoformat()
+    return Source(path.name, digest, version("bumpbench"), libraries, today, operator, approver)
 
 
 def write_report(

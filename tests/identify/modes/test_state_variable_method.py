@@ -15,7 +15,12 @@ from identify.model.matrices import PhysicalModel, physical_model
 from identify.model.response import Bump, exact_response, wilson_response
 from identify.modes.modal_model import ModalModel, mac, modes_of
 from identify.modes.mode_selection import identify_modes
-from identify.modes.state_variable_method import Delays, delay_space, poles_of_rank
+from identify.modes.state_variable_method import (
+    Delays,
+    delay_space,
+    noise_levels,
+    poles_of_rank,
+)
 
 from ..structures import (
     chain_poles,
@@ -290,3 +295,19 @@ def test_what_is_rounding_does_not_depend_on_the_unit(unit: float) -> None:
     strength = delay_space([record], 100.0, Delays(10, 1)).strength
     assert strength[3] > 1e-4 * strength[0]
     assert strength[4] < 1e-12 * strength[0]
+
+
+def test_ten_times_the_noise_under_the_same_motion_is_seen_as_ten_times() -> None:
+    time_s = np.arange(400) / 100.0
+    motion = np.exp(-1.5 * time_s) * np.sin(12.0 * time_s)
+    noise = np.random.default_rng(5).standard_normal((3, 400, 2)) * (0.002, 0.02)
+    quiet, loud = noise_levels([motion[:, None] + one for one in noise])
+    assert loud / quiet == pytest.approx(10.0, rel=0.1)
+
+
+def test_channels_without_noise_are_scaled_by_their_motion() -> None:
+    time_s = np.arange(400) / 100.0
+    motion = np.exp(-1.5 * time_s) * np.sin(12.0 * time_s)
+    small, large = noise_levels([np.column_stack([motion, 7.0 * motion])])
+    assert small > 0.0
+    assert large / small == pytest.approx(7.0, rel=1e-6)
