@@ -5,19 +5,27 @@ import gc
 import os
 import shutil
 import tempfile
+from collections.abc import Generator
+
+import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in `tui`: small matrices
 if "RUNTIME_DIRECTORY" not in os.environ:  # no sockets of tests among those of the user
     os.environ["RUNTIME_DIRECTORY"] = tempfile.mkdtemp(prefix="bumpbench-")
     atexit.register(shutil.rmtree, os.environ["RUNTIME_DIRECTORY"], ignore_errors=True)
 
-pytest_plugins = ["tests.compiled_once", "tests.without_children"]
+pytest_plugins = ["tests.compiled_in_shares", "tests.compiled_once", "tests.without_children"]
 
 
-def pytest_collection_finish() -> None:
-    """Exempt from garbage collection what 500 test files and their libraries have loaded.
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Load 500 test files and their libraries without a search for garbage, then or later.
 
     Python searched them again and again, for a tenth of the CPU of all tests.
     """
-    gc.collect()
-    gc.freeze()
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()

@@ -11,7 +11,12 @@ from typing import Any
 
 import pytest
 from textual.app import App
+from textual.css import stylesheet
+from textual.css.model import RuleSet
+from textual.css.stylesheet import Stylesheet
+from textual.css.tokenize import tokenize_values
 from textual.pilot import Pilot
+from textual.screen import Screen
 
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.masses import MassesScreen
@@ -21,7 +26,7 @@ from .fake_recorder import FakeRecorder
 
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 REDRAWS = 3
-"""Frames drawn before an app counts as settled: layout, then what was waiting for it, twice."""
+"""Frames before an app counts as settled: layout, then what was waiting for it, twice."""
 MOST_S = 0.5
 """Seconds to wait for a thread: some wait for a process, or for a time-out."""
 REWRITE = "BUMPBENCH_REWRITE_SNAPSHOTS"
@@ -64,6 +69,7 @@ def _settled(monkeypatch: pytest.MonkeyPatch) -> None:
 
     async def wait_for_screen(pilot: Pilot[None], timeout: float = 30.0) -> bool:
         await settle(pilot.app)
+        draw_if_changed(pilot.app)
         return True
 
     async def wait_for_idle(_: float = 0.0) -> None:
@@ -74,14 +80,69 @@ def _settled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("textual.app.wait_for_idle", wait_for_idle)
 
 
+@pytest.fixture(autouse=True)
+def _drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw a screen when its app has settled, and not each frame on the way there.
+
+    The frames are a third of the CPU of these tests, and nobody sees them.
+    """
+    monkeypatch.setattr(Screen, "_compositor_refresh", _draw_later)
+
+
+_draw = Screen._compositor_refresh
+_CHANGED = "_changed_since_drawn"
+
+
+def _draw_later(screen: Screen[Any]) -> None:
+    """Note that the screen in front has changed; those behind it draw nothing in any case."""
+    if screen is screen.app.screen:
+        setattr(screen, _CHANGED, True)
+        screen._dirty_widgets.clear()
+        screen.app._update_mouse_over(screen)
+    else:
+        _draw(screen)
+
+
+def draw_if_changed(app: App[Any]) -> None:
+    """Draw the screen in front if a frame of it is due."""
+    if app.screen_stack and getattr(app.screen, _CHANGED, False):
+        setattr(app.screen, _CHANGED, False)
+        _draw(app.screen)
+
+
+_TOKENS: dict[frozenset[tuple[str, str]], Any] = {}
+_RULES: dict[tuple[object, ...], list[RuleSet]] = {}
+
+
+@pytest.fixture(autouse=True)
+def _parsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parse each style sheet once for all apps of this process."""
+    parse_rules = Stylesheet._parse_rules
+
+    def parsed(sheet: Stylesheet, *what: Any, **named: Any) -> list[RuleSet]:
+        key = (what, tuple(named.items()), frozenset(sheet._variables.items()))
+        if key not in _RULES:
+            _RULES[key] = parse_rules(sheet, *what, **named)
+        return _RULES[key]
+
+    def tokens(variables: dict[str, str]) -> Any:
+        key = frozenset(variables.items())
+        if key not in _TOKENS:
+            _TOKENS[key] = tokenize_values(variables)
+        return _TOKENS[key]
+
+    monkeypatch.setattr(Stylesheet, "_parse_rules", parsed)
+    monkeypatch.setattr(stylesheet, "tokenize_values", tokens)
+
+
 async def settle(app: App[Any]) -> None:
-    """Wait until messages, threads and drawing of an app are done."""
+    """Wait until messages, threads and layout of an app are done."""
     for _ in range(REDRAWS):
         await _drain()
         if app._resize_timer is not None:
             app._check_resize()  # now in place of 8 ms later
         if app.screen_stack:
-            app.screen._on_timer_update()  # draws now what the next frame would
+            app.screen._on_timer_update()  # lays out now what the next frame would
     await _drain()
 
 
