@@ -25,11 +25,16 @@ def identify(
     import daq
     import identify as method
 
-    from ..damper_table import write_damper_table
-    from ..model_file import write_model
+    from ..damper_table import DAMPER_WRITERS, write_damper_table
+    from ..endings import require_ending
+    from ..model_file import MODEL_WRITERS, write_model
     from ..output import print_json, progress
     from ..result import print_identification
 
+    if dampers is not None:
+        require_ending(dampers, "table", DAMPER_WRITERS)
+    if model is not None:
+        require_ending(model, "model", MODEL_WRITERS)
     with progress("identify") as stage:
         stage(0.05, "reading")
         recorded = daq.read_foreign_samples(session)
