@@ -40,7 +40,7 @@ def rewritten(path: Path) -> Iterator[Path]:
 
     Yields the path to write to, in the same folder.
     """
-    part = path.with_name(f".{path.name}.tmp")
+    part = path.parent / f".{path.name}.tmp"
     with _moved([part], [path]):
         yield part
 
@@ -52,7 +52,7 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     Yields the paths to write to: in the folder of each target, with the same ending, because some
     writers choose the format by it.  Raises OSError if a file cannot be synced or moved.
     """
-    parts = [path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}") for path in targets]
+    parts = [p.parent / f".{p.stem}.{os.getpid()}.tmp{p.suffix}" for p in targets]
     with _moved(parts, targets):
         yield parts
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 from daq.files import write_bytes
 from dbc import InputError
 
+from .endings import require_ending
+
 if TYPE_CHECKING:
     from identify import Document
     from identify.document import DamperEntry, ForcesEntry
@@ -28,15 +30,12 @@ def write_damper_table(document: Document, path: Path) -> None:
     Raises InputError if the identification has no damper curves, the ending is another, or the file
     cannot be written.
     """
-    writer = _WRITERS.get(path.suffix.lower())
-    if writer is None:
-        known = ", ".join(_WRITERS)
-        raise InputError(str(path), "is not a known form of table", f"end its name in {known}")
+    require_ending(path, "table", DAMPER_WRITERS)
     forces = document["forces"]
     if forces is None:
         what = "not written: the linear model explains the decays, so there is no damper curve"
         raise InputError(str(path), what, "take c_sf and c_sr, or bump higher")
-    data = writer(forces)
+    data = DAMPER_WRITERS[path.suffix.lower()](forces)
     try:
         write_bytes(path, data)
     except OSError as error:
@@ -103,8 +102,9 @@ def _matlab(forces: ForcesEntry) -> bytes:
     return data.getvalue()
 
 
-_WRITERS: dict[str, Callable[[ForcesEntry], bytes]] = {
+DAMPER_WRITERS: dict[str, Callable[[ForcesEntry], bytes]] = {
     ".csv": _csv,
     ".txt": _modelica,
     ".mat": _matlab,
 }
+"""Makes the content of a file, by its ending."""

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 from daq.files import write_bytes
 from dbc import InputError
 
+from .endings import require_ending
+
 if TYPE_CHECKING:
     from identify import Identification
 
@@ -44,10 +46,7 @@ def write_model(result: Identification, path: Path) -> None:
     parameters and their covariance.  Raises InputError if nothing is identified, the ending is
     another, or the file cannot be written.
     """
-    writer = _WRITERS.get(path.suffix.lower())
-    if writer is None:
-        known = ", ".join(_WRITERS)
-        raise InputError(str(path), "is not a known form of model", f"end its name in {known}")
+    require_ending(path, "model", MODEL_WRITERS)
     lost = [name for name, one in result.parameters.items() if not one.determined]
     if result.quality.verdict == "refused" or not result.physical or lost:
         why = f"not determined: {', '.join(lost)}" if lost else "the identification is refused"
@@ -55,7 +54,7 @@ def write_model(result: Identification, path: Path) -> None:
             str(path), f"not written: {why}", "see the result of identify for the session"
         )
     try:
-        write_bytes(path, writer(result))
+        write_bytes(path, MODEL_WRITERS[path.suffix.lower()](result))
     except OSError as error:
         what = f"cannot be written: {error.strerror}"
         raise InputError(str(path), what, "choose another place") from error
@@ -203,9 +202,10 @@ def covariance(result: Identification) -> Any:
     return result.correlation.matrix * np.outer(sigma, sigma)
 
 
-_WRITERS: dict[str, Callable[[Identification], bytes]] = {
+MODEL_WRITERS: dict[str, Callable[[Identification], bytes]] = {
     ".mat": _matlab,
     ".py": _python,
     ".mo": _modelica,
     ".json": _json,
 }
+"""Makes the content of a file, by its ending."""

@@ -8,7 +8,16 @@ from __future__ import annotations
 from datetime import date
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from dbc.crc import CRC_RULES
 
@@ -29,6 +38,17 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_for_a_number(cls, value: object, info: ValidationInfo) -> object:
+        """Refuse `true`, which would be the number 1, and texts that no session file can store."""
+        kind = cls.model_fields[str(info.field_name)].annotation
+        if isinstance(value, bool) and kind not in (bool, bool | None):
+            raise ValueError("is true or false, not a number or a text")
+        if isinstance(value, str) and "\0" in value:
+            raise ValueError("has the character NUL")
+        return value
+
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
@@ -37,6 +57,12 @@ _Place = Annotated[float, Field(ge=-20, le=20)]
 _Length = Annotated[float, Field(gt=0, le=20)]
 _Uncertain = Annotated[float, Field(ge=0, le=1)]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
+
+
+def _in_64_bytes(text: str) -> str:
+    if len(text.encode()) > 64:
+        raise ValueError("takes more than 64 bytes in a session file")
+    return text
 
 
 def _day(value: object) -> object:
@@ -137,6 +163,13 @@ class CampaignTable(Table):
     accept_after_s: Annotated[float, Field(ge=0, le=60)] = 3.0
     instructions: dict[Excitation, Annotated[str, Field(max_length=200)]] = {}
 
+    @field_validator("excitations")
+    @classmethod
+    def _each_once(cls, excitations: list[Excitation]) -> list[Excitation]:
+        if len(set(excitations)) < len(excitations):
+            raise ValueError("names a kind of bump twice; repeats states how often")
+        return excitations
+
 
 class Limits(NamedTuple):
     """Limits of a number in bench.toml."""
@@ -187,8 +220,8 @@ class WeightTable(Table):
 
     @model_validator(mode="after")
     def _one_place(self) -> WeightTable:
-        on_body = self.x_m is not None and self.y_m is not None
-        if on_body == (self.hub is not None):
+        place = [each for each in (self.x_m, self.y_m) if each is not None]
+        if len(place) != (2 if self.hub is None else 0):
             raise ValueError("a weight has either x_m and y_m, or hub")
         if self.hub is not None and self.position_sigma_m:
             raise ValueError("position_sigma_m is for a weight on the body, not on a hub")
@@ -223,7 +256,7 @@ class ChannelTable(Table):
     delay_sigma_s: _Uncertain = 0.0
     low_pass_hz: _NotNegative = 0.0
     low_pass_order: Annotated[int, Field(ge=1, le=8)] = 2
-    serial_number: Annotated[str, Field(max_length=60)] = ""
+    serial_number: Annotated[str, Field(max_length=60), AfterValidator(_in_64_bytes)] = ""
     calibrated: _Day | None = None
 
     @model_validator(mode="after")

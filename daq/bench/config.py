@@ -36,6 +36,9 @@ from .sensor_tables import read_databases, sensors_of, with_ready_maps
 from .sensors import Sensor, full_name, sensors_codec
 from .toml_file import toml_text, validated
 
+_SIGNAL_BYTES = 128
+"""Longest name of a signal in a session file, bytes."""
+
 
 @dataclass(frozen=True, slots=True)
 class BusConfig:
@@ -171,8 +174,8 @@ def bench_of(
     """Return the bench that checked tables describe.
 
     `text` and `where`: as in `parse_bench`.  `dbc_text`: all databases; empty for data that did not
-    come from a bus.  Raises InputError if two things have the same name, or a fact has an unknown
-    quantity.
+    come from a bus.  Raises InputError if two things have the same name, a fact has an unknown
+    quantity or a value that it cannot have, or the name of a signal is too long for a session file.
     """
     for kind, names in (
         ("channel", [channel.name for channel in table.channel]),
@@ -183,18 +186,28 @@ def bench_of(
             if names.count(name) > 1:
                 raise InputError(where, f"{kind} {name} occurs twice", "give each its own name")
     buses = _buses(table, where)
-    channels = tuple(_channel(c) for c in table.channel)
+    channels = _named_in_full(
+        tuple(_channel(c) for c in table.channel), sensors, dbc_text, len(buses)
+    )
+    for channel in channels:
+        if len(channel.signal.encode()) > _SIGNAL_BYTES:
+            what = f"channel {channel.name}: the name of its signal takes more than 128 bytes"
+            raise InputError(where, what, "give the signal a shorter name in its file")
     geometry = table.vehicle.geometry
     decided = table.vehicle.structure.decided
     structure = Structure(
         table.vehicle.structure.symmetric,
         *(decided.get(name, False) for name in ("anti_roll_bars", "tyre_damping", "cg_offset")),
     )
+    positive = (*FactQuantity, *parameter_names(Structure(structure.symmetric)))
     known = (*FactQuantity, *parameter_names(structure))
     for fact in table.fact:
         if fact.quantity not in known:
             what = f"fact {fact.quantity}: is not a quantity of this vehicle"
             raise InputError(where, what, f"use one of {', '.join(known)}")
+        if fact.value <= 0.0 and fact.quantity in positive:
+            what = f"fact {fact.quantity}: is {fact.value:g}"
+            raise InputError(where, what, "state a value above 0")
     return Bench(
         text=text,
         dbc_name=", ".join(dict.fromkeys(sensor.database for sensor in sensors))
@@ -211,7 +224,7 @@ def bench_of(
             tuple(Fact(fact.quantity, fact.value, fact.sigma) for fact in table.fact),
             decided,
         ),
-        channels=_named_in_full(channels, sensors, dbc_text, len(buses)),
+        channels=channels,
         mass_states=(
             MassState(BASELINE),
             MassState(ADDED, AddedMass(tuple(_weight(w) for w in table.weight))),

@@ -42,6 +42,8 @@ class Candidate:
     """Wheel stated in its name."""
     level: float | None
     """Value at rest, in its own unit."""
+    peak: float | None
+    """Largest magnitude that was seen, in its own unit."""
 
     @property
     def axis(self) -> str | None:
@@ -67,13 +69,14 @@ def candidates(
                 continue
             full = f"{message.name}.{signal.name}"
             comment = comments.get((owner, number, signal.name), "")
-            level = None
+            level = peak = None
             if seen is not None:
                 _, value = seen.good(full)
-                level = float(np.median(value)) if len(value) >= FEWEST else None
+                if len(value) >= FEWEST:
+                    level, peak = float(np.median(value)), float(np.abs(value).max())
             corner = guess_corner(signal.name, message.name, comment)
             place = corner[0] if corner else None
-            found.append(Candidate(full, message.name, signal, comment, kind, place, level))
+            found.append(Candidate(full, message.name, signal, comment, kind, place, level, peak))
     return found
 
 

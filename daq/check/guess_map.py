@@ -177,9 +177,12 @@ def kind_by_name(message: str, signal: SignalLayout) -> str | None:
     return "m" if is_travel and guess_corner(signal.name, "", "") else None
 
 
-def unit_by_level(level: float | None) -> str:
-    """Return the probable unit of a travel with this value at rest: m below one, else mm."""
-    return "m" if level is not None and 0.005 <= abs(level) <= FARTHEST_M else "mm"
+def unit_by_peak(peak: float) -> str:
+    """Return the probable unit of travels whose largest magnitude is `peak`: m below one, else mm.
+
+    At rest one of them alone may read next to nothing in any unit.
+    """
+    return "m" if 0.005 <= peak <= FARTHEST_M else "mm"
 
 
 def is_no_value(name: str) -> bool:

@@ -29,7 +29,7 @@ from .guess_map import (
     guess_quantity,
     is_body,
     unit_by_gravity,
-    unit_by_level,
+    unit_by_peak,
 )
 from .mounting import AXES, Mounting, axis_of, mounting, pushed_corner, up_axis
 from .propose_message import Seen
@@ -54,7 +54,9 @@ def guess_bench(
     corners.  `forward`: axis that points forward, as ``-x``, by sensor, if the user states it.
     """
     signals = candidates(messages, comments, seen)
-    guesses = {s.full: g for s in signals if (g := _alone(s)) is not None}
+    peaks = [s.peak for s in signals if s.kind == "m" and s.layout.unit in NO_UNIT and s.peak]
+    length_unit = unit_by_peak(max(peaks, default=0.0))
+    guesses = {s.full: g for s in signals if (g := _alone(s, length_unit)) is not None}
     groups: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)
     for signal in signals:
         groups[sensor_of(signal.message), signal.corner].append(signal)
@@ -66,13 +68,16 @@ def guess_bench(
     return guesses
 
 
-def _alone(signal: Candidate) -> Guess | None:
-    """Return the guess for a single signal, with its probable unit."""
+def _alone(signal: Candidate, length_unit: str) -> Guess | None:
+    """Return the guess for a single signal, with its probable unit.
+
+    `length_unit`: unit of all lengths for which none is stated.
+    """
     unit = ""
     if signal.layout.unit in NO_UNIT:
         by_kind = {
             "m/s2": unit_by_gravity(abs(signal.level or 0.0)) or "m/s2",
-            "m": unit_by_level(signal.level),
+            "m": length_unit,
         }
         unit = by_kind.get(signal.kind, "deg/s")
     layout = replace(signal.layout, unit=unit) if unit else signal.layout

@@ -144,3 +144,12 @@ def test_linux_syncs_the_data_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "fdatasync", calls.append)
     sync_data(7)
     assert calls == [7]
+
+
+def test_a_file_without_a_name_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OSError, match=r"busy|argument|directory"):
+        write_bytes(Path(), b"")
+    with pytest.raises(OSError, match=r"busy|argument|directory"), replaced([Path()]) as (part,):
+        part.touch()
+    assert list(tmp_path.iterdir()) == []

@@ -132,6 +132,17 @@ def test_session(
     _one_line(capsys, "bad.h5")
 
 
+@pytest.mark.parametrize("name", ["", ".", "/"])
+@pytest.mark.parametrize(
+    "command", [["report"], ["export", "--format", "mat"], ["redecode", "--dbc", "a.dbc"]]
+)
+def test_a_folder_is_no_session(
+    command: list[str], name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run([command[0], name, *command[1:]]) == 2
+    _one_line(capsys, "is a directory")
+
+
 def test_output_in_no_folder(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (tmp_path / "bus.log").write_text(FRAME)
     out = tmp_path / "nowhere" / "out.h5"

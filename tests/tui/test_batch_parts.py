@@ -148,7 +148,7 @@ def test_only_what_is_done_by_this_version_is_not_done_again(tmp_path: Path) -> 
     ("out", "page", "named"),
     [
         ("t.xlsx", None, "is not a table"),
-        ("t.csv", "p.pdf", "is not a page"),
+        ("t.csv", "p.pdf", "is not a known form of page"),
         ("t.csv", "none/p.html", "its directory does not exist"),
         ("none/t.csv", None, "its directory does not exist"),
         ("folder.csv", None, "is a directory"),

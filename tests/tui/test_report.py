@@ -103,3 +103,44 @@ def test_compare_keeps_what_says_how_well_a_session_is_explained(session: Path) 
 def test_compare_needs_two(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["compare", str(session)]) == 2
     assert "two sessions" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--out", "--pdf"])
+def test_a_report_does_not_overwrite_its_session(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    held = session.read_bytes()
+    out = ["--out", str(tmp_path / "r.html")]
+    assert run(["report", str(session), *out, option, str(session)]) == 2
+    assert "car.h5: is not a known form of p" in capsys.readouterr().err
+    assert session.read_bytes() == held
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_comparison_does_not_overwrite_a_session(
+    session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    held = session.read_bytes()
+    assert run(["compare", str(session), str(session), "--html", str(session)]) == 2
+    assert "car.h5: is not a known form of page" in capsys.readouterr().err
+    assert session.read_bytes() == held
+
+
+def test_an_export_does_not_overwrite_its_session(
+    session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    held = session.read_bytes()
+    where = session.parent / ".." / session.parent.name / session.name
+    assert run(["export", str(session), "--format", "mat", "--out", str(where), "--force"]) == 2
+    assert "car.h5: is the session (name another file" in capsys.readouterr().err
+    assert session.read_bytes() == held
+
+
+def test_figures_need_a_folder(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    out = ["--out", str(tmp_path / "r.html"), "--figures", str(tmp_path / "file")]
+    assert run(["report", str(session), *out]) == 2
+    assert "file: is not a folder (name another folder)" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -18,6 +18,7 @@ def compare(
     """Compare sessions with the first one: differences with their significance, and trends."""
     from identify.compare import compare as compared
 
+    from ..endings import PAGES, require_ending
     from ..jobs.comparing import identified, print_comparison
     from ..jobs.reporting import make_room, write_file
     from ..output import print_json, progress
@@ -25,6 +26,7 @@ def compare(
     if len(sessions) < 2:
         raise typer.BadParameter("name two sessions or more")
     if html is not None:
+        require_ending(html, "page", PAGES)
         make_room(html)
     with progress("compare") as stage:
         stage(0.0, f"{len(sessions)} sessions")

@@ -72,9 +72,12 @@ def export(
         advice = f"say --format {' | '.join(Format)}, or --out FILE"
         raise InputError("export", "neither --format nor --out is given", advice)
     wanted = ExportFormat(form) if form else format_of(out or session)
-    place = session.with_suffix(wanted.suffix) if out is None else out
+    name = f"{session.stem}{wanted.suffix}"
+    place = session.parent / name if out is None else out
     if place.is_dir():
-        place = place / session.with_suffix(wanted.suffix).name
+        place = place / name
+    if place.resolve() == session.resolve():
+        raise InputError(str(place), "is the session", "name another file with --out")
     if modes and wanted is not ExportFormat.UFF:
         raise InputError("--modes", f"{wanted} holds no mode shapes", "use --format uff")
     if rate is not None and wanted is not ExportFormat.UFF:

@@ -25,20 +25,23 @@ def identify(
     import daq
     import identify as method
 
+    from ..damper_table import DAMPER_WRITERS, write_damper_table
+    from ..endings import require_ending
+    from ..model_file import MODEL_WRITERS, write_model
     from ..output import print_json, progress
 
+    if dampers is not None:
+        require_ending(dampers, "table", DAMPER_WRITERS)
+    if model is not None:
+        require_ending(model, "model", MODEL_WRITERS)
     with progress("identify") as stage:
         stage(0.05, "reading")
         recorded = daq.read_foreign_samples(session)
         result = method.identify(recorded, stage)
     document = result.document()
     if dampers is not None:
-        from ..damper_table import write_damper_table
-
         write_damper_table(document, dampers)
     if model is not None:
-        from ..model_file import write_model
-
         write_model(result, model)
     if json:
         document["source"]["file_sha256"] = daq.file_sha256(session)

@@ -40,7 +40,7 @@ def redecode(
     if dbc is None and config is None:
         what = "neither a DBC nor a bench.toml is named"
         raise InputError("redecode", what, "name what was corrected: a bench.toml, or --dbc FILE")
-    target = out or session.with_name(f"{session.stem}_redecoded.h5")
+    target = out or session.parent / f"{session.stem}_redecoded.h5"
     old = read_foreign_session(session)
     if target.exists():
         raise InputError(str(target), "exists already", "name a new file with --out")
@@ -74,7 +74,7 @@ def _bench(old: Session, where: str, dbc: Path | None, config: Path | None) -> B
             return replace(bench, dbc_text=old.provenance["dbc"], dbc_name=f"DBC in {where}")
         return bench
     if "bench_toml" not in old.provenance:
-        raise InputError(where, "holds no bench.toml", "name one with --config")
+        raise InputError(where, "holds no bench.toml", "name one after the session")
     assert dbc is not None  # one of the two is named
     text = old.provenance["bench_toml"]
     recorded = old.provenance.get("dbc", "")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from daq.files import write_bytes
 from dbc import InputError
 
+from ..endings import PAGES, SHEETS, require_ending
 from .helpers import helpers
 
 if TYPE_CHECKING:  # slow to load
@@ -50,8 +51,8 @@ def write_report(
 
     `html` and `pdf`: what to write; no PDF if None.  `stage`: called with the share done, 0..1, and
     the present stage.  `written`: called with each finished file.  `signed`: names of the operator
-    and of the approver.  Raises InputError if the session cannot be read or a file cannot be
-    written.
+    and of the approver.  Raises InputError if the session cannot be read, or a file has another
+    ending or cannot be written.
     """
     stage(0.02, "reading")
     with ThreadPoolExecutor(1) as reader:
@@ -64,8 +65,11 @@ def write_report(
         from identify.report import decay_section, drawings, html_of, report_of
 
         recorded = reading.result()
-    for path in (html, *([] if pdf is None else [pdf])):
-        make_room(path)
+    require_ending(html, "page", PAGES)
+    make_room(html)
+    if pdf is not None:
+        require_ending(pdf, "printed report", SHEETS)
+        make_room(pdf)
     gc.freeze()  # what is loaded stays, and is searched for garbage no more
     with helpers(_HEAVY) as pool:
         begun = {}
@@ -105,6 +109,8 @@ def make_room(path: Path) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise InputError(str(path.parent), "is not a folder", "name another folder") from error
     except OSError as error:
         raise InputError(str(path), error.strerror or str(error), "name another file") from error
 

@@ -85,7 +85,7 @@ class BenchApp(ScreensApp, KeyboardApp):
     VERTICAL_BREAKPOINTS = _HEIGHTS
     COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {_palette}
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("ctrl+q", "quit", "Quit", show=False, priority=True),
+        Binding("ctrl+q", "quit", "Close the terminal", show=False, priority=True),
         Binding("f1", "help", "Help", key_display="F1", priority=True),
     ]
 

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from textual.app import App
+from textual.binding import Binding
 from textual.dom import DOMNode
 from textual.events import Event, InputEvent, MouseMove, Paste
 
@@ -50,6 +51,13 @@ class KeyboardApp(App[None]):
             await super().on_event(event)
         else:
             self._waiting.append(event)
+
+    def get_key_display(self, binding: Binding) -> str:
+        """Return a key as the manual writes it: Ctrl+Q, Shift+Tab, C."""
+        if binding.key_display:
+            return binding.key_display
+        key = super().get_key_display(binding).replace("^", "ctrl+")
+        return "+".join(part.capitalize() for part in key.split("+"))
 
     def on_unmount(self) -> None:
         """Stop waiting for effects."""

@@ -111,6 +111,10 @@ class ScreensApp(MessageApp):
 
         self.push_screen(HelpScreen(page))
 
+    def action_help_quit(self) -> None:
+        """Say what closes the terminal; Ctrl+C only copies text that is selected."""
+        self.inform("Ctrl+Q closes the terminal; the recording continues")
+
     def action_help(self) -> None:
         """Show the help of the screen in front; of the screen below if a dialog has none."""
         from .screens.help import HelpScreen

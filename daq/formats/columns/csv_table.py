@@ -7,6 +7,7 @@ units.  A unit may also follow a name, in brackets.
 
 from __future__ import annotations
 
+import codecs
 import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -64,14 +65,15 @@ def _form(path: Path) -> _Form:
     with path.open("rb") as file:
         raw = file.read(_HEAD_BYTES)
     encoding = "utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-    try:
-        text = raw.decode(encoding, "strict" if len(raw) < _HEAD_BYTES else "ignore")
+    is_whole = len(raw) < _HEAD_BYTES
+    try:  # a character that the end of the head cuts is left out
+        text = codecs.getincrementaldecoder(encoding)().decode(raw, final=is_whole)
     except UnicodeDecodeError:
         encoding, text = "cp1252", raw.decode("cp1252", "replace")
     if "\0" in text:
         raise InputError(str(path), "is not a table of numbers", "name a file of channels")
     lines = text.splitlines()
-    lines = lines[:-1] if len(raw) == _HEAD_BYTES else lines
+    lines = lines if is_whole else lines[:-1]
     for separator in _SEPARATORS:
         rows = [next(csv.reader([line], delimiter=separator), []) for line in lines[:2000]]
         full = next((i for i, row in enumerate(rows) if _is_data(row, separator)), None)

@@ -58,7 +58,7 @@ def _first_of_each(frames: FrameBatch) -> NDArray[np.intp]:
 def frames_left_out(session: Session) -> tuple[str, ...]:
     """Return the note on raw frames for a format that holds only decoded channels."""
     count = sum(len(run.frames) for run in session.runs)
-    return (f"{count} raw frames are left out: use mf4, blf or asc",) if count else ()
+    return (f"{count} raw frames are left out: use mf4, blf, asc or log",) if count else ()
 
 
 def has(frames: FrameBatch, flag: FrameFlag) -> NDArray[np.bool_]:

@@ -107,6 +107,16 @@ def test_a_channel_has_a_name_of_sixty_letters_at_most(length: int, refused: boo
         ('[[weight]]\nmass_kg = 4.0\nx_m = 0.0\n', "either x_m and y_m, or hub"),
         ('[[weight]]\nmass_kg = 4.0\ny_m = 0.0\n', "either x_m and y_m, or hub"),
         (HUB + "x_m = 0.0\ny_m = 0.0\n", "either x_m and y_m, or hub"),
+        (HUB + "x_m = 0.0\n", "either x_m and y_m, or hub"),
+        (HUB + "y_m = 0.0\n", "either x_m and y_m, or hub"),
+        ("[[weight]]\nmass_kg = true\n", "mass_kg: is true or false"),
+        ("[campaign]\nrepeats = true\n", "repeats: is true or false"),
+        ('[vehicle]\nname = "a\\u0000b"\n', "name: has the character NUL"),
+        ('[campaign]\nexcitations = ["roll", "pitch", "roll"]\n', "names a kind of bump twice"),
+        ('[[fact]]\nquantity = "total_mass_kg"\nvalue = 0\nsigma = 1\n', "is 0 .state a value"),
+        ('[[fact]]\nquantity = "k_sf"\nvalue = -1\nsigma = 1\n', "k_sf: is -1"),
+        (UNUSED + 'serial_number = "' + 33 * "ä" + '"\n', "more than 64 bytes"),
+        (UNUSED.replace("IMU_Accel.acc_z", 129 * "x"), "more than 128 bytes"),
         (HUB + "position_sigma_m = 0.1\n", "for a weight on the body"),
         (CHANNEL.format("suspension_travel"), "corner do not go together"),
         (CHANNEL.format("hub_displacement"), "corner do not go together"),
@@ -135,6 +145,9 @@ def test_what_goes_together_is_taken() -> None:
     assert len(parse(names).buses) == 16
     parse(SENSOR + 'dbc = "a.dbc"\nids = { M = 0 }\n')
     parse(SENSOR + 'dbc = "a.dbc"\nid_offset = 1\n')
+    parse(UNUSED.replace("IMU_Accel.acc_z", 128 * "x") + f'serial_number = "{32 * "ä"}"\n')
+    bars = '[vehicle.structure]\nanti_roll_bars = true\n[[fact]]\nquantity = "k_af"\nsigma = 1\n'
+    parse(bars + "value = -1\n")
     (weight,) = parse(HUB + "sigma_kg = 0.1\n").mass_states[1].added.weights
     assert weight == HubWeight(4.0, Corner.FRONT_LEFT, 0.1)
     travel = parse(TRAVEL + "motion_ratio = 0.6\nmotion_ratio_sigma = 0.15\n").channels[0]

@@ -136,3 +136,15 @@ def test_columns_of_like_names_are_told_apart() -> None:
     assert set(found) == set(names)
     assert {found[name]["corner"] for name in names} == {"FL"}
     assert len({table["name"] for table in found.values()}) == 5
+
+
+@pytest.mark.parametrize(("bump", "unit"), [(-0.04, "m"), (-40.0, "mm")])
+def test_travels_without_a_unit_have_the_one_of_their_largest_motion(
+    bump: float, unit: str
+) -> None:
+    """All read next to nothing at rest, and the bump moves only the front."""
+    front, rear = np.zeros(N), np.zeros(N)
+    front[N // 2] = bump
+    proposal = proposed(("time", "s", T), ("travel_fl", "", front), ("travel_rl", "", rear))
+    units = {name: table["signal_unit"] for name, table in tables(proposal).items()}
+    assert units == {"travel_fl": unit, "travel_rl": unit}

@@ -8,7 +8,7 @@ import pytest
 from daq.channels import Quantity
 from daq.check.answers import answered
 from daq.check.find_sensors import traffic_of
-from daq.check.guess_map import Asked, kind_by_name, unit_by_level
+from daq.check.guess_map import Asked, kind_by_name, unit_by_peak
 from daq.check.guess_sensor import guess_bench
 from daq.check.propose_message import Seen
 from daq.vehicle import Corner
@@ -23,11 +23,11 @@ MESSAGE = parse_codec(
 
 
 @pytest.mark.parametrize(
-    ("level", "unit"),
-    [(None, "mm"), (0.0, "mm"), (0.004, "mm"), (0.006, "m"), (-0.9, "m"), (1.1, "mm"), (120, "mm")],
+    ("peak", "unit"),
+    [(0.0, "mm"), (0.004, "mm"), (0.006, "m"), (0.9, "m"), (1.1, "mm"), (120, "mm")],
 )
-def test_the_unit_of_a_travel_by_what_it_reads(level: float | None, unit: str) -> None:
-    assert unit_by_level(level) == unit
+def test_the_unit_of_travels_by_what_they_read(peak: float, unit: str) -> None:
+    assert unit_by_peak(peak) == unit
 
 
 @pytest.mark.parametrize(

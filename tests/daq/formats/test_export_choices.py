@@ -97,7 +97,7 @@ def test_frames_of_all_runs_are_one_log_and_each_run_a_part_of_it() -> None:
         "baseline_roll_1": FrameSpan(1, 4, 30),
         "baseline_roll_3": FrameSpan(0, 4, 10),
     }
-    assert frames_left_out(session) == ("6 raw frames are left out: use mf4, blf or asc",)
+    assert frames_left_out(session) == ("6 raw frames are left out: use mf4, blf, asc or log",)
     assert frames_left_out(_session(FrameBatch.empty())) == ()
 
 

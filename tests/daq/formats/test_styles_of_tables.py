@@ -142,6 +142,21 @@ def test_a_long_table_is_known_by_its_first_lines(tmp_path: Path) -> None:
     np.testing.assert_array_equal(held["x"].values, np.arange(30_000) + 0.5)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "utf-16"])
+def test_a_long_table_has_the_encoding_of_its_head(tmp_path: Path, encoding: str) -> None:
+    text = "t;rate\ns;°/s\n" + "".join(f"{n};{n}\n" for n in range(30_000)) + "µ\n"
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+    held = read_here(tmp_path / "a.csv").columns
+    assert [(each, column.unit) for each, column in held.items()] == [("t", "s"), ("rate", "°/s")]
+
+
+def test_a_character_that_the_end_of_the_head_cuts_is_no_other_encoding(tmp_path: Path) -> None:
+    for filling in range(5):  # one of the five puts the two bytes on both sides of any limit
+        head = "t;µ\n1;2\n" + "1;" + "1" * filling + "\n"
+        (tmp_path / "a.csv").write_text(head + "1;µ\n" * 60_000, "utf-8")
+        assert list(read_here(tmp_path / "a.csv").columns) == ["t", "µ"]
+
+
 def test_numbers_may_begin_below_a_long_head(tmp_path: Path) -> None:
     for lines, good in ((1998, True), (1999, False)):
         (tmp_path / "a.csv").write_text("words\n" * lines + "t,x\n" + "1,2\n" * 3)

@@ -166,3 +166,11 @@ def test_4_mib_are_left_free_beyond_what_is_written(
         _free(monkeypatch, needed + spare)
         step()
     assert read_session(path).runs[0].label == run.label
+
+
+def test_the_longest_texts_that_a_bench_accepts_are_written(tmp_path: Path) -> None:
+    """`tests/daq/bench/test_number_limits.py` has the first that a bench refuses."""
+    first, *others = BARE.channels
+    longest = replace(first, signal=128 * "x", serial_number=32 * "ä")
+    write_session(tmp_path / "a.h5", replace(BARE, channels=(longest, *others)))
+    assert read_session(tmp_path / "a.h5").channels[0] == longest

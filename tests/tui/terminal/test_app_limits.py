@@ -94,6 +94,7 @@ async def test_keys_of_every_screen(make_app: Make, monkeypatch: pytest.MonkeyPa
         assert isinstance(app.screen, HelpScreen)
         await pressed(pilot, "f1")
         assert not isinstance(app.screen, HelpScreen)
+        assert "Ctrl+Q closes the terminal" in await pressed(pilot, "ctrl+c")
         status = recorder.status
         for _ in range(1300):
             app.post(status)

@@ -9,6 +9,7 @@ from pathlib import Path
 from daq.files import replaced
 from dbc import InputError
 
+from ...endings import PAGES, require_ending
 from .dataset import schema_of, write_dataset, write_parquet
 from .newest import Newest, newest_rows
 from .page import page_of
@@ -29,8 +30,8 @@ def check_outputs(out: Path, page: Path | None) -> None:
         raise InputError(str(out), "is not a table that can be written", advice)
     if partitioned and out.exists() and not _is_dataset(out):
         raise InputError(str(out), "is not a folder of a batch", "name another one")
-    if page is not None and page.suffix.lower() not in (".html", ".htm"):
-        raise InputError(str(page), "is not a page that can be written", "name it *.html")
+    if page is not None:
+        require_ending(page, "page", PAGES)
     for path in (out, *([] if page is None else [page])):
         if (path.is_dir() and not (partitioned and path == out)) or not path.parent.is_dir():
             what = "is a directory" if path.is_dir() else "its directory does not exist"

@@ -40,6 +40,8 @@ class BenchScreen(Screen[None]):
         Binding("n", "app.note", "Note", key_display="N"),
         Binding("s", "app.sessions", "Sessions", key_display="S"),
         Binding("c", "app.take_over", "Control", show=False),
+        Binding("tab", "app.focus_next", "Next field", show=False),
+        Binding("shift+tab", "app.focus_previous", "Previous field", show=False),
     ]
 
     def __init__(self) -> None:
