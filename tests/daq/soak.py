@@ -2,8 +2,8 @@
 
 The whole daemon at work: reader, queue, journal with rotation and retention, decoding, alarms,
 trigger, verdicts, live ring, news to all who listen, and an operator who asks, notes and accepts
-over the socket, one recording after the other.  What it holds half way it must
-still hold at the end.
+over the socket, one recording after the other.  What it holds half way it must still
+hold at the end.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from .soak_bus import TirelessBench, one_bump
 
 FRAMES = 10_000_000
 FIRST_SHARE = 0.5
-"""Share after which nothing may grow: by then the journal is as large as it may be, and the recorder
-has an account of each of its segments."""
+"""Share after which nothing may grow: by then the journal is as large as it may be, and the
+recorder has an account of each of its segments."""
 STOPS = 5
 MOST_BYTES = 4_000_000
 MOST_OBJECTS = 200
@@ -227,7 +227,7 @@ def rss_bytes() -> int:
 def soak(
     folder: Path, frames: int, stops: int, progress: Callable[[Held], None] = lambda _: None
 ) -> tuple[Held, Held, Tally]:
-    """Record so many frames; return what was held at the first stop and at the end, and what was done."""
+    """Record so many frames; return what was held at the first stop and the end, and was done."""
     with Soak(folder, frames) as running:
         held = []
         for share in np.linspace(FIRST_SHARE, 1.0, stops):
