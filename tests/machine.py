@@ -43,6 +43,8 @@ def run_guest(
     qemu = shutil.which("qemu-system-x86_64")
     if qemu is None:
         return _given_up("no qemu-system-x86_64 (Debian: apt install qemu-system-x86)")
+    if ROOT.is_relative_to("/tmp"):
+        return _given_up("this checkout is in /tmp, of which a guest has its own: move it")
     kernel, ramdisk = _kernel(), BUILD / f"{name}.gz"
     _write_ramdisk(ramdisk, init, modules, files)
     # What the kernel does not know it hands to init as environment.
