@@ -7,8 +7,9 @@ unpacked.  `guard` protects against files that crash or hang libhdf5 itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,8 @@ _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FL
 _WHAT_H5PY_RAISES = (OSError, RuntimeError, LookupError, ValueError, TypeError, MemoryError)
 _OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
 """Attributes with which HDF5 stores dimension scales; they hold references, not data."""
+_OF_VIEWERS = {"NX_class", "axes", "signal", "auxiliary_signals"}
+"""Attributes of each group of samples that only viewers need, half of a file's attributes."""
 
 
 def load_tree(path: Path | str, part: Part = Part.WHOLE) -> Group:
@@ -51,8 +54,7 @@ def load_tree(path: Path | str, part: Part = Part.WHOLE) -> Group:
     try:
         with open_session(path) as file:
             survey = _Survey(max_total_bytes(path.stat().st_size))
-            survey.visit(file.id, "/", 0)
-            return _group(file.id, part)
+            return _group(survey.root(file.id), part)
     except InputError:
         raise
     except _WHAT_H5PY_RAISES as error:
@@ -74,7 +76,8 @@ def open_session(path: Path) -> Iterator[h5py.File]:
     if not path.is_file():
         raise InputError(where, "is not a regular file", ADVICE)
     try:
-        file = h5py.File(path, "r")
+        # Each chunk is read once: a cache of them would only cost memory for each dataset.
+        file = h5py.File(path, "r", rdcc_nbytes=0, rdcc_nslots=1)
     except PermissionError as error:
         raise InputError(where, "cannot be read: no permission", "get read permission") from error
     except (OSError, RuntimeError) as error:
@@ -90,44 +93,67 @@ def open_session(path: Path) -> Iterator[h5py.File]:
         yield file
 
 
+_Kind = tuple[tuple[int, ...], np.dtype[Any]]
+"""Shape and type of a dataset."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """A group that was surveyed."""
+
+    item: h5py.h5g.GroupID
+    """The group, open."""
+    groups: Mapping[str, _Group]
+    """Its groups by name."""
+    datasets: Mapping[str, _Kind]
+    """Kind of its datasets by name; open ones would fill the memory."""
+
+
 class _Survey:
-    """Adds up the sizes that a file states, before anything is read."""
+    """Opens what is in a file and adds up the sizes that it states, before anything is read."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
         self._bytes = 0
         self._seen: set[int] = set()
 
-    def visit(self, group: h5py.h5g.GroupID, where: str, depth: int) -> None:
-        """Check a group and everything below it.
+    def root(self, file: h5py.h5f.FileID) -> _Group:
+        """Return the root of a file with everything below it.
 
         Raises ValueError if anything refers to data outside the file, or states a too large size.
         """
+        self._count(h5py.h5o.get_info(file).addr, "/")
+        return self._group(file, "/", 0)
+
+    def _group(self, group: h5py.h5g.GroupID, where: str, depth: int) -> _Group:
         if depth > MAX_DEPTH:
             raise ValueError(f"its groups are nested more than {MAX_DEPTH} deep")
-        self._count(group, where)
-        for key in group:
+        groups: dict[str, _Group] = {}
+        datasets: dict[str, _Kind] = {}
+        for key in sorted(group):
             name = _text(key)
-            if group.links.get_info(key).type != h5py.h5l.TYPE_HARD:
+            link = group.links.get_info(key)
+            if link.type != h5py.h5l.TYPE_HARD:
                 raise ValueError(f"{name} is absent or a link")
+            path = f"{where.rstrip('/')}/{name}"
+            self._count(link.u, path)  # of a hard link, the address that it leads to
             item = h5py.h5o.open(group, key)
             if isinstance(item, h5py.h5g.GroupID):
-                self.visit(item, f"{where.rstrip('/')}/{name}", depth + 1)
+                groups[name] = self._group(item, path, depth + 1)
             elif isinstance(item, h5py.h5d.DatasetID):
-                self._count(item, f"{where.rstrip('/')}/{name}")
-                self._dataset(name, item)
+                datasets[name] = self._dataset(name, item)
             else:
                 raise ValueError(f"{name} is neither group nor dataset")
+        return _Group(group, groups, datasets)
 
-    def _count(self, item: h5py.h5g.GroupID | h5py.h5d.DatasetID, where: str) -> None:
-        address = h5py.h5o.get_info(item).addr
+    def _count(self, address: int, where: str) -> None:
         if address in self._seen:
             raise ValueError(f"{where} occurs in it twice")
         self._seen.add(address)
         if len(self._seen) > MAX_OBJECTS:
             raise ValueError(f"it holds more than {MAX_OBJECTS} objects")
 
-    def _dataset(self, name: str, item: h5py.h5d.DatasetID) -> None:
+    def _dataset(self, name: str, item: h5py.h5d.DatasetID) -> _Kind:
         # The type is first, because h5py has a shape and a size only for types that it knows.
         dtype = item.dtype
         if dtype.kind not in "iufS" or dtype.hasobject or dtype.itemsize > 4096:
@@ -152,47 +178,48 @@ class _Survey:
         self._bytes += size
         if self._bytes > self._limit:
             raise ValueError(f"its datasets claim {self._bytes} bytes and more")
+        return shape, dtype
 
 
-def _group(group: h5py.h5g.GroupID, part: Part) -> Group:
+def _group(found: _Group, part: Part) -> Group:
     whole = part is Part.WHOLE
-    attributes = plain_attributes(group)
+    attributes = plain_attributes(found.item, _OF_HDF5 if whole else _OF_HDF5 | _OF_VIEWERS)
     # Only a run has sample groups; elsewhere, as among mass states, any name may occur.
-    left_out = () if whole or "sample_groups" not in attributes else (RAW_PREFIX.encode(),)
-    keys = (key for key in sorted(group) if not key.startswith(left_out))
-    items = {_text(key): h5py.h5o.open(group, key) for key in keys}
+    left_out = () if whole or "sample_groups" not in attributes else (RAW_PREFIX,)
     return Group(
         attributes,
         {
-            name: _group(item, part)
-            for name, item in items.items()
-            if isinstance(item, h5py.h5g.GroupID)
+            name: _group(group, part)
+            for name, group in found.groups.items()
+            if not name.startswith(left_out)
         },
         {
-            name: Dataset(_values(item), plain_attributes(item) if whole else {})
-            for name, item in items.items()
-            if isinstance(item, h5py.h5d.DatasetID)
+            name: _dataset(found.item, name, kind, whole)
+            for name, kind in found.datasets.items()
+            if not name.startswith(left_out)
         },
     )
 
 
-def _values(item: h5py.h5d.DatasetID) -> NDArray[Any]:
-    values = np.empty(item.shape, item.dtype)
+def _dataset(group: h5py.h5g.GroupID, name: str, kind: _Kind, whole: bool) -> Dataset:
+    item = h5py.h5d.open(group, name.encode("utf-8", "surrogateescape"))
+    values = np.empty(*kind)
     if values.size:
         item.read(h5py.h5s.ALL, h5py.h5s.ALL, values)
-    return values
+    return Dataset(values, plain_attributes(item) if whole else {})
 
 
 def plain_attributes(
     item: h5py.h5g.GroupID | h5py.h5d.DatasetID | h5py.h5f.FileID,
+    left_out: Collection[str] = _OF_HDF5,
 ) -> Mapping[str, Attribute]:
-    """Return the attributes of simple types; sessions have no others."""
+    """Return the attributes of simple types, some left out; sessions have no others."""
     result: dict[str, Attribute] = {}
     names: list[bytes] = []
     h5py.h5a.iterate(item, names.append)
     for key in names:
         name = _text(key)
-        if name in _OF_HDF5:
+        if name in left_out:
             continue
         one = h5py.h5a.open(item, key)
         dtype, shape = one.dtype, one.shape

@@ -15,7 +15,7 @@ class Part(StrEnum):
 
     WHOLE = "whole"
     SAMPLES = "samples"
-    """Without raw frames, half of a file, and without attributes of datasets."""
+    """Without raw frames, half of a file, without attributes of datasets, and those for viewers."""
 
 
 Attribute = str | int | float | tuple[str, ...] | tuple[int, ...] | tuple[float, ...]

@@ -5,6 +5,7 @@ Run as ``python -I -m daq.session.sandbox.child FILE MAX_BYTES MAX_S PART``.
 
 from __future__ import annotations
 
+import gc
 import sys
 from typing import BinaryIO
 
@@ -42,4 +43,6 @@ def limit(max_bytes: int, max_s: int, max_file_bytes: int = 0) -> None:
 
 
 if __name__ == "__main__":
+    gc.disable()  # all lives to the end, where a search for garbage would find nothing either
     main(sys.stdout.buffer, sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Part(sys.argv[4]))
+    gc.freeze()
