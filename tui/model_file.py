@@ -14,7 +14,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.files import write_bytes
+from daq.files import make_room, write_bytes
 from dbc import InputError
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ def write_model(result: Identification, path: Path) -> None:
         raise InputError(
             str(path), f"not written: {why}", "see the result of identify for the session"
         )
+    make_room(path)
     try:
         write_bytes(path, writer(result))
     except OSError as error:
