@@ -9,6 +9,21 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from .errors import InputError
+
+
+def make_room(path: Path) -> None:
+    """Create the folder of a file that a user names, before long work: a wrong name fails at once.
+
+    Raises InputError if it cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise InputError(str(path.parent), "is not a folder", "name another folder") from error
+    except OSError as error:
+        raise InputError(str(path), error.strerror or str(error), "name another file") from error
+
 
 def write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Replace a file by one that holds `data`.

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from dbc.finding import Finding as Finding
     from dbc.finding import Severity as Severity
 
+    from .decays.usable import usable_session as usable_session
     from .document import Document as Document
     from .fit.uncertainty import Estimate as Estimate
     from .identification import Identification as Identification

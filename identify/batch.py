@@ -8,6 +8,7 @@ from math import isfinite
 from daq.runs import RunStatus
 from daq.sessions import Session
 
+from .decays.usable import usable_session
 from .document import Document, ForcesEntry
 from .pipeline import identify_parameters
 
@@ -40,7 +41,9 @@ def document_row(session: Session, document: Document) -> dict[str, Cell]:
         "vehicle": session.vehicle.name,
         "created": document["source"]["created"],
         "origin": document["source"]["origin"],
-        "runs_accepted": sum(run.status is RunStatus.ACCEPTED for run in session.runs),
+        "runs_accepted": sum(
+            run.status is RunStatus.ACCEPTED for run in usable_session(session).runs
+        ),
         "verdict": document["verdict"],
         "reasons": " | ".join(document["reasons"][:_REASONS]),
         "chi2_per_n": _finite(document["chi2_per_n"]),

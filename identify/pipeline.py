@@ -18,6 +18,7 @@ from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 
 from .decays.decay import FreeDecay, Record, record_of
+from .decays.usable import usable_session
 from .fit.estimation import (
     Estimation,
     first_estimate,
@@ -46,6 +47,7 @@ from .real_car import explained_by_elements
 from .trust.finding import Judgement
 from .trust.judge import judge
 from .trust.shortcomings import shortcomings
+from .trust.unused import unused_findings
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -130,8 +132,10 @@ def identify_parameters(
     vehicles.  Arguments and result are those of `identify`; `sensed` and the closed form stay
     empty.
     """
-    records = usable_records(session)
-    missing = shortcomings(records, session)
+    used = usable_session(session)
+    unused, session = tuple(unused_findings(session, used)), used
+    records = _records(session)
+    missing = shortcomings(records, session, unused)
     if missing:
         return Identification(Judgement(missing, nan), session.provenance)
     progress(0.1, "fitting")
@@ -160,7 +164,7 @@ def identify_parameters(
     modes = {name: mode_estimates(box, fit, name) for name in modal}
     progress(0.7, "judging")
     return Identification(
-        quality=judge(session, estimation, signs),
+        quality=judge(session, estimation, signs, unused),
         provenance=session.provenance,
         parameters=parameters,
         derived=derived,
@@ -194,7 +198,11 @@ def _begun(
 
 
 def usable_records(session: Session) -> tuple[Record, ...]:
-    """Return the records of a session's accepted runs that have usable samples."""
+    """Return the records of a session's accepted runs that can be used and have samples."""
+    return _records(usable_session(session))
+
+
+def _records(session: Session) -> tuple[Record, ...]:
     records = (record_of(run, session.channels) for run in _accepted(session))
     return tuple(record for record in records if record.recordings)
 

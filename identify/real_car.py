@@ -11,11 +11,15 @@ from daq.sessions import Session
 
 from .fit.estimation import Estimation, generic_vehicles
 from .trust.cause_ranking import Suspect, rank_causes
+from .trust.consistency import one_run_is_wrong
 from .trust.misfit import CHI2_LIMIT
 from .trust.swaps import swap_explanation
 
 if TYPE_CHECKING:
     from .nonlinear.real_car import RealCar
+
+_SWING_S = 0.5
+"""Half a period of the body, s: a shorter decay does not show how the motion's size changes it."""
 
 
 def explained_by_elements(
@@ -23,13 +27,18 @@ def explained_by_elements(
 ) -> RealCar | None:
     """Return the fit with nonlinear elements where it explains the decays; None where not.
 
-    A fault of the bench (a late or wrongly scaled sensor) that explains the misfit with one number
-    takes precedence over a dozen elements that explain it equally well.
+    A car differs from the linear model in all runs: where one run is wrong, no elements are sought,
+    nor in decays that end before the body has swung once.  A fault of the bench (a late or wrongly
+    scaled sensor) that explains the misfit with one number takes precedence over a dozen elements
+    that explain it equally well.
 
     `session`: with the elements that `[vehicle.structure]` forces or forbids.  `linear`: a linear
     fit that does not hold, and would not hold from a later start.  `log`: receives a line for each
     stage of the fit.
     """
+    longest_s = max(float(r.time_s[-1]) for d in linear.decays for r in d.recordings)
+    if longest_s < _SWING_S or one_run_is_wrong(linear):
+        return None
     n = sum(sum(left.freedom.values()) for left in linear.residuals)
     excess = max(linear.chi2_per_n - 1.0, 0.0)
     fault = max((s.explained for s in rank_causes(linear) if of_bench(s)), default=0.0)

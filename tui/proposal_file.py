@@ -25,7 +25,9 @@ def write_proposal(proposal: Proposal, target: Path) -> None:
     Raises InputError if the file cannot be written.
     """
     from daq import InputError
+    from daq.files import make_room
 
+    make_room(target)
     try:
         with target.open("x", encoding="utf-8") as file:
             file.write(proposal.text)

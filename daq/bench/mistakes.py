@@ -37,7 +37,10 @@ def mistake(
     place = f"{where}:{line}" if line else where
     if first["type"] == "extra_forbidden":
         known = sorted({name for table in tables for name in table.model_fields})
-        advice = f"remove it or correct its name{_nearest(str(first['loc'][-1]), known)}"
+        name = str(first["loc"][-1])
+        advice = f"remove it or correct its name{_nearest(name, known)}"
+        if name in known:
+            advice = "remove it: it has no meaning here"
         return InputError(place, f"unknown key {key}", advice)
     if first["type"] == "missing":
         return InputError(place, f"{key} is missing", "state it")

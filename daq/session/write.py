@@ -17,7 +17,7 @@ from dbc.frames import FrameBatch
 
 from ..channels import Channel
 from ..errors import InputError
-from ..files import write_bytes
+from ..files import make_room, write_bytes
 from ..runs import Event, Run, SampleGroup
 from ..sessions import Session
 from ..vehicle import BodyWeight, MassState
@@ -60,7 +60,7 @@ def write_session(path: Path | str, session: Session) -> None:
     Raises
     ------
     InputError
-        If the file cannot be written (no folder, no permission, no space), or a name in the session
+        If the file cannot be written (no permission, no space), or a name in the session
         is not possible in HDF5.
     """
     path = Path(path)
@@ -71,6 +71,7 @@ def write_session(path: Path | str, session: Session) -> None:
         image = BytesIO()
         with h5py.File(image, "w") as file:
             _fill(file, session)
+        make_room(path)
         write_bytes(path, image.getbuffer())
     except OSError as error:
         raise InputError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dbc import Codec, FrameBatch, FrameFlag, MessageLayout
 
+from ..bench.campaign import Step
 from ..bench.config import Bench, BusConfig
 from ..channels import Channel
 from ..errors import InputError
@@ -87,12 +88,18 @@ class Burst:
 
 
 def campaign_frames(
-    bench: Bench, codec: Codec, car: SimulatedCar, seed: int, start_ns: int
+    bench: Bench,
+    codec: Codec,
+    car: SimulatedCar,
+    seed: int,
+    start_ns: int,
+    steps: Iterable[Step] | None = None,
 ) -> Iterator[FrameBatch]:
     """Simulate a campaign, as a recorder would see it on the bus.
 
     `seed`: determines every draw (`car.truth`) and all noise.  `start_ns`: time stamp of the start,
-    ns since 1970 UTC.  Yields one block per run, in the order of `bench.campaign.steps`:
+    ns since 1970 UTC.  `steps`: bumps of its kinds in any order and number, each taken when the
+    block before it has been used; default: those of the bench in order.  Yields one block per run:
     `car.lead_s` of rest, the bump and the free decay.  Time and counters continue from run to run;
     stamps are taken at the end of each transmission.  Messages that carry no channel are not sent.
     Raises InputError if a channel's signal is not in the DBC, its message has no cycle time or is
@@ -102,7 +109,7 @@ def campaign_frames(
     rig = rig_of(bench, codec, car, seed)
     motions = _motions(bench, rig)
     free_ns = [start_ns] * len(bench.buses)
-    for number, step in enumerate(bench.campaign.steps):
+    for number, step in enumerate(bench.campaign.steps if steps is None else steps):
         rng = np.random.default_rng([seed, 1, number])
         start_s = number * car.run_s
         scene = scene_of(rig, motions[step.mass_state, step.excitation], start_s, car.run_s)

@@ -14,23 +14,13 @@ from ..channels import Channel, Quantity
 from ..samples.converter import flat_tops
 from ..samples.counter import FASTEST
 from ..signal_names import message_of
+from ..silence import STALE_S, WHEEL_MOTION_S, Silence, longest_gap_s, longest_silence
 from .window import RunWindow, Trace
 from .words import finding
 
-STALE_S = 0.25
-"""Longest allowed silence of a sensor, s: a quarter of a body's period."""
-STALE_CYCLES = 10.0
-"""Longest allowed silence of a slow message, in its cycles."""
 LOST_SHARE = 0.02
 """Largest share of lost frames: a loose plug loses most while the car moves most, and another bump
 costs only a minute."""
-WHEEL_MOTION_S = 0.2
-"""Time after the bump by which 97 % of the wheels' motion is over, s."""
-GAP_S = 0.02
-"""Longest gap while the wheels move, s: a quarter of their period."""
-GAP_CYCLES = 3.5
-"""Longest gap in cycles of the message: two consecutive lost samples are not a gap, however slow it
-is."""
 _SPOKEN = 0.9
 """Least share of a message's samples that each healthy channel has."""
 
@@ -39,13 +29,14 @@ def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterat
     """Find messages that were silent for a part of the run."""
     silence = _silences(bench, window)
     for message in window.stale:
-        gap_s, limit_s = silence.get(message, (0.0, STALE_S))
-        silence[message] = max(gap_s, limit_s + STALE_S), limit_s
+        known = silence.get(message, Silence(0.0, 0.0, STALE_S))
+        length_s = max(known.length_s, known.limit_s + STALE_S)
+        silence[message] = known._replace(end_s=known.begin_s + length_s)
     if not silence:
         return
-    worst = max(silence, key=lambda name: silence[name][0] / silence[name][1])
-    gap_s, limit_s = silence[worst]
-    silent = [name for name, (gap_s, limit_s) in silence.items() if gap_s > limit_s]
+    worst = max(silence, key=lambda name: silence[name].length_s / silence[name].limit_s)
+    gap_s, limit_s = silence[worst].length_s, silence[worst].limit_s
+    silent = [name for name, found in silence.items() if found.is_stale]
     if not silent:
         text = f"all {len(silence)} messages came; longest silence {gap_s * 1e3:.0f} ms ({worst})"
         yield finding("stale", True, gap_s, limit_s, "s", text)
@@ -58,18 +49,14 @@ def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterat
     yield finding("stale", False, gap_s, limit_s, "s", text, worst)
 
 
-def _silences(bench: Bench, window: RunWindow) -> dict[str, tuple[float, float]]:
-    """Return the longest silence of each message in the run and its limit, s."""
+def _silences(bench: Bench, window: RunWindow) -> dict[str, Silence]:
+    """Return the longest silence of each message in the run; times count from the bump."""
     start_s, stop_s = -bench.trigger.pre_s, bench.trigger.post_s
-    result: dict[str, tuple[float, float]] = {}
     messages = _messages(bench.channels, window)
-    for message, t_ns in {**messages, **_poor(bench.channels, window, messages)}.items():
-        time_s = np.sort(t_ns - window.bump_ns) * 1e-9
-        cycle_s = float(np.median(np.diff(time_s))) if len(time_s) > 2 else 0.0
-        limit_s = max(STALE_S, STALE_CYCLES * cycle_s)
-        edges = np.concatenate([[start_s], np.clip(time_s, start_s, stop_s), [stop_s]])
-        result[message] = (float(np.max(np.diff(edges))), limit_s)
-    return result
+    return {
+        message: longest_silence((t_ns - window.bump_ns) * 1e-9, start_s, stop_s)
+        for message, t_ns in {**messages, **_poor(bench.channels, window, messages)}.items()
+    }
 
 
 def _messages(channels: tuple[Channel, ...], window: RunWindow) -> dict[str, NDArray[np.int64]]:
@@ -122,11 +109,11 @@ def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
 
 
 def _early_gap(window: RunWindow, signals: tuple[Trace, ...]) -> tuple[float, float, str]:
-    worst = (0.0, GAP_S, "")
+    worst = (0.0, longest_gap_s(0.0), "")
     for trace in signals:
         time_s = trace.time_s
         period_s = float(np.median(np.diff(time_s)))
-        limit_s = max(GAP_S, GAP_CYCLES * period_s)
+        limit_s = longest_gap_s(period_s)
         if _message(trace.channel) in window.timed:
             time_s = _sent_by(time_s)
         first, last = np.searchsorted(time_s, [0.0, WHEEL_MOTION_S])

@@ -51,7 +51,7 @@ class Recording:
 
     def thinned(self, rate_hz: float) -> Recording:
         """Return every k-th sample, so that about `rate_hz` are left (all, if there are fewer)."""
-        if len(self.time_s) < 2:  # a sensor that failed on the bump has none in the decay
+        if len(self.time_s) < 2:
             return self
         own = (len(self.time_s) - 1) / float(self.time_s[-1] - self.time_s[0])
         step = max(1, round(own / rate_hz))
@@ -80,14 +80,22 @@ class Record:
 
     @property
     def end_s(self) -> float:
-        """Time just after the last sample of the group that ends first."""
-        return min(float(r.time_s[-1]) for r in self.recordings) + 1e-9
+        """Time just after the last sample of the group that ends last."""
+        return max(float(r.time_s[-1]) for r in self.recordings) + 1e-9
 
     def decay(self, start_s: float) -> FreeDecay:
-        """Return the free decay from `start_s` to the end of the record."""
-        end = np.inf
-        recordings = tuple(r.between(start_s, end) for r in self.recordings)
+        """Return the free decay from `start_s` to the end of the record.
+
+        A group of which it has fewer than two samples is left out: the level of a sensor is
+        unknown, so one sample states nothing.
+        """
+        parts = (r.between(start_s, np.inf) for r in self.recordings)
+        recordings = tuple(part for part in parts if len(part.time_s) > 1)
         return FreeDecay(self.label, self.mass_state, start_s, recordings)
+
+    def whole(self, part: Recording) -> Recording:
+        """Return the recording that a recording of the decay is a part of."""
+        return next(r for r in self.recordings if r.group == part.group)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +124,8 @@ class FreeDecay:
 def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
     """Take the usable samples out of a run.
 
-    Rows with a NaN are left out: a lost sample costs its information and nothing else.
+    Rows with a NaN are left out: a lost sample costs its information and nothing else.  A channel
+    without any number is left out by itself.
 
     `run`: with its sample groups.  `channels`: the session's channels; those of quantity `unused`
     are passed over.
@@ -130,7 +139,8 @@ def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
 
 def _by_channel_group(group: SampleGroup, used: dict[str, Channel]) -> list[Recording]:
     recordings = []
-    for members in _alike(tuple(used[name] for name in group.values if name in used)):
+    shown = (name for name, column in group.values.items() if np.isfinite(column).any())
+    for members in _alike(tuple(used[name] for name in shown if name in used)):
         values = np.column_stack([group.values[c.name] for c in members])
         good = np.isfinite(values).all(axis=1)
         time = group.time_s[good] - members[0].delay_s

@@ -22,6 +22,9 @@ from .decay import Record
 GUARD_S = 0.01  # onset detection and the spread of the four wheels over the bump
 UNKNOWN_BUMP_S = 0.35  # longer than any bump that is rolled over; shortened afterwards
 _REST_S = 0.08  # must be at rest; the paper's records have 0.1 s
+_REST_SAMPLES = 3
+_MOVING = 4.0
+"""Scatter in units of the noise, above which a channel moves."""
 _ONSET_SIGMA = 6.0
 _ONSET_SHARE = 0.02  # of the channel's peak, where there is no noise to compare with
 _QUIET_SAMPLES = 100  # fewer do not give a noise level to 10 %
@@ -42,14 +45,15 @@ def onset_s(record: Record) -> float | None:
 
 def _seen_onset_s(record: Record) -> float | None:
     onsets = []
-    for recording in record.recordings:
-        rest = recording.time_s < record.start_s + _REST_S
-        if rest.sum() < 3:
-            return None
+    # A slow group has too few samples in so short a rest; the others show whether there is one.
+    resting = [(r, r.time_s < record.start_s + _REST_S) for r in record.recordings]
+    seen = [(r, rest) for r, rest in resting if rest.sum() >= _REST_SAMPLES]
+    for recording, rest in seen:
         level = recording.values[rest].mean(axis=0)
         spread = recording.values[rest].std(axis=0)
         noise = _tail_noise(recording.values)
-        if (spread > np.maximum(4.0 * noise, _ONSET_SHARE * recording.values.std(axis=0))).any():
+        still = np.maximum(_MOVING * noise, _ONSET_SHARE * recording.values.std(axis=0))
+        if (spread > still).any():
             return None
         away = np.abs(recording.values - level)
         limit = np.maximum(
@@ -61,13 +65,27 @@ def _seen_onset_s(record: Record) -> float | None:
     return min(onsets) if onsets else None
 
 
+def is_still(record: Record) -> bool:
+    """Return whether nothing but noise is in a record: no bump, and no motion after one."""
+    return onset_s(record) is None and all(
+        (r.values.std(axis=0) <= _MOVING * difference_noise(r.values) + rounding).all()
+        for r in record.recordings
+        if len(r.time_s) > 1
+        for rounding in [1e-12 * np.abs(r.values).max(axis=0)]
+    )
+
+
 def decay_start_s(record: Record) -> float:
-    """Return the start of the free decay by the stated bump, s; at most half-way."""
+    """Return the start of the free decay by the stated bump, s; the record may end before it.
+
+    Where no bump is stated, it is at most half-way between the onset and the end.
+    """
     onset = onset_s(record)
     if onset is None:
         return record.start_s
-    bump = record.bump_s if np.isfinite(record.bump_s) else UNKNOWN_BUMP_S
-    return min(onset + bump + GUARD_S, (record.start_s + record.end_s) / 2)
+    if np.isfinite(record.bump_s):
+        return onset + record.bump_s + GUARD_S
+    return min(onset + UNKNOWN_BUMP_S + GUARD_S, (onset + record.end_s) / 2)
 
 
 def quiet_noise(records: Sequence[Record]) -> dict[str, float]:

@@ -97,14 +97,14 @@ def _early(
     size, P = len(linear.solution), len(covariance)
     mixed = np.zeros((size, P))
     parts: list[tuple[NDArray[np.float64], ...]] = []
-    for whole, later, product, stack in zip(
-        record.recordings, decay.recordings, linear.products, linear.coefficients, strict=True
+    for later, product, stack in zip(
+        decay.recordings, linear.products, linear.coefficients, strict=True
     ):
         J = slopes(at, later.group, z)
         weight = at.weights(later.group)
         seen = product.gram[:, : J.shape[1]] @ J
         mixed += over_two(stack * weight[:, None, None], seen)
-        before = whole.between(lower_s, start_s)
+        before = record.whole(later).between(lower_s, start_s)
         moved = Recording(before.group, before.time_s + (lower_s - start_s), before.values)
         parts.append(_recording(at, moved, stack, J, linear, inverse_mass))
     time, rows, error, output, force = (

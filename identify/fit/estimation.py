@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay, Record
 from ..decays.onset import decay_start_s, difference_noise, onset_s, quiet_counts, quiet_noise
+from ..decays.usable import LEAST_S
 from .decay_start import earliest_start_s
 from .grey_box import GreyBox
 from .likelihood import HOLD, Engine, Fit, LinearEngine, Residuals, fit, residuals
@@ -187,8 +188,12 @@ def _laters(
     stated = all(np.isfinite(record.bump_s) for record in records)
     # Where rest was seen and no bump is stated, the first guess is late enough for any bump.
     movable = np.array([stated or onset_s(record) is None for record in records])
-    laters = (_LATER_S if stated else _LATER_UNSTATED_S) if movable.any() else ()
-    return [first + later * movable for later in laters], laters
+    # A decay that is shorter still has no later start.
+    left_s = min(r.end_s - s for r, s in zip(records, first, strict=True)) - LEAST_S / 2.0
+    laters = [
+        s for s in (_LATER_S if stated else _LATER_UNSTATED_S) if movable.any() and s < left_s
+    ]
+    return [first + later * movable for later in laters], tuple(laters)
 
 
 def basin(
@@ -297,8 +302,9 @@ def _reweighted(best: Estimation) -> Estimation:
     counts = quiet_counts(best.records)
     pooled = {}
     for name, level in best.rest.items():
-        squares = sum(float(r.values[name] @ r.values[name]) for r in best.residuals)
-        freedom = sum(r.freedom[name] for r in best.residuals)
+        own = [r for r in best.residuals if name in r.values]
+        squares = sum(float(r.values[name] @ r.values[name]) for r in own)
+        freedom = sum(r.freedom[name] for r in own)
         total = counts[name] * level**2 + squares
         pooled[name] = float(np.sqrt(total / (counts[name] + freedom)))
     sigma = floored(pooled, best.decays)
@@ -349,4 +355,4 @@ def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, f
             for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
                 power.setdefault(channel.name, []).append(float(np.mean(column**2)))
     floor = {name: _FLOOR * float(np.sqrt(np.mean(p))) for name, p in power.items()}
-    return {name: max(level, floor[name], 1e-300) for name, level in sigma.items()}
+    return {name: max(level, floor.get(name, 0.0), 1e-300) for name, level in sigma.items()}

@@ -32,6 +32,8 @@ _RATE_HZ = 125.0  # ten times the fastest mode of a vehicle
 _LENGTH_S = 1.5  # two time constants of the slowest mode; what follows is mostly noise
 _BLUR = 0.03
 _FALSE_ALARM = 1e-3
+_LASTING = 0.5
+"""Least length of a group, as a share of the longest one of the decay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,15 +96,18 @@ def vehicle_diagram(
 
 def _common(decays: Sequence[FreeDecay]) -> tuple[tuple[Channel, ...], float]:
     """Return the channels that all decays show, and the rate of the slowest group, Hz."""
-    shown = [[r for r in decay.recordings if _lasts(r)] for decay in decays]
+    shown = [_lasting(decay) for decay in decays]
     common = set.intersection(*({c.name for r in own for c in r.group.channels} for own in shown))
     channels = tuple(c for r in shown[0] for c in r.group.channels if c.name in common)
     return channels, min((_rate_hz(r.time_s) for own in shown for r in own), default=0.0)
 
 
-def _lasts(recording: Recording) -> bool:
-    """Return whether a group has two samples: one that fails on the bump has none in the decay."""
-    return len(recording.time_s) > 1
+def _lasting(decay: FreeDecay) -> tuple[Recording, ...]:
+    """Return the groups that last for half of a decay: the others end before its slow modes do."""
+    begun = [r for r in decay.recordings if len(r.time_s) > 1]
+    lengths = [float(r.time_s[-1] - r.time_s[0]) for r in begun]
+    least_s = _LASTING * max(lengths, default=0.0)
+    return tuple(r for r, s in zip(begun, lengths, strict=True) if s >= least_s)
 
 
 def _mirrored_modes(
@@ -189,9 +194,8 @@ def _on_grid(
     """
     onset = onset_s(record)
     columns: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-    for before, after in zip(record.recordings, decay.recordings, strict=True):
-        if not _lasts(after):
-            continue
+    for after in _lasting(decay):
+        before = record.whole(after)
         width = max(1, round(_rate_hz(after.time_s) / rate_hz))
         n = len(after.time_s) // width
         time = after.time_s[: n * width].reshape(n, width).mean(axis=1)

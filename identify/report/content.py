@@ -9,6 +9,7 @@ from daq.runs import RunStatus
 from daq.sessions import Session
 
 from ..cross_checks import CrossChecks
+from ..decays.usable import usable_session
 from ..document import Document, survival_lines, unit_text
 from ..fit.cross_validation import Prediction
 from ..fit.grey_box import SIGNED
@@ -34,6 +35,7 @@ def report_of(
 
     `checks` are those of the result's estimation, empty if there is none.
     """
+    session = usable_session(session)
     document = result.document()
     document["source"]["file_sha256"] = source.sha256
     sections: list[Section] = []

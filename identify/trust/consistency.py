@@ -23,6 +23,8 @@ from ..fit.varpro import NormalBlock
 _LARGE_S = 0.4
 """Time, s, after which the wheels are at rest and the body moves with half its first amplitude."""
 _SEEN = 1e-6
+_FEWEST = 3
+"""Least number of runs of which one can be odd."""
 _HEIGHTS = 1.3
 """Ratio of bump heights above which they count as two heights."""
 _MATTERS = 0.02
@@ -46,14 +48,28 @@ def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]
 
     `rival`: strength of the likeliest cause that all runs share: it may also make runs disagree.
     """
+    runs, odd, pull = _hardest(estimation)
+    findings = _odd_run(estimation, odd, pull, rival)
+    if findings:
+        return findings
+    return (*_small_motion(estimation), *_two_heights(estimation, runs))
+
+
+def one_run_is_wrong(estimation: Estimation) -> bool:
+    """Return whether a fit that does not hold would hold without the run that pulls hardest."""
+    _, odd, _ = _hardest(estimation)
+    if len(estimation.decays) < _FEWEST:
+        return False
+    return _without(estimation, odd) <= estimation.chi2_limit
+
+
+def _hardest(estimation: Estimation) -> tuple[dict[str, NormalBlock], str, Pull]:
+    """Return the parts of the runs, and the run that disagrees most with its pull."""
     parts = normal_blocks(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
     runs = {decay.label: parts[decay.label] for decay in estimation.decays}
     pulls = {label: pull_of(estimation, (part,)) for label, part in runs.items()}
     odd = max(pulls, key=lambda label: pulls[label].strength)
-    findings = _odd_run(estimation, odd, pulls[odd], rival)
-    if findings:
-        return findings
-    return (*_small_motion(estimation), *_two_heights(estimation, runs))
+    return runs, odd, pulls[odd]
 
 
 def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
@@ -79,13 +95,11 @@ def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
 def _odd_run(estimation: Estimation, label: str, pull: Pull, rival: float) -> tuple[Finding, ...]:
     """Return a finding if the fit holds without the run that disagrees most."""
     odd = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
-    if len(estimation.decays) < 3 or (estimation.holds and not odd):
+    if len(estimation.decays) < _FEWEST or (estimation.holds and not odd):
         return ()
-    others = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label != label)
     everything = tuple(d.thinned(_RATE_HZ) for d in estimation.decays)
     with_it = _mean_square(estimation, everything, estimation.fit.eta)
-    eta = fit(estimation.box, others, estimation.noise, estimation.fit.eta, 0.1, 20).eta
-    without = _mean_square(estimation, others, eta)
+    without = _without(estimation, label)
     if not estimation.holds and without > 1.0 + 0.5 * (with_it - 1.0):
         return ()
     text = (
@@ -94,6 +108,13 @@ def _odd_run(estimation: Estimation, label: str, pull: Pull, rival: float) -> tu
         "or look for what changed (a second bump, a warm damper, a loose weight)"
     )
     return (Finding("odd_run", Severity.WARNING, text, subject=label, value=without),)
+
+
+def _without(estimation: Estimation, label: str) -> float:
+    """Return the mean square residual of the other runs, fitted without this one."""
+    others = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label != label)
+    eta = fit(estimation.box, others, estimation.noise, estimation.fit.eta, 0.1, 20).eta
+    return _mean_square(estimation, others, eta)
 
 
 def moves_without(estimation: Estimation, label: str) -> dict[str, float]:

@@ -30,13 +30,19 @@ from .whiteness import whiteness_findings
 _NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_in_compression"}
 
 
-def judge(session: Session, estimation: Estimation, signs: Sequence[Finding] = ()) -> Judgement:
+def judge(
+    session: Session,
+    estimation: Estimation,
+    signs: Sequence[Finding] = (),
+    unused: Sequence[Finding] = (),
+) -> Judgement:
     """Judge an estimation by all gates.
 
     For a nonlinear fit, no cause is sought that only a linear model lacks: its elements are in the
     fit.
 
     `signs`: channels whose sign is wrong (`daq.check.opposed_signs`), the cause if there are any.
+    `unused`: what was left out (`unused_findings`).
     """
     linear, holds = estimation.nonlinear is None, estimation.holds
     determined = not undetermined(estimation)
@@ -47,6 +53,7 @@ def judge(session: Session, estimation: Estimation, signs: Sequence[Finding] = (
     explained = _explains(estimation, causes)
     parameters = parameter_findings(estimation)
     findings = [
+        *unused,
         *(causes.findings if signs else ()),
         *misfit_findings(estimation),
         *(f for f in parameters if not (explained and f.code == "contradiction")),

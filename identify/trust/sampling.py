@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from daq.channels import Quantity
 from daq.runs import Run, RunStatus, SampleGroup
 from daq.sessions import Session
+from daq.silence import WHEEL_MOTION_S, longest_gap_s
 from dbc.finding import Finding, Severity
 
 from ..decays.decay import Record, Recording
@@ -23,14 +24,6 @@ from ..decays.onset import decay_start_s
 from .format import listed
 from .stuck import stuck_findings
 
-WHEEL_MOTION_S = 0.2
-"""Time, s, in which the wheels' motion decays by 97 %."""
-GAP_S = 0.02
-"""Longest gap, s: a quarter of a period of the wheels; a decay that starts so late loses a fifth of
-the precision."""
-GAP_PERIODS = 3.5
-"""Least length of a gap, in sampling periods: more than two lost samples in a row, however slow the
-sampling."""
 LOST_SHARE = 0.1
 """Share of lost samples that must have a cause (bus load, a loose plug), which the bump itself may
 trigger."""
@@ -45,8 +38,7 @@ _EVEN = 0.12  # of the period; times without a clock scatter by 0.2 or more
 def sampling_findings(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
     """Judge the time stamps of the accepted runs.
 
-    `session`: as recorded; rejected runs do not count.  `records`: those of its runs, as they are
-    fitted.
+    `session`: rejected runs do not count.  `records`: those of its runs, as they are fitted.
     """
     runs = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
     stretches = _stretches(runs, records)
@@ -144,12 +136,12 @@ def _names(recording: Recording) -> tuple[str, ...]:
 
 
 def _gaps(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
-    bad = [s for s in stretches if s.longest_early_s > max(GAP_S, GAP_PERIODS * s.period_s)]
+    bad = [s for s in stretches if s.longest_early_s > longest_gap_s(s.period_s)]
     if not bad:
         return
     bad.sort(key=lambda s: -s.longest_early_s)
     worst = bad[0]
-    limit = max(GAP_S, GAP_PERIODS * worst.period_s)
+    limit = longest_gap_s(worst.period_s)
     yield Finding(
         "gaps",
         Severity.WARNING,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from daq.channels import Quantity
+from daq.runs import RunStatus
 from daq.sessions import Session
 from daq.vehicle import MassState, Vehicle, parameter_names, parameter_unit
 from dbc.finding import Finding, Severity
@@ -15,17 +17,34 @@ from ..decays.decay import Record
 from ..model.facts import SCALED
 from ..model.matrices import delta_mass
 from ..paper.physical_matrices import MASS_ADVICE, massless_motions
+from .format import listed
 
 _ANY_CG_M = 1.3
 """Assumed place of the CG, m; it does not affect whether weights leave a motion massless."""
 
 
-def shortcomings(records: Sequence[Record], session: Session) -> tuple[Finding, ...]:
-    """Return findings on what is missing for a fit, with advice."""
-    if not records:
+def shortcomings(
+    records: Sequence[Record], session: Session, unused: Sequence[Finding] = ()
+) -> tuple[Finding, ...]:
+    """Return findings on what is missing for a fit, with advice.
+
+    `unused`: what cannot be used (`unused_findings`), then the reason why something is missing.
+    """
+    names = [record.label for record in records]
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    accepted = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
+    if twice:
+        text = f"two accepted runs are named {listed(twice)}: number the repeats"
+        return (_refused("run_names", text),)
+    if records:
+        found = (*_channels(records), *_scale(records, session))
+    elif accepted:
+        text = "no accepted run has a sample: check the sensors, or the map of the channels"
+        found = (_refused("no_runs", text),)
+    else:
         text = "no accepted run: record bounce, pitch and roll in both mass states"
-        return (_refused("no_runs", text),)
-    return (*_channels(records), *_scale(records, session))
+        found = (_refused("no_runs", text),)
+    return (*(replace(f, severity=Severity.ERROR) for f in unused), *found) if found else ()
 
 
 def _refused(gate: str, text: str) -> Finding:

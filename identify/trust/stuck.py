@@ -1,4 +1,4 @@
-"""Finds channels that are dead in every run, or frozen while the vehicle moves."""
+"""Finds channels that are frozen while the vehicle moves."""
 
 from __future__ import annotations
 
@@ -52,31 +52,17 @@ def stuck_findings(records: Sequence[Record]) -> tuple[Finding, ...]:
         h for record, start in zip(records, starts, strict=True) for h in _holds(record, start)
     ]
     moving = {hold.channel for hold in holds if not hold.constant}
-    dead = dict.fromkeys(hold.channel for hold in holds if hold.channel not in moving)
-    findings = []
-    if dead:
-        findings.append(
-            Finding(
-                "dead_channels",
-                Severity.WARNING,
-                f"never moves in any run: {listed(dead)}; the fit takes a dead sensor for a part "
-                "that stands still: repair it or map it as unused",
-            )
-        )
     frozen = [h for h in holds if h.channel in moving and _is_frozen(h, holds)]
-    if frozen:
-        frozen.sort(key=lambda hold: -hold.held_s)
-        places = listed(f"{h.channel} in {h.run}" for h in frozen)
-        findings.append(
-            Finding(
-                "stuck_channels",
-                Severity.WARNING,
-                f"holds one value for {frozen[0].held_s:.2f} s (limit {FROZEN_S:g}) while the "
-                f"vehicle moves: {places}; these samples are not measured and bias the result: "
-                "check the sensor and repeat the run",
-            )
-        )
-    return tuple(findings)
+    if not frozen:
+        return ()
+    frozen.sort(key=lambda hold: -hold.held_s)
+    places = listed(f"{h.channel} in {h.run}" for h in frozen)
+    text = (
+        f"holds one value for {frozen[0].held_s:.2f} s (limit {FROZEN_S:g}) while the vehicle "
+        f"moves: {places}; these samples are not measured and bias the result: check the sensor "
+        "and repeat the run"
+    )
+    return (Finding("stuck_channels", Severity.WARNING, text),)
 
 
 def _is_frozen(hold: _Hold, holds: Sequence[_Hold]) -> bool:

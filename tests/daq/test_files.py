@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from daq.files import replaced, sync_data, sync_folder, write_bytes, write_text
+from daq.errors import InputError
+from daq.files import make_room, replaced, sync_data, sync_folder, write_bytes, write_text
 
 
 def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path: Path) -> None:
@@ -153,3 +154,12 @@ def test_a_file_without_a_name_is_an_error(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(OSError, match=r"busy|argument|directory"), replaced([Path()]) as (part,):
         part.touch()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_folder_of_a_file_is_created_with_its_parents(tmp_path: Path) -> None:
+    for _ in range(2):
+        make_room(tmp_path / "a" / "b" / "c.txt")
+        assert [path.name for path in (tmp_path / "a").iterdir()] == ["b"]
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match=r"c\.txt: Not a directory \(name another file\)"):
+        make_room(tmp_path / "file" / "b" / "c.txt")

@@ -40,7 +40,8 @@ def refused_session(seed: int) -> Session:
     """Return half a campaign: refused within a moment."""
     t = np.arange(200) / 200.0
     noise = np.random.default_rng(seed).standard_normal((3, 200))
-    records = {name: (t, x) for name, x in zip(("z_s", "theta", "phi"), noise, strict=True)}
+    swings = 100.0 * np.exp(-t) * np.cos(8.0 * t) + noise
+    records = {name: (t, x) for name, x in zip(("z_s", "theta", "phi"), swings, strict=True)}
     return session_from_arrays([("baseline", "bounce", records)])
 
 

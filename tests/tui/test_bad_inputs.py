@@ -143,8 +143,8 @@ def test_a_folder_is_no_session(
     _one_line(capsys, "is a directory")
 
 
-def test_output_in_no_folder(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_output_below_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (tmp_path / "bus.log").write_text(FRAME)
-    out = tmp_path / "nowhere" / "out.h5"
+    out = tmp_path / "bus.log" / "out.h5"
     assert run(["import", str(tmp_path / "bus.log"), "--out", str(out)]) == 2
     _one_line(capsys, "")

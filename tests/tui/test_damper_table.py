@@ -35,12 +35,13 @@ def test_a_linear_car_has_none(tmp_path: Path) -> None:
     assert not (tmp_path / "d.csv").exists()
 
 
-def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+def test_a_folder_is_created_or_its_fault_is_one_line(tmp_path: Path) -> None:
     curve = DamperCurve(*(np.zeros(1),) * 5)
     axles = (AxleForces("front", curve, {}, ()), AxleForces("rear", curve, {}, ()))
     document = Identification(Judgement((), 1.0), {}, forces=Forces(axles, ())).document()
-    with pytest.raises(InputError, match="cannot be written: No such file"):
-        write_damper_table(document, tmp_path / "none" / "d.csv")
+    write_damper_table(document, tmp_path / "new" / "folder" / "d.csv")
+    with pytest.raises(InputError, match="name another file"):
+        write_damper_table(document, tmp_path / "new" / "folder" / "d.csv" / "d.csv")
 
 
 SPEED = np.array([-0.3, -0.1, 0.0, 0.1, 0.3])

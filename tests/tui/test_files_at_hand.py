@@ -113,7 +113,7 @@ def test_an_option_that_does_not_fit_an_export_is_named(
     assert named in said(capsys, "export", car, *options, code=2)[1]
 
 
-def test_a_notebook_is_written_once_and_in_a_folder_that_is_there(
+def test_a_notebook_is_written_once_and_its_folder_is_created(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     target = tmp_path / "a.ipynb"
@@ -121,8 +121,9 @@ def test_a_notebook_is_written_once_and_in_a_folder_that_is_there(
     assert out.startswith(str(target))
     assert json.loads(target.read_text())["nbformat"] == 4
     assert "exists" in said(capsys, "notebook", "--out", str(target), code=2)[1]
-    absent = tmp_path / "absent" / "a.ipynb"
-    assert "No such file" in said(capsys, "notebook", "--out", str(absent), code=2)[1]
+    said(capsys, "notebook", "--out", str(tmp_path / "new" / "folder" / "a.ipynb"), code=0)
+    below = str(target / "b.ipynb")  # a file is no folder
+    assert "name another file" in said(capsys, "notebook", "--out", below, code=2)[1]
 
 
 def test_a_decoding_anew_needs_what_was_corrected(

@@ -132,9 +132,14 @@ def test_json(tmp_path: Path) -> None:
         ("m.xyz", _made(), "not a known form of model"),
         ("m.mat", _made(std=0.5), "not determined: m_s"),
         ("m.mat", _made(refused=True), "identification is refused"),
-        ("none/m.mat", _made(), "cannot be written"),
     ],
 )
 def test_what_is_not_written(tmp_path: Path, name: str, made: Identification, why: str) -> None:
     with pytest.raises(InputError, match=why):
         write_model(made, tmp_path / name)
+
+
+def test_the_folder_of_a_model_is_created(tmp_path: Path) -> None:
+    write_model(_made(), tmp_path / "new" / "m.mat")
+    with pytest.raises(InputError, match="name another file"):
+        write_model(_made(), tmp_path / "new" / "m.mat" / "m.mat")

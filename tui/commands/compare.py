@@ -16,11 +16,12 @@ def compare(
     html: Annotated[Path | None, typer.Option(help="Also write a page.")] = None,
 ) -> int:
     """Compare sessions with the first one: differences with their significance, and trends."""
+    from daq.files import make_room
     from identify.compare import compare as compared
 
     from ..endings import PAGES, require_ending
     from ..jobs.comparing import identified, print_comparison
-    from ..jobs.reporting import make_room, write_file
+    from ..jobs.reporting import write_file
     from ..output import print_json, progress
 
     if len(sessions) < 2:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,8 +15,13 @@ from ..options import CarName
 if TYPE_CHECKING:
     from threading import Event
 
+    from daq import Status
+    from daq.bench import Step
+
 _PATIENCE_S = 10.0
 """Seconds without a further frame after which the recorder has taken all sent frames."""
+_LOOK_S = 0.02
+"""Seconds between two looks at the status."""
 
 
 def demo(
@@ -33,7 +39,7 @@ def demo(
     from dataclasses import replace
 
     import identify as method
-    from daq import Status, bench_codec, file_sha256, load_bench, open_source
+    from daq import bench_codec, file_sha256, load_bench, open_source
     from daq.bench import Origin, on_bus, parse_bench, with_vehicle
     from daq.bus import open_bus
     from daq.control import Phase, lone_recorder
@@ -61,11 +67,10 @@ def demo(
     bench = replace(bench, origin=Origin.SIMULATED)
     simulated = chosen.simulated()
     armed, stop = threading.Event(), threading.Event()
-    latest_ns = 0
+    latest: list[Status] = []
 
     def follow(status: Status) -> None:
-        nonlocal latest_ns
-        latest_ns = status.t_ns
+        latest[:] = [status]
         if status.phase is not Phase.IDLE:
             armed.set()
 
@@ -74,12 +79,12 @@ def demo(
     def drive() -> None:
         armed.wait()
         with open_bus(bench.bus) as bus:
-            frames = campaign_frames(bench, bench_codec(bench), simulated, seed, time.time_ns())
+            codec, steps = bench_codec(bench), due_bumps(lambda: latest[-1], stop)
+            frames = campaign_frames(bench, codec, simulated, seed, time.time_ns(), steps)
             for _ in play(frames, bus, None):
                 if stop.is_set():
                     return
-        _wait_for_the_last(lambda: latest_ns, stop)
-        lifetime.end.set()  # a run was rejected, and the simulated car has no more bumps
+        lifetime.end.set()  # it is complete, or the recorder waits for a decision
 
     driver = threading.Thread(target=drive, name="simulated car")
     with lone_recorder(out), Log(out / LOG) as lines, progress("record") as stage:
@@ -105,11 +110,35 @@ def demo(
     return ExitCode.ANSWER_IS_NO if document["verdict"] == "refused" else ExitCode.OK
 
 
-def _wait_for_the_last(latest_ns: Callable[[], int], stop: Event) -> None:
-    """Wait until a recorder takes no further frame; on a busy machine it lags behind the car.
+def due_bumps(latest: Callable[[], Status], stop: Event) -> Iterator[Step]:
+    """Yield the bump that is due as soon as the recorder has judged the one before.
 
-    `latest_ns`: time stamp of the latest frame that it has taken.  `stop`: ends the wait.
+    So a rejected run is repeated, as an operator repeats it.  Ends when the campaign is complete,
+    the recorder has stopped the run loop, or it does not judge a run although it has all frames.
+
+    `latest`: newest status of the recorder.  `stop`: ends the wait for it.
     """
-    before_ns = -1
-    while (now_ns := latest_ns()) != before_ns and not stop.wait(_PATIENCE_S):
-        before_ns = now_ns
+    for bumped in count():
+        status = _judged(latest, bumped, stop)
+        if status is None or status.due is None or status.halted:
+            return
+        yield status.due.step
+
+
+def _judged(latest: Callable[[], Status], bumped: int, stop: Event) -> Status | None:
+    """Return the status when so many runs are judged; None if the recorder takes no more frames.
+
+    On a busy machine it lags behind the car.
+    """
+    from daq.runlog import LoggedStatus
+
+    t_ns, waited_s = -1, 0.0
+    while waited_s < _PATIENCE_S:
+        status = latest()
+        if sum(run.status is not LoggedStatus.OPEN for run in status.runs) >= bumped:
+            return status
+        waited_s = waited_s + _LOOK_S if status.t_ns == t_ns else 0.0
+        t_ns = status.t_ns
+        if stop.wait(_LOOK_S):
+            return None
+    return None

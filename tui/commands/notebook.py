@@ -17,11 +17,13 @@ def notebook(
     """Write a notebook that leads from arrays and session files to parameters and figures."""
     from importlib.resources import files
 
+    from daq.files import make_room
     from dbc import InputError
 
     from ..output import print_json, print_line
 
     source = files("identify") / "notebook" / "bump_test.ipynb"
+    make_room(out)
     try:
         with out.open("xb") as stream:
             stream.write(source.read_bytes())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from daq import RunStatus, Session
 from daq.remarks import overrides_of
+from identify import usable_session
 from identify.document import survival_lines, unit_text
 from identify.report import (
     HEADLINE,
@@ -141,7 +142,7 @@ def _runs(session: Session, document: Document, result: Identification) -> tuple
             _mean(document["chi2_by_run"].get(run.label, {})),
             curves.get(run.label, ()),
         )
-        for run in session.runs
+        for run in usable_session(session).runs
     )
 
 

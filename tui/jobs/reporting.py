@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from daq.files import write_bytes
+from daq.files import make_room, write_bytes
 from dbc import InputError
 
 from ..endings import PAGES, SHEETS, require_ending
@@ -100,19 +100,6 @@ def _pdf_of(page: Report) -> bytes:
     from identify.report import pdf_of  # matplotlib, which the helpers have loaded
 
     return pdf_of(page)
-
-
-def make_room(path: Path) -> None:
-    """Create the folder of a file before long work, so that a wrong name fails at once.
-
-    Raises InputError if it cannot be made.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except FileExistsError as error:
-        raise InputError(str(path.parent), "is not a folder", "name another folder") from error
-    except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), "name another file") from error
 
 
 def write_file(path: Path, data: bytes) -> None:

@@ -9,7 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from ...errors import InputError
-from ...files import replaced
+from ...files import make_room, replaced
 from ...runs import SampleGroup
 from ...sessions import Session
 from .. import description
@@ -187,13 +187,13 @@ def written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
     written.
     """
     for target in targets:
-        if not target.parent.is_dir():
-            raise InputError(str(target), "there is no such folder", "create it, or name another")
         if target.is_dir():
             raise InputError(str(target), "is a directory", "name a file")
         if target.exists() and not force:
             advice = "name another file with --out, or use --force"
             raise InputError(str(target), "exists already", advice)
+    for target in targets:
+        make_room(target)
     try:
         with replaced(targets) as parts:
             yield parts

@@ -79,6 +79,10 @@ def test_line(loc: tuple[str | int, ...], line: int) -> None:
             "b.toml:2: unknown key bus.chanel"
             " (remove it or correct its name; did you mean channel?)",
         ),
+        (
+            "[campaign]\nhub = 'FL'\n",  # a key of another table
+            "b.toml:2: unknown key campaign.hub (remove it: it has no meaning here)",
+        ),
         ("[bus]\nchannel =\n", "b.toml:2: is not TOML: Invalid value, column 10 (correct"),
     ],
 )

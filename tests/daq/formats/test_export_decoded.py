@@ -271,8 +271,9 @@ def test_files_are_whole_or_absent_and_never_overwritten(
 
 
 def test_nowhere_to_write(tmp_path: Path, session: Session) -> None:
-    with pytest.raises(InputError, match="no such folder"):
-        export_session(session, tmp_path / "absent" / "car.mat", ExportFormat.MAT)
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="name another file"):
+        export_session(session, tmp_path / "file" / "car.mat", ExportFormat.MAT)
     with pytest.raises(InputError, match="is a directory"):
         export_session(session, tmp_path, ExportFormat.MAT)
     with pytest.raises(InputError, match=r"\.xls is not an export format"):

@@ -73,9 +73,12 @@ def test_a_file_of_one_fast_run_is_replaced_whole_or_not_at_all(
     assert [p.name for p in tmp_path.iterdir()] == ["car.h5"]
 
 
-def test_no_such_folder(tmp_path: Path, session: Session) -> None:
-    with pytest.raises(InputError, match="No such file"):
-        write_session(tmp_path / "absent" / "car.h5", session)
+def test_the_folder_of_a_session_is_created(tmp_path: Path, session: Session) -> None:
+    write_session(tmp_path / "new" / "folder" / "car.h5", session)
+    assert (tmp_path / "new" / "folder" / "car.h5").exists()
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="name another file"):
+        write_session(tmp_path / "file" / "car.h5", session)
 
 
 def test_xarray_reads_runs_with_units(tmp_path: Path, session: Session) -> None:

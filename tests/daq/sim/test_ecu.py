@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.bench.campaign import Campaign
+from daq.bench.campaign import Campaign, Step
 from daq.bench.config import Bench, load_bench
 from daq.errors import InputError
 from daq.runs import Excitation
@@ -51,6 +52,25 @@ def quiet_run(codec: Codec, excitation: Excitation) -> dict[str, NDArray[np.floa
     bench = replace(load_bench(None), campaign=Campaign((excitation,), 1, ("baseline",)))
     (batch,) = campaign_frames(bench, codec, QUIET, SEED, START_NS)
     return {name: samples.value for name, samples in codec.decode(batch).samples.items()}
+
+
+def test_the_next_bump_is_asked_for_when_the_run_before_it_was_used(codec: Codec) -> None:
+    roll, bounce = (Step("baseline", kind, 1) for kind in (Excitation.ROLL, Excitation.BOUNCE))
+    asked = []
+
+    def due() -> Iterator[Step]:
+        for step in (roll, bounce, roll):
+            asked.append(step)
+            yield step
+
+    frames = campaign_frames(short_bench(), codec, CAR, SEED, START_NS, due())
+    seen = []
+    for number, batch in enumerate(frames, start=1):
+        assert len(asked) == number
+        samples = codec.decode(batch).samples
+        seen.append(float(np.ptp(samples["IMU_Rate.rate_x"].value)))
+    assert len(seen) == 3
+    assert seen[1] < 0.1 * min(seen[0], seen[2])
 
 
 def test_one_batch_a_run_in_the_order_of_transmission(batches: list[FrameBatch]) -> None:

@@ -10,7 +10,14 @@ import pytest
 from daq.channels import Channel, Quantity
 from daq.runs import Excitation, Losses, Run, RunStatus, SampleGroup
 from dbc import FrameBatch
-from identify.decays.decay import ChannelGroup, FreeDecay, Recording, record_of, with_channels
+from identify.decays.decay import (
+    ChannelGroup,
+    FreeDecay,
+    Record,
+    Recording,
+    record_of,
+    with_channels,
+)
 
 A, B, C = (Channel(name, Quantity.BODY_ACCELERATION, "m/s2") for name in "abc")
 
@@ -95,3 +102,13 @@ def test_samples_that_are_described_otherwise_stay_as_they_are() -> None:
     (whole,) = with_channels(decay, lambda c: exchanged[c.name]).recordings
     assert [c.name for c in whole.group.channels] == ["c", "b", "a"]
     assert whole.values.tolist() == decay.recordings[0].values.tolist()
+
+
+def test_a_decay_has_only_groups_of_two_samples_or_more() -> None:
+    record = Record("run", "baseline", 0.2, (recording(10, 10.0, A), recording(4, 10.0, B, C)))
+    assert record.start_s == 0.0
+    assert record.end_s == pytest.approx(0.9)
+    for start_s, names in ((0.15, ["a", "bc"]), (0.25, ["a"])):
+        parts = record.decay(start_s).recordings
+        assert ["".join(c.name for c in part.group.channels) for part in parts] == names
+        assert [record.whole(part) for part in parts] == list(record.recordings[: len(parts)])

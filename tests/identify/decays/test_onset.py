@@ -11,6 +11,7 @@ from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.decays.onset import (
     decay_start_s,
     difference_noise,
+    is_still,
     onset_s,
     quiet_counts,
     quiet_noise,
@@ -90,6 +91,21 @@ def test_three_samples_show_rest(rate_hz: float, rests: bool) -> None:
     assert (onset_s(record(recording(values, rate_hz))) is not None) is rests
 
 
+def test_a_slow_group_leaves_it_to_the_others_whether_the_record_begins_at_rest() -> None:
+    slow = recording(np.repeat([0.0, 9.0], 10), 20.0)
+    assert onset_s(record(recording(moving(300, 50.0)), slow)) == 0.3
+    assert onset_s(record(recording(moving(20, 50.0)), slow)) is None
+
+
+@pytest.mark.parametrize(("size", "still"), [(0.0, True), (9.0, False)])
+def test_noise_alone_is_no_motion(size: float, still: bool) -> None:
+    """A swing of 9 has a standard deviation of 6.4, that is 6.4 times the noise."""
+    swing = size * np.sin(2.0 * np.pi * np.arange(1000) / 250.0)
+    assert is_still(record(recording(swing + noise(1000)))) is still
+    assert is_still(record(recording(np.full(1000, 9.81)))) is True
+    assert is_still(record(recording(moving(300, 50.0)))) is False
+
+
 @pytest.mark.parametrize(("spread", "rests"), [(3.9, True), (4.1, False)])
 def test_what_scatters_at_the_start_by_four_times_the_noise_moves(
     spread: float, rests: bool
@@ -113,8 +129,9 @@ def test_the_first_channel_to_move_counts_in_whatever_group() -> None:
     [
         (0.1, 0.3 + 0.1 + 0.01),
         (0.15, 0.3 + 0.15 + 0.01),
-        (float("nan"), 0.4995 + 5e-10),  # 0.35 s more would be 0.66: half of the record comes first
-        (0.3, 0.4995 + 5e-10),
+        (0.3, 0.3 + 0.3 + 0.01),
+        (0.9, 0.3 + 0.9 + 0.01),  # after the end of the record: it has no free decay
+        (float("nan"), 0.3 + 0.699 / 2 + 5e-10),  # 0.35 s more would be 0.66: half comes first
     ],
 )
 def test_a_decay_starts_after_the_bump_and_a_guard_of_10_ms(bump_s: float, start_s: float) -> None:
@@ -130,7 +147,7 @@ def test_a_bump_of_unknown_length_takes_35_hundredths() -> None:
 def test_a_record_that_starts_in_motion_is_a_decay_from_its_first_common_sample() -> None:
     both = recording(moving(10, 500.0), first_s=1.0), recording(moving(10, 500.0), first_s=1.5)
     given = record(*both)
-    assert [given.start_s, given.end_s] == pytest.approx([1.5, 1.999], abs=1e-8)
+    assert [given.start_s, given.end_s] == pytest.approx([1.5, 2.499], abs=1e-8)
     assert decay_start_s(given) == 1.5
 
 

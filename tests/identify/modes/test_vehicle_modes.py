@@ -215,3 +215,15 @@ def test_a_run_that_ends_with_its_bump_is_refused_in_words(n: int) -> None:
     with pytest.raises(InputError, match="free decays"):
         sensed_modes(records, decays)
     assert vehicle_diagram(records, decays) is None
+
+
+@pytest.mark.parametrize(("share", "common"), [(0.45, False), (0.55, True)])
+def test_a_group_counts_if_it_lasts_for_half_of_the_decay(share: float, common: bool) -> None:
+    records = campaign(GRANADA, 40.0, 2)
+    decays = [record.decay(0.3001) for record in records]
+    *others, last = decays[1].recordings
+    n = round(share * len(last.time_s))
+    short = replace(last, time_s=last.time_s[:n], values=last.values[:n])
+    decays[1] = replace(decays[1], recordings=(*others, short))
+    names = {c.name for c in sensed_modes(records, decays).channels}
+    assert ({c.name for c in last.group.channels} <= names) is common

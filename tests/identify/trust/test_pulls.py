@@ -183,12 +183,6 @@ def test_a_channel_that_is_still_in_one_run_is_held_against_a_repeat_only() -> N
     assert (code, "still in baseline_roll_2" in text) == ("stuck_channels", True)
 
 
-def test_a_channel_that_moves_in_no_run_is_dead() -> None:
-    nothing = np.full(2000, 3.0)
-    ((code, text),) = named(run("baseline_roll_1", nothing), run("baseline_roll_2", nothing + 1.0))
-    assert (code, "still;" in text) == ("dead_channels", True)
-
-
 def test_where_no_onset_is_seen_a_decay_starts_as_in_the_other_runs() -> None:
     """A hold from 0.3 to 0.4 s is before the usual start, one that lasts until 0.6 s is not."""
     other = run("baseline_roll_2", noisy())

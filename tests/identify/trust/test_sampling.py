@@ -165,19 +165,6 @@ def test_a_channel_that_some_runs_lack_is_named() -> None:
     assert "hub_acc_fl in baseline_pitch_2;" in findings["missing_channels"].text
 
 
-def test_a_dead_channel_is_doubtful() -> None:
-    session = with_group(
-        campaign("linear", 1),
-        "",
-        HUBS_FRONT,
-        lambda g: revalued(g, HUBS_FRONT, np.full(len(g.time_s), 9.81)),
-    )
-    findings = found(session)
-    assert set(findings) == {"dead_channels"}
-    assert findings["dead_channels"].severity is Severity.WARNING
-    assert HUBS_FRONT in findings["dead_channels"].text
-
-
 @pytest.mark.parametrize("from_s", [0.0, AFTER_BUMP_S + 0.1])
 def test_a_channel_frozen_in_one_run_is_doubtful(from_s: float) -> None:
     def frozen(group: SampleGroup) -> SampleGroup:

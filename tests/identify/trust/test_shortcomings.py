@@ -132,3 +132,17 @@ def test_a_track_fixes_no_scale() -> None:
 
 def test_weights_on_body_and_hubs_are_enough() -> None:
     assert _missing(_with_added(*SPREAD, *HUB_WEIGHTS)) == ()
+
+
+def test_two_runs_of_one_name_are_refused() -> None:
+    session = campaign("linear", 1)
+    same = replace(session, runs=tuple(replace(run, repeat=1) for run in session.runs[:2]))
+    (finding,) = _missing(same)
+    assert (finding.code, finding.severity) == ("run_names", Severity.ERROR)
+    assert "named baseline_bounce_1:" in finding.text
+
+
+def test_runs_without_samples_are_not_missing_runs() -> None:
+    session = campaign("linear", 1)
+    (finding,) = _missing(with_runs(session, lambda run: replace(run, groups=())))
+    assert (finding.code, "has a sample" in finding.text) == ("no_runs", True)

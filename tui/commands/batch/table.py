@@ -6,7 +6,7 @@ import csv
 from importlib.util import find_spec
 from pathlib import Path
 
-from daq.files import replaced
+from daq.files import make_room, replaced
 from dbc import InputError
 
 from ...endings import PAGES, require_ending
@@ -20,8 +20,8 @@ _ENDINGS = (".csv", ".parquet")
 def check_outputs(out: Path, page: Path | None) -> None:
     """Refuse files that could not be written, before hours of computing.
 
-    Raises InputError if an ending is unknown, a folder does not exist or is something else, or
-    pyarrow is missing.
+    Folders that are missing are created.  Raises InputError if an ending is unknown, a folder is
+    something else or cannot be made, or pyarrow is missing.
     """
     partitioned = not out.suffix
     if not partitioned and out.suffix.lower() not in _ENDINGS:
@@ -33,12 +33,13 @@ def check_outputs(out: Path, page: Path | None) -> None:
     if page is not None:
         require_ending(page, "page", PAGES)
     for path in (out, *([] if page is None else [page])):
-        if (path.is_dir() and not (partitioned and path == out)) or not path.parent.is_dir():
-            what = "is a directory" if path.is_dir() else "its directory does not exist"
-            raise InputError(str(path), what, "name a file in a directory that exists")
+        if path.is_dir() and not (partitioned and path == out):
+            raise InputError(str(path), "is a directory", "name a file")
     if out.suffix.lower() != ".csv" and find_spec("pyarrow") is None:
         what = "Parquet needs pyarrow, which is not installed"
         raise InputError(str(out), what, "install bumpbench[data]")
+    for path in (out, *([] if page is None else [page])):
+        make_room(path)
 
 
 def write_outputs(out: Path, page: Path | None, journal: Path) -> None:

@@ -21,17 +21,18 @@ FigureFile = Annotated[
 def check_figure_file(path: Path | None) -> None:
     """Refuse a file that could not be written, before hours of computing.
 
-    Raises InputError if it does not end in .svg or its directory does not exist.
+    Its folder is created.  Raises InputError if it does not end in .svg, or cannot be written.
     """
+    from daq.files import make_room
     from dbc import InputError
 
     if path is None:
         return
     if path.suffix.lower() != ".svg":
         raise InputError(str(path), "a figure is drawn as SVG only", "name the file *.svg")
-    if path.is_dir() or not path.parent.is_dir():
-        what = "is a directory" if path.is_dir() else "its directory does not exist"
-        raise InputError(str(path), what, "name a file in a directory that exists")
+    if path.is_dir():
+        raise InputError(str(path), "is a directory", "name a file")
+    make_room(path)
 
 
 def deliver(study: Study, json: bool, figure: Path | None) -> None:

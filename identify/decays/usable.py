@@ -1,0 +1,115 @@
+"""Leaves out runs that cannot be used: the bench rejects them, an import does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daq.channels import Channel, Quantity
+from daq.runs import Run, RunStatus
+from daq.sessions import Session
+from daq.silence import Silence, longest_silence
+
+from .decay import record_of
+from .onset import decay_start_s, is_still
+
+LEAST_S = 0.1
+"""Least length of a decay, s: a period of the wheels."""
+_Silences = Mapping[str, Silence]
+"""The longest silence of each channel that shows a run."""
+
+
+def usable_session(session: Session) -> Session:
+    """Return a session with only what can be used: other runs are rejected, with reasons.
+
+    A channel with one value in all runs is unused: the fit would take a dead sensor for a part that
+    stands still.
+    A run is left out if a channel that shows a part of it is silent for longer than the bench
+    allows (`daq.silence`): its plug is loose, and what it sent before is not sure.  A channel that
+    is silent in most of its runs was recorded so, and these runs are used as they are.  Runs
+    without motion, or without a free decay, are left out, too.
+    """
+    session = replace(session, channels=_living(session))
+    silences = _silences(session)
+    usual = _silent_in_most(silences)
+    runs = (
+        replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
+        if (reasons := tuple(_silent(own, usual)) or tuple(_without_decay(run, session)))
+        else run
+        for run, own in zip(session.runs, silences, strict=True)
+    )
+    return replace(session, runs=tuple(runs))
+
+
+def _living(session: Session) -> tuple[Channel, ...]:
+    """Return the channels; those that never change, although they have values, are unused."""
+    moves: dict[str, bool] = {}
+    for group in (g for run in session.runs if _is_accepted(run) for g in run.groups):
+        for name, values in group.values.items():
+            finite = values[np.isfinite(values)]
+            if len(finite):
+                moves[name] = moves.get(name, False) or bool((finite != finite[0]).any())
+    return tuple(
+        c if moves.get(c.name, True) else replace(c, quantity=Quantity.UNUSED, corner=None)
+        for c in session.channels
+    )
+
+
+def _is_accepted(run: Run) -> bool:
+    return run.status is RunStatus.ACCEPTED
+
+
+def silent_in_most(session: Session) -> tuple[str, ...]:
+    """Return the channels that are silent for too long in most of the runs that they show."""
+    return _silent_in_most(_silences(session))
+
+
+def _silent_in_most(silences: Sequence[_Silences]) -> tuple[str, ...]:
+    shown = [name for own in silences for name in own]
+    stale = [name for own in silences for name, silence in own.items() if silence.is_stale]
+    return tuple(n for n in dict.fromkeys(stale) if 2 * stale.count(n) > shown.count(n))
+
+
+def _silences(session: Session) -> list[_Silences]:
+    """Return the longest silences in each run; none in one that is not accepted."""
+    used = {c.name for c in session.channels if c.quantity is not Quantity.UNUSED}
+    return [_of_run(run, used) if _is_accepted(run) else {} for run in session.runs]
+
+
+def _of_run(run: Run, used: set[str]) -> _Silences:
+    times = {
+        name: group.time_s[np.isfinite(values) & np.isfinite(group.time_s)]
+        for group in run.groups
+        for name, values in group.values.items()
+        if name in used
+    }
+    times = {name: time_s for name, time_s in times.items() if len(time_s)}
+    begin_s = min((float(time_s.min()) for time_s in times.values()), default=0.0)
+    end_s = max((float(time_s.max()) for time_s in times.values()), default=0.0)
+    return {name: longest_silence(time_s, begin_s, end_s) for name, time_s in times.items()}
+
+
+def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:
+    """Yield a line for each time in which channels were silent together."""
+    together: dict[str, list[str]] = {}
+    for name, silence in silences.items():
+        if silence.is_stale and name not in usual:
+            begin_s = max(silence.begin_s, 0.0)  # the first sample may come before 0
+            span = f"from {begin_s:.2f} to {silence.end_s:.2f} s"
+            together.setdefault(f"{span} (limit {silence.limit_s:.2f} s)", []).append(name)
+    for span, names in together.items():
+        yield f"{', '.join(names)} sent nothing {span}"
+
+
+def _without_decay(run: Run, session: Session) -> Iterator[str]:
+    """Yield the reason why an accepted run with samples shows no free decay."""
+    record = record_of(run, session.channels)
+    if not _is_accepted(run) or not record.recordings:
+        return
+    length_s = record.end_s - decay_start_s(record)
+    if is_still(record):
+        yield "nothing moves in it"
+    elif length_s < LEAST_S:
+        yield f"it ends {max(length_s, 0.0):.2f} s after the bump (at least {LEAST_S:.2f} s)"

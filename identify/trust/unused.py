@@ -1,0 +1,47 @@
+"""Names the runs and channels of a session that are not used because they cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from daq.sessions import Session
+from dbc.finding import Finding, Severity
+
+from ..decays.usable import silent_in_most
+from .format import listed
+
+
+def unused_findings(session: Session, used: Session) -> Iterator[Finding]:
+    """Name what `identify.decays.usable` left out of a session, with the reasons.
+
+    `used`: what is left.
+    """
+    reasons: dict[str, list[str]] = {}
+    for before, run in zip(session.runs, used.runs, strict=True):
+        if run.status != before.status:
+            reasons.setdefault("; ".join(run.reasons), []).append(run.label)
+    if reasons:
+        runs = "; ".join(f"{listed(labels)}: {why}" for why, labels in reasons.items())
+        yield Finding(
+            "left_out",
+            Severity.NOTE,
+            f"not used: {runs}; check the sensors' plugs and the cut of the runs and repeat them; "
+            "where a sensor was off on purpose, set its channels to unused",
+        )
+    pairs = zip(session.channels, used.channels, strict=True)
+    dead = [channel.name for channel, now in pairs if channel.quantity != now.quantity]
+    if dead:
+        yield Finding(
+            "dead_channels",
+            Severity.NOTE,
+            f"never moves in any run: {listed(dead)}; the runs are fitted by the other channels: "
+            "repair the sensor or map it as unused",
+        )
+    silent = silent_in_most(used)
+    if silent:
+        yield Finding(
+            "silent_channels",
+            Severity.NOTE,
+            f"silent for a part of most runs: {listed(silent)}; these runs are fitted by what "
+            "came: check sensor and plug",
+        )
