@@ -248,10 +248,13 @@ def _chosen(
     best: tuple[int, ...] = ()
     worth = 0.0
     for size in range(1, (_MOST if n_sessions == 2 else _MOST_OF_MANY) + 1):
-        for some in combinations(usable, size):
-            if len({model.parameters[i] for i in some}) < size:
-                continue
-            gain = found.gain(np.concatenate([groups[i] for i in some]))
+        sets = [
+            some
+            for some in combinations(usable, size)
+            if len({model.parameters[i] for i in some}) == size
+        ]
+        gains = found.gains([np.concatenate([groups[i] for i in some]) for some in sets])
+        for some, gain in zip(sets, gains.tolist(), strict=True):
             own = gain - price[some[0]] - sum(further[i] for i in some[1:])
             if own > worth:
                 best, worth = some, own

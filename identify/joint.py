@@ -51,7 +51,8 @@ def likelihood_at_optimum(estimation: Estimation, elements: Sequence[str] = ()) 
         whole = np.sum(list(fit.information.values()), axis=0)
         information, _, _ = _profiled(whole, np.zeros(len(fit.eta)), p)
         return Likelihood(information, information @ fit.eta[:p], fit.eta[p:])
-    common = np.array([*range(p), *(estimation.nonlinear.elements[name] for name in elements)])
+    places = estimation.nonlinear.elements
+    common = np.array([*range(p), *(places[name] for name in elements)])
     # The covariance of the intervals, which may be wider than the information says.
     block = fit.covariance[np.ix_(common, common)]
     known = np.flatnonzero(np.isfinite(np.diag(block)))
@@ -129,9 +130,19 @@ class Differences:
 
     def gain(self, which: NDArray[np.intp]) -> float:
         """Return the fall of the squared residuals by some differences."""
-        kept = which[self.shown[which]]
-        target = self.target[kept]
-        return float(target @ pseudo_inverse(self.information[np.ix_(kept, kept)]) @ target)
+        return float(self.gains([which[self.shown[which]]])[0])
+
+    def gains(self, sets: Sequence[NDArray[np.intp]]) -> NDArray[np.float64]:
+        """Return the gain of each of many sets of differences that the sessions determine."""
+        sizes = np.array([len(which) for which in sets], dtype=np.intp)
+        result = np.zeros(len(sets))
+        for size in np.unique(sizes).tolist():
+            alike = np.flatnonzero(sizes == size)
+            which = np.array([sets[i] for i in alike.tolist()], dtype=np.intp)
+            inverse = pseudo_inverse(self.information[which[:, :, None], which[:, None, :]])
+            target = self.target[which]
+            result[alike] = np.sum((inverse @ target[..., None])[..., 0] * target, axis=1)
+        return result
 
     def best(
         self, which: NDArray[np.intp]

@@ -61,7 +61,7 @@ def _together(
         right += cross.reshape(n, -1) @ weighted
         cost += np.stack([one[i].power for one in seen]) @ weight
         parts.append((recording.group, stack, weight, weighted, gram, cross))
-    inverse = np.stack([pseudo_inverse(one) for one in normal])
+    inverse = pseudo_inverse(normal)
     solution = (inverse @ right[..., None])[..., 0]
     z = solution[:, :_N] @ at.modes.W.T
     H, mixed, g = np.zeros((n, P, P)), np.zeros((n, size, P)), np.zeros((n, P))

@@ -216,27 +216,38 @@ def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.flo
 
 
 def pseudo_inverse(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert a normal matrix; directions that the data do not determine stay zero."""
-    if not normal.size:  # NumPy 2.0 raises for the norm of an empty array
+    """Invert normal matrices, (.., n, n); directions that the data do not determine stay zero."""
+    if not normal.size:
         return normal.copy()
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scaled = normal * np.outer(scale, scale)
-    inverse = _plain_inverse(scaled)
-    if inverse is None:
-        values, vectors = np.linalg.eigh(scaled)
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
+    scales = scale[..., :, None] * scale[..., None, :]
+    scaled = (normal * scales).reshape(-1, *normal.shape[-2:])
+    inverse, certain = _plain_inverse(scaled)
+    for i in np.flatnonzero(~certain).tolist():
+        values, vectors = np.linalg.eigh(scaled[i])
         good = values > _RANK * values[-1]
-        inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
-    return np.asarray(inverse * np.outer(scale, scale))
+        inverse[i] = (vectors[:, good] / values[good]) @ vectors[:, good].T
+    return np.asarray(inverse.reshape(normal.shape) * scales)
 
 
-def _plain_inverse(scaled: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the inverse in a tenth of the time; None if the data leave a direction open."""
+def _plain_inverse(
+    scaled: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return inverses, (m, n, n), in a tenth of the time; False if data leave a direction open."""
     try:
-        inverse = np.linalg.inv(scaled)
-    except np.linalg.LinAlgError:
-        return None
-    condition = np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1)
-    return 0.5 * (inverse + inverse.T) if condition < _CERTAIN / _RANK else None
+        inverse = np.asarray(np.linalg.inv(scaled), dtype=np.float64)
+    except np.linalg.LinAlgError:  # of one of them
+        if len(scaled) == 1:
+            return np.zeros_like(scaled), np.array([False])
+        each = [_plain_inverse(one[None]) for one in scaled]
+        return np.concatenate([one for one, _ in each]), np.concatenate([sure for _, sure in each])
+    condition = _norm(scaled) * _norm(inverse)
+    return 0.5 * (inverse + inverse.swapaxes(1, 2)), condition < _CERTAIN / _RANK
+
+
+def _norm(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the largest sum of magnitudes in a column of each matrix."""
+    return np.asarray(np.abs(matrices).sum(axis=1).max(axis=1))
 
 
 @dataclass(frozen=True, slots=True)

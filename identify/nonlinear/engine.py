@@ -38,8 +38,9 @@ class NonlinearEngine:
     def elements(self) -> Mapping[str, int]:
         """Position among the unknowns of a `Fit` of each element with a size: knees have none."""
         sized = {e.name for e in elements(()) if not e.logarithmic}
-        names = [self.problem.model.names[i] for i in self.shown.tolist()]
-        return {name: place for place, name in enumerate(names) if name in sized}
+        names = self.problem.model.names
+        shown = [names[i] for i in self.shown.tolist()]
+        return {name: place for place, name in enumerate(shown) if name in sized}
 
     def normal_blocks(
         self,

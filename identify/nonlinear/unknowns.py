@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -80,6 +81,7 @@ _KINDS = (
 )
 
 
+@cache
 def elements(knots: tuple[float, ...]) -> tuple[Element, ...]:
     """Return the unknowns of all elements of both axles, for damper knees at `knots`, m/s."""
     named = [Element(f"{kind[0]}{axle}", *kind[1:]) for kind in _KINDS for axle in "fr"]

@@ -74,6 +74,8 @@ def test_of_four_sessions_one_drifts_and_another_varies() -> None:
     _, drift_only, _ = solved(roots, optima, [block[:, :1] for block in columns])
     assert found.gain(np.array([0])) == pytest.approx(alike - drift_only)
     assert found.gain(np.zeros(0, dtype=np.intp)) == 0.0
+    sets = [np.array([0]), everything, np.zeros(0, dtype=np.intp)]
+    assert found.gains(sets) == pytest.approx([alike - drift_only, alike - left, 0.0])
 
 
 def test_a_parameter_that_one_session_only_tells_of_shows_no_difference() -> None:

@@ -25,8 +25,21 @@ def test_what_the_data_do_not_show_stays_zero() -> None:
     assert inverse(twins) == pytest.approx(np.full((2, 2), 1.0 / 8.0))
 
 
+def test_each_of_many_is_inverted_as_if_it_were_alone() -> None:
+    """One is regular, one is what LAPACK calls singular, and one is singular but for rounding."""
+    twins = np.array([[0.1, 0.3], [0.3, 0.9]])
+    several = np.stack([np.array([[2.0, 1.0], [1.0, 3.0]]), np.diag([4.0, 0.0]), twins])
+    found = pseudo_inverse(several)
+    assert found[0] == pytest.approx(np.array([[3.0, -1.0], [-1.0, 2.0]]) / 5.0)
+    assert found[1] == pytest.approx(np.diag([0.25, 0.0]))
+    # Scaled to ones on the diagonal it is [[1, 1], [1, 1]], whose inverse is a quarter of that.
+    assert found[2] == pytest.approx(0.25 / np.sqrt(np.outer([0.1, 0.9], [0.1, 0.9])))
+    assert pseudo_inverse(several[:, None]) == pytest.approx(found[:, None])
+
+
 def test_no_unknowns_have_an_inverse_too() -> None:
     assert pseudo_inverse(np.zeros((0, 0))).shape == (0, 0)
+    assert pseudo_inverse(np.zeros((3, 0, 0))).shape == (3, 0, 0)
 
 
 @pytest.mark.parametrize(("apart", "shown"), [(5e-12, False), (2e-11, True)])
