@@ -121,6 +121,7 @@ def test_a_notebook_is_written_once_and_in_a_folder_that_is_there(
     assert out.startswith(str(target))
     assert json.loads(target.read_text())["nbformat"] == 4
     assert "exists" in said(capsys, "notebook", "--out", str(target), code=2)[1]
+    assert list(tmp_path.iterdir()) == [target]
     absent = tmp_path / "absent" / "a.ipynb"
     assert "No such file" in said(capsys, "notebook", "--out", str(absent), code=2)[1]
 
