@@ -22,15 +22,15 @@ def refuse_existing(target: Path) -> None:
 def write_proposal(proposal: Proposal, target: Path) -> None:
     """Write a proposal to a new file and print its questions.
 
-    Raises InputError if the file cannot be written.
+    Raises InputError if the file exists or cannot be written.
     """
     from daq import InputError
-    from daq.files import make_room
+    from daq.files import make_room, write_text
 
+    refuse_existing(target)
     make_room(target)
     try:
-        with target.open("x", encoding="utf-8") as file:
-            file.write(proposal.text)
+        write_text(target, proposal.text)
     except OSError as error:
         raise InputError(str(target), error.strerror or str(error), "name another file") from error
     say(f"wrote {target}: read it, and fill in what is marked")

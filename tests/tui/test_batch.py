@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import fcntl
 import json
 import os
@@ -122,6 +123,21 @@ def test_ctrl_c_keeps_the_rows(
     rest = _batch(capsys, *map(str, files), "--out", str(out))
     assert (rest["sessions"], rest["done_now"]) == (6, 4)
     assert len(_table(out)) == 6
+
+
+def test_a_row_that_the_disk_refuses_ends_the_batch_and_is_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The table, which the full disk refuses next, does not say that the rows are safe."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    (file,) = map(str, write_all(tmp_path / "s", refused_session, 1))
+    monkeypatch.setattr("tui.commands.batch.journal.os.fsync", full)
+    assert run(["batch", "--workers", "1", file, "--out", str(tmp_path / "t.csv")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "t.csv.jsonl: No space left on device (make room, and run the same command" in line
 
 
 def test_only_the_item_that_kills_its_worker_fails() -> None:

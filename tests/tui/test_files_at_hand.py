@@ -121,6 +121,7 @@ def test_a_notebook_is_written_once_and_its_folder_is_created(
     assert out.startswith(str(target))
     assert json.loads(target.read_text())["nbformat"] == 4
     assert "exists" in said(capsys, "notebook", "--out", str(target), code=2)[1]
+    assert list(tmp_path.iterdir()) == [target]
     said(capsys, "notebook", "--out", str(tmp_path / "new" / "folder" / "a.ipynb"), code=0)
     below = str(target / "b.ipynb")  # a file is no folder
     assert "name another file" in said(capsys, "notebook", "--out", below, code=2)[1]

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
+from daq import InputError
 from daq.check import Answers, Proposal
+from tui.proposal_file import write_proposal
 from tui.proposal_questions import completed, is_asked
 
 TEXT = """# a comment  # FILL IN
@@ -100,3 +105,23 @@ def test_without_a_terminal_nothing_is_asked(
         assert not is_asked()
         assert completed(proposal).text == TEXT
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_proposal_that_the_disk_refuses_leaves_no_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """An empty file would be in the way of the next attempt, because none is overwritten."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    target = tmp_path / "bench.toml"
+    with monkeypatch.context() as patch:
+        patch.setattr("daq.files.os.fsync", full)
+        with pytest.raises(InputError, match="No space left"):
+            write_proposal(Proposal("dbc = 'a'\n", ()), target)
+    assert list(tmp_path.iterdir()) == []
+    write_proposal(Proposal("dbc = 'a'\n", ()), target)
+    with pytest.raises(InputError, match="exists already"):
+        write_proposal(Proposal("dbc = 'b'\n", ()), target)
+    assert target.read_text() == "dbc = 'a'\n"

@@ -14,7 +14,7 @@ import pytest
 from daq import write_session
 from daq.bench.config import default_bench_text, parse_bench
 from daq.bench.origin import Origin
-from daq.control.messages import SessionState, SessionStatus, Setup
+from daq.control.messages import Alarm, SessionState, SessionStatus, Setup
 from daq.errors import InputError
 from tui.cli import run
 from tui.commands.tui import _starter, _wanted
@@ -208,6 +208,9 @@ def test_what_was_recorded_is_printed_or_why_there_is_nothing(
         with pytest.raises(InputError, match=said) as refused:
             recorded_session(none)
         assert refused.value.where == "/var/lib/bumpbench"
+    full = Alarm("journal_failed", "", "the disk is full", "make room on the disk", 1)
+    with pytest.raises(InputError, match=r"the disk is full .make room on the disk.$"):
+        recorded_session(replace(a_status(), alarms=(full,)))
     path = tmp_path / "car.h5"
     write_session(path, small_session())
     there = replace(a_status(), session=SessionStatus(SessionState.READY, str(path)))

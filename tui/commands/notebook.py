@@ -17,18 +17,17 @@ def notebook(
     """Write a notebook that leads from arrays and session files to parameters and figures."""
     from importlib.resources import files
 
-    from daq.files import make_room
+    from daq.files import make_room, write_bytes
     from dbc import InputError
 
     from ..output import print_json, print_line
 
     source = files("identify") / "notebook" / "bump_test.ipynb"
+    if out.exists():
+        raise InputError(str(out), "exists", "name another --out")
     make_room(out)
     try:
-        with out.open("xb") as stream:
-            stream.write(source.read_bytes())
-    except FileExistsError:
-        raise InputError(str(out), "exists", "name another --out") from None
+        write_bytes(out, source.read_bytes())
     except OSError as error:
         raise InputError(
             str(out), error.strerror or "cannot be written", "name another --out"

@@ -92,6 +92,9 @@ def recorded_session(last: Status) -> tuple[Path, Session]:
     from daq.control import SessionState
 
     if last.session.state is not SessionState.READY:
+        for alarm in last.alarms:
+            if alarm.code == "journal_failed":
+                raise InputError(last.folder, alarm.text, alarm.advice)
         what = last.session.text or "no session file was built"
         raise InputError(last.folder, what, "the journal is there: try `bumpbench recover`")
     path = Path(last.session.path)

@@ -303,7 +303,7 @@ class BenchApp(ScreensApp, KeyboardApp):
     async def _press_next(self) -> None:
         from .screens.base import BenchScreen
 
-        screen = self.screen
+        screen = self.screen if self.screen_stack else None  # none while the app closes
         if isinstance(screen, BenchScreen) and self.status is not None and screen.ready:
             await screen.action_next()
 

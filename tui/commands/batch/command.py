@@ -58,6 +58,7 @@ def batch(
     Exit code 1 if any of the sessions was refused or failed.
     """
     import os
+    from contextlib import suppress
     from dataclasses import asdict
     from time import perf_counter
 
@@ -91,11 +92,13 @@ def batch(
                 progress("batch") as stage,
             ):
                 tally = work_off(crew, sessions, journal, publish, stage)
-        except (KeyboardInterrupt, SystemExit):
-            say("stopped; the rows so far are kept, the same command continues from here")
+        except BaseException as end:
+            if isinstance(end, (KeyboardInterrupt, SystemExit)):
+                say("stopped; the rows so far are kept, the same command continues from here")
+            with suppress(InputError):  # what ended the batch is reported, not what followed
+                publish()
             raise
-        finally:
-            publish()
+        publish()
     seconds = round(perf_counter() - began_s, 2)
     if json:
         files_written = {"out": str(out), **({} if page is None else {"page": str(page)})}
