@@ -149,8 +149,8 @@ def test_only_what_is_done_by_this_version_is_not_done_again(tmp_path: Path) -> 
     [
         ("t.xlsx", None, "is not a table"),
         ("t.csv", "p.pdf", "is not a known form of page"),
-        ("t.csv", "full/notes.txt/p.html", "name another file"),
-        ("full/notes.txt/t.csv", None, "name another file"),
+        ("t.csv", "full/notes.txt/p.html", "name another folder"),
+        ("full/notes.txt/t.csv", None, "name another folder"),
         ("folder.csv", None, "is a directory"),
         ("full", None, "is not a folder of a batch"),
     ],

@@ -40,7 +40,7 @@ def test_a_folder_is_created_or_its_fault_is_one_line(tmp_path: Path) -> None:
     axles = (AxleForces("front", curve, {}, ()), AxleForces("rear", curve, {}, ()))
     document = Identification(Judgement((), 1.0), {}, forces=Forces(axles, ())).document()
     write_damper_table(document, tmp_path / "new" / "folder" / "d.csv")
-    with pytest.raises(InputError, match="name another file"):
+    with pytest.raises(InputError, match="name another folder"):
         write_damper_table(document, tmp_path / "new" / "folder" / "d.csv" / "d.csv")
 
 

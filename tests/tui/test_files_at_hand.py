@@ -124,7 +124,7 @@ def test_a_notebook_is_written_once_and_its_folder_is_created(
     assert list(tmp_path.iterdir()) == [target]
     said(capsys, "notebook", "--out", str(tmp_path / "new" / "folder" / "a.ipynb"), code=0)
     below = str(target / "b.ipynb")  # a file is no folder
-    assert "name another file" in said(capsys, "notebook", "--out", below, code=2)[1]
+    assert "name another folder" in said(capsys, "notebook", "--out", below, code=2)[1]
 
 
 def test_a_decoding_anew_needs_what_was_corrected(

@@ -141,5 +141,5 @@ def test_what_is_not_written(tmp_path: Path, name: str, made: Identification, wh
 
 def test_the_folder_of_a_model_is_created(tmp_path: Path) -> None:
     write_model(_made(), tmp_path / "new" / "m.mat")
-    with pytest.raises(InputError, match="name another file"):
+    with pytest.raises(InputError, match="name another folder"):
         write_model(_made(), tmp_path / "new" / "m.mat" / "m.mat")

@@ -69,7 +69,7 @@ def test_the_suffix_tells_the_format_and_a_folder_the_place(
         (["--format", "mat", "--run", "warp"], "there is no run warp"),
         (["--format", "csv", "--separator", ",", "--decimal", ","], "--separator"),
         (["--format", "mat", "--modes"], "--modes"),
-        (["--out", "/dev/null/x.mat"], "name another file"),
+        (["--out", "/dev/null/x.mat"], "name another folder"),
     ],
 )
 def test_what_cannot_be_exported(

@@ -123,7 +123,7 @@ def test_ctrl_c_ends_the_workers(
         (["table2", "--response", "rough"], "rough"),
         (["table3", "--rate-hz", "100"], "16 Hz"),
         (["table3", "--fits", "0"], "--fits"),
-        (["fig2", "--figure", "/dev/null/x.svg"], "name another file"),
+        (["fig2", "--figure", "/dev/null/x.svg"], "name another folder"),
         (["fig3", "--figure", "picture.png"], "SVG"),
         (["fig9", "--rate-hz", "nan"], "nan Hz"),
         (["fig9", "--noise-db", "inf"], "inf dB"),

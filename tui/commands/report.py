@@ -39,7 +39,9 @@ def report(
     json: Annotated[bool, typer.Option("--json", help="Print files and verdict as JSON.")] = False,
 ) -> int:
     """Identify a session and write its report as one HTML page."""
-    from ..jobs.reporting import make_room, write_figures, write_report
+    from daq.files import make_room
+
+    from ..jobs.reporting import write_figures, write_report
     from ..output import print_json, print_line, progress
 
     written: list[str] = []

@@ -272,7 +272,7 @@ def test_files_are_whole_or_absent_and_never_overwritten(
 
 def test_nowhere_to_write(tmp_path: Path, session: Session) -> None:
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(InputError, match="name another file"):
+    with pytest.raises(InputError, match="name another folder"):
         export_session(session, tmp_path / "file" / "car.mat", ExportFormat.MAT)
     with pytest.raises(InputError, match="is a directory"):
         export_session(session, tmp_path, ExportFormat.MAT)

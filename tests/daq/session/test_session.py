@@ -77,7 +77,7 @@ def test_the_folder_of_a_session_is_created(tmp_path: Path, session: Session) ->
     write_session(tmp_path / "new" / "folder" / "car.h5", session)
     assert (tmp_path / "new" / "folder" / "car.h5").exists()
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(InputError, match="name another file"):
+    with pytest.raises(InputError, match="name another folder"):
         write_session(tmp_path / "file" / "car.h5", session)
 
 
