@@ -20,7 +20,7 @@ from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
 from .normal_blocks import blocks_of
 from .products import Alike, laid_out
-from .varpro import NormalBlock, evaluate, linear_parts
+from .varpro import Evaluated, LinearPart, NormalBlock, evaluate, linear_parts
 
 _MAX_STEP = 0.5  # largest change of a logarithm in one iteration
 _BAD = 2.0  # chi2/n above which a fit counts as bad
@@ -180,9 +180,32 @@ def residuals(
     eta: NDArray[np.float64],
 ) -> tuple[Residuals, ...]:
     """Return the residuals of each decay with the model at `eta`."""
-    points = {state: evaluate(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
+    return residuals_of(linear_fit(box, decays, sigma, eta), decays, sigma)
+
+
+LinearFit = tuple[Mapping[str, Evaluated], tuple[LinearPart, ...]]
+"""The model of each mass state at a point of the unknowns, and the linear part of each decay."""
+
+
+def linear_fit(
+    box: GreyBox,
+    decays: tuple[FreeDecay, ...],
+    sigma: Mapping[str, float],
+    eta: NDArray[np.float64],
+) -> LinearFit:
+    """Evaluate the model at `eta` and fit the linear part of each decay."""
+    states = dict.fromkeys(decay.mass_state for decay in decays)
+    points = {state: evaluate(box, eta, state, sigma) for state in states}
+    return points, linear_parts(points, decays)
+
+
+def residuals_of(
+    fitted: LinearFit, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float]
+) -> tuple[Residuals, ...]:
+    """Return the residuals of each decay with a fitted linear part."""
+    points, parts = fitted
     result = []
-    for decay, linear in zip(decays, linear_parts(points, decays), strict=True):
+    for decay, linear in zip(decays, parts, strict=True):
         at = points[decay.mass_state]
         values: dict[str, NDArray[np.float64]] = {}
         freedom: dict[str, float] = {}
