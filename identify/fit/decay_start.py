@@ -13,6 +13,7 @@ ramp, and the ramp of unknown size at each wheel that explains all samples best 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,8 @@ _SPAN_S = 0.04
 has shown it."""
 _BEFORE_S = 0.005
 """Seconds of certainly forced motion that help to find the foot of the ramp."""
+_AT_FIRST_S = 0.03
+"""Seconds before the start that are looked at first."""
 _SEEN = 1e-9
 """Share of the strongest trace below which a combination of wheel forces counts as invisible."""
 _WHEELS = slice(3, 7)
@@ -72,10 +75,12 @@ def earliest_start_s(
     part.  `lower_s`: no start before this time is considered.
     """
     start_s = decay.start_s
-    early = _early(at, covariance, record, decay, linear, lower_s)
-    if len(early.time_s) == 0:
-        return start_s
-    instants, known, failed = _free_instants(early)
+    # The force ends near the expected start: all other samples are seldom looked at.
+    for first_s in dict.fromkeys((max(lower_s, start_s - _AT_FIRST_S), lower_s)):
+        early = _early(at, covariance, record, decay, linear, first_s)
+        instants, known, failed = _free_instants(early)
+        if failed is not None and start_s + failed - _BEFORE_S > first_s:
+            break
     if failed is not None:
         settled = sum(instant > failed + _SPAN_S for instant in instants)
         end = _end_of_force_s(at, early, known[settled], failed)
@@ -185,7 +190,7 @@ def _free_instants(early: _Early) -> tuple[list[float], list[Known], float | Non
     known: list[Known] = []
     squares: list[tuple[float, int]] = []
     edges = np.flatnonzero(np.diff(early.time_s, prepend=np.inf))
-    for first, last in zip(edges, [*edges[1:], len(early.time_s)], strict=True):
+    for first, last in pairwise([*edges, len(early.time_s)]):
         rows, time = early.rows[first:last], float(early.time_s[first])
         known.append((state, covariance))
         error = early.error[first:last] - rows @ state

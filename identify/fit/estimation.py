@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,18 @@ from ..decays.onset import decay_start_s, difference_noise, onset_s, quiet_count
 from ..decays.usable import LEAST_S
 from .decay_start import earliest_start_s
 from .grey_box import GreyBox
-from .likelihood import HOLD, Engine, Fit, LinearEngine, Residuals, fit, residuals
-from .varpro import evaluate, linear_parts
+from .likelihood import (
+    HOLD,
+    Engine,
+    Fit,
+    LinearEngine,
+    LinearFit,
+    Residuals,
+    fit,
+    linear_fit,
+    residuals,
+    residuals_of,
+)
 
 _BASIN_CHI2 = 1.3
 _LIMIT_SIGMAS = 5.0
@@ -58,9 +69,12 @@ def generic_vehicles() -> tuple[NDArray[np.float64], ...]:
     return tuple(vehicles)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Estimation:
-    """A fit with everything that it is based on."""
+    """A fit with everything that it is based on.
+
+    Compared by identity, so that derived values can be cached per estimation.
+    """
 
     box: GreyBox
     """Structure of the problem."""
@@ -115,6 +129,18 @@ class Estimation:
     def noise(self) -> dict[str, float]:
         """Noise that residuals are compared with: at rest where it was measured."""
         return floored(self.rest, self.decays) if self.rest else self.sigma
+
+
+_FITTED: WeakKeyDictionary[Estimation, LinearFit] = WeakKeyDictionary()
+"""Linear fit of each estimation in use; computed once, because many gates ask for it."""
+
+
+def linear_fit_of(estimation: Estimation) -> LinearFit:
+    """Return the linear model at the optimum, the channels weighted by their noise."""
+    if estimation not in _FITTED:
+        box, decays = estimation.box, estimation.decays
+        _FITTED[estimation] = linear_fit(box, decays, estimation.noise, estimation.fit.eta)
+    return _FITTED[estimation]
 
 
 def estimate(
@@ -219,15 +245,12 @@ def settled(late: Estimation) -> Estimation:
     """Move each decay's start as far back as the model holds; weigh the channels by their noise."""
     best = late
     for _ in range(_SCANS):
-        points = {d.mass_state: None for d in best.decays}
-        at = {s: evaluate(best.box, best.fit.eta, s, best.sigma) for s in points}
+        at, parts = linear_fit_of(best)
         starts = [
             earliest_start_s(
                 at[d.mass_state], best.fit.covariance, record, d, linear, _lower_s(record)
             )
-            for record, d, linear in zip(
-                best.records, best.decays, linear_parts(at, best.decays), strict=True
-            )
+            for record, d, linear in zip(best.records, best.decays, parts, strict=True)
         ]
         if starts == [d.start_s for d in best.decays]:
             break
@@ -285,14 +308,18 @@ def _from(
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
     sigma = floored(rest or rough_noise(decays), decays)
     fine = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
-    left = residuals(box, decays, sigma, fine.eta)
+    fitted = linear_fit(box, decays, sigma, fine.eta)
+    left = residuals_of(fitted, decays, sigma)
     if not rest:
         for _ in range(2):  # the noise and the fit settle together
             sigma = floored(_residual_noise(left), decays)
             fine = fit(box, decays, sigma, fine.eta)
-            left = residuals(box, decays, sigma, fine.eta)
+            fitted = linear_fit(box, decays, sigma, fine.eta)
+            left = residuals_of(fitted, decays, sigma)
     chi2 = _chi2_per_n(box, left, sigma)
-    return Estimation(box, records, fine, decays, sigma, rest, left, chi2)
+    found = Estimation(box, records, fine, decays, sigma, rest, left, chi2)
+    _FITTED[found] = fitted
+    return found
 
 
 def _reweighted(best: Estimation) -> Estimation:
@@ -352,7 +379,8 @@ def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, f
     power: dict[str, list[float]] = {}
     for decay in decays:
         for recording in decay.recordings:
-            for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
-                power.setdefault(channel.name, []).append(float(np.mean(column**2)))
+            squares = np.mean(recording.values**2, axis=0).tolist()
+            for channel, mean in zip(recording.group.channels, squares, strict=True):
+                power.setdefault(channel.name, []).append(mean)
     floor = {name: _FLOOR * float(np.sqrt(np.mean(p))) for name, p in power.items()}
     return {name: max(level, floor.get(name, 0.0), 1e-300) for name, level in sigma.items()}

@@ -20,12 +20,13 @@ from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
 from .normal_blocks import blocks_of
 from .products import Alike, laid_out
-from .varpro import NormalBlock, evaluate, linear_parts
+from .varpro import Evaluated, LinearPart, NormalBlock, evaluate, linear_parts
 
 _MAX_STEP = 0.5  # largest change of a logarithm in one iteration
 _BAD = 2.0  # chi2/n above which a fit counts as bad
 _LOOSEN = 0.7  # change of the hold with each step
 _LET_GO = 1e-3  # of the first hold
+_UNKNOWN = 1e-300  # size of a last step that says nothing about the next one
 HOLD = 300.0
 """Strength of the hold with which 200 of 200 starts, wrong by up to a factor of 3, led to the
 optimum."""
@@ -49,7 +50,7 @@ class Fit:
     iterations: int
     """Levenberg-Marquardt steps taken."""
     converged: bool
-    """True if the last step was below the tolerance."""
+    """True if a further step would be below the tolerance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +77,9 @@ def fit(
     """Find the most likely unknowns.
 
     `sigma`: standard deviation of the noise, SI.  `start`, (P,) float64: where to begin.
-    `tolerance`: stop when a step changes no unknown by more than this share of its standard
-    deviation (that with all others known, the smallest one there is).  `max_iterations`: give up
+    `tolerance`: stop when the next step will change no unknown by more than this share of its
+    standard deviation (that with all others known, the smallest one there is): steps shrink at
+    least as fast as the last two did.  `max_iterations`: give up
     after so many steps.  `hold`: how strongly the unknowns are held near the start in the first
     steps, in units of the misfit.  Without it a parameter that is far off may run to zero before
     the others have come near (`HOLD`).
@@ -94,7 +96,7 @@ def fit(
     # From near the optimum the first step may be the last.
     damping = 1e-3 if hold else 1e-4
     converged = False
-    iterations = 0
+    iterations, size_before = 0, _UNKNOWN
     n = sum(decay.n_values for decay in decays)
     let_go = _LET_GO * hold
     while iterations < max_iterations and not converged:
@@ -113,8 +115,9 @@ def fit(
             # Where the model does not hold, residuals are larger than sigma says, and so is the
             # uncertainty that a step is measured by.
             fine = tolerance * max(1.0, trial.cost / n) ** 0.5
-            small = damping < 1e-3 and float(np.max(np.abs(step) * scale)) < fine
-            converged = small and not held
+            size = float(np.max(np.abs(step) * scale))
+            converged = not held and damping < 1e-3 and size * min(1.0, size / size_before) < fine
+            size_before = size
             eta, here, parts = eta + step, trial, trial_parts
             damping = max(damping / 10, 1e-12)
             hold *= _LOOSEN
@@ -122,6 +125,7 @@ def fit(
             break
         else:
             damping *= 10 if damping > 1e-9 else 1e6
+            size_before = _UNKNOWN
     information = {label: part.information for label, part in parts.items()}
     return Fit(eta, covariance_of(here.information), here.cost, information, iterations, converged)
 
@@ -176,9 +180,32 @@ def residuals(
     eta: NDArray[np.float64],
 ) -> tuple[Residuals, ...]:
     """Return the residuals of each decay with the model at `eta`."""
-    points = {state: evaluate(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
+    return residuals_of(linear_fit(box, decays, sigma, eta), decays, sigma)
+
+
+LinearFit = tuple[Mapping[str, Evaluated], tuple[LinearPart, ...]]
+"""The model of each mass state at a point of the unknowns, and the linear part of each decay."""
+
+
+def linear_fit(
+    box: GreyBox,
+    decays: tuple[FreeDecay, ...],
+    sigma: Mapping[str, float],
+    eta: NDArray[np.float64],
+) -> LinearFit:
+    """Evaluate the model at `eta` and fit the linear part of each decay."""
+    states = dict.fromkeys(decay.mass_state for decay in decays)
+    points = {state: evaluate(box, eta, state, sigma) for state in states}
+    return points, linear_parts(points, decays)
+
+
+def residuals_of(
+    fitted: LinearFit, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float]
+) -> tuple[Residuals, ...]:
+    """Return the residuals of each decay with a fitted linear part."""
+    points, parts = fitted
     result = []
-    for decay, linear in zip(decays, linear_parts(points, decays), strict=True):
+    for decay, linear in zip(decays, parts, strict=True):
         at = points[decay.mass_state]
         values: dict[str, NDArray[np.float64]] = {}
         freedom: dict[str, float] = {}

@@ -18,8 +18,8 @@ from daq.vehicle import MassState, VehicleGeometry
 from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay
-from ..fit.estimation import Estimation
-from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_parts, over_two, pseudo_inverse
+from ..fit.estimation import Estimation, linear_fit_of
+from ..fit.varpro import Evaluated, LinearPart, over_two, pseudo_inverse
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from ..modes.modal_model import modes_of
 from ..modes.mode_names import mode_names
@@ -41,8 +41,7 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
 
     Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
     """
-    points = _points(estimation)
-    linear = linear_parts(points, estimation.decays)
+    points, linear = linear_fit_of(estimation)
     return {
         decay.label: tuple(
             (10.0 * np.log10(_energies(points[decay.mass_state], decay, one))).tolist()
@@ -105,12 +104,6 @@ def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64])
         gain[run] = abs(left[N_DOF:] @ np.linalg.solve(model.M, force))
     strongest = max(gain.values())
     return next(run for run in Excitation if gain[run] >= _AS_GOOD * strongest)
-
-
-def _points(estimation: Estimation) -> dict[str, Evaluated]:
-    states = dict.fromkeys(decay.mass_state for decay in estimation.decays)
-    noise = estimation.noise
-    return {s: evaluate(estimation.box, estimation.fit.eta, s, noise) for s in states}
 
 
 def _energies(at: Evaluated, decay: FreeDecay, linear: LinearPart) -> NDArray[np.float64]:

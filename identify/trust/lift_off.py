@@ -18,8 +18,8 @@ from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay, Record
 from ..decays.onset import onset_s
-from ..fit.estimation import Estimation
-from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_parts
+from ..fit.estimation import Estimation, linear_fit_of
+from ..fit.varpro import Evaluated, LinearPart
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from .format import listed
 
@@ -85,18 +85,18 @@ def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
 
 def _light(estimation: Estimation) -> Iterator[_Light]:
     """Return the wheels whose tyres would have to pull, or have only the load of a late landing."""
-    box, eta = estimation.box, estimation.fit.eta
-    full = box.full(eta.astype(complex)).real
+    full = estimation.box.full(estimation.fit.eta.astype(complex)).real
     tyres = full[11:15]
-    present = {decay.mass_state for decay in estimation.decays}
+    points, parts = linear_fit_of(estimation)
     records = {record.label: record for record in estimation.records}
-    for state in box.mass_states:
-        if state.name not in present:
+    for state in estimation.box.mass_states:
+        if state.name not in points:
             continue
         static = static_loads_n(loaded_model(full, state.added), tyres)
-        at = evaluate(box, eta, state.name, estimation.noise)
-        decays = [d for d in estimation.decays if d.mass_state == state.name]
-        for decay, linear in zip(decays, linear_parts({state.name: at}, decays), strict=True):
+        at = points[state.name]
+        for decay, linear in zip(estimation.decays, parts, strict=True):
+            if decay.mass_state != state.name:
+                continue
             least, sigma = least_loads_n(at, decay, linear, static, tyres)
             late_s = _late_s(records[decay.label], decay)
             limit = LANDING_LIMIT * static if late_s > LATE_S else np.zeros(len(Corner))

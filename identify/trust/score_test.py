@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
-from ..fit.estimation import Estimation
-from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_parts, over_two, slopes
+from ..fit.estimation import Estimation, linear_fit_of
+from ..fit.varpro import Evaluated, LinearPart, linear_parts, over_two, slopes
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +96,10 @@ _SEEN = 1e-9
 
 def fitted_decays(estimation: Estimation, rate_hz: float) -> tuple[FittedDecay, ...]:
     """Return the decays of an estimation with their fits, thinned to about `rate_hz`."""
-    fit, sigma = estimation.fit, estimation.noise
-    states = {decay.mass_state for decay in estimation.decays}
-    points = {state: evaluate(estimation.box, fit.eta, state, sigma) for state in states}
+    points, linear = linear_fit_of(estimation)
     thin = [decay.thinned(rate_hz) for decay in estimation.decays]
-    linear = linear_parts(points, thin)
+    if any(a.n_values < b.n_values for a, b in zip(thin, estimation.decays, strict=True)):
+        linear = linear_parts(points, thin)
     return tuple(
         FittedDecay(at, decay, one, tuple(at.basis(r) for r in decay.recordings))
         for at, decay, one in zip([points[d.mass_state] for d in thin], thin, linear, strict=True)
