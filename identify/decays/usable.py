@@ -12,8 +12,9 @@ from daq.runs import Run, RunStatus
 from daq.sessions import Session
 from daq.silence import Silence, longest_silence
 
-from .decay import record_of
+from .decay import Record, record_of
 from .onset import decay_start_s, is_still
+from .stuck import FROZEN_S, Hold, frozen
 
 LEAST_S = 0.1
 """Least length of a decay, s: a period of the wheels."""
@@ -26,17 +27,30 @@ def usable_session(session: Session) -> Session:
 
     A channel with one value in all runs is unused: the fit would take a dead sensor for a part that
     stands still.
+
     A run is left out if a channel that shows a part of it is silent for longer than the bench
-    allows (`daq.silence`): its plug is loose, and what it sent before is not sure.  A channel that
-    is silent in most of its runs was recorded so, and these runs are used as they are.  Runs
-    without motion, or without a free decay, are left out, too.
+    allows (`daq.silence`), or holds its value while the vehicle moves: its plug is loose, and what
+    it sent before is not sure.  A channel with this fault in most of its runs was recorded so, and
+    these runs are used as they are.  Runs without motion, or without a free decay, are left out,
+    too.
     """
     session = replace(session, channels=_living(session))
     silences = _silences(session)
-    usual = _silent_in_most(silences)
+    records = {run.label: record_of(run, session.channels) for run in _accepted(session)}
+    held: dict[str, list[Hold]] = {}
+    for hold in frozen([record for record in records.values() if record.recordings]):
+        held.setdefault(hold.run, []).append(hold)
+    shown = [name for own in silences for name in own]
+    often_silent = _silent_in_most(silences)
+    often_held = _most([hold.channel for own in held.values() for hold in own], shown)
     runs = (
         replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
-        if (reasons := tuple(_silent(own, usual)) or tuple(_without_decay(run, session)))
+        if _is_accepted(run)
+        and (
+            reasons := tuple(_silent(own, often_silent))
+            or tuple(_held(held.get(run.label, ()), often_held))
+            or tuple(_without_decay(records[run.label]))
+        )
         else run
         for run, own in zip(session.runs, silences, strict=True)
     )
@@ -46,7 +60,7 @@ def usable_session(session: Session) -> Session:
 def _living(session: Session) -> tuple[Channel, ...]:
     """Return the channels; those that never change, although they have values, are unused."""
     moves: dict[str, bool] = {}
-    for group in (g for run in session.runs if _is_accepted(run) for g in run.groups):
+    for group in (g for run in _accepted(session) for g in run.groups):
         for name, values in group.values.items():
             finite = values[np.isfinite(values)]
             if len(finite):
@@ -55,6 +69,10 @@ def _living(session: Session) -> tuple[Channel, ...]:
         c if moves.get(c.name, True) else replace(c, quantity=Quantity.UNUSED, corner=None)
         for c in session.channels
     )
+
+
+def _accepted(session: Session) -> Iterator[Run]:
+    return (run for run in session.runs if _is_accepted(run))
 
 
 def _is_accepted(run: Run) -> bool:
@@ -69,7 +87,12 @@ def silent_in_most(session: Session) -> tuple[str, ...]:
 def _silent_in_most(silences: Sequence[_Silences]) -> tuple[str, ...]:
     shown = [name for own in silences for name in own]
     stale = [name for own in silences for name, silence in own.items() if silence.is_stale]
-    return tuple(n for n in dict.fromkeys(stale) if 2 * stale.count(n) > shown.count(n))
+    return _most(stale, shown)
+
+
+def _most(faulty: Sequence[str], shown: Sequence[str]) -> tuple[str, ...]:
+    """Return the channels with a fault in most of the runs that they show."""
+    return tuple(n for n in dict.fromkeys(faulty) if 2 * faulty.count(n) > shown.count(n))
 
 
 def _silences(session: Session) -> list[_Silences]:
@@ -103,10 +126,19 @@ def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:
         yield f"{', '.join(names)} sent nothing {span}"
 
 
-def _without_decay(run: Run, session: Session) -> Iterator[str]:
-    """Yield the reason why an accepted run with samples shows no free decay."""
-    record = record_of(run, session.channels)
-    if not _is_accepted(run) or not record.recordings:
+def _held(holds: Sequence[Hold], usual: Sequence[str]) -> Iterator[str]:
+    """Yield a line for each time for which channels held their values."""
+    together: dict[str, list[str]] = {}
+    for hold in holds:
+        if hold.channel not in usual:
+            together.setdefault(f"{hold.held_s:.2f} s", []).append(hold.channel)
+    for length, names in together.items():
+        yield f"{', '.join(names)} held one value for {length} (limit {FROZEN_S:.2f} s)"
+
+
+def _without_decay(record: Record) -> Iterator[str]:
+    """Yield the reason why a run with samples shows no free decay."""
+    if not record.recordings:
         return
     length_s = record.end_s - decay_start_s(record)
     if is_still(record):
