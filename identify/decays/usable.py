@@ -19,7 +19,9 @@ from .stuck import FROZEN_S, Hold, frozen
 LEAST_S = 0.1
 """Least length of a decay, s: a period of the wheels."""
 _Silences = Mapping[str, Silence]
-"""The longest silence of each channel that shows a run."""
+"""The longest silence of each channel that shows a run, and the longest of all together."""
+_ALL = ""
+"""Stands for all channels together: then the clock jumped, or a piece was lost."""
 
 
 def usable_session(session: Session) -> Session:
@@ -31,8 +33,8 @@ def usable_session(session: Session) -> Session:
     A run is left out if a channel that shows a part of it is silent for longer than the bench
     allows (`daq.silence`), or holds its value while the vehicle moves: its plug is loose, and what
     it sent before is not sure.  A channel with this fault in most of its runs was recorded so, and
-    these runs are used as they are.  Runs without motion, or without a free decay, are left out,
-    too.
+    these runs are used as they are.  Also left out are runs in which all sensors are silent
+    together (the clock jumped), nothing moves, or the free decay is missing.
     """
     session = replace(session, channels=_living(session))
     silences = _silences(session)
@@ -43,18 +45,20 @@ def usable_session(session: Session) -> Session:
     shown = [name for own in silences for name in own]
     often_silent = _silent_in_most(silences)
     often_held = _most([hold.channel for own in held.values() for hold in own], shown)
-    runs = (
-        replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
-        if _is_accepted(run)
-        and (
-            reasons := tuple(_silent(own, often_silent))
+
+    def judged(run: Run, own: _Silences) -> Run:
+        if not _is_accepted(run):
+            return run
+        reasons = (
+            tuple(_silent(own, often_silent))
             or tuple(_held(held.get(run.label, ()), often_held))
             or tuple(_without_decay(records[run.label]))
         )
-        else run
-        for run, own in zip(session.runs, silences, strict=True)
-    )
-    return replace(session, runs=tuple(runs))
+        rejected = replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
+        return rejected if reasons else run
+
+    pairs = zip(session.runs, silences, strict=True)
+    return replace(session, runs=tuple(judged(run, own) for run, own in pairs))
 
 
 def _living(session: Session) -> tuple[Channel, ...]:
@@ -85,8 +89,9 @@ def silent_in_most(session: Session) -> tuple[str, ...]:
 
 
 def _silent_in_most(silences: Sequence[_Silences]) -> tuple[str, ...]:
-    shown = [name for own in silences for name in own]
-    stale = [name for own in silences for name, silence in own.items() if silence.is_stale]
+    whole = [own for own in silences if own and not own[_ALL].is_stale]
+    shown = [name for own in whole for name in own]
+    stale = [name for own in whole for name, silence in own.items() if silence.is_stale]
     return _most(stale, shown)
 
 
@@ -111,6 +116,8 @@ def _of_run(run: Run, used: set[str]) -> _Silences:
     times = {name: time_s for name, time_s in times.items() if len(time_s)}
     begin_s = min((float(time_s.min()) for time_s in times.values()), default=0.0)
     end_s = max((float(time_s.max()) for time_s in times.values()), default=0.0)
+    if times:
+        times[_ALL] = np.unique(np.concatenate(list(times.values())))
     return {name: longest_silence(time_s, begin_s, end_s) for name, time_s in times.items()}
 
 
@@ -120,8 +127,10 @@ def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:
     for name, silence in silences.items():
         if silence.is_stale and name not in usual:
             begin_s = max(silence.begin_s, 0.0)  # the first sample may come before 0
-            span = f"from {begin_s:.2f} to {silence.end_s:.2f} s"
-            together.setdefault(f"{span} (limit {silence.limit_s:.2f} s)", []).append(name)
+            span = f"from {begin_s:.2f} to {silence.end_s:.2f} s (limit {silence.limit_s:.2f} s)"
+            together.setdefault(span, []).append(name)
+    if silences and silences[_ALL].is_stale:
+        together = {span: ["all sensors"] for span, names in together.items() if _ALL in names}
     for span, names in together.items():
         yield f"{', '.join(names)} sent nothing {span}"
 
