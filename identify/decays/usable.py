@@ -33,8 +33,8 @@ def usable_session(session: Session) -> Session:
     A run is left out if a channel that shows a part of it is silent for longer than the bench
     allows (`daq.silence`), or holds its value while the vehicle moves: its plug is loose, and what
     it sent before is not sure.  A channel with this fault in most of its runs was recorded so, and
-    these runs are used as they are.  Also left out are runs in which all sensors are silent
-    together (the clock jumped), nothing moves, or the free decay is missing.
+    these runs are used as they are.  Also left out are runs in which times go back, all sensors are
+    silent together (the clock jumped), nothing moves, or the free decay is missing.
     """
     session = replace(session, channels=_living(session))
     silences = _silences(session)
@@ -50,7 +50,8 @@ def usable_session(session: Session) -> Session:
         if not _is_accepted(run):
             return run
         reasons = (
-            tuple(_silent(own, often_silent))
+            tuple(_back(run, session))
+            or tuple(_silent(own, often_silent))
             or tuple(_held(held.get(run.label, ()), often_held))
             or tuple(_without_decay(records[run.label]))
         )
@@ -119,6 +120,15 @@ def _of_run(run: Run, used: set[str]) -> _Silences:
     if times:
         times[_ALL] = np.unique(np.concatenate(list(times.values())))
     return {name: longest_silence(time_s, begin_s, end_s) for name, time_s in times.items()}
+
+
+def _back(run: Run, session: Session) -> Iterator[str]:
+    """Yield a line for each clock of used channels that goes back."""
+    used = {c.name for c in session.channels if c.quantity is not Quantity.UNUSED}
+    for group in run.groups:
+        back = np.flatnonzero(np.diff(group.time_s) < 0.0)
+        if used & group.values.keys() and len(back):
+            yield f"the times of {group.name} go back after {group.time_s[back[0]]:.2f} s"
 
 
 def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:

@@ -94,6 +94,18 @@ def test_a_time_in_which_no_sensor_sends_is_a_jump_of_the_clock_in_however_many_
     assert silent_in_most(given) == ()
 
 
+def test_a_clock_that_goes_back_costs_its_run() -> None:
+    given = session(GOOD, GOOD)
+    run = given.runs[1]
+    (group,) = run.groups
+    assert group.name == "a"
+    for swapped, reason in (([150, 150], ""), ([151, 150], "the times of a go back after 1.51 s")):
+        time_s = group.time_s.copy()
+        time_s[[150, 151]] = group.time_s[swapped]
+        spoilt = replace(run, groups=(replace(group, time_s=time_s),))
+        assert reasons(replace(given, runs=(given.runs[0], spoilt))) == ["", reason]
+
+
 def test_slow_sensors_together_have_their_own_limit() -> None:
     """At 10 samples a second, ten cycles are a second."""
     for gap_s, left in ((0.85, False), (1.15, True)):
