@@ -12,13 +12,16 @@ from daq.runs import Run, RunStatus
 from daq.sessions import Session
 from daq.silence import Silence, longest_silence
 
-from .decay import record_of
+from .decay import Record, record_of
 from .onset import decay_start_s, is_still
+from .stuck import FROZEN_S, Hold, frozen
 
 LEAST_S = 0.1
 """Least length of a decay, s: a period of the wheels."""
 _Silences = Mapping[str, Silence]
-"""The longest silence of each channel that shows a run."""
+"""The longest silence of each channel that shows a run, and the longest of all together."""
+_ALL = ""
+"""Stands for all channels together: then the clock jumped, or a piece was lost."""
 
 
 def usable_session(session: Session) -> Session:
@@ -26,27 +29,43 @@ def usable_session(session: Session) -> Session:
 
     A channel with one value in all runs is unused: the fit would take a dead sensor for a part that
     stands still.
+
     A run is left out if a channel that shows a part of it is silent for longer than the bench
-    allows (`daq.silence`): its plug is loose, and what it sent before is not sure.  A channel that
-    is silent in most of its runs was recorded so, and these runs are used as they are.  Runs
-    without motion, or without a free decay, are left out, too.
+    allows (`daq.silence`), or holds its value while the vehicle moves: its plug is loose, and what
+    it sent before is not sure.  A channel with this fault in most of its runs was recorded so, and
+    these runs are used as they are.  Also left out are runs in which times go back, all sensors are
+    silent together (the clock jumped), nothing moves, or the free decay is missing.
     """
     session = replace(session, channels=_living(session))
     silences = _silences(session)
-    usual = _silent_in_most(silences)
-    runs = (
-        replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
-        if (reasons := tuple(_silent(own, usual)) or tuple(_without_decay(run, session)))
-        else run
-        for run, own in zip(session.runs, silences, strict=True)
-    )
-    return replace(session, runs=tuple(runs))
+    records = {run.label: record_of(run, session.channels) for run in _accepted(session)}
+    held: dict[str, list[Hold]] = {}
+    for hold in frozen([record for record in records.values() if record.recordings]):
+        held.setdefault(hold.run, []).append(hold)
+    shown = [name for own in silences for name in own]
+    often_silent = _silent_in_most(silences)
+    often_held = _most([hold.channel for own in held.values() for hold in own], shown)
+
+    def judged(run: Run, own: _Silences) -> Run:
+        if not _is_accepted(run):
+            return run
+        reasons = (
+            tuple(_back(run, session))
+            or tuple(_silent(own, often_silent))
+            or tuple(_held(held.get(run.label, ()), often_held))
+            or tuple(_without_decay(records[run.label]))
+        )
+        rejected = replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
+        return rejected if reasons else run
+
+    pairs = zip(session.runs, silences, strict=True)
+    return replace(session, runs=tuple(judged(run, own) for run, own in pairs))
 
 
 def _living(session: Session) -> tuple[Channel, ...]:
     """Return the channels; those that never change, although they have values, are unused."""
     moves: dict[str, bool] = {}
-    for group in (g for run in session.runs if _is_accepted(run) for g in run.groups):
+    for group in (g for run in _accepted(session) for g in run.groups):
         for name, values in group.values.items():
             finite = values[np.isfinite(values)]
             if len(finite):
@@ -55,6 +74,10 @@ def _living(session: Session) -> tuple[Channel, ...]:
         c if moves.get(c.name, True) else replace(c, quantity=Quantity.UNUSED, corner=None)
         for c in session.channels
     )
+
+
+def _accepted(session: Session) -> Iterator[Run]:
+    return (run for run in session.runs if _is_accepted(run))
 
 
 def _is_accepted(run: Run) -> bool:
@@ -67,9 +90,15 @@ def silent_in_most(session: Session) -> tuple[str, ...]:
 
 
 def _silent_in_most(silences: Sequence[_Silences]) -> tuple[str, ...]:
-    shown = [name for own in silences for name in own]
-    stale = [name for own in silences for name, silence in own.items() if silence.is_stale]
-    return tuple(n for n in dict.fromkeys(stale) if 2 * stale.count(n) > shown.count(n))
+    whole = [own for own in silences if own and not own[_ALL].is_stale]
+    shown = [name for own in whole for name in own]
+    stale = [name for own in whole for name, silence in own.items() if silence.is_stale]
+    return _most(stale, shown)
+
+
+def _most(faulty: Sequence[str], shown: Sequence[str]) -> tuple[str, ...]:
+    """Return the channels with a fault in most of the runs that they show."""
+    return tuple(n for n in dict.fromkeys(faulty) if 2 * faulty.count(n) > shown.count(n))
 
 
 def _silences(session: Session) -> list[_Silences]:
@@ -88,7 +117,18 @@ def _of_run(run: Run, used: set[str]) -> _Silences:
     times = {name: time_s for name, time_s in times.items() if len(time_s)}
     begin_s = min((float(time_s.min()) for time_s in times.values()), default=0.0)
     end_s = max((float(time_s.max()) for time_s in times.values()), default=0.0)
+    if times:
+        times[_ALL] = np.unique(np.concatenate(list(times.values())))
     return {name: longest_silence(time_s, begin_s, end_s) for name, time_s in times.items()}
+
+
+def _back(run: Run, session: Session) -> Iterator[str]:
+    """Yield a line for each clock of used channels that goes back."""
+    used = {c.name for c in session.channels if c.quantity is not Quantity.UNUSED}
+    for group in run.groups:
+        back = np.flatnonzero(np.diff(group.time_s) < 0.0)
+        if used & group.values.keys() and len(back):
+            yield f"the times of {group.name} go back after {group.time_s[back[0]]:.2f} s"
 
 
 def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:
@@ -97,16 +137,27 @@ def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:
     for name, silence in silences.items():
         if silence.is_stale and name not in usual:
             begin_s = max(silence.begin_s, 0.0)  # the first sample may come before 0
-            span = f"from {begin_s:.2f} to {silence.end_s:.2f} s"
-            together.setdefault(f"{span} (limit {silence.limit_s:.2f} s)", []).append(name)
+            span = f"from {begin_s:.2f} to {silence.end_s:.2f} s (limit {silence.limit_s:.2f} s)"
+            together.setdefault(span, []).append(name)
+    if silences and silences[_ALL].is_stale:
+        together = {span: ["all sensors"] for span, names in together.items() if _ALL in names}
     for span, names in together.items():
         yield f"{', '.join(names)} sent nothing {span}"
 
 
-def _without_decay(run: Run, session: Session) -> Iterator[str]:
-    """Yield the reason why an accepted run with samples shows no free decay."""
-    record = record_of(run, session.channels)
-    if not _is_accepted(run) or not record.recordings:
+def _held(holds: Sequence[Hold], usual: Sequence[str]) -> Iterator[str]:
+    """Yield a line for each time for which channels held their values."""
+    together: dict[str, list[str]] = {}
+    for hold in holds:
+        if hold.channel not in usual:
+            together.setdefault(f"{hold.held_s:.2f} s", []).append(hold.channel)
+    for length, names in together.items():
+        yield f"{', '.join(names)} held one value for {length} (limit {FROZEN_S:.2f} s)"
+
+
+def _without_decay(record: Record) -> Iterator[str]:
+    """Yield the reason why a run with samples shows no free decay."""
+    if not record.recordings:
         return
     length_s = record.end_s - decay_start_s(record)
     if is_still(record):

@@ -97,7 +97,7 @@ def _modes(
 ) -> ModalModel:
     decays = checked_records(records, rate_hz)
     size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
-    alive = size > 0.0
+    alive = np.any([np.ptp(decay, axis=0) > 0.0 for decay in decays], axis=0)  # no stuck sensor
     shapes = np.zeros((len(size), 0), dtype=complex)
     if not np.any(alive):
         return ModalModel(np.zeros(0, dtype=complex), shapes)

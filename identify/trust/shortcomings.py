@@ -41,6 +41,11 @@ def shortcomings(
     elif accepted:
         text = "no accepted run has a sample: check the sensors, or the map of the channels"
         found = (_refused("no_runs", text),)
+    elif session.runs and not unused:
+        first = session.runs[0]
+        why = "; ".join(first.reasons) or "by hand"
+        text = f"no accepted run; all {len(session.runs)} are rejected, {first.label}: {why}"
+        found = (_refused("no_runs", text),)
     else:
         text = "no accepted run: record bounce, pitch and roll in both mass states"
         found = (_refused("no_runs", text),)

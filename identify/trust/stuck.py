@@ -1,111 +1,25 @@
-"""Finds channels that are frozen while the vehicle moves."""
+"""Names channels that are frozen while the vehicle moves."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
-import numpy as np
-
-from daq.samples.converter import is_stuck, share_changed
 from dbc.finding import Finding, Severity
 
 from ..decays.decay import Record
-from ..decays.onset import decay_start_s, onset_s
+from ..decays.stuck import FROZEN_S, frozen
 from .format import listed
-
-FROZEN_S = 0.2
-"""Time, s, after which a constant channel counts as frozen: two periods of the wheels, too long for
-a saturated top."""
-_MOVING_S = 0.5  # after this time, a coarse sensor may stay at one step of its converter
-
-
-@dataclass(frozen=True, slots=True)
-class _Hold:
-    """Longest hold of one value by one channel in one run, and the usual rate of its changes."""
-
-    channel: str
-    run: str
-    kind: str
-    """`channel`, `run`, `kind`: name, label, and the label without the number of the repeat."""
-    held_s: float
-    """Length of the longest hold that begins in the first half second of the decay, s."""
-    held: int
-    """Its number of samples."""
-    rest_rate: float
-    decay_rate: float
-    """`rest_rate`, `decay_rate`: share of samples that differ from the one before, before the decay
-    and in it; NaN where there are too few samples."""
-    constant: bool
-    """True if it has one value in the whole run."""
 
 
 def stuck_findings(records: Sequence[Record]) -> tuple[Finding, ...]:
-    """Find channels that do not move.
-
-    A channel may be silent by symmetry (roll in a bounce run), and a coarse one may stay at one
-    step of its converter.  So a held value is a finding only where the channel changes often enough
-    at rest before the bump, or, if it is constant there too, in a repeat of the run.
-    """
-    starts = _starts_s(records)
-    holds = [
-        h for record, start in zip(records, starts, strict=True) for h in _holds(record, start)
-    ]
-    moving = {hold.channel for hold in holds if not hold.constant}
-    frozen = [h for h in holds if h.channel in moving and _is_frozen(h, holds)]
-    if not frozen:
+    """Find channels that do not move in the decays that are fitted."""
+    found = frozen(records)
+    if not found:
         return ()
-    frozen.sort(key=lambda hold: -hold.held_s)
-    places = listed(f"{h.channel} in {h.run}" for h in frozen)
+    places = listed(f"{hold.channel} in {hold.run}" for hold in found)
     text = (
-        f"holds one value for {frozen[0].held_s:.2f} s (limit {FROZEN_S:g}) while the vehicle "
+        f"holds one value for {found[0].held_s:.2f} s (limit {FROZEN_S:g}) while the vehicle "
         f"moves: {places}; these samples are not measured and bias the result: check the sensor "
         "and repeat the run"
     )
     return (Finding("stuck_channels", Severity.WARNING, text),)
-
-
-def _is_frozen(hold: _Hold, holds: Sequence[_Hold]) -> bool:
-    rate = hold.rest_rate
-    if hold.constant or np.isnan(rate):
-        repeats = [
-            h.decay_rate
-            for h in holds
-            if h.kind == hold.kind and h.channel == hold.channel and h.run != hold.run
-        ]
-        rate = float(np.mean(repeats)) if repeats else np.nan
-    return hold.held_s >= FROZEN_S and is_stuck(hold.held, rate)
-
-
-def _starts_s(records: Sequence[Record]) -> list[float]:
-    """Return the start of each decay, s; where a stuck channel hides it, that of the other runs."""
-    starts = [decay_start_s(r) if onset_s(r) is not None else np.nan for r in records]
-    known = [start for start in starts if np.isfinite(start)]
-    usual = float(np.median(known)) if known else -np.inf
-    return [
-        start if np.isfinite(start) else max(usual, record.start_s)
-        for record, start in zip(records, starts, strict=True)
-    ]
-
-
-def _holds(record: Record, start: float) -> Iterator[_Hold]:
-    kind = record.label.rpartition("_")[0]
-    for recording in record.recordings:
-        time = recording.time_s
-        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
-            change = np.flatnonzero(np.diff(column) != 0.0)
-            first = np.concatenate([[0], change + 1])
-            last = np.concatenate([change, [len(column) - 1]])
-            within = (time[last] > start) & (time[first] < start + _MOVING_S)
-            length = np.where(within, time[last] - time[first], 0.0)
-            k = int(length.argmax())
-            yield _Hold(
-                channel.name,
-                record.label,
-                kind,
-                float(length[k]),
-                int(last[k] - first[k] + 1),
-                share_changed(column[time < start]),
-                share_changed(column[time >= start]),
-                len(change) == 0,
-            )

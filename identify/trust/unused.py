@@ -25,7 +25,7 @@ def unused_findings(session: Session, used: Session) -> Iterator[Finding]:
         yield Finding(
             "left_out",
             Severity.NOTE,
-            f"not used: {runs}; check the sensors' plugs and the cut of the runs and repeat them; "
+            f"not used: {runs}; check plugs, clock and cut of the runs, and repeat them; "
             "where a sensor was off on purpose, set its channels to unused",
         )
     pairs = zip(session.channels, used.channels, strict=True)

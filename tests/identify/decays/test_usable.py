@@ -86,6 +86,34 @@ def test_what_is_silent_in_most_runs_was_recorded_so(silent: int, usual: bool) -
     assert silent_in_most(given) == (("b",) if usual else ())
 
 
+def test_a_time_in_which_no_sensor_sends_is_a_jump_of_the_clock_in_however_many_runs() -> None:
+    jumped = {name: sent((_time < 1.505) | (_time > 1.905), seed) for seed, name in enumerate("ab")}
+    reason = "all sensors sent nothing from 1.50 to 1.91 s (limit 0.25 s)"
+    given = session(jumped, jumped, GOOD)
+    assert reasons(given) == [reason, reason, ""]
+    assert silent_in_most(given) == ()
+
+
+def test_a_clock_that_goes_back_costs_its_run() -> None:
+    given = session(GOOD, GOOD)
+    run = given.runs[1]
+    (group,) = run.groups
+    assert group.name == "a"
+    for swapped, reason in (([150, 150], ""), ([151, 150], "the times of a go back after 1.51 s")):
+        time_s = group.time_s.copy()
+        time_s[[150, 151]] = group.time_s[swapped]
+        spoilt = replace(run, groups=(replace(group, time_s=time_s),))
+        assert reasons(replace(given, runs=(given.runs[0], spoilt))) == ["", reason]
+
+
+def test_slow_sensors_together_have_their_own_limit() -> None:
+    """At 10 samples a second, ten cycles are a second."""
+    for gap_s, left in ((0.85, False), (1.15, True)):
+        heard = (np.arange(len(_time)) % 10 == 0) & ~((_time > 1.45) & (_time < 1.45 + gap_s))
+        slow = {name: sent(heard, seed) for seed, name in enumerate("ab")}
+        assert any("sent nothing" in reason for reason in reasons(session(slow))) is left
+
+
 def test_a_channel_that_is_not_in_a_run_leaves_the_run() -> None:
     nothing = (_time, np.full(len(_time), np.nan))
     assert reasons(session(GOOD, {"a": sent(WHOLE)}, {"a": sent(WHOLE), "b": nothing})) == [""] * 3

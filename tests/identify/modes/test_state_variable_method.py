@@ -226,11 +226,16 @@ def test_a_still_structure_has_no_modes() -> None:
     assert len(identify_modes([np.ones((50, 3))], 100.0)) == 0
 
 
-def test_a_silent_channel_has_no_part_in_the_shapes() -> None:
+@pytest.mark.parametrize("held", [0.0, 1e-3, 9.81])
+@pytest.mark.parametrize(("sigma", "tolerance"), [(0.0, 1e-9), (1e-3, 0.02)])
+def test_a_silent_or_stuck_channel_has_no_part_in_the_shapes(
+    held: float, sigma: float, tolerance: float
+) -> None:
     poles = chain_poles(2, k=100.0, c=1.0, m=1.0)
     record = free_decay(poles, chain_shapes(2), np.array([1.0, 1.0]), 100.0, 4.0)
-    found = identify_modes([np.column_stack([record, np.zeros(len(record))])], 100.0)
-    assert_poles(found, poles, 1e-9)
+    record = record + sigma * np.random.default_rng(3).standard_normal(record.shape)
+    found = identify_modes([np.column_stack([record, np.full(len(record), held)])], 100.0)
+    assert_poles(found, poles, tolerance)
     assert not np.any(found.shapes[2])
 
 

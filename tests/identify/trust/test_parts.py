@@ -14,6 +14,7 @@ from scipy.linalg import expm
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner, VehicleGeometry
 from identify.decays.decay import ChannelGroup, Record, Recording
+from identify.decays.stuck import _holds
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.trust import cause_texts, contradiction, swaps
@@ -25,7 +26,6 @@ from identify.trust.refit import Explanation
 from identify.trust.sampling import _by_arrival, _Stretch
 from identify.trust.score_test import fitted_decays
 from identify.trust.sensor_faults import gain_of
-from identify.trust.stuck import _holds
 from identify.trust.swaps import _hypotheses
 from identify.trust.whiteness import _Pairs
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from daq.runs import Losses, RunStatus, SampleGroup
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
+from identify.decays.decay import record_of
 from identify.pipeline import usable_records
 from identify.trust.sampling import sampling_findings
 
@@ -173,7 +174,9 @@ def test_a_channel_frozen_in_one_run_is_doubtful(from_s: float) -> None:
         return revalued(group, HUBS_FRONT, np.where(group.time_s < from_s, values, last))
 
     session = with_group(campaign("linear", 1), "added_bounce_1", HUBS_FRONT, frozen)
-    findings = found(session)
+    assert set(found(session)) == set(), "the run is left out"
+    records = [record_of(run, session.channels) for run in session.runs]
+    findings = by_gate(sampling_findings(session, records))
     assert set(findings) == {"stuck_channels"}
     assert findings["stuck_channels"].severity is Severity.WARNING
     assert "hub_acc_fl in added_bounce_1;" in findings["stuck_channels"].text

@@ -146,3 +146,12 @@ def test_runs_without_samples_are_not_missing_runs() -> None:
     session = campaign("linear", 1)
     (finding,) = _missing(with_runs(session, lambda run: replace(run, groups=())))
     assert (finding.code, "has a sample" in finding.text) == ("no_runs", True)
+
+
+def test_where_all_runs_are_rejected_the_reason_of_the_first_is_said() -> None:
+    session = campaign("linear", 1)
+    why = ("x reaches only from 0.0 to 2.0 s",)
+    rejected = with_runs(session, lambda run: replace(run, status=RunStatus.REJECTED, reasons=why))
+    (finding,) = _missing(rejected)
+    assert finding.code == "no_runs"
+    assert "all 12 are rejected, baseline_bounce_1: x reaches only from" in finding.text

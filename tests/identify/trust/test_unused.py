@@ -67,6 +67,27 @@ def test_runs_are_named_once_for_each_reason() -> None:
     assert "baseline_pitch_1: body_acc_z, roll_rate, pitch_rate sent nothing from 2.0" in text
 
 
+@pytest.mark.parametrize(("runs", "usual"), [("added_roll", False), ("", True)])
+def test_a_value_held_in_a_decay_costs_the_run(runs: str, usual: bool) -> None:
+    """A controller may repeat the last value of a loose sensor."""
+
+    def repeated(group: SampleGroup) -> SampleGroup:
+        last = int(np.searchsorted(group.time_s, LOOSE_S))
+        values = {name: column.copy() for name, column in group.values.items()}
+        values["hub_acc_rl"][last:] = values["hub_acc_rl"][last]
+        return replace(group, values=values)
+
+    session = with_group(campaign("linear", 1), runs, "hub_acc_rl", repeated)
+    used = usable_session(session)
+    reasons = {run.label: run.reasons for run in used.runs if run.status is RunStatus.REJECTED}
+    if usual:
+        assert reasons == {}
+    else:
+        assert set(reasons) == {"added_roll_1", "added_roll_2"}
+        for (reason,) in reasons.values():  # 2.8 s, less a part of a sample
+            assert reason == "hub_acc_rl held one value for 2.79 s (limit 0.20 s)"
+
+
 def test_a_dead_channel_and_one_that_always_ends_early_are_named() -> None:
     session = with_group(campaign("linear", 1), "", "hub_acc_fl", held("hub_acc_fl", 9.81))
     session = with_group(session, "", "hub_acc_rl", silent(2.5))
