@@ -155,12 +155,13 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
         (c for c in channels
          if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is corner), None
     )  # fmt: skip
-    if own is not None and not travels:
-        text = f"{own.name} did not move"
-        return PushResult(corner, True, False, text, "check its plug and its rod, then push again")
     most = max(travels, key=lambda m: m.size, default=None)
-    if own is not None and most is not None and most.channel.corner is not corner:
-        return _elsewhere(corner, own, most, moves)
+    if own is not None:
+        if most is None:
+            text, advice = f"{own.name} did not move", "check its plug and its rod, then push again"
+            return PushResult(corner, True, False, text, advice)
+        if most.channel.corner is not corner:
+            return _elsewhere(corner, own, most, moves)
     wrong = [m for m in moves if (way := _expected(corner, m.channel, channels)) and way != m.first]
     seen = most or moves[0]
     sizes = f"{seen.channel.name} moved {_spoken_size(seen)}"

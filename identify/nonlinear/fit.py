@@ -148,15 +148,11 @@ def _step(
         shared = _solve(matrix, right, damping, low, high)
         lacks = equations.lacks - equations.lifts @ shared
         moves = [run.step(shared) for run in runs]
-        beyond = False
-        for own, move, held in zip(initials, moves, fixed, strict=True):
-            after = own.friction + move[14:18]
-            excess = np.abs(after) - 1.0
-            # The one furthest outside first: without it the others may stay inside.
-            out = 14 + np.flatnonzero(excess > max(1e-9, 0.5 * float(excess.max())))
-            held[out] = np.sign(after[out - 14]) - own.friction[out - 14]
-            beyond = beyond or bool(len(out))
-        if not beyond and ((lacks > 0.0) == flat).all():
+        beyond = [
+            _stop_friction(own, move, held)
+            for own, move, held in zip(initials, moves, fixed, strict=True)
+        ]
+        if not any(beyond) and ((lacks > 0.0) == flat).all():
             break
         flat = lacks > 0.0
     steep = equations.holding(np.zeros_like(flat))
@@ -167,6 +163,16 @@ def _step(
             move @ b.A @ move + 2.0 * move @ b.B @ shared + shared @ b.C @ shared
         )
     return _Step(shared, tuple(moves), fall)
+
+
+def _stop_friction(own: InitialState, move: NDArray[np.float64], held: NDArray[np.float64]) -> bool:
+    """Hold the friction that a move would take beyond sliding there; return False if none is."""
+    after = own.friction + move[14:18]
+    excess = np.abs(after) - 1.0
+    # The one furthest outside first: without it the others may stay inside.
+    out = 14 + np.flatnonzero(excess > max(1e-9, 0.5 * float(excess.max())))
+    held[out] = np.sign(after[out - 14]) - own.friction[out - 14]
+    return bool(len(out))
 
 
 def _solve(

@@ -106,6 +106,7 @@ def test_the_page_has_rows_parameters_outliers_and_reports(tmp_path: Path) -> No
     (apart,) = data["outliers"]  # not the refused one
     assert apart[:2] == [3, 0]
     assert apart[2] == pytest.approx(1500.0, abs=5.0)
+    assert 3.5 < apart[3] == round(apart[3], 1)
     assert "http" not in page.read_text().replace("http://www.w3.org", "")
 
 

@@ -77,6 +77,18 @@ def test_a_channel_without_a_signal_is_refused_before_anything_is_made(tmp_path:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_messages_of_the_dbc_that_cannot_be_used_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = '\nBO_ 1999 Broken: 8 X\n SG_ wide : 0|65@1+ (1,0) [0|0] "" X\n'
+    bench = parse_bench(default_bench_text(), "bench.toml", Path(), shipped_dbc() + broken)
+    monkeypatch.setattr("daq.Recorder", lambda *_, **__: None)
+    monkeypatch.setattr(recording, "run_recorder", lambda *_: a_status())
+    lifetime = Lifetime(False, False, None, lambda: bench)
+    record_campaign(bench, cast(Any, None), tmp_path, lifetime, cast(Any, None), cast(Any, None))
+    assert "left out: " in capsys.readouterr().err
+
+
 # Comparing ----------------------------------------------------------------------------------------
 
 

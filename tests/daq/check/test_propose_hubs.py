@@ -73,6 +73,18 @@ def test_kicks_show_hubs_of_which_the_name_says_that_they_are_imus() -> None:
     assert named == [Quantity.BODY_ACCELERATION] * 4
 
 
+def test_a_sensor_whose_name_says_body_is_no_hub_however_it_is_shaken() -> None:
+    bodies = NAMELESS.replace("WheelAccelFront", "Body_1").replace("WheelAccelRear", "Body_2")
+    databases = tuple(
+        replace(each, text=bodies) if each.name == "hubs.dbc" else each for each in DATABASES
+    )
+    rest, pushes = rest_and_pushes()
+    found = propose_sensors(databases, (), rest, with_kicks(pushes))
+    named = [c.quantity for c in bench_of(found, databases).channels if "hubs." in c.signal]
+    assert Quantity.HUB_ACCELERATION not in named
+    assert not [q for q in found.questions if ON_HUB in q]
+
+
 def test_without_kicks_hubs_that_no_name_shows_are_asked_for() -> None:
     for pushes in (None, rest_and_pushes()[1]):
         found, bench = nameless(pushes)

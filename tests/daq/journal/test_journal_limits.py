@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from daq.journal.backlog import Backlog
 from daq.journal.built import built_recordings, built_revision, is_outdated, note_built
 from daq.journal.contents import HopCounts, JournalLoss
 from daq.journal.disk_space import DiskWatch, Room, low_text, taken_away, too_little
-from daq.journal.folder import next_segment, segments_in
+from daq.journal.folder import _grouped, next_segment, segments_in
 from daq.journal.format import FRAMES_TOPIC, JournalHead
 from daq.journal.gaps import Gap, gap_event, parse_gap
 from daq.journal.names import segment_number
@@ -279,3 +280,10 @@ def test_segments_are_in_the_order_of_their_numbers_not_of_their_names(tmp_path:
     for number, name in enumerate(reversed(names)):
         ledger.note(tmp_path / name, [Block(number, FRAMES_TOPIC, 0, b"", 5)])
     assert [path.name for path in ledger.paths] == names
+
+
+def test_a_session_file_has_the_number_of_the_segment_with_which_its_recording_began() -> None:
+    """In journals of older versions each segment states its own number."""
+    infos = [replace(segment(number, 0, 1), first_segment=number) for number in (8, 7)]
+    (recording,) = _grouped(infos)
+    assert (recording.first_segment, recording.session_name) == (7, "session_0007.h5")

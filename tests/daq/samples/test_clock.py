@@ -149,3 +149,15 @@ def test_the_lower_line_is_the_optimum_of_the_linear_programme(tolerance: float)
         bounds=[(None, None), (2.0 * (1 - tolerance), 2.0 * (1 + tolerance))],
     )
     np.testing.assert_allclose([start, slope], best.x, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("scatter_s", "late_s"), [(14e-6, 7e-6), (16e-6, 0.0)])
+def test_a_scatter_below_15_us_is_noise_of_the_clock_and_above_it_delay(
+    scatter_s: float, late_s: float
+) -> None:
+    """Every second stamp is later by so much: the mean line, or the line below all stamps."""
+    k = np.arange(2000)
+    t = np.asarray(k * 2e-3, np.float64)
+    stamps = _stamps(t + scatter_s * (k % 2))
+    found = sensor_times(k % 256, 256, stamps, 2e-3, T0_NS).time_s - t
+    assert found == pytest.approx(np.full(len(k), late_s), abs=1e-7)

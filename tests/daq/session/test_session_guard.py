@@ -15,6 +15,7 @@ import pytest
 
 from daq.errors import InputError
 from daq.session import (
+    load,
     read_foreign_samples,
     read_foreign_session,
     read_samples,
@@ -178,6 +179,19 @@ def test_what_no_session_holds(path: Path, harm: object, what: str) -> None:
     with h5py.File(path, "r+") as file:
         harm(file)
     _refused(path, what)
+
+
+def test_objects_are_counted_before_anything_is_read(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    objects = ["/"]  # which HDF5 does not visit
+    with h5py.File(path, "r") as file:
+        file.visit(objects.append)
+    monkeypatch.setattr(load, "MAX_OBJECTS", len(objects))
+    load_tree(path)
+    monkeypatch.setattr(load, "MAX_OBJECTS", len(objects) - 1)
+    with pytest.raises(InputError, match=f"holds more than {len(objects) - 1} objects"):
+        load_tree(path)
 
 
 def test_attributes_of_other_programs_are_left_alone(path: Path) -> None:

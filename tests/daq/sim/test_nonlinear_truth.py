@@ -24,6 +24,8 @@ def test_a_rough_car_has_friction_bars_and_bent_curves() -> None:
     assert found.values["s_cr"] == pytest.approx(-1.0 / 3.0)
     assert found.values["s_cf"] == 0.0
     speed, force = found.curves[0]
+    assert (speed[0], speed[-1]) == (-1.0, 1.0)  # faster than any damper of these campaigns
+    assert np.diff(speed) == pytest.approx(0.005)
     rise = np.interp([-0.1, 0.1], speed, force)
     assert (rise[1] - rise[0]) / 0.2 == pytest.approx(1500.0, rel=1e-3)
     assert -np.interp(-0.5, speed, force) > 1.5 * np.interp(0.5, speed, force)

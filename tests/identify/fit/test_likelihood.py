@@ -168,3 +168,12 @@ def test_a_weight_beside_its_place_moves_the_car_unless_its_place_is_uncertain()
     # 50 mm forward and 30 mm to the right.
     assert box.corrections == ("x of weight 1 of state added", "y of weight 1 of state added")
     np.testing.assert_allclose(box.pulls(best.eta), [0.05 / 0.03, -1.0], atol=0.35)
+
+
+def test_a_step_ends_a_search_only_once_it_is_hardly_damped() -> None:
+    """At the optimum any step is short: a damped one because it is damped."""
+    records = paper_records(200.0, 30.0, 3)
+    decays, sigma = tuple(r.decay(START_S) for r in records), noise_of(records, 200.0)
+    best = fit(BOX, decays, sigma, BOX.unknowns(CAR))
+    assert fit(BOX, decays, sigma, best.eta).iterations == 1
+    assert fit(BOX, decays, sigma, best.eta, hold=300.0).iterations == 2

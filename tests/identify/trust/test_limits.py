@@ -15,6 +15,7 @@ from identify.decays.onset import onset_s
 from identify.fit.estimation import Estimation
 from identify.fit.varpro import evaluate, linear_part
 from identify.model.matrices import loaded_model
+from identify.trust import cause_texts, sensor_faults
 from identify.trust.cause_ranking import Suspect
 from identify.trust.cause_texts import causes_of
 from identify.trust.excitation import excitation_findings
@@ -23,6 +24,7 @@ from identify.trust.lift_off import least_loads_n, lift_off_findings, static_loa
 from identify.trust.linear_effects import Effect
 from identify.trust.misfit import misfit_findings
 from identify.trust.plausibility import parameter_findings
+from identify.trust.refit import Explanation
 from identify.trust.score_test import Score
 from identify.trust.sensor_faults import gain_advice
 
@@ -260,6 +262,42 @@ def test_a_cause_that_explains_nine_tenths_needs_no_other(linear: Estimation) ->
     for explained in (0.9, 0.91):
         (finding,) = causes_of(broken, [_suspect(explained=explained)]).findings
         assert f"explains {100 * explained:.0f} % of the misfit" in finding.text
+
+
+def _sensor(name: str, explained: float) -> Explanation:
+    return Explanation(name, "", "", explained, 0.0, "k_sf", {})
+
+
+def test_the_strongest_cause_must_explain_a_third_of_the_misfit_or_a_sensor_more(
+    linear: Estimation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = replace(linear, chi2_per_n=1.4)
+    monkeypatch.setattr(cause_texts, "swap_explanation", lambda _: None)
+
+    def named(explained: float, *others: float) -> list[str]:
+        sensors = [_sensor(f"sensor {one}", one) for one in others]
+        monkeypatch.setattr(cause_texts, "sensor_explanations", lambda *_: sensors)
+        return [f.code for f in causes_of(broken, [_suspect(explained=explained)]).findings]
+
+    assert named(0.34) == []
+    assert named(0.36) == ["anti-roll_bars"]
+    # A sensor is preferred where the vehicle explains less than 95 % of what it does.
+    assert named(0.38, 0.39) == ["anti-roll_bars"]
+    assert named(0.38, 0.41) == ["sensor_0.41"]
+    assert named(0.2, 0.25) == ["sensor_0.25"]
+
+
+def test_a_channel_is_wrong_if_nine_tenths_of_the_misfit_go_with_it(
+    linear: Estimation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shares = {"a": 0.89, "b": 0.91, "c": 0.99}
+    monkeypatch.setattr(sensor_faults, "refit", lambda *_: None)
+    monkeypatch.setattr(sensor_faults, "_left_out", lambda *a: _sensor(a[2], shares[a[2]]))
+    monkeypatch.setattr(sensor_faults, "_late", lambda *_: [])
+    monkeypatch.setattr(sensor_faults, "_slow", lambda *_: [])
+    found = sensor_faults.sensor_explanations(linear, ["a", "b", "c"])
+    assert [one.name for one in found] == ["b"]  # the first, as the most suspected comes first
+    assert sensor_faults.sensor_explanations(linear, ["a"]) == []
 
 
 @pytest.mark.parametrize(

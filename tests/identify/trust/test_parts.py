@@ -17,7 +17,8 @@ from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.decays.stuck import _holds
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
-from identify.trust import cause_texts, contradiction, swaps
+from identify.model.matrices import travel_rows
+from identify.trust import cause_texts, contradiction, nonlinear_effects, swaps
 from identify.trust.consistency import _size
 from identify.trust.contradiction import contradictions
 from identify.trust.linear_effects import RICHEST, gains, lateness, structural
@@ -268,6 +269,29 @@ def test_speeds_of_a_car_that_creeps_back_are_those_of_the_matrix_exponential() 
     time_s = np.array([0.0, 0.01, 0.1, 0.7])
     expected = [(expm(A * t) @ start)[7:] for t in time_s]
     np.testing.assert_allclose(_speeds(one, time_s), expected, atol=1e-9 * np.abs(start).max())
+
+
+def test_friction_has_three_quarters_of_its_force_at_5_mm_s(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """That is tanh 1; rebound damping that is in excess has the force of its speed."""
+    known = shortly_estimated("linear", 1)
+    (one,) = fitted_decays(replace(known, decays=known.decays[:1]), 50.0)
+    seen: list[NDArray[np.float64]] = []
+    drives = nonlinear_effects._drives
+
+    def note(at: Any, force: NDArray[np.float64], push: NDArray[np.float64]) -> Any:
+        seen.append(force)
+        return drives(at, force, push)
+
+    monkeypatch.setattr(nonlinear_effects, "_drives", note)
+    suspension_forces(known).trace_of(one)
+    ((*friction, front, rear),) = seen
+    full = known.box.full(known.fit.eta.astype(complex))
+    speed = _speeds(one, np.arange(len(front), dtype=np.float64) * 1e-3) @ travel_rows(full).real.T
+    assert np.tanh(1.0) == pytest.approx(0.76, abs=0.002)
+    np.testing.assert_allclose(np.hstack(friction), np.tanh(speed / 0.005), atol=1e-9)
+    np.testing.assert_allclose(np.hstack([front, rear]), -np.abs(speed), atol=1e-12)
 
 
 def test_samples_of_a_swapped_channel_keep_their_own_clock() -> None:

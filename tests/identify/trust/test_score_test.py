@@ -15,9 +15,11 @@ from identify.study.sensor_sets import SENSOR_SETS
 from identify.trust.cause_ranking import Suspect, rank_causes
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
+from identify.trust.linear_effects import structural
+from identify.trust.score_test import FittedDecay, Scores, Trace, fitted_decays, scores
 
 from ..stress import HUBS, STRESSES, stress_session
-from .campaigns import SEEDS, campaign, doubtful, estimated
+from .campaigns import SEEDS, campaign, doubtful, estimated, shortly_estimated
 
 BOX = GreyBox(SENSOR_SETS["paper"], PAPER_MASS_STATES, None)
 
@@ -144,3 +146,30 @@ def test_sizes_do_not_depend_on_where_near_the_optimum_the_fit_stopped() -> None
         seen = score.stds > 0.0
         change = (score.sizes - before[suspect.cause].sizes)[seen] / score.stds[seen]
         assert np.max(np.abs(change), initial=0.0) < 0.1, suspect.cause
+
+
+def test_an_effect_scores_the_same_by_its_samples_as_by_the_functions_of_the_motion() -> None:
+    result = shortly_estimated("linear", 1)
+    fitted = fitted_decays(result, 50.0)
+    effects = structural(result, fitted)
+    q = len(effects.effects)
+
+    def scored(p: int) -> Scores:
+        """Score the first p effects by the functions of the motion, the others by samples."""
+
+        def traces(one: FittedDecay) -> list[Trace]:
+            return [
+                Trace(of[..., :p], np.einsum("nm,cmq->ncq", basis[:, :28], of[..., p:]))
+                for basis, of in zip(one.basis, effects.trace_of(one), strict=True)
+            ]
+
+        return scores(result, fitted, traces, q)
+
+    expected, found = scored(q - 1), scored(1)
+    size = np.sqrt(np.diag(expected.information))
+    assert found.gradient / size == pytest.approx(expected.gradient / size, abs=1e-6)
+    assert found.information / np.outer(size, size) == pytest.approx(
+        expected.information / np.outer(size, size), abs=1e-8
+    )
+    size = size[:, None] / np.sqrt(np.diag(expected.fit_covariance))
+    assert found.mixed / size == pytest.approx(expected.mixed / size, abs=1e-8)

@@ -75,7 +75,9 @@ async def test_an_error_stays_in_its_field_and_says_what_is_wrong(make_app: Make
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, VehicleScreen)
-        await pilot.press("tab", "enter", "enter", *"15x2", "escape", "space")
+        await pilot.press("tab", "enter", "enter", *"15x2")
+        assert "'15x2' is not a number" in screen_text(app)  # while it is typed
+        await pilot.press("escape", "space")
         await pilot.pause()
         shown = screen_text(app)
         assert "!Total mass    [15x2" in shown

@@ -298,6 +298,24 @@ async def test_home_gives_way_to_a_run_that_somebody_else_has_armed(
         assert "ARMED" in screen_text(app)
 
 
+async def test_who_goes_back_to_the_check_during_a_pause_stays_there(make_app: MakeApp) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        recorder.turn(Phase.ARMED)
+        await until(pilot, lambda: isinstance(app.screen, RunScreen))
+        await pilot.press("escape")
+        await until(pilot, lambda: app.status is not None and app.status.phase is Phase.PAUSED)
+        await pilot.press("2")
+        await pilot.pause()
+        assert app.screen is app.get_screen("check")
+        recorder.publish()
+        await pilot.pause()
+        assert app.screen is app.get_screen("check")
+
+
 async def test_big_letters_are_confirmed_where_there_are_none(make_app: MakeApp) -> None:
     recorder = FakeRecorder()
     recorder.mark("vehicle", "check")
