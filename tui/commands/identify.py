@@ -40,10 +40,6 @@ def identify(
         recorded = daq.read_foreign_samples(session)
         result = method.identify(recorded, stage)
     document = result.document()
-    if dampers is not None:
-        write_damper_table(document, dampers)
-    if model is not None:
-        write_model(result, model)
     if json:
         from ..jobs.reporting import file_sha256
 
@@ -51,4 +47,8 @@ def identify(
         print_json(document)
     else:
         print_identification(document, {})
+    if dampers is not None:
+        write_damper_table(document, dampers)
+    if model is not None:
+        write_model(result, model)
     return ExitCode.ANSWER_IS_NO if document["verdict"] == "refused" else ExitCode.OK
