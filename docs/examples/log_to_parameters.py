@@ -1,7 +1,8 @@
 """From a log to parameters: `python log_to_parameters.py LOG [BENCH.TOML]`.
 
-The log may be BLF, ASC, TRC, candump, CSV, MF4 or a journal of ours (`bumpbench demo` leaves one:
-`bumpbench-demo/journal/journal_0001.mcap`).  Without a bench.toml the shipped bench is used.
+The log may be BLF, ASC, TRC, candump, CSV or MF4 (`bumpbench demo` and then `bumpbench export
+bumpbench-demo/session_0001.h5 --format blf` make one).  Without a bench.toml the shipped bench is
+used.
 """
 
 import sys
@@ -25,4 +26,6 @@ def main(log: Path, bench_toml: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
     main(*map(Path, sys.argv[1:]))

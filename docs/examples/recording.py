@@ -9,6 +9,7 @@ the car out.
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import daq
@@ -21,6 +22,8 @@ from daq.sim import SimulatedCar, campaign_frames
 def main(folder: Path, bench_toml: Path | None = None) -> Path:
     """Record a campaign of the simulated car, and return its session file."""
     bench = daq.load_bench(bench_toml)
+    # Nobody rejects a run here: the next bump may come at once.
+    bench = replace(bench, procedure=replace(bench.procedure, accept_after_s=0.0))
     # Ten lines ...
     stop, news = threading.Event(), News()
     bus = daq.open_source(bench.bus, 0)  # before the first frame
@@ -64,6 +67,8 @@ def bump_the_car(bench: daq.Bench) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
     path = main(*map(Path, sys.argv[1:]))
     session = daq.read_session(path)
     print(path, f"{len(session.runs)} runs", *[run.label for run in session.runs], sep="\n  ")

@@ -39,7 +39,6 @@ def candump(path: Path, frames: FrameBatch) -> Path:
 def short_bench(folder: Path, excitations: str) -> Path:
     text = re.sub(r"(?m)^excitations = .*$", f"excitations = {excitations}", default_bench_text())
     text = re.sub(r"(?m)^repeats = .*$", "repeats = 1", text)
-    text = re.sub(r"(?m)^accept_after_s = .*$", "accept_after_s = 0.0", text)
     text = re.sub(r'(?m)^channel = "bumpbench"$', f'channel = "{folder.name}"', text)
     (folder / "bench.toml").write_text(text, "utf-8")
     return folder / "bench.toml"

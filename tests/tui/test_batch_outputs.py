@@ -204,3 +204,21 @@ def test_sigterm_keeps_the_rows_and_leaves_no_half_file(
     assert capsys.readouterr().err.splitlines()[-1].startswith("bumpbench: stopped; the rows")
     assert len(_dataset(tmp_path / "set")) == len(_data(tmp_path / "p.html")["rows"]) == 2
     assert {path.name for path in tmp_path.iterdir()} == {"s", "set", "set.jsonl", "p.html"}
+
+
+def test_a_link_that_leads_nowhere_is_one_session_that_fails(tmp_path: Path) -> None:
+    """It hid all others of its folder: "holds no session file"."""
+    for name in ("a.h5", "c.h5"):
+        (tmp_path / name).touch()
+    (tmp_path / "b.h5").symlink_to("gone.h5")
+    (tmp_path / "folder.h5").mkdir()
+    files = [str(tmp_path / name) for name in ("a.h5", "b.h5", "c.h5")]
+    assert session_files([str(tmp_path)]) == files
+    assert session_files([str(tmp_path / "*.h5")]) == files
+    assert "no such file" in str(row_of(job_of(files[1]))["reasons"])
+    with pytest.raises(InputError, match="no such file"):
+        session_files([files[1]])
+    for path in map(Path, files):
+        path.unlink()
+    with pytest.raises(InputError, match="holds no session file"):
+        session_files([str(tmp_path)])

@@ -39,10 +39,6 @@ def identify(
         recorded = daq.read_foreign_samples(session)
         result = method.identify(recorded, stage)
     document = result.document()
-    if dampers is not None:
-        write_damper_table(document, dampers)
-    if model is not None:
-        write_model(result, model)
     if json:
         document["source"]["file_sha256"] = daq.file_sha256(session)
         print_json(document)
@@ -50,4 +46,8 @@ def identify(
         from ..result import print_identification
 
         print_identification(document, {})
+    if dampers is not None:
+        write_damper_table(document, dampers)
+    if model is not None:
+        write_model(result, model)
     return ExitCode.ANSWER_IS_NO if document["verdict"] == "refused" else ExitCode.OK

@@ -39,7 +39,7 @@ def report(
     json: Annotated[bool, typer.Option("--json", help="Print files and verdict as JSON.")] = False,
 ) -> int:
     """Identify a session and write its report as one HTML page."""
-    from daq.files import make_room
+    from dbc import InputError
 
     from ..jobs.reporting import write_figures, write_report
     from ..output import print_json, print_line, progress
@@ -52,8 +52,8 @@ def report(
             print_line(str(path))
 
     out = session.parent / f"{session.stem}.html" if out is None else out
-    if figures is not None:
-        make_room(figures / "figure")
+    if figures is not None and figures.exists() and not figures.is_dir():
+        raise InputError(str(figures), "is not a folder", "name another folder")
     with progress("report") as stage:
         page, quality = write_report(session, out, pdf, stage, wrote, (operator, approver))
         if figures is not None:

@@ -76,10 +76,12 @@ def _local(name: str) -> list[str]:
         files = [path]
     else:
         files = sorted(Path(path.anchor or ".").glob(str(path.relative_to(path.anchor))))
-    if not files or not all(file.exists() for file in files):
+    # A link that leads nowhere is a session that fails, not one that hides the others.
+    files = [file for file in files if file.is_file() or not file.exists()]
+    if not files or (files == [path] and not path.exists()):
         what = "holds no session file (*.h5)" if path.is_dir() else "no such file"
         raise InputError(name, what, _ADVICE)
-    return [str(file.absolute()) for file in files if file.is_file()]
+    return [str(file.absolute()) for file in files]
 
 
 def _remote(name: str) -> list[str]:

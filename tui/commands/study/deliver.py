@@ -36,25 +36,32 @@ def check_figure_file(path: Path | None) -> None:
 
 
 def deliver(study: Study, json: bool, figure: Path | None) -> None:
-    """Print a study and draw it.
+    """Print a study, then draw it.
 
-    Raises InputError if the file cannot be written.
+    Raises InputError if the file cannot be written; hours of computing are printed by then.
     """
-    from ...output import print_json, print_line, print_table
+    from ...output import print_json
 
+    if json:
+        print_json(document(study))
+    else:
+        _print(study)
     if figure is not None:
+        from daq.files import write_text
         from dbc import InputError
         from identify.study import svg
 
         try:
-            figure.write_text(svg(study), encoding="utf-8")
+            write_text(figure, svg(study))
         except OSError as error:
             raise InputError(
                 str(figure), error.strerror or "cannot be written", "name another file"
             ) from None
-    if json:
-        print_json(document(study))
-        return
+
+
+def _print(study: Study) -> None:
+    from ...output import print_line, print_table
+
     rows = [
         [_cell(cell, column) for cell, column in zip(row, study.columns, strict=True)]
         for row in study.rows
