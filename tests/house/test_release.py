@@ -54,7 +54,7 @@ def test_the_wheel_says_what_it_is(release: tuple[Path, Path]) -> None:
 
 
 def test_a_document_names_this_version() -> None:
-    assert VERSION == PROJECT["version"]
+    assert PROJECT["version"] == VERSION
 
 
 def test_the_changelog_tells_of_this_version() -> None:
