@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from math import nan
 from typing import TypedDict
 
@@ -12,7 +11,7 @@ import numpy as np
 from .fit.uncertainty import Correlation, Estimate
 from .model.matrices import PhysicalModel
 from .modes.modal_model import ModalModel
-from .software import software_sha256
+from .software import VERSION, software_sha256
 
 
 class CorrelationEntry(TypedDict):
@@ -74,7 +73,7 @@ def covariance_entry(
 def source_entry(provenance: Mapping[str, str]) -> SourceEntry:
     """Return where the numbers come from, by the provenance of the session."""
     return {
-        "software": f"bumpbench {version('bumpbench')}",
+        "software": f"bumpbench {VERSION}",
         "software_sha256": software_sha256(),
         "session": provenance.get("uuid", ""),
         "created": provenance.get("created", ""),

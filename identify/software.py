@@ -1,4 +1,4 @@
-"""The hash of the program that makes the numbers."""
+"""The version and the hash of the program that makes the numbers."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from pathlib import Path
 
 import daq
 import dbc
+
+VERSION = "0.1.0"
+"""That of pyproject.toml; to look it up in the installed metadata loads a reader of e-mail."""
 
 _PACKAGES = (Path(dbc.__file__).parent, Path(daq.__file__).parent, Path(__file__).parent)
 

@@ -42,7 +42,8 @@ class Recording:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time_s", read_only(self.time_s))
-        object.__setattr__(self, "values", read_only(self.values))
+        # Each channel by itself in memory: sums over the samples take a fraction of the time.
+        object.__setattr__(self, "values", read_only(np.asfortranarray(self.values)))
 
     def between(self, start_s: float, end_s: float) -> Recording:
         """Return the samples with start <= time < end, times counted from the start."""

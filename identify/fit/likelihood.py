@@ -212,7 +212,7 @@ def residuals_of(
         for r, product, stack in zip(
             decay.recordings, linear.products, linear.coefficients, strict=True
         ):
-            left = r.values - at.basis(r) @ (stack @ linear.solution).T
+            left = r.values - ((stack @ linear.solution) @ at.basis(r).T).T
             for c, channel in enumerate(r.group.channels):
                 values[channel.name] = left[:, c]
                 used = stack[c].T @ product.gram @ stack[c] * linear.normal_inverse

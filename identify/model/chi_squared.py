@@ -5,12 +5,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from math import erfc, exp, lgamma, log, sqrt
 
 _SAME = 1e-13
 """Relative change below which a step of Newton's method is the last."""
 
 
+@cache
 def exceeded_by_chance(freedom: int, chance: float) -> float:
     """Return the value that a chi-squared variable exceeds with a given probability.
 

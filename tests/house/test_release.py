@@ -12,6 +12,8 @@ from zipfile import ZipFile
 
 import pytest
 
+from identify.software import VERSION
+
 from .built import ROOT, build, package_files
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -49,6 +51,10 @@ def test_the_wheel_says_what_it_is(release: tuple[Path, Path]) -> None:
     with ZipFile(release[1]) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("entry_points.txt"))
         assert "bumpbench = tui.__main__:main" in archive.read(name).decode()
+
+
+def test_a_document_names_this_version() -> None:
+    assert PROJECT["version"] == VERSION
 
 
 def test_the_changelog_tells_of_this_version() -> None:
