@@ -105,6 +105,7 @@ def test_an_export_as_a_document_lists_files_and_notes(
         (["--out", "x.csv", "--modes"], "--modes"),
         (["--format", "csv", "--sensor", "front"], "front"),
         (["--format", "csv", "--bus", "can9"], "can9"),
+        (["--format", "csv", "--bus", "7"], "--bus 7: has no frame in the session"),
     ],
 )
 def test_an_option_that_does_not_fit_an_export_is_named(
