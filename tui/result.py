@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from daq.vehicle import parameter_unit
@@ -45,7 +46,9 @@ def print_identification(document: Document, truth: Mapping[str, float]) -> None
         if document["forces"]:
             _print_forces(document["forces"])
             print_line()
-    print_line(f"verdict: {document['verdict']}   chi2/n {document['chi2_per_n']:.3f}")
+    chi2 = document["chi2_per_n"]
+    fit = f"   chi2/n {chi2:.3f}" if isfinite(chi2) else ""
+    print_line(f"verdict: {document['verdict']}{fit}")
     for finding in document["findings"]:
         print_line(f"  - {_MARKS[finding['severity']]}: {finding['text']}")
     for line in survival_lines(document):

@@ -56,8 +56,9 @@ def named_car(name: str) -> NamedCar:
         return NamedCar(name, "Ford Granada", "the paper's Table 1", FORD_GRANADA, NONE)
     entries = _entries()
     if name not in entries:
-        near = get_close_matches(name.lower(), car_names(), 3, 0.5) or car_names()
-        raise InputError(f"--car {name}", "is unknown", f"did you mean {' or '.join(near)}?")
+        near = get_close_matches(name.lower(), car_names(), 3, 0.5)
+        named = f"did you mean {' or '.join(near)}?" if near else f"use {', '.join(car_names())}"
+        raise InputError(f"--car {name}", "is unknown", named)
     entry = entries[name]
     described = {**entries[entry["like"]], **entry} if "like" in entry else entry
     published = VehicleParameters(**described["parameters"])

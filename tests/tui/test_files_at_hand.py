@@ -72,7 +72,7 @@ def test_an_identification_that_is_refused_says_so_and_writes_no_model(
 ) -> None:
     (file,) = map(str, write_all(tmp_path, refused_session, 1))
     out, err = said(capsys, "identify", file, code=1)
-    assert out.splitlines()[0].startswith("verdict: refused")
+    assert out.splitlines()[0] == "verdict: refused", "without a fit there is no chi2"
     assert err == ""
     for option, name in (("--dampers", "d.csv"), ("--model", "m.json")):
         target = tmp_path / name
@@ -105,6 +105,7 @@ def test_an_export_as_a_document_lists_files_and_notes(
         (["--out", "x.csv", "--modes"], "--modes"),
         (["--format", "csv", "--sensor", "front"], "front"),
         (["--format", "csv", "--bus", "can9"], "can9"),
+        (["--format", "csv", "--bus", "7"], "--bus 7: has no frame in the session"),
     ],
 )
 def test_an_option_that_does_not_fit_an_export_is_named(

@@ -116,6 +116,11 @@ def _part(session: Session, sensors: Sequence[str], buses: Sequence[str]) -> Ses
     about = session.provenance
     bench = parse_bench(about.get("bench_toml", ""), "bench.toml", Path(), about.get("dbc"))
     numbers = bus_numbers(bench, buses)
+    recorded = {int(number) for run in session.runs for number in set(run.frames.bus.tolist())}
+    if recorded and not numbers & recorded and all(name.isdecimal() for name in buses):
+        there = ", ".join(map(str, sorted(recorded)))
+        what = "has no frame in the session"
+        raise InputError(f"--bus {', '.join(buses)}", what, f"its frames are of {there}")
     part = session_part(session, sensors, numbers)
     if len(bench.buses) == 1 or not bench.sensors:
         return part
