@@ -65,7 +65,7 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.OK
     except Exception as error:
-        if isinstance(error, ImportError):
+        if isinstance(error, (ImportError, AttributeError)):
             from .ownership import foreign_package
 
             if line := foreign_package():

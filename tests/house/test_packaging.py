@@ -10,6 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from daq import write_session
+
+from ..daq.small_session import small_session
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -24,10 +28,12 @@ def test_no_other_distribution_owns_our_names() -> None:
 
 @pytest.mark.parametrize("name", ["dbc", "daq", "identify"])
 def test_a_package_of_another_distribution_is_named_in_a_line(name: str, tmp_path: Path) -> None:
+    session = tmp_path / "car.h5"
+    write_session(session, small_session())
     (tmp_path / name).mkdir()
     (tmp_path / name / "__init__.py").write_text("")
     about = tmp_path / f"{name}_of_others-2.6.dist-info"
-    command = [sys.executable, "-m", "tui", "identify", "car.h5"]
+    command = [sys.executable, "-m", "tui", "identify", str(session)]
     # What `python -m` adds is the folder: it must not hide what the path says.
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "PYTHONSAFEPATH": "1"}
     for whose in ("something else", f"the distribution {name}-of-others"):

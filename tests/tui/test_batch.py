@@ -172,7 +172,7 @@ def test_no_more_in_flight_than_the_workers_need() -> None:
         (["."], "no session file"),
         ([], "files"),
         (["car.h5", "--out", "table.xlsx"], ".parquet"),
-        (["car.h5", "--out", "car.h5/t.csv"], "name another file"),
+        (["car.h5", "--out", "car.h5/t.csv"], "car.h5: is not a folder"),
         (["car.h5", "--workers", "0"], "--workers"),
         (["car.h5", "--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "--scheduler"),
         (["car.h5", "--scheduler", "nonsense"], "nonsense"),

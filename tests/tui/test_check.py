@@ -219,7 +219,7 @@ def test_a_proposal_from_a_dbc_alone(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["nosuch.toml"], "nosuch.toml"),
         ([], "virtual"),
         (["--bitrate", "250000"], "--bitrate: is for --propose"),
-        (["--propose", "/nosuch/new.toml"], "/nosuch/new.toml"),
+        (["--propose", "/dev/null/new.toml"], "/dev/null: is not a folder"),
     ],
 )
 def test_mistakes_are_one_line(
