@@ -168,3 +168,16 @@ def test_a_weight_beside_its_place_moves_the_car_unless_its_place_is_uncertain()
     # 50 mm forward and 30 mm to the right.
     assert box.corrections == ("x of weight 1 of state added", "y of weight 1 of state added")
     np.testing.assert_allclose(box.pulls(best.eta), [0.05 / 0.03, -1.0], atol=0.35)
+
+
+def test_a_fit_ends_when_its_next_step_would_be_too_small() -> None:
+    records = paper_records(200.0, 30.0, 3)
+    decays, level = tuple(r.decay(START_S) for r in records), noise_of(records, 200.0)
+    start = BOX.unknowns(1.02 * TRUTH)
+    exact = fit(BOX, decays, level, start, tolerance=1e-9)
+    usual = fit(BOX, decays, level, start, tolerance=1e-3)
+    # Its last step is larger than the tolerance, and what is left to go far smaller.
+    assert usual.converged
+    assert usual.iterations == 3
+    left = np.abs(usual.eta - exact.eta) / np.sqrt(np.diag(exact.covariance))
+    assert np.max(left) < 1e-4
