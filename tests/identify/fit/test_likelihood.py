@@ -177,3 +177,16 @@ def test_a_step_ends_a_search_only_once_it_is_hardly_damped() -> None:
     best = fit(BOX, decays, sigma, BOX.unknowns(CAR))
     assert fit(BOX, decays, sigma, best.eta).iterations == 1
     assert fit(BOX, decays, sigma, best.eta, hold=300.0).iterations == 2
+
+
+def test_a_fit_ends_when_its_next_step_would_be_too_small() -> None:
+    records = paper_records(200.0, 30.0, 3)
+    decays, level = tuple(r.decay(START_S) for r in records), noise_of(records, 200.0)
+    start = BOX.unknowns(1.02 * TRUTH)
+    exact = fit(BOX, decays, level, start, tolerance=1e-9)
+    usual = fit(BOX, decays, level, start, tolerance=1e-3)
+    # Its last step is larger than the tolerance, and what is left to go far smaller.
+    assert usual.converged
+    assert usual.iterations == 3
+    left = np.abs(usual.eta - exact.eta) / np.sqrt(np.diag(exact.covariance))
+    assert np.max(left) < 1e-4
