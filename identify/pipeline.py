@@ -46,6 +46,7 @@ from .paper.physical_matrices import ClosedForm
 from .real_car import explained_by_elements
 from .trust.finding import Judgement
 from .trust.judge import judge
+from .trust.sensor_faults import wrong_channel
 from .trust.shortcomings import shortcomings
 from .trust.unused import unused_findings
 
@@ -144,7 +145,8 @@ def identify_parameters(
     estimation = first_estimate(box, records, vehicles)
     forces = None
     signs = () if estimation.holds else opposed_signs(_accepted(session), session.channels)
-    if not estimation.holds and not signs:  # else no car explains the decays
+    wrong = None if estimation.holds or signs else wrong_channel(estimation)
+    if not (estimation.holds or signs or wrong):  # else no car explains the decays
         if later_may_hold(estimation, vehicles):
             progress(0.5, "fitting again")
             estimation = later_estimate(estimation, vehicles)
@@ -164,7 +166,7 @@ def identify_parameters(
     modes = {name: mode_estimates(box, fit, name) for name in modal}
     progress(0.7, "judging")
     return Identification(
-        quality=judge(session, estimation, signs, unused),
+        quality=judge(session, estimation, signs, unused, wrong),
         provenance=session.provenance,
         parameters=parameters,
         derived=derived,

@@ -52,6 +52,11 @@ class Causes:
     """Every cause that stands out of the noise, with the changes of parameters that it means."""
 
 
+def wrong_channel_cause(cause: Explanation) -> Causes:
+    """Name a channel that is wrong, and refuse the result: its unit or sign can be corrected."""
+    return Causes((replace(_finding(cause), severity=Severity.ERROR),), (cause,))
+
+
 def causes_of(estimation: Estimation, suspects: Sequence[Suspect]) -> Causes:
     """Name the likely cause of a misfit, or an effect that matters although there is no misfit.
 

@@ -11,7 +11,7 @@ from dbc.finding import Finding
 
 from ..fit.estimation import Estimation
 from .cause_ranking import rank_causes
-from .cause_texts import Causes, causes_of
+from .cause_texts import Causes, causes_of, wrong_channel_cause
 from .consistency import moves_without, repeat_findings
 from .contradiction import contradicted_shift, contradictions
 from .excitation import excitation_findings, mode_snr_db
@@ -35,6 +35,7 @@ def judge(
     estimation: Estimation,
     signs: Sequence[Finding] = (),
     unused: Sequence[Finding] = (),
+    wrong: Explanation | None = None,
 ) -> Judgement:
     """Judge an estimation by all gates.
 
@@ -42,26 +43,28 @@ def judge(
     fit.
 
     `signs`: channels whose sign is wrong (`daq.check.opposed_signs`), the cause if there are any.
-    `unused`: what was left out (`unused_findings`).
+    `unused`: what was left out (`unused_findings`).  `wrong`: the channel that is the cause
+    (`wrong_channel`), if there is one.
     """
     linear, holds = estimation.nonlinear is None, estimation.holds
     determined = not undetermined(estimation)
     snr_db = mode_snr_db(estimation)
-    causes = Causes(tuple(map(_wrong_sign, signs)))
-    if linear and not signs and (determined or not holds):
+    known = bool(signs or wrong)
+    causes = wrong_channel_cause(wrong) if wrong else Causes(tuple(map(_wrong_sign, signs)))
+    if linear and not known and (determined or not holds):
         causes = _causes(estimation)
     explained = _explains(estimation, causes)
     parameters = parameter_findings(estimation)
     findings = [
         *unused,
-        *(causes.findings if signs else ()),
+        *(causes.findings if known else ()),
         *misfit_findings(estimation),
         *(f for f in parameters if not (explained and f.code == "contradiction")),
         *(scale_findings(estimation.box) if determined else ()),
         *sampling_findings(session, estimation.records),
         *saturation_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),
-        *(() if signs else causes.findings),
+        *(() if known else causes.findings),
     ]
     if determined and holds:
         findings += whiteness_findings(estimation)

@@ -14,8 +14,8 @@ import numpy as np
 
 from daq.channels import Channel, Quantity
 
-from ..fit.estimation import Estimation
-from ..fit.likelihood import residuals
+from ..fit.estimation import Estimation, generic_vehicles
+from ..fit.likelihood import HOLD, residuals
 from .refit import (
     RANKING_STEPS,
     Explanation,
@@ -27,6 +27,8 @@ from .refit import (
     shift_between,
 )
 
+_FEWEST = 3
+"""Least number of channels of which one can be wrong."""
 _SUSPECTED = 4
 """Number of suspected channels that are left out in turn."""
 _CLEARS = 0.9
@@ -34,12 +36,41 @@ _CLEARS = 0.9
 _ALONE = 0.97
 """Share above which a wrong channel is not compared with lateness and low-pass; below, it may be
 the slowest of several sensors."""
+_LEAST, _MOST = 0.7, 1.4
+"""Gains beyond which a unit is wrong rather than a calibration."""
 _CHOICE = 1.5
 _LATE_SIGMA_S = 0.03
 _ALIKE = 0.2
 """Share of the largest difference below which a kind of sensors counts as early as the earliest."""
 _COARSE_HZ = (15.0, 40.0)
 _FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
+
+
+def wrong_channel(estimation: Estimation) -> Explanation | None:
+    """Return the channel whose unit or sign is wrong, None if there is no such channel.
+
+    It distorts the whole fit, so that neither residuals nor scores point to it.  Therefore a
+    generic car is fitted without each channel in turn.  Without the wrong one the model explains
+    all others, and the prediction shows by how much that one is off.
+
+    `estimation`: a fit that does not hold.
+    """
+    names = [c.name for group in estimation.box.groups for c in group.channels]
+    if len(names) < _FEWEST:
+        return None
+    few = replace(estimation, decays=first_repeats(estimation.decays))
+    start = estimation.box.unknowns(generic_vehicles()[0])
+    tried = {
+        name: refit(few, _leaving_out(name), start, hold=HOLD, steps=RANKING_STEPS)
+        for name in names
+    }
+    name = min(names, key=lambda each: tried[each].excess)
+    others = refit(estimation, _leaving_out(name), tried[name].fit.eta)
+    if others.excess > estimation.chi2_limit - 1.0:
+        return None
+    before = refit(estimation, as_described, estimation.fit.eta)
+    gain = _gain(estimation, before, others, name)
+    return None if _LEAST < gain < _MOST else _compared(before, others, name, gain)
 
 
 def sensor_explanations(estimation: Estimation, suspected: Sequence[str]) -> list[Explanation]:
@@ -77,7 +108,16 @@ def _wrong_channels(
 
 
 def _left_out(estimation: Estimation, before: Refit, name: str) -> Explanation:
-    others = refit(estimation, lambda c: None if c.name == name else c, before.fit.eta)
+    others = refit(estimation, _leaving_out(name), before.fit.eta)
+    return _compared(before, others, name, _gain(estimation, before, others, name))
+
+
+def _leaving_out(name: str) -> Callable[[Channel], Channel | None]:
+    return lambda c: None if c.name == name else c
+
+
+def _gain(estimation: Estimation, before: Refit, others: Refit, name: str) -> float:
+    """Return the motion that a channel shows, as a multiple of what all others predict."""
     eta = parameters_as_start(before.box, others.box, others.fit.eta)
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
     predicted, measured = 0.0, 0.0
@@ -90,7 +130,10 @@ def _left_out(estimation: Estimation, before: Refit, name: str) -> Explanation:
                     model = model - model.mean()
                     predicted += float(model @ model)
                     measured += float(model @ r.values[:, c])
-    gain = measured / predicted if predicted > 0.0 else float("nan")
+    return measured / predicted if predicted > 0.0 else float("nan")
+
+
+def _compared(before: Refit, others: Refit, name: str, gain: float) -> Explanation:
     sizes = f"it shows {gain:.3g} times what the other channels predict"
     explained = 1.0 - others.excess / before.excess
     shift = shift_between(before, others)
@@ -101,7 +144,7 @@ def gain_advice(gain: float) -> str:
     """Return the advice on a channel that shows `gain` times the motion."""
     if abs(gain + 1.0) < 0.2:
         return "it is upside down: turn its sign"
-    if gain > 0.0 and not 0.7 < gain < 1.4:
+    if gain > 0.0 and not _LEAST < gain < _MOST:
         return "its unit or gain is wrong: check the unit in the DBC (g, mg, m/s2, deg/s, rad/s)"
     return "check its calibration, unit and sign"
 
