@@ -163,13 +163,6 @@ class CampaignTable(Table):
     accept_after_s: Annotated[float, Field(ge=0, le=60)] = 3.0
     instructions: dict[Excitation, Annotated[str, Field(max_length=200)]] = {}
 
-    @field_validator("excitations")
-    @classmethod
-    def _each_once(cls, excitations: list[Excitation]) -> list[Excitation]:
-        if len(set(excitations)) < len(excitations):
-            raise ValueError("names a kind of bump twice; repeats states how often")
-        return excitations
-
 
 class Limits(NamedTuple):
     """Limits of a number in bench.toml."""

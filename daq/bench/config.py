@@ -150,7 +150,22 @@ def load_bench(path: Path | None) -> Bench:
     """
     if path is None:
         return parse_bench(default_bench_text(), "bench.toml (shipped)", Path())
-    return parse_bench(toml_text(path, "name a bench.toml"), str(path), path.parent)
+    bench = parse_bench(toml_text(path, "name a bench.toml"), str(path), path.parent)
+    _refuse_slips(bench, str(path))
+    return bench
+
+
+def _refuse_slips(bench: Bench, where: str) -> None:
+    """Raise InputError for a slip that a new file must not have; recorded ones are read with it."""
+    kinds = bench.campaign.excitations
+    if len(set(kinds)) < len(kinds):
+        what = "campaign.excitations names a kind of bump twice"
+        raise InputError(where, what, "name each once; repeats states how often")
+    positive = (*FactQuantity, *parameter_names(Structure(bench.vehicle.structure.symmetric)))
+    for fact in bench.vehicle.facts:
+        if fact.value <= 0.0 and fact.quantity in positive:
+            what = f"fact {fact.quantity}: is {fact.value:g}"
+            raise InputError(where, what, "state a value above 0")
 
 
 def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None) -> Bench:
@@ -175,7 +190,7 @@ def bench_of(
 
     `text` and `where`: as in `parse_bench`.  `dbc_text`: all databases; empty for data that did not
     come from a bus.  Raises InputError if two things have the same name, a fact has an unknown
-    quantity or a value that it cannot have, or the name of a signal is too long for a session file.
+    quantity, or the name of a signal is too long for a session file.
     """
     for kind, names in (
         ("channel", [channel.name for channel in table.channel]),
@@ -199,15 +214,11 @@ def bench_of(
         table.vehicle.structure.symmetric,
         *(decided.get(name, False) for name in ("anti_roll_bars", "tyre_damping", "cg_offset")),
     )
-    positive = (*FactQuantity, *parameter_names(Structure(structure.symmetric)))
     known = (*FactQuantity, *parameter_names(structure))
     for fact in table.fact:
         if fact.quantity not in known:
             what = f"fact {fact.quantity}: is not a quantity of this vehicle"
             raise InputError(where, what, f"use one of {', '.join(known)}")
-        if fact.value <= 0.0 and fact.quantity in positive:
-            what = f"fact {fact.quantity}: is {fact.value:g}"
-            raise InputError(where, what, "state a value above 0")
     return Bench(
         text=text,
         dbc_name=", ".join(dict.fromkeys(sensor.database for sensor in sensors))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from daq.bench.channel_map import load_channel_map
-from daq.bench.config import Bench, parse_bench
+from daq.bench.config import Bench, load_bench, parse_bench
 from daq.bench.edit import with_campaign
 from daq.bench.procedure import Method
 from daq.errors import InputError
@@ -112,9 +112,6 @@ def test_a_channel_has_a_name_of_sixty_letters_at_most(length: int, refused: boo
         ("[[weight]]\nmass_kg = true\n", "mass_kg: is true or false"),
         ("[campaign]\nrepeats = true\n", "repeats: is true or false"),
         ('[vehicle]\nname = "a\\u0000b"\n', "name: has the character NUL"),
-        ('[campaign]\nexcitations = ["roll", "pitch", "roll"]\n', "names a kind of bump twice"),
-        ('[[fact]]\nquantity = "total_mass_kg"\nvalue = 0\nsigma = 1\n', "is 0 .state a value"),
-        ('[[fact]]\nquantity = "k_sf"\nvalue = -1\nsigma = 1\n', "k_sf: is -1"),
         (UNUSED + 'serial_number = "' + 33 * "ä" + '"\n', "more than 64 bytes"),
         (UNUSED.replace("IMU_Accel.acc_z", 129 * "x"), "more than 128 bytes"),
         (HUB + "position_sigma_m = 0.1\n", "for a weight on the body"),
@@ -138,6 +135,30 @@ def test_what_excludes_each_other_is_refused(written: str, why: str) -> None:
         parse(written)
 
 
+@pytest.mark.parametrize(
+    ("written", "why"),
+    [
+        ('[campaign]\nexcitations = ["roll", "pitch", "roll"]\n', "names a kind of bump twice"),
+        ('[[fact]]\nquantity = "total_mass_kg"\nvalue = 0\nsigma = 1\n', "is 0 .state a value"),
+        ('[[fact]]\nquantity = "k_sf"\nvalue = -1\nsigma = 1\n', "k_sf: is -1"),
+    ],
+)
+def test_a_slip_is_refused_in_a_file_and_read_where_it_was_recorded(
+    written: str, why: str, tmp_path: Path
+) -> None:
+    (tmp_path / "bench.toml").write_text(written)
+    with pytest.raises(InputError, match=why):
+        load_bench(tmp_path / "bench.toml")
+    parse(written)
+
+
+def test_a_bar_may_be_negative(tmp_path: Path) -> None:
+    """Springs of a solid axle act with a lever in roll."""
+    bars = '[vehicle.structure]\nanti_roll_bars = true\n[[fact]]\nquantity = "k_af"\nsigma = 1\n'
+    (tmp_path / "bench.toml").write_text(bars + "value = -1\n")
+    assert load_bench(tmp_path / "bench.toml").vehicle.facts[0].value == -1.0
+
+
 def test_what_goes_together_is_taken() -> None:
     two = parse('[[bus]]\nchannel = "a"\n[[bus]]\nchannel = "a"\ninterface = "x"\n')
     assert [(bus.interface, bus.channel) for bus in two.buses] == [("virtual", "a"), ("x", "a")]
@@ -146,8 +167,6 @@ def test_what_goes_together_is_taken() -> None:
     parse(SENSOR + 'dbc = "a.dbc"\nids = { M = 0 }\n')
     parse(SENSOR + 'dbc = "a.dbc"\nid_offset = 1\n')
     parse(UNUSED.replace("IMU_Accel.acc_z", 128 * "x") + f'serial_number = "{32 * "ä"}"\n')
-    bars = '[vehicle.structure]\nanti_roll_bars = true\n[[fact]]\nquantity = "k_af"\nsigma = 1\n'
-    parse(bars + "value = -1\n")
     (weight,) = parse(HUB + "sigma_kg = 0.1\n").mass_states[1].added.weights
     assert weight == HubWeight(4.0, Corner.FRONT_LEFT, 0.1)
     travel = parse(TRAVEL + "motion_ratio = 0.6\nmotion_ratio_sigma = 0.15\n").channels[0]
