@@ -158,5 +158,5 @@ class ReportScreen(WorkScreen):
                 for t in status.tallies
             ]
             frames, journal = status.disk.recorded_frames, printable(status.folder)
-            lines.append(f"  {frames} raw frames in the journal in {journal}")
+            lines.append(f"  {frames:,} raw frames in the journal in {journal}")
         return [*lines, "", f"{glyphs.now} W = next vehicle   S = sessions   R = write again"]
