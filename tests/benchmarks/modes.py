@@ -69,7 +69,11 @@ def _frame() -> None:
     }
     for name, identify in peers.items():
         began = time.process_time()
-        found = identify(records)
+        try:
+            found = identify(records)
+        except MemoryError:
+            print(f"  {name:28s} needs more memory than this machine has")
+            continue
         spent = time.process_time() - began
         inside = found.frequencies_hz[
             (found.frequencies_hz > 20.0) & (found.frequencies_hz < 235.0)
