@@ -11,7 +11,12 @@ from dbc.finding import Severity
 from identify.fit.estimation import Estimation
 from identify.fit.likelihood import fit, normal_blocks
 from identify.trust.cause_ranking import rank_causes
-from identify.trust.consistency import pull_of, repeat_findings
+from identify.trust.consistency import (
+    moves_without,
+    one_run_is_wrong,
+    pull_of,
+    repeat_findings,
+)
 
 from .campaigns import SEEDS, by_gate, estimated
 
@@ -86,3 +91,23 @@ def test_without_a_late_motion_nothing_is_said_of_it() -> None:
         for d in result.decays
     )
     assert "amplitude" not in by_gate(repeat_findings(replace(result, decays=short), NO_RIVAL))
+
+
+def test_a_run_that_is_left_out_moves_the_parameters_as_a_fit_of_the_others_shows() -> None:
+    one = estimated("linear", 1)
+    label = one.decays[0].label
+    others = tuple(decay for decay in one.decays if decay.label != label)
+    again = fit(one.box, others, one.noise, one.fit.eta, tolerance=1e-6)
+    n = len(one.box.parameters)
+    std = np.sqrt(np.diag(again.covariance))[:n]
+    moved = np.array(list(moves_without(one, label).values()))
+    assert tuple(moves_without(one, label)) == one.box.parameters
+    np.testing.assert_allclose(moved / std, (again.eta - one.fit.eta)[:n] / std, atol=0.05)
+    assert np.max(np.abs(moved / std)) > 0.3, "so that a sign or a missing term shows"
+
+
+@pytest.mark.parametrize(("name", "wrong"), [("second_bump", True), ("damper", False)])
+def test_one_run_is_wrong_where_the_others_agree(name: str, wrong: bool) -> None:
+    one = estimated(name, 1)
+    assert not one.holds
+    assert one_run_is_wrong(one) is wrong
