@@ -56,7 +56,7 @@ class _Plain:
     """
 
     kind: type[Path] | type[str] | type[bool]
-    """What the word becomes."""
+    """Type of the converted word."""
 
     def coerce(self, value: Any, param: object, ctx: object) -> Any:
         """Return the converted word; None if there is none."""

@@ -70,7 +70,9 @@ def wrong_channel(estimation: Estimation) -> Explanation | None:
         return None
     before = refit(estimation, as_described, estimation.fit.eta)
     gain = _gain(estimation, before, others, name)
-    return None if _LEAST < gain < _MOST else _compared(before, others, name, gain)
+    if np.isnan(gain) or _LEAST < gain < _MOST:
+        return None
+    return _compared(before, others, name, gain)
 
 
 def sensor_explanations(estimation: Estimation, suspected: Sequence[str]) -> list[Explanation]:

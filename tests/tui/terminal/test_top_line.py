@@ -50,7 +50,7 @@ async def test_the_top_line_of_a_narrow_terminal() -> None:
         assert said(context(signals=SimpleNamespace(sound=False))).endswith("disk 81 GB  muted")
         assert " VIEWER, MK in control " in said(context(in_control=False))
         free = said(context(in_control=False), controller="")
-        assert " VIEWER, nobody in control " in free
+        assert " VIEWER, no terminal in control " in free
         over = said(overloaded=("hub_acc_fl", "hub_acc_fr", "hub_acc_rl"))
         assert "│ ^ OVERLOAD hub_acc_fl, hub_acc_f" in over
         buses = (

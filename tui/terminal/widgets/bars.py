@@ -49,7 +49,7 @@ class TopLine(Words):
         day = datetime.fromtimestamp(status.wall_ns * 1e-9, UTC).astimezone().date().isoformat()
         vehicle, who = printable(status.vehicle, 24), f"op. {printable(app.operator, 12)}"
         if not app.in_control:
-            who = f"VIEWER, {printable(status.controller or 'nobody', 12)} in control"
+            who = f"VIEWER, {printable(status.controller or 'no terminal', 12)} in control"
         if status.origin is Origin.REAL:
             lefts = [f" BUMP  {vehicle} · {day} · {who}", f" {vehicle} · {day} · {who}"]
             lefts += [f" {vehicle} · {who}"]
