@@ -1,7 +1,10 @@
 """What more workers gain a batch, what the executor costs, and what a cluster does.
 
-Walls of a shared machine say little: beside them stands what all processors of the machine did
-meanwhile, for whomever.  `python -m tests.benchmarks.batch 24`.
+The time on a shared machine says little: in addition there is what all its processors did in that
+time for any program, and the speed of two plain loops at once, which no executor can exceed: two
+processors that share a core or a cache are less than twice one.
+
+`python -m tests.benchmarks.batch [SESSIONS]`: of 200 the costs of a start hardly matter.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -50,11 +54,14 @@ def main(sessions: int = SESSIONS) -> None:
             write_session(file, stress_session("linear", seed))
         print(f"batch of {sessions} sessions, 12 runs x 7 channels x 4 s at 200 Hz each")
         session_row(read_samples(files[0]))  # what is loaded once is not counted
-        began_s, began_cpu_s = time.perf_counter(), time.process_time()
-        for file in files:
-            session_row(read_samples(file))
-        bare_s, cpu_s = time.perf_counter() - began_s, time.process_time() - began_cpu_s
+        began_cpu_s = time.process_time()
+        bare_s = _loop_s(files)
+        cpu_s = time.process_time() - began_cpu_s
         print(f"  in a loop: {bare_s:.1f} s, {cpu_s / sessions:.2f} s CPU a session")
+        with get_context("spawn").Pool(2) as loops:
+            loops.map(_loop_s, [files[:1]] * 4)  # both have everything loaded
+            at_once_s = max(loops.map(_loop_s, [files[::2], files[1::2]], chunksize=1))
+        print(f"  two loops at once: {bare_s / at_once_s:.2f} times the speed, the machine's limit")
         one = _batch(folder, "one", "--workers", "1")
         two = _batch(folder, "two", "--workers", "2")
         with cluster(folder, 2) as (address, _):
@@ -63,6 +70,14 @@ def main(sessions: int = SESSIONS) -> None:
         print(f"  two workers over one: {one / two:.2f} times the speed")
         print(f"  Dask over two processes: {(cluster_s / two - 1) * 100:+.1f} % time")
         _costs(folder, files)
+
+
+def _loop_s(files: Sequence[Path]) -> float:
+    """Return the time to read and identify these sessions one after another, s."""
+    began_s = time.perf_counter()
+    for file in files:
+        session_row(read_samples(file))
+    return time.perf_counter() - began_s
 
 
 def _costs(folder: Path, files: Sequence[Path]) -> None:
