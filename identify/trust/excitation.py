@@ -18,7 +18,7 @@ from daq.vehicle import MassState, VehicleGeometry
 from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay
-from ..fit.estimation import Estimation, linear_fit_of
+from ..fit.estimation import Estimation, linearised_at
 from ..fit.varpro import Evaluated, LinearPart, over_two, pseudo_inverse
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from ..modes.modal_model import modes_of
@@ -41,12 +41,12 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
 
     Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
     """
-    points, linear = linear_fit_of(estimation)
+    there = linearised_at(estimation)
     return {
         decay.label: tuple(
-            (10.0 * np.log10(_energies(points[decay.mass_state], decay, one))).tolist()
+            (10.0 * np.log10(_energies(there.points[decay.mass_state], decay, one))).tolist()
         )
-        for decay, one in zip(estimation.decays, linear, strict=True)
+        for decay, one in zip(estimation.decays, there.linear, strict=True)
     }
 
 
