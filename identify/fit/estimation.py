@@ -381,8 +381,9 @@ def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, f
     power: dict[str, list[float]] = {}
     for decay in decays:
         for recording in decay.recordings:
-            squares = np.mean(recording.values**2, axis=0).tolist()
-            for channel, mean in zip(recording.group.channels, squares, strict=True):
+            squares = np.einsum("nc,nc->c", recording.values, recording.values)
+            means = (squares / len(recording.values)).tolist()
+            for channel, mean in zip(recording.group.channels, means, strict=True):
                 power.setdefault(channel.name, []).append(mean)
     floor = {name: _FLOOR * float(np.sqrt(np.mean(p))) for name, p in power.items()}
     return {name: max(level, floor.get(name, 0.0), 1e-300) for name, level in sigma.items()}

@@ -20,7 +20,7 @@ from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
 from .normal_blocks import blocks_of
 from .products import Alike, laid_out
-from .varpro import Evaluated, LinearPart, NormalBlock, evaluate
+from .varpro import Evaluated, LinearPart, NormalBlock, evaluate, residuals_left
 
 _MAX_STEP = 0.5  # largest change of a logarithm in one iteration
 _BAD = 2.0  # chi2/n above which a fit counts as bad
@@ -40,6 +40,8 @@ class Linearised:
 
     points: Mapping[str, Evaluated]
     """The model of each mass state."""
+    layout: Sequence[Alike]
+    """The decays, laid out."""
     linear: tuple[LinearPart, ...]
     """The linear part of each decay, fitted."""
     blocks: dict[str, NormalBlock]
@@ -180,9 +182,10 @@ def linearised(
     }
     states = dict.fromkeys(decay.mass_state for decay in decays)
     points = {state: evaluate(box, eta, state, sigma) for state in states}
-    pairs = blocks_of(points, decays, layout or laid_out(decays))
+    layout = layout or laid_out(decays)
+    pairs = blocks_of(points, decays, layout)
     blocks = {decay.label: block for decay, (block, _) in zip(decays, pairs, strict=True)}
-    return Linearised(points, tuple(linear for _, linear in pairs), both | blocks)
+    return Linearised(points, layout, tuple(linear for _, linear in pairs), both | blocks)
 
 
 def _sum(parts: Mapping[str, NormalBlock]) -> NormalBlock:
@@ -220,19 +223,19 @@ def residuals_of(
     there: Linearised, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float]
 ) -> tuple[Residuals, ...]:
     """Return the residuals of each decay with a fitted linear part."""
+    left = residuals_left(there.points, there.layout, there.linear)
     result = []
-    for decay, linear in zip(decays, there.linear, strict=True):
-        at = there.points[decay.mass_state]
+    for d, (decay, linear) in enumerate(zip(decays, there.linear, strict=True)):
         values: dict[str, NDArray[np.float64]] = {}
         freedom: dict[str, float] = {}
-        for r, product, stack in zip(
-            decay.recordings, linear.products, linear.coefficients, strict=True
+        for r, (recording, product, stack) in enumerate(
+            zip(decay.recordings, linear.products, linear.coefficients, strict=True)
         ):
-            left = r.values - ((stack @ linear.solution) @ at.basis(r).T).T
-            for c, channel in enumerate(r.group.channels):
-                values[channel.name] = left[:, c]
-                used = stack[c].T @ product.gram @ stack[c] * linear.normal_inverse
-                freedom[channel.name] = len(left) - float(used.sum()) / sigma[channel.name] ** 2
+            on_linear = stack.swapaxes(1, 2) @ product.gram @ stack
+            used = np.sum(on_linear * linear.normal_inverse, axis=(1, 2)).tolist()
+            for channel, own, share in zip(recording.group.channels, left[d, r], used, strict=True):
+                values[channel.name] = own
+                freedom[channel.name] = len(own) - share / sigma[channel.name] ** 2
         result.append(Residuals(decay.label, values, freedom))
     return tuple(result)
 
