@@ -15,9 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import Channel
-
-from .decay import Record
+from .decay import Record, Recording
 
 GUARD_S = 0.01  # onset detection and the spread of the four wheels over the bump
 UNKNOWN_BUMP_S = 0.35  # longer than any bump that is rolled over; shortened afterwards
@@ -98,9 +96,10 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     if any(counts.get(name, 0) < _QUIET_SAMPLES for name in names):
         return {}
     squares = dict.fromkeys(counts, 0.0)
-    for channels, quiet in _quiet(records):
+    for recording, at_rest in _quiet(records):
+        quiet = recording.values[at_rest]
         spread = np.sum((quiet - quiet.mean(axis=0)) ** 2, axis=0)
-        for channel, total in zip(channels, spread.tolist(), strict=True):
+        for channel, total in zip(recording.group.channels, spread.tolist(), strict=True):
             squares[channel.name] += total
     return {name: float(np.sqrt(squares[name] / n)) for name, n in counts.items()}
 
@@ -108,24 +107,23 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
 def quiet_counts(records: Sequence[Record]) -> dict[str, int]:
     """Return the degrees of freedom of each level of `quiet_noise`."""
     counts: dict[str, int] = {}
-    for channels, quiet in _quiet(records):
-        for channel in channels:
-            counts[channel.name] = counts.get(channel.name, 0) + len(quiet) - 1
+    for recording, at_rest in _quiet(records):
+        n = int(at_rest.sum())
+        for channel in recording.group.channels:
+            counts[channel.name] = counts.get(channel.name, 0) + n - 1
     return counts
 
 
-def _quiet(
-    records: Sequence[Record],
-) -> Iterator[tuple[tuple[Channel, ...], NDArray[np.float64]]]:
-    """Yield the channels and the samples at rest of each recording that has some."""
+def _quiet(records: Sequence[Record]) -> Iterator[tuple[Recording, NDArray[np.bool_]]]:
+    """Yield each recording that has samples at rest, and which samples these are."""
     for record in records:
         onset = onset_s(record)
         if onset is None:
             continue
         for recording in record.recordings:
-            quiet = recording.values[recording.time_s < onset - _QUIET_MARGIN_S]
-            if len(quiet) >= 3:
-                yield recording.group.channels, quiet
+            at_rest = recording.time_s < onset - _QUIET_MARGIN_S
+            if at_rest.sum() >= 3:
+                yield recording, at_rest
 
 
 def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -114,12 +114,17 @@ def _of_run(run: Run, used: set[str]) -> _Silences:
         for name, values in group.values.items()
         if name in used
     }
-    times = {name: time_s for name, time_s in times.items() if len(time_s)}
-    begin_s = min((float(time_s.min()) for time_s in times.values()), default=0.0)
-    end_s = max((float(time_s.max()) for time_s in times.values()), default=0.0)
-    if times:
-        times[_ALL] = np.unique(np.concatenate(list(times.values())))
-    return {name: longest_silence(time_s, begin_s, end_s) for name, time_s in times.items()}
+    clock = {name: time_s.tobytes() for name, time_s in times.items() if len(time_s)}
+    if not clock:
+        return {}
+    # Most channels of a group share their times, so each clock is looked at once.
+    clocks = {key: times[name] for name, key in clock.items()}
+    together = np.sort(np.concatenate(list(clocks.values())), kind="stable")
+    clock[_ALL] = b""
+    clocks[b""] = together[np.diff(together, prepend=-np.inf) > 0.0]
+    begin_s, end_s = float(together[0]), float(together[-1])
+    silence = {key: longest_silence(time_s, begin_s, end_s) for key, time_s in clocks.items()}
+    return {name: silence[key] for name, key in clock.items()}
 
 
 def _back(run: Run, session: Session) -> Iterator[str]:

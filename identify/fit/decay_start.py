@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from daq.channels import TIME_DERIVATIVE
 
 from ..decays.decay import FreeDecay, Record, Recording
+from ..model.exponentials import real_part
 from .varpro import Evaluated, LinearPart, over_two, slopes
 
 _WINDOWS = (1, 2, 4, 8, 16)
@@ -98,7 +99,8 @@ def _early(
 ) -> _Early:
     start_s = decay.start_s
     z = at.modes.W @ linear.solution[: len(at.modes.poles)]
-    inverse_mass = _wheel_mobility(at)
+    # An acceleration feels a force at once: A21 = -M^-1 K gives back the row of displacements.
+    displaced = np.linalg.inv(at.system.A[7:, :7]) @ _wheel_mobility(at)
     size, P = len(linear.solution), len(covariance)
     mixed = np.zeros((size, P))
     parts: list[tuple[NDArray[np.float64], ...]] = []
@@ -111,7 +113,7 @@ def _early(
         mixed += over_two(stack * weight[:, None, None], seen)
         before = record.whole(later).between(lower_s, start_s)
         moved = Recording(before.group, before.time_s + (lower_s - start_s), before.values)
-        parts.append(_recording(at, moved, stack, J, linear, inverse_mass))
+        parts.append(_recording(at, moved, stack, J, linear, displaced))
     time, rows, error, output, force = (
         np.concatenate([part[i] for part in parts]) for i in range(5)
     )
@@ -132,7 +134,7 @@ def _recording(
     stack: NDArray[np.float64],
     J: NDArray[np.float64],
     linear: LinearPart,
-    mobility: NDArray[np.float64],
+    displaced: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], ...]:
     channels = early.group.channels
     level = np.sqrt(at.weights(early.group))[:, None]
@@ -143,8 +145,7 @@ def _recording(
     n, c = early.values.shape
     output = np.array([at.system.rows[channel.name] for channel in channels])
     second = np.array([TIME_DERIVATIVE[channel.quantity] == 2 for channel in channels])
-    # An acceleration feels a force at once: A21 = -M^-1 K gives back the row of displacements.
-    displaced = output[:, :7] @ np.linalg.inv(at.system.A[7:, :7]) * second[:, None]
+    at_once = output[:, :7] @ displaced * second[:, None]
     return (
         np.repeat(early.time_s, c),
         np.concatenate([by_unknown, by_linear], axis=-1).reshape(
@@ -152,7 +153,7 @@ def _recording(
         ),
         error.ravel(),
         np.tile(output * level, (n, 1)),
-        np.tile(displaced @ mobility * level, (n, 1)),
+        np.tile(at_once * level, (n, 1)),
     )
 
 
@@ -194,14 +195,15 @@ def _free_instants(early: _Early) -> tuple[list[float], list[Known], float | Non
         rows, time = early.rows[first:last], float(early.time_s[first])
         known.append((state, covariance))
         error = early.error[first:last] - rows @ state
-        spread = np.eye(len(error)) + rows @ covariance @ rows.T
-        gain = np.linalg.solve(spread, rows @ covariance).T
-        squares.append((float(error @ np.linalg.solve(spread, error)), len(error)))
+        shared = rows @ covariance
+        spread = np.eye(len(error)) + shared @ rows.T
+        weighed = np.linalg.solve(spread, np.column_stack([shared, error]))
+        squares.append((float(error @ weighed[:, -1]), len(error)))
         if _is_forced(squares):
             return accepted, known, time
         accepted.append(time)
-        state = state + gain @ error
-        covariance = covariance - gain @ rows @ covariance
+        state = state + shared.T @ weighed[:, -1]
+        covariance = covariance - shared.T @ weighed[:, :-1]
     return accepted, known, None
 
 
@@ -249,8 +251,11 @@ def _ramps(
     upper = at.modes.poles.imag >= 0.0  # one of a conjugate pair represents both
     poles = at.modes.poles[upper]
     u = at.modes.W[upper, 7:] @ _wheel_mobility(at) * np.where(poles.imag > 0.0, 2.0, 1.0)[:, None]
-    turned = np.multiply.outer(before, poles)
-    grown = -(turned - 1.0 + np.exp(-turned)) / poles**2
+    time_s = early.time_s[near]
+    first_s = time_s.min()  # exp(-pole t') is a product of two short tables
+    back = np.exp(np.multiply.outer(first_s - end_s, poles))[:, None]
+    wave = back * np.exp(np.multiply.outer(time_s - first_s, poles))
+    grown = (1.0 - np.multiply.outer(before, poles) - wave) / poles**2
     seen = early.output[near] @ at.modes.V[:, upper]
-    motion = ((seen * grown) @ u).real
+    motion = real_part(seen * grown, u.T) * (before > 0.0)[..., None]
     return np.asarray(motion + early.force[near] * before[..., None])

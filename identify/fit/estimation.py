@@ -20,10 +20,10 @@ from .likelihood import (
     Fit,
     LinearEngine,
     LinearFit,
+    Linearised,
     Residuals,
     fit,
-    linear_fit,
-    residuals,
+    linearised,
     residuals_of,
 )
 
@@ -131,16 +131,18 @@ class Estimation:
         return floored(self.rest, self.decays) if self.rest else self.sigma
 
 
-_FITTED: WeakKeyDictionary[Estimation, LinearFit] = WeakKeyDictionary()
-"""Linear fit of each estimation in use; computed once, because many gates ask for it."""
+_LINEARISED: WeakKeyDictionary[Estimation, Linearised] = WeakKeyDictionary()
+"""Linear model of each estimation in use; computed once, because many gates ask for it."""
 
 
-def linear_fit_of(estimation: Estimation) -> LinearFit:
+def linearised_at(estimation: Estimation) -> Linearised:
     """Return the linear model at the optimum, the channels weighted by their noise."""
-    if estimation not in _FITTED:
-        box, decays = estimation.box, estimation.decays
-        _FITTED[estimation] = linear_fit(box, decays, estimation.noise, estimation.fit.eta)
-    return _FITTED[estimation]
+    if estimation not in _LINEARISED:
+        fit, noise = estimation.fit, estimation.noise
+        if isinstance(fit, LinearFit) and estimation.sigma == noise:
+            return fit.linearised
+        _LINEARISED[estimation] = linearised(estimation.box, estimation.decays, noise, fit.eta)
+    return _LINEARISED[estimation]
 
 
 def estimate(
@@ -245,12 +247,17 @@ def settled(late: Estimation) -> Estimation:
     """Move each decay's start as far back as the model holds; weigh the channels by their noise."""
     best = late
     for _ in range(_SCANS):
-        at, parts = linear_fit_of(best)
+        here = linearised_at(best)
         starts = [
             earliest_start_s(
-                at[d.mass_state], best.fit.covariance, record, d, linear, _lower_s(record)
+                here.points[d.mass_state],
+                best.fit.covariance,
+                record,
+                d,
+                linear,
+                _lower_s(record),
             )
-            for record, d, linear in zip(best.records, best.decays, parts, strict=True)
+            for record, d, linear in zip(best.records, best.decays, here.linear, strict=True)
         ]
         if starts == [d.start_s for d in best.decays]:
             break
@@ -308,18 +315,13 @@ def _from(
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
     sigma = floored(rest or rough_noise(decays), decays)
     fine = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
-    fitted = linear_fit(box, decays, sigma, fine.eta)
-    left = residuals_of(fitted, decays, sigma)
+    left = residuals_of(fine.linearised, decays, sigma)
     if not rest:
         for _ in range(2):  # the noise and the fit settle together
             sigma = floored(_residual_noise(left), decays)
             fine = fit(box, decays, sigma, fine.eta)
-            fitted = linear_fit(box, decays, sigma, fine.eta)
-            left = residuals_of(fitted, decays, sigma)
-    chi2 = _chi2_per_n(box, left, sigma)
-    found = Estimation(box, records, fine, decays, sigma, rest, left, chi2)
-    _FITTED[found] = fitted
-    return found
+            left = residuals_of(fine.linearised, decays, sigma)
+    return Estimation(box, records, fine, decays, sigma, rest, left, _chi2_per_n(box, left, sigma))
 
 
 def _reweighted(best: Estimation) -> Estimation:
@@ -336,7 +338,7 @@ def _reweighted(best: Estimation) -> Estimation:
         pooled[name] = float(np.sqrt(total / (counts[name] + freedom)))
     sigma = floored(pooled, best.decays)
     fine = fit(best.box, best.decays, sigma, best.fit.eta)
-    left = residuals(best.box, best.decays, sigma, fine.eta)
+    left = residuals_of(fine.linearised, best.decays, sigma)
     chi2 = _chi2_per_n(best.box, left, best.noise)
     return replace(best, fit=fine, sigma=sigma, residuals=left, chi2_per_n=chi2)
 
@@ -379,8 +381,9 @@ def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, f
     power: dict[str, list[float]] = {}
     for decay in decays:
         for recording in decay.recordings:
-            squares = np.mean(recording.values**2, axis=0).tolist()
-            for channel, mean in zip(recording.group.channels, squares, strict=True):
+            squares = np.einsum("nc,nc->c", recording.values, recording.values)
+            means = (squares / len(recording.values)).tolist()
+            for channel, mean in zip(recording.group.channels, means, strict=True):
                 power.setdefault(channel.name, []).append(mean)
     floor = {name: _FLOOR * float(np.sqrt(np.mean(p))) for name, p in power.items()}
     return {name: max(level, floor.get(name, 0.0), 1e-300) for name, level in sigma.items()}

@@ -20,7 +20,7 @@ from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
 from .normal_blocks import blocks_of
 from .products import Alike, laid_out
-from .varpro import Evaluated, LinearPart, NormalBlock, evaluate, linear_parts
+from .varpro import Evaluated, LinearPart, NormalBlock, evaluate, residuals_left
 
 _MAX_STEP = 0.5  # largest change of a logarithm in one iteration
 _BAD = 2.0  # chi2/n above which a fit counts as bad
@@ -32,6 +32,20 @@ HOLD = 300.0
 optimum."""
 FACTS = "facts"
 PRIORS = "stated uncertainties"
+
+
+@dataclass(frozen=True, slots=True)
+class Linearised:
+    """The model at one point of the unknowns, and what each decay contributes to a step from it."""
+
+    points: Mapping[str, Evaluated]
+    """The model of each mass state."""
+    layout: Sequence[Alike]
+    """The decays, laid out."""
+    linear: tuple[LinearPart, ...]
+    """The linear part of each decay, fitted."""
+    blocks: dict[str, NormalBlock]
+    """Contribution of each run, by its label, and those of `FACTS` and `PRIORS`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +68,14 @@ class Fit:
 
 
 @dataclass(frozen=True, slots=True)
+class LinearFit(Fit):
+    """The optimum of the linear model."""
+
+    linearised: Linearised
+    """The model at `eta`, its channels weighted as in the fit."""
+
+
+@dataclass(frozen=True, slots=True)
 class Residuals:
     """Residuals of one decay."""
 
@@ -73,7 +95,7 @@ def fit(
     tolerance: float = 1e-3,
     max_iterations: int = 60,
     hold: float = 0.0,
-) -> Fit:
+) -> LinearFit:
     """Find the most likely unknowns.
 
     `sigma`: standard deviation of the noise, SI.  `start`, (P,) float64: where to begin.
@@ -85,8 +107,8 @@ def fit(
     the others have come near (`HOLD`).
     """
     eta, layout = start.copy(), laid_out(decays)
-    parts = normal_blocks(box, decays, sigma, eta, layout)
-    here = _sum(parts)
+    there = linearised(box, decays, sigma, eta, layout)
+    here = _sum(there.blocks)
     # Rounding error of a difference of large sums: costs cannot be compared more precisely.
     rounding = 1e-13 * sum(
         float(np.sum((r.values / [sigma[c.name] for c in r.group.channels]) ** 2))
@@ -108,8 +130,8 @@ def fit(
         downhill = here.gradient - held * (eta - start)
         step = np.linalg.solve(H + damping * np.eye(len(eta)), downhill / scale) / scale
         step *= min(1.0, _MAX_STEP / max(float(np.max(np.abs(step))), 1e-300))
-        trial_parts = normal_blocks(box, decays, sigma, eta + step, layout)
-        trial = _sum(trial_parts)
+        trial_there = linearised(box, decays, sigma, eta + step, layout)
+        trial = _sum(trial_there.blocks)
         pull = held * float(np.sum((eta + step - start) ** 2) - np.sum((eta - start) ** 2))
         if np.isfinite(trial.cost) and trial.cost + pull <= here.cost + rounding:
             # Where the model does not hold, residuals are larger than sigma says, and so is the
@@ -118,7 +140,7 @@ def fit(
             size = float(np.max(np.abs(step) * scale))
             converged = not held and damping < 1e-3 and size * min(1.0, size / size_before) < fine
             size_before = size
-            eta, here, parts = eta + step, trial, trial_parts
+            eta, here, there = eta + step, trial, trial_there
             damping = max(damping / 10, 1e-12)
             hold *= _LOOSEN
         elif damping > 1e8:
@@ -126,8 +148,9 @@ def fit(
         else:
             damping *= 10 if damping > 1e-9 else 1e6
             size_before = _UNKNOWN
-    information = {label: part.information for label, part in parts.items()}
-    return Fit(eta, covariance_of(here.information), here.cost, information, iterations, converged)
+    information = {label: part.information for label, part in there.blocks.items()}
+    covariance = covariance_of(here.information)
+    return LinearFit(eta, covariance, here.cost, information, iterations, converged, there)
 
 
 def normal_blocks(
@@ -135,21 +158,34 @@ def normal_blocks(
     decays: tuple[FreeDecay, ...],
     sigma: Mapping[str, float],
     eta: NDArray[np.float64],
-    layout: Sequence[Alike] | None = None,
 ) -> dict[str, NormalBlock]:
-    """Return what each decay, the facts and the stated uncertainties contribute at `eta`.
+    """Return what each decay, the facts and the stated uncertainties contribute at `eta`."""
+    return linearised(box, decays, sigma, eta).blocks
+
+
+def linearised(
+    box: GreyBox,
+    decays: tuple[FreeDecay, ...],
+    sigma: Mapping[str, float],
+    eta: NDArray[np.float64],
+    layout: Sequence[Alike] | None = None,
+) -> Linearised:
+    """Evaluate the model and its slopes at `eta`, and fit the linear part of each decay.
 
     `layout`: layout of the decays (`laid_out`), if there is one already.
     """
     misfits, slopes = box.fact_misfits(eta)
     prior = box.prior_sigma**-2
-    result = {
+    both = {
         FACTS: NormalBlock(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits),
         PRIORS: NormalBlock(float(prior @ eta**2), np.diag(prior), -prior * eta),
     }
-    points = {state: evaluate(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
-    blocks = blocks_of(points, decays, layout or laid_out(decays))
-    return result | {decay.label: one for decay, one in zip(decays, blocks, strict=True)}
+    states = dict.fromkeys(decay.mass_state for decay in decays)
+    points = {state: evaluate(box, eta, state, sigma) for state in states}
+    layout = layout or laid_out(decays)
+    pairs = blocks_of(points, decays, layout)
+    blocks = {decay.label: block for decay, (block, _) in zip(decays, pairs, strict=True)}
+    return Linearised(points, layout, tuple(linear for _, linear in pairs), both | blocks)
 
 
 def _sum(parts: Mapping[str, NormalBlock]) -> NormalBlock:
@@ -180,43 +216,26 @@ def residuals(
     eta: NDArray[np.float64],
 ) -> tuple[Residuals, ...]:
     """Return the residuals of each decay with the model at `eta`."""
-    return residuals_of(linear_fit(box, decays, sigma, eta), decays, sigma)
-
-
-LinearFit = tuple[Mapping[str, Evaluated], tuple[LinearPart, ...]]
-"""The model of each mass state at a point of the unknowns, and the linear part of each decay."""
-
-
-def linear_fit(
-    box: GreyBox,
-    decays: tuple[FreeDecay, ...],
-    sigma: Mapping[str, float],
-    eta: NDArray[np.float64],
-) -> LinearFit:
-    """Evaluate the model at `eta` and fit the linear part of each decay."""
-    states = dict.fromkeys(decay.mass_state for decay in decays)
-    points = {state: evaluate(box, eta, state, sigma) for state in states}
-    return points, linear_parts(points, decays)
+    return residuals_of(linearised(box, decays, sigma, eta), decays, sigma)
 
 
 def residuals_of(
-    fitted: LinearFit, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float]
+    there: Linearised, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float]
 ) -> tuple[Residuals, ...]:
     """Return the residuals of each decay with a fitted linear part."""
-    points, parts = fitted
+    left = residuals_left(there.points, there.layout, there.linear)
     result = []
-    for decay, linear in zip(decays, parts, strict=True):
-        at = points[decay.mass_state]
+    for d, (decay, linear) in enumerate(zip(decays, there.linear, strict=True)):
         values: dict[str, NDArray[np.float64]] = {}
         freedom: dict[str, float] = {}
-        for r, product, stack in zip(
-            decay.recordings, linear.products, linear.coefficients, strict=True
+        for r, (recording, product, stack) in enumerate(
+            zip(decay.recordings, linear.products, linear.coefficients, strict=True)
         ):
-            left = r.values - ((stack @ linear.solution) @ at.basis(r).T).T
-            for c, channel in enumerate(r.group.channels):
-                values[channel.name] = left[:, c]
-                used = stack[c].T @ product.gram @ stack[c] * linear.normal_inverse
-                freedom[channel.name] = len(left) - float(used.sum()) / sigma[channel.name] ** 2
+            on_linear = stack.swapaxes(1, 2) @ product.gram @ stack
+            used = np.sum(on_linear * linear.normal_inverse, axis=(1, 2)).tolist()
+            for channel, own, share in zip(recording.group.channels, left[d, r], used, strict=True):
+                values[channel.name] = own
+                freedom[channel.name] = len(own) - share / sigma[channel.name] ** 2
         result.append(Residuals(decay.label, values, freedom))
     return tuple(result)
 

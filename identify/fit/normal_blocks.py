@@ -14,6 +14,7 @@ from ..decays.decay import FreeDecay
 from .products import Alike, Products
 from .varpro import (
     Evaluated,
+    LinearPart,
     NormalBlock,
     linear_coefficients,
     products_of,
@@ -26,8 +27,8 @@ _N = 14  # states of the vehicle
 
 def blocks_of(
     points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], layout: Sequence[Alike]
-) -> list[NormalBlock]:
-    """Return the share of each decay in cost, normal matrix and right-hand side.
+) -> list[tuple[NormalBlock, LinearPart]]:
+    """Return the share of each decay in the normal equations, and its fitted linear part.
 
     Parameters are those of `identify.fit.varpro.products_of`.
     """
@@ -36,7 +37,7 @@ def blocks_of(
     for d, decay in enumerate(decays):
         groups = tuple(points[decay.mass_state].box.groups.index(r.group) for r in decay.recordings)
         alike.setdefault((decay.mass_state, *groups), []).append(d)
-    found: dict[int, NormalBlock] = {}
+    found: dict[int, tuple[NormalBlock, LinearPart]] = {}
     for members in alike.values():
         first = decays[members[0]]
         blocks = _together(points[first.mass_state], first, [seen[d] for d in members])
@@ -46,8 +47,8 @@ def blocks_of(
 
 def _together(
     at: Evaluated, first: FreeDecay, seen: Sequence[Sequence[Products]]
-) -> Iterator[NormalBlock]:
-    """Yield the shares of decays with the same channels as the first."""
+) -> Iterator[tuple[NormalBlock, LinearPart]]:
+    """Yield the shares and linear parts of decays with the same channels as the first."""
     stacks = linear_coefficients(at, first)
     n, size, P = len(seen), stacks[0].shape[-1], len(at.box.prior_sigma)
     normal, right, cost = np.zeros((n, size, size)), np.zeros((n, size)), np.zeros(n)
@@ -77,5 +78,6 @@ def _together(
         mixed += weighted.T @ GJ.reshape(n, -1, P)
         g += (left[:, :, :k].reshape(n, 1, -1) @ by_weight)[:, 0]
     H -= mixed.swapaxes(1, 2) @ inverse @ mixed
-    for i in range(n):
-        yield NormalBlock(float(cost[i]), H[i], g[i])
+    for i, one in enumerate(seen):
+        linear = LinearPart(tuple(one), stacks, inverse[i], solution[i])
+        yield NormalBlock(float(cost[i]), H[i], g[i]), linear

@@ -86,6 +86,25 @@ def products(
     return [Products(*one) for one in zip(gram, cross, alike.series.power, strict=True)]
 
 
+def residuals(
+    alike: Alike,
+    poles: NDArray[np.complex128],
+    late_s: NDArray[np.float64],
+    coefficients: NDArray[np.float64],
+) -> list[NDArray[np.float64]]:
+    """Return the samples of each of some recordings less what was fitted, each (n_channels, n).
+
+    `coefficients`, (r, n_channels, m): on the basis, zero for the exponentials times t.  The others
+    are those of `products`.
+    """
+    rates, chosen = _functions(poles, alike.low_pass)
+    p = len(rates)
+    parts = np.zeros((*coefficients.shape[:2], 4 * p))
+    parts[..., chosen] = coefficients
+    amplitudes = parts[..., :p] - 1j * parts[..., 2 * p : 3 * p]
+    return waves(alike.series, rates, late_s).residuals(amplitudes)
+
+
 def _functions(
     poles: NDArray[np.complex128], low_pass: LowPass
 ) -> tuple[NDArray[np.complex128], NDArray[np.intp]]:

@@ -17,7 +17,7 @@ from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..model.exponentials import Change, Outputs, Spectrum, spectrum
 from ..model.low_pass import LowPass, low_pass_of
 from .grey_box import GreyBox, System
-from .products import Alike, Products, laid_out, products
+from .products import Alike, Products, laid_out, products, residuals
 
 _N = 14  # states of the vehicle
 _RANK = 1e-12  # directions of the linear part below this, relative, are not observed
@@ -167,11 +167,30 @@ def products_of(
     seen: list[dict[int, Products]] = [{} for _ in decays]
     for alike in layout:
         at = points[alike.mass_state]
-        late_s = np.array([at.group(group).late_s for group in alike.groups])
-        found = products(alike, at.modes.poles, late_s)
+        found = products(alike, at.modes.poles, _late_s(at, alike))
         for (d, r), one in zip(alike.places, found, strict=True):
             seen[d][r] = one
     return [[one[r] for r in range(len(one))] for one in seen]
+
+
+def residuals_left(
+    points: Mapping[str, Evaluated], layout: Sequence[Alike], parts: Sequence[LinearPart]
+) -> dict[tuple[int, int], NDArray[np.float64]]:
+    """Return the residuals of each recording, (n_channels, n), by decay and place in it.
+
+    `points`, `layout`: as in `products_of`.  `parts`: the fitted linear parts of the decays.
+    """
+    found: dict[tuple[int, int], NDArray[np.float64]] = {}
+    for alike in layout:
+        at = points[alike.mass_state]
+        fitted = np.stack([parts[d].coefficients[r] @ parts[d].solution for d, r in alike.places])
+        left = residuals(alike, at.modes.poles, _late_s(at, alike), fitted)
+        found |= dict(zip(alike.places, left, strict=True))
+    return found
+
+
+def _late_s(at: Evaluated, alike: Alike) -> NDArray[np.float64]:
+    return np.array([at.group(group).late_s for group in alike.groups])
 
 
 def linear_part(at: Evaluated, decay: FreeDecay) -> LinearPart:

@@ -120,6 +120,18 @@ class Waves:
         rest = self.rest.view(np.float64) @ amplitudes.conj().view(np.float64).swapaxes(1, 2)
         return steps.reshape(r, n, k, w), rest
 
+    def residuals(self, amplitudes: _Complex) -> list[_Real]:
+        """Return the samples of each recording less `values`, each (k, count)."""
+        steps, rest = self.values(amplitudes)
+        r, _, k, _ = steps.shape
+        whole = (self.series.steps - steps).swapaxes(1, 2).reshape(r, k, -1)
+        behind = (self.series.rest - rest).swapaxes(1, 2)
+        left = self.series.count - whole.shape[2]
+        return [
+            np.concatenate([one, more[:, :n]], axis=1)
+            for one, more, n in zip(whole, behind, left.tolist(), strict=True)
+        ]
+
 
 def series_of(times_s: Sequence[_Real], samples: Sequence[_Real]) -> tuple[Series, ...]:
     """Lay out recordings; those that are alike form one series.

@@ -38,14 +38,15 @@ class Products:
         """Return the products of amplitudes with each other, (n_runs, 2 m, 2 m)."""
         mixed, plain = self._of(0, 0)
         across, along = self._pairs(shapes)
-        return self._by_run(real_block(across * mixed, along * plain))
+        return real_block(self._by_run(across * mixed), self._by_run(along * plain))
 
     def pole_run(self, shapes: _Complex, amplitudes: _Complex) -> _Real:
         """Return the products of poles with amplitudes, (n_runs, 2 m, 2 m)."""
         mixed, plain = self._of(1, 0)
         across, along = self._pairs(shapes)
         q = amplitudes[self.run, :, None]
-        return self._by_run(real_block(q.conj() * across * mixed, q * along * plain))
+        first, second = q.conj() * across * mixed, q * along * plain
+        return real_block(self._by_run(first), self._by_run(second))
 
     def pole_pole(self, shapes: _Complex, amplitudes: _Complex) -> _Real:
         """Return the products of poles with each other, (2 m, 2 m)."""
@@ -93,7 +94,10 @@ class Products:
         left, right = amplitudes[self.run, :, None], amplitudes[self.run, None]
         across, along = left.conj() * own, left * own
         mixed, plain = self._of(0, 0)
-        by_runs = np.add.reduceat(real_block(across * mixed, along * plain), self.first, axis=1)
+        by_runs = real_block(
+            np.add.reduceat(across * mixed, self.first, axis=1),
+            np.add.reduceat(along * plain, self.first, axis=1),
+        )
         mixed, plain = self._of(0, 1)
         first = np.sum(across * (right * mixed), axis=1)
         return real_block(first, np.sum(along * (right * plain), axis=1)), by_runs
@@ -117,5 +121,5 @@ class Products:
         each = member[:, None] * self.weight
         return np.asarray((each.reshape(-1, each.shape[-1]) @ pairs).reshape(*each.shape[:2], -1))
 
-    def _by_run(self, rows: _Real) -> _Real:
+    def _by_run(self, rows: _Complex) -> _Complex:
         return np.add.reduceat(rows, self.first, axis=0)

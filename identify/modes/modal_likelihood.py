@@ -83,7 +83,6 @@ def most_likely_modes(
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
     ties: Ties | None = None,
-    wanted: float = -np.inf,
 ) -> LikelyModes:
     """Fit poles, shapes and amplitudes to all samples at once.
 
@@ -98,10 +97,33 @@ def most_likely_modes(
         Shapes to start from.
     ties : Ties or None
         Known ties of the shapes; none by default.
-    wanted : float
-        `log_likelihood` below which the result is of no use: the fit ends as soon as this is
-        clearly out of reach.
     """
+    return _result(*_optimum(samples, poles, shapes, ties, -np.inf))
+
+
+def more_likely_modes(
+    samples: Samples,
+    poles: NDArray[np.complex128],
+    shapes: NDArray[np.complex128],
+    ties: Ties | None,
+    wanted: float,
+) -> LikelyModes | None:
+    """Return the modes of `most_likely_modes`, None if their `log_likelihood` is not above a value.
+
+    The fit ends as soon as `wanted` is clearly out of reach.
+    """
+    problem, point = _optimum(samples, poles, shapes, ties, wanted)
+    return _result(problem, point) if problem.log_likelihood(point) > wanted else None
+
+
+def _optimum(
+    samples: Samples,
+    poles: NDArray[np.complex128],
+    shapes: NDArray[np.complex128],
+    ties: Ties | None,
+    wanted: float,
+) -> tuple[Problem, Point]:
+    """Return the problem and its best point; the search ends early if `wanted` is out of reach."""
     problem = problem_of(samples, ties or Ties.none(len(shapes), len(poles)), poles.imag > 0.0)
     point = problem.start(poles, shapes)
     damping = _DAMPING
@@ -116,7 +138,7 @@ def most_likely_modes(
                 break
         if gain < _SETTLED or _REACH * gain < wanted - problem.log_likelihood(point):
             break
-    return _result(problem, point)
+    return problem, point
 
 
 def likelihood_near(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..model import exponentials
 from ..model.chi_squared import exceeded_by_chance
 from .copies import originals
-from .modal_likelihood import LikelyModes, likelihood_near, most_likely_modes
+from .modal_likelihood import LikelyModes, likelihood_near, more_likely_modes, most_likely_modes
 from .needed import likelihood_at_most
 from .normal_equations import Samples, Ties, gathered
 from .shape_fit import gain_by_noise, without_each
@@ -85,8 +85,7 @@ def _originals(modes: LikelyModes) -> NDArray[np.intp]:
 def _more_merit(samples: Samples, modes: LikelyModes, other: Start, n: int) -> LikelyModes | None:
     """Return the modes from another start; None if their merit is not above that of some modes."""
     wanted = _merit(modes, n) + float(_noise(modes, other[0], n))
-    found = most_likely_modes(samples, *other, wanted=wanted)
-    return found if found.log_likelihood > wanted else None
+    return more_likely_modes(samples, *other, wanted)
 
 
 def _merit(modes: LikelyModes, n: int) -> float:

@@ -19,7 +19,7 @@ from ..decays.decay import FreeDecay, Record, Recording
 from ..decays.onset import onset_s
 from ..model.chi_squared import exceeded_by_chance
 from ..model.matrices import N_DOF
-from .modal_likelihood import LikelyModes, most_likely_modes
+from .modal_likelihood import LikelyModes, more_likely_modes
 from .modal_model import ModalModel
 from .mode_selection import regression_modes, vibrates
 from .normal_equations import Samples, gathered
@@ -134,8 +134,8 @@ def _mirrored_modes(
     if not more:
         return tied
     against = tied.log_likelihood + exceeded_by_chance(more, _FALSE_ALARM)
-    free = most_likely_modes(samples, tied.poles, tied.shapes, wanted=against)
-    return None if free.log_likelihood > against else tied
+    free = more_likely_modes(samples, tied.poles, tied.shapes, None, against)
+    return None if free else tied
 
 
 def _blurred(grids: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:

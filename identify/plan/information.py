@@ -78,7 +78,7 @@ class KnownRuns:
                     at = at or evaluate(box, eta, state.name, sigma)
                     start = _start(at, eta, state, runs.excitation, plan.bump.duration_s)
                     decay = _decay(at, start, state.name, rates, plan.decay_s)
-                    (one,) = blocks_of({decay.mass_state: at}, [decay], laid_out([decay]))
+                    ((one, _),) = blocks_of({decay.mass_state: at}, [decay], laid_out([decay]))
                     self._known[key] = one.information
                 total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay
-from ..fit.estimation import Estimation
+from ..fit.estimation import Estimation, linearised_at
 from ..fit.likelihood import covariance_of, fit, normal_blocks, residuals
 from ..fit.varpro import NormalBlock
 
@@ -65,7 +65,7 @@ def one_run_is_wrong(estimation: Estimation) -> bool:
 
 def _hardest(estimation: Estimation) -> tuple[dict[str, NormalBlock], str, Pull]:
     """Return the parts of the runs, and the run that disagrees most with its pull."""
-    parts = normal_blocks(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
+    parts = linearised_at(estimation).blocks
     runs = {decay.label: parts[decay.label] for decay in estimation.decays}
     pulls = {label: pull_of(estimation, (part,)) for label, part in runs.items()}
     odd = max(pulls, key=lambda label: pulls[label].strength)
@@ -119,7 +119,7 @@ def _without(estimation: Estimation, label: str) -> float:
 
 def moves_without(estimation: Estimation, label: str) -> dict[str, float]:
     """Return the change of each parameter's unknown if a run is left out, to first order."""
-    parts = normal_blocks(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
+    parts = linearised_at(estimation).blocks
     others = [part.information for name, part in parts.items() if name != label]
     covariance = covariance_of(np.sum(others, axis=0))
     kept = np.where(np.isfinite(covariance), covariance, 0.0)

@@ -18,7 +18,7 @@ from daq.vehicle import MassState, VehicleGeometry
 from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay
-from ..fit.estimation import Estimation, linear_fit_of
+from ..fit.estimation import Estimation, linearised_at
 from ..fit.varpro import Evaluated, LinearPart, over_two, pseudo_inverse
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from ..modes.modal_model import modes_of
@@ -41,12 +41,12 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
 
     Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
     """
-    points, linear = linear_fit_of(estimation)
+    there = linearised_at(estimation)
     return {
         decay.label: tuple(
-            (10.0 * np.log10(_energies(points[decay.mass_state], decay, one))).tolist()
+            (10.0 * np.log10(_energies(there.points[decay.mass_state], decay, one))).tolist()
         )
-        for decay, one in zip(estimation.decays, linear, strict=True)
+        for decay, one in zip(estimation.decays, there.linear, strict=True)
     }
 
 
@@ -125,13 +125,11 @@ def _energies(at: Evaluated, decay: FreeDecay, linear: LinearPart) -> NDArray[np
     T[: 2 * N_DOF, upper + 1] = -2.0 * modes.V[:, upper].imag
     q_normal = T.T @ normal @ T
     z = modes.W @ linear.solution[: 2 * N_DOF]
-    energies = []
-    for k in upper:
-        own = np.array([k, k + 1])
-        rest = np.delete(np.arange(size), own)
-        mixed = q_normal[np.ix_(own, rest)]
-        others = pseudo_inverse(q_normal[np.ix_(rest, rest)])
-        alone = q_normal[np.ix_(own, own)] - mixed @ others @ mixed.T
-        q = np.array([z[k].real, z[k].imag])
-        energies.append(float(q @ alone @ q))
-    return np.maximum(energies, _FLOOR)
+    own = upper[:, None] + np.arange(2)  # (n_modes, 2)
+    others = [np.delete(np.arange(size), pair) for pair in own]
+    rest = np.array(others, dtype=np.intp).reshape(-1, size - 2)
+    mixed = q_normal[own[:, :, None], rest[:, None]]
+    inverse = pseudo_inverse(q_normal[rest[:, :, None], rest[:, None]])
+    alone = q_normal[own[:, :, None], own[:, None]] - mixed @ inverse @ mixed.swapaxes(1, 2)
+    q = np.stack([z[upper].real, z[upper].imag], axis=1)
+    return np.asarray(np.maximum(np.einsum("ki,kij,kj->k", q, alone, q), _FLOOR))

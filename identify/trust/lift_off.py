@@ -18,7 +18,7 @@ from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay, Record
 from ..decays.onset import onset_s
-from ..fit.estimation import Estimation, linear_fit_of
+from ..fit.estimation import Estimation, linearised_at
 from ..fit.varpro import Evaluated, LinearPart
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from .format import listed
@@ -87,14 +87,14 @@ def _light(estimation: Estimation) -> Iterator[_Light]:
     """Return the wheels whose tyres would have to pull, or have only the load of a late landing."""
     full = estimation.box.full(estimation.fit.eta.astype(complex)).real
     tyres = full[11:15]
-    points, parts = linear_fit_of(estimation)
+    there = linearised_at(estimation)
     records = {record.label: record for record in estimation.records}
     for state in estimation.box.mass_states:
-        if state.name not in points:
+        if state.name not in there.points:
             continue
         static = static_loads_n(loaded_model(full, state.added), tyres)
-        at = points[state.name]
-        for decay, linear in zip(estimation.decays, parts, strict=True):
+        at = there.points[state.name]
+        for decay, linear in zip(estimation.decays, there.linear, strict=True):
             if decay.mass_state != state.name:
                 continue
             least, sigma = least_loads_n(at, decay, linear, static, tyres)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
-from ..fit.estimation import Estimation, linear_fit_of
+from ..fit.estimation import Estimation, linearised_at
 from ..fit.varpro import Evaluated, LinearPart, linear_parts, over_two, slopes
 
 
@@ -96,7 +96,8 @@ _SEEN = 1e-9
 
 def fitted_decays(estimation: Estimation, rate_hz: float) -> tuple[FittedDecay, ...]:
     """Return the decays of an estimation with their fits, thinned to about `rate_hz`."""
-    points, linear = linear_fit_of(estimation)
+    there = linearised_at(estimation)
+    points, linear = there.points, there.linear
     thin = [decay.thinned(rate_hz) for decay in estimation.decays]
     if any(a.n_values < b.n_values for a, b in zip(thin, estimation.decays, strict=True)):
         linear = linear_parts(points, thin)

@@ -8,9 +8,13 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from identify.modes.arrow import System
-from identify.modes.modal_likelihood import likelihood_near, most_likely_modes
+from identify.modes.modal_likelihood import (
+    likelihood_near,
+    more_likely_modes,
+    most_likely_modes,
+)
 from identify.modes.needed import likelihood_at_most
-from identify.modes.normal_equations import Ties, gathered
+from identify.modes.normal_equations import Point, Problem, Ties, gathered
 from identify.modes.order_selection import likely_modes
 from identify.modes.waves import Block, laid_out, waves
 
@@ -275,15 +279,27 @@ def test_the_deviation_of_a_pole_is_that_of_the_whole_design() -> None:
     assert found.pole_covariance == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_fit_that_cannot_reach_what_is_wanted_ends_early() -> None:
+def test_a_fit_that_cannot_reach_what_is_wanted_ends_early(monkeypatch: pytest.MonkeyPatch) -> None:
     samples, shape = gathered([measured(2.0, 0.0)]), np.array([[1.0], [0.5 + 0.2j]])
     start = oscillators([2.06], [0.06])
     best = most_likely_modes(samples, start, shape)
     assert best.frequency_std_hz[0] > abs(abs(best.poles[0]) / (2 * np.pi) - 2.0) / 3.0
-    reached = most_likely_modes(samples, start, shape, wanted=best.log_likelihood - 1.0)
+    steps: list[float] = []
+    whole = Problem.move
+
+    def counted(self: Problem, point: Point, system: System, damping: float) -> Point | None:
+        steps.append(damping)
+        return whole(self, point, system, damping)
+
+    monkeypatch.setattr(Problem, "move", counted)
+    reached = more_likely_modes(samples, start, shape, None, best.log_likelihood - 1.0)
+    assert reached is not None
     assert reached.poles[0] == pytest.approx(best.poles[0], rel=1e-9)
-    given_up = most_likely_modes(samples, start, shape, wanted=best.log_likelihood + 1e6)
-    assert given_up.log_likelihood < best.log_likelihood - 1.0
+    assert len(steps) > 2
+    steps.clear()
+    assert more_likely_modes(samples, start, shape, None, best.log_likelihood + 1e6) is None
+    assert len(steps) == 1
+    assert more_likely_modes(samples, start, shape, None, best.log_likelihood + 1e-6) is None
 
 
 def test_real_poles_and_ties_count_fewer_numbers() -> None:
