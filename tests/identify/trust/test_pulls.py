@@ -13,8 +13,9 @@ from daq.channels import Channel, Quantity
 from dbc.finding import Finding
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.varpro import NormalBlock
+from identify.trust import consistency
 from identify.trust.cause_ranking import Suspect
-from identify.trust.consistency import pull_of
+from identify.trust.consistency import moves_without, pull_of
 from identify.trust.linear_effects import Effect
 from identify.trust.score_test import Score, Scores
 from identify.trust.stuck import stuck_findings
@@ -189,3 +190,20 @@ def test_where_no_onset_is_seen_a_decay_starts_as_in_the_other_runs() -> None:
     for hold, frozen in (((0.1, 0.4), False), ((0.1, 0.6), True)):
         quiet = run("baseline_roll_1", noisy(hold), moves=False)
         assert [code for code, _ in named(quiet, other)] == ["stuck_channels"] * frozen
+
+
+def test_a_parameter_that_only_one_run_shows_does_not_move_without_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The others know m_s with 8 + 8, which the run pulls by 4: it moves by -4 / 16."""
+    parts = {
+        "one": block(np.diag([4.0, 9.0, 0.0]), np.array([4.0, 3.0, 0.0])),
+        "two": block(np.diag([8.0, 0.0, 1.0]), np.array([-3.0, 0.0, 0.0])),
+        "three": block(np.diag([8.0, 0.0, 1.0]), np.array([-1.0, 0.0, 0.0])),
+    }
+    monkeypatch.setattr(consistency, "normal_blocks", lambda *_: parts)
+    every: Any = SimpleNamespace(
+        box=SimpleNamespace(parameters=("m_s", "k_sf")), decays=(), noise={},
+        fit=SimpleNamespace(eta=np.zeros(3)),
+    )  # fmt: skip
+    assert moves_without(every, "one") == pytest.approx({"m_s": -0.25, "k_sf": 0.0})
