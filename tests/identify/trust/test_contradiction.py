@@ -177,3 +177,18 @@ def test_several_statements_together_are_tested_of_whose_variance_the_misfit_has
     assert [c.sigmas for c in contradictions(one)] == pytest.approx(
         [0.5 / np.sqrt(redundancy)] * testable
     )
+
+
+def test_a_parameter_that_may_be_zero_moves_by_no_share_of_itself() -> None:
+    one = fitted(RUNS, np.array([0.3, -0.1, 8.0]), 0.1, 0.2)
+    one.box.parameters = ("y_s",)
+    wrong = Contradiction("delay", 5.0, np.ones(1))
+    assert contradicted_shift(one, (wrong,)).tolist() == [0.0]
+
+
+def test_an_unknown_that_was_not_released_has_no_variance() -> None:
+    """The delay stays at 7.2, and 0 is stated with 1.2: it is 6 sigmas off."""
+    one = fitted(np.array([[1.0, 0.0], [0.0, 2.0]]), np.zeros(2), 0.0, 1.2)
+    one.fit.eta = np.array([0.0, 7.2])
+    one.fit.covariance = np.diag([1.0, np.inf])
+    assert [c.sigmas for c in contradictions(one)] == pytest.approx([6.0])

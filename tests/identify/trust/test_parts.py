@@ -359,9 +359,9 @@ def test_a_length_can_be_wrong_only_where_it_is_stated() -> None:
         n = len(box.parameters)
         fit = replace(known.fit, eta=known.fit.eta[:n])
         effects = structural(replace(known, box=box, fit=fit), ()).effects
-        lengths = [e for e in effects if e.cause == "a length is wrong"]
-        assert [e.label for e in lengths] == (["a", "b", "t_f", "t_r"] if stated else [])
-        assert {(e.factor, e.unit) for e in lengths} == ({(100.0, "%")} if stated else set())
+        wrong = [e for e in effects if e.cause == "a length is wrong"]
+        assert [e.label for e in wrong] == (["a", "b", "t_f", "t_r"] if stated else [])
+        assert {(e.factor, e.unit) for e in wrong} == ({(100.0, "%")} if stated else set())
 
 
 def test_each_effect_is_sized_in_a_unit_that_says_how_much() -> None:

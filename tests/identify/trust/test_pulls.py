@@ -207,3 +207,42 @@ def test_a_parameter_that_only_one_run_shows_does_not_move_without_it(
         fit=SimpleNamespace(eta=np.zeros(3)),
     )  # fmt: skip
     assert moves_without(every, "one") == pytest.approx({"m_s": -0.25, "k_sf": 0.0})
+
+
+@pytest.mark.parametrize(("share", "rank"), [(0.9e-6, 1), (1.1e-6, 2)])
+def test_a_direction_that_is_left_a_millionth_of_the_strongest_is_not_looked_along(
+    share: float, rank: int
+) -> None:
+    """Correlated by r, two parameters are free by 1 + r together and by 1 - r against each other.
+
+    The pull against each other is 1 - r, its own deviation: it adds a square of one.
+    """
+    r = (1.0 - share) / (1.0 + share)
+    against = np.sqrt((1.0 - r) / 2.0)
+    part = block(np.array([[1.0, r], [r, 1.0]]), np.array([1.0 + against, 1.0 - against]))
+    square = 2.0 / (1.0 + r) + (rank - 1.0)
+    strength = pull_of(fitted(np.zeros((2, 2))), [part]).strength
+    assert strength == pytest.approx(square / (np.sqrt(rank) + 5.0) ** 2, rel=1e-6)
+
+
+def test_the_runs_are_compared_at_250_hz(monkeypatch: pytest.MonkeyPatch) -> None:
+    rates: list[float] = []
+
+    def decay(label: str) -> Any:
+        def thinned(rate_hz: float) -> Any:
+            rates.append(rate_hz)
+            return SimpleNamespace(label=label)
+
+        return SimpleNamespace(label=label, thinned=thinned)
+
+    squares = iter([5.0, 1.2])
+    monkeypatch.setattr(consistency, "_mean_square", lambda *_: next(squares))
+    monkeypatch.setattr(consistency, "fit", lambda *_: SimpleNamespace(eta=None))
+    every: Any = SimpleNamespace(
+        decays=tuple(map(decay, "abc")), holds=False, box=None, noise={},
+        fit=SimpleNamespace(eta=None),
+    )  # fmt: skip
+    pull = consistency.Pull(2.0, "m_s", 0.1)
+    (found,) = consistency._odd_run(every, "b", pull, 0.0)
+    assert (found.subject, found.value) == ("b", 1.2)
+    assert rates == [250.0] * 5  # of all three, and of the two others
