@@ -96,11 +96,9 @@ _SEEN = 1e-9
 
 def fitted_decays(estimation: Estimation, rate_hz: float) -> tuple[FittedDecay, ...]:
     """Return the decays of an estimation with their fits, thinned to about `rate_hz`."""
-    there = linearised_at(estimation)
-    points, linear = there.points, there.linear
+    points = linearised_at(estimation).points
     thin = [decay.thinned(rate_hz) for decay in estimation.decays]
-    if any(a.n_values < b.n_values for a, b in zip(thin, estimation.decays, strict=True)):
-        linear = linear_parts(points, thin)
+    linear = linear_parts(points, thin)
     return tuple(
         FittedDecay(at, decay, one, tuple(at.basis(r) for r in decay.recordings))
         for at, decay, one in zip([points[d.mass_state] for d in thin], thin, linear, strict=True)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, Structure, Vehicle
-from identify.change import Change, change_of
+from identify.change import Change, _chosen, change_of
 from identify.common_structure import with_common_structure
 from identify.fit.estimation import Estimation, estimate
 from identify.joint import Model, differences, likelihood_at, likelihood_at_optimum
@@ -264,3 +266,50 @@ def test_a_misfit_is_held_against_one_of_a_hundred_pairs_or_sets(n: int, rare: f
     for deviations, outcome in ((rare - 0.02, "nothing"), (rare + 0.02, "other")):
         worse = replace(fits[-1], chi2_per_n=fits[0].chi2_per_n + deviations * spread)
         assert change_of([*fits[:-1], worse]).outcome == outcome
+
+
+def chosen_of(
+    gains: Mapping[tuple[int, ...], float], n_sessions: int, differences: Sequence[int]
+) -> tuple[int, ...]:
+    """Return what is chosen of candidates of so many differences; other sets gain nothing."""
+    first = np.cumsum([0, *differences])
+    groups = [np.arange(a, b) for a, b in pairwise(first)]
+    known = {tuple(np.concatenate([groups[i] for i in some])): gain for some, gain in gains.items()}
+    found: Any = SimpleNamespace(
+        shown=np.ones(first[-1], dtype=bool),
+        gains=lambda sets: np.array([known.get(tuple(one), 0.0) for one in sets]),
+    )
+    designs = tuple(np.zeros((n_sessions, n)) for n in differences)
+    model = Model(tuple(range(len(groups))), designs)
+    return _chosen(found, groups, model, n_sessions, 0)
+
+
+@pytest.mark.parametrize(
+    ("gains", "chosen"),
+    [
+        ({(0,): 5.1}, (0,)),  # chance gives 5.02 once in 40 times
+        ({(0,): 5.0}, ()),
+        ({(0,): 5.1, (1,): 7.3}, (0,)),
+        ({(0,): 5.1, (1,): 7.5}, (1,)),  # and two differences 7.38
+        ({(0, 1): 15.7}, (0, 1)),  # a further one costs 10.60, once in 200 times
+        ({(0, 1): 15.5}, ()),
+    ],
+)
+def test_what_gains_more_than_chance_is_chosen_however_little_more(
+    gains: dict[tuple[int, ...], float], chosen: tuple[int, ...]
+) -> None:
+    """Two candidates share the level of 5 %, and of 1 % for a further one."""
+    assert chosen_of(gains, 2, [1, 2]) == chosen
+
+
+def test_of_two_that_gain_the_same_the_first_is_chosen() -> None:
+    assert chosen_of({(0,): 9.0, (1,): 9.0}, 2, [1, 1]) == (0,)
+
+
+@pytest.mark.parametrize(("n_sessions", "most"), [(2, 3), (3, 2), (4, 2)])
+def test_at_most_three_changes_are_named_of_two_sessions_and_two_of_more(
+    n_sessions: int, most: int
+) -> None:
+    sets = [some for size in range(1, 6) for some in combinations(range(5), size)]
+    gains = {some: 100.0 * len(some) for some in sets}
+    assert chosen_of(gains, n_sessions, [1] * 5) == tuple(range(most))

@@ -2,7 +2,9 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from numpy.typing import NDArray
 from daq import Session, session_from_arrays
 from daq.runs import ADDED, BASELINE
 from daq.vehicle import DOF, FORD_GRANADA, Fact, Vehicle, VehicleGeometry
-from identify import Identification, Verdict, identify
+from identify import Identification, Verdict, identify, pipeline
+from identify.fit.estimation import Estimation, first_estimate
 
 from .bumps import PAPER_DELTA_MASS, TRUTH, paper_records
 
@@ -166,3 +169,26 @@ assert "numba" not in sys.modules
 def test_decays_that_are_fitted_from_later_on_load_no_nonlinear_fit() -> None:
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", _LATER], cwd=root, check=True)
+
+
+def test_the_progress_says_what_is_done_and_how_far_the_work_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The fit of noise-free arrays, called one that does not hold but may from later on."""
+
+    def unexplained(*arguments: Any) -> Estimation:
+        return replace(first_estimate(*arguments), chi2_per_n=9.0)
+
+    def later(first: Estimation, _: object) -> Estimation:
+        return replace(first, chi2_per_n=1.0)
+
+    monkeypatch.setattr(pipeline, "first_estimate", unexplained)
+    monkeypatch.setattr(pipeline, "opposed_signs", lambda *_: ())
+    monkeypatch.setattr(pipeline, "wrong_channel", lambda _: None)
+    monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: True)
+    monkeypatch.setattr(pipeline, "later_estimate", later)
+    stages: list[tuple[float, str]] = []
+    found = identify(_session(np.inf, bump_s=0.2), lambda *stage: stages.append(stage))
+    assert found.estimation is not None
+    assert found.estimation.chi2_per_n == 1.0
+    assert stages == [(0.1, "fitting"), (0.5, "fitting again"), (0.7, "judging"), (0.8, "modes")]

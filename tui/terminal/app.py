@@ -86,7 +86,7 @@ class BenchApp(ScreensApp, KeyboardApp):
     COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {_palette}
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "Close the terminal", show=False, priority=True),
-        Binding("f1", "help", "Help", key_display="F1", priority=True),
+        Binding("f1", "help", "Help", priority=True),
     ]
 
     def __init__(

@@ -125,3 +125,17 @@ def test_a_travel_is_where_a_push_moves_it_most(
 def test_a_travel_that_no_push_shows_keeps_the_corner_of_its_name() -> None:
     found = guesses({})["Pot.pot_fl"]
     assert (found.corner, found.is_proven, found.ask) == (Corner.FRONT_LEFT, False, "")
+
+
+def test_axes_that_are_not_vertical_are_listed_as_unused_in_the_unit_of_gravity() -> None:
+    """No unit is stated, and the vertical axis reads 1: all three are in g."""
+    text = 'VERSION ""\n\nBU_: A\n\nBO_ 256 Imu: 8 A\n' + "".join(
+        f' SG_ Acc{a} : {16 * n}|16@1- (1,0) [0|0] "" A\n' for n, a in enumerate("XYZ")
+    )
+    found = guess_bench(parse_codec(text, "m.dbc").messages, {}, seen((0.0, 0.0, -1.0)), None)
+    why = "reads +0.00 g at rest: not vertical"
+    assert found["Imu.AccX"] == found["Imu.AccY"] == Guess(Quantity.UNUSED, None, 1, why, unit="g")
+    vertical = found["Imu.AccZ"]
+    assert (vertical.quantity, vertical.sign, vertical.unit) == (
+        Quantity.BODY_ACCELERATION, -1, "g",
+    )  # fmt: skip

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
+from daq.formats.columns import csv_table
+from daq.formats.columns.csv_table import open_csv
 from daq.formats.columns.opened import Heading, bounded, found
 
 from .channel_files import read_here
@@ -211,3 +213,20 @@ def test_columns_that_are_too_long_together() -> None:
     bounded([Heading("a", "", "", 1 << 25), Heading("b", "", "", 1 << 25)], "a.x")
     with pytest.raises(InputError, match="67108865 values"):
         bounded([Heading("a", "", "", 1 << 25), Heading("b", "", "", (1 << 25) + 1)], "a.x")
+
+
+def test_a_table_is_read_up_to_the_largest_number_of_values(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Two columns of three lines are six values; the column that nobody asks for does not count."""
+    monkeypatch.setattr(csv_table, "MAX_VALUES", 6)
+    path = tmp_path / "a.csv"
+    for lines, fits in ((3, True), (4, False)):
+        path.write_text("a,b,c\n" + "1,2,3\n" * lines, "utf-8")
+        with open_csv(path) as table:
+            wanted = table.headings[:2]
+            if fits:
+                assert [len(column) for column in table.read(wanted).values()] == [3, 3]
+            else:
+                with pytest.raises(InputError, match="over 6 values"):
+                    table.read(wanted)

@@ -106,14 +106,15 @@ def test_noise_alone_is_no_motion(size: float, still: bool) -> None:
     assert is_still(record(recording(moving(300, 50.0)))) is False
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize(("spread", "rests"), [(3.9, True), (4.1, False)])
 def test_what_scatters_at_the_start_by_four_times_the_noise_moves(
-    spread: float, rests: bool
+    spread: float, rests: bool, unit: float
 ) -> None:
     values = noise(1000)
     values[:80] = noise(80, spread)
     values[300:500] = 100.0
-    assert (onset_s(record(recording(values))) is not None) is rests
+    assert (onset_s(record(recording(unit * values))) is not None) is rests
 
 
 def test_the_first_channel_to_move_counts_in_whatever_group() -> None:
@@ -182,3 +183,14 @@ def test_white_noise_is_half_of_the_mean_square_of_successive_differences() -> N
     assert difference_noise(np.array([0.0, 1.0, 3.0])) == pytest.approx(np.sqrt(1.25))
     table = np.array([[0.0, 5.0], [1.0, 5.0], [3.0, 5.0]])
     assert difference_noise(table) == pytest.approx(np.array([np.sqrt(1.25), 0.0]))
+
+
+def test_a_channel_that_moves_at_the_start_shows_beside_one_that_moves_far_more() -> None:
+    values = noise(1000)
+    values[:80] = noise(80, 4.1)
+    values[300:500] = 100.0
+    for size, rests in ((1.0, False), (0.9, True)):
+        one = values.copy()
+        one[:80] *= size
+        both = np.column_stack([one, moving(300, 1e5)])
+        assert (onset_s(record(recording(both))) is not None) is rests

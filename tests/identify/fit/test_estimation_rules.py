@@ -15,6 +15,7 @@ from identify.decays.onset import decay_start_s, quiet_counts
 from identify.fit import estimation as module
 from identify.fit.estimation import (
     Estimation,
+    _chi2_per_n,
     basin,
     estimate,
     floored,
@@ -247,3 +248,21 @@ def test_a_later_start_is_asked_for_where_the_first_does_not_hold(
     monkeypatch.setattr(module, "later_estimate", lambda *_: SimpleNamespace(name="later"))
     result: Any = estimate(NOTHING, (), ())
     assert result.name == found
+
+
+@pytest.mark.parametrize(
+    ("freedom", "chi2"),
+    [
+        (5.0, 1.0),  # 3 + 5 less two parameters, for squares of 1 + 4 + 1
+        (1.0, 3.0),
+        (0.0, 6.0),
+        (-1.0, np.inf),  # as many parameters as values
+    ],
+)
+def test_the_parameters_take_their_share_of_the_freedom(freedom: float, chi2: float) -> None:
+    left = (
+        Residuals("one", {"a": np.array([0.5, -1.0])}, {"a": 3.0}),
+        Residuals("two", {"a": np.array([0.5])}, {"a": freedom}),
+    )
+    box: Any = SimpleNamespace(parameters=("m_s", "k_sf"))
+    assert _chi2_per_n(box, left, {"a": 0.5}) == pytest.approx(chi2)

@@ -4,7 +4,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from daq.vehicle import FORD_GRANADA
-from identify.model.exponentials import spectrum, waves
+from identify.model.exponentials import Spectrum, spectrum, waves
 from identify.model.low_pass import LowPass
 from identify.model.matrices import physical_model
 
@@ -47,6 +47,16 @@ def test_slope_of_the_propagator_is_its_derivative(name: str) -> None:
     # The block matrix exponential holds the exact derivative (Van Loan 1978).
     expected = [row @ expm(np.block([[A, dA], [0 * A, A]]) * t)[:n, n:] @ x0 for t in TIMES]
     np.testing.assert_allclose(slope, expected, rtol=1e-7, atol=1e-9 * np.max(np.abs(expected)))
+
+
+def test_a_motion_without_oscillation_may_come_before_those_with_it() -> None:
+    poles = np.array([-2.0, complex(-1.0, 0.5), complex(-1.0, -0.5)])
+    whole = np.eye(3, dtype=np.complex128)
+    modes = Spectrum(poles, whole, whole, np.zeros((6, 6), dtype=complex), np.array([0, 1]))
+    alone, wave = np.exp(-2.0 * TIMES), np.exp(complex(-1.0, 0.5) * TIMES)
+    columns = np.column_stack([alone, wave.real, wave.imag])
+    np.testing.assert_allclose(modes.basis(TIMES)[:, :3], columns, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(modes.basis(TIMES)[:, 3:], TIMES[:, None] * columns, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["vehicle", "overdamped"])

@@ -183,3 +183,20 @@ def test_motions_without_mass_are_named_whatever_the_unit_of_their_mass() -> Non
     assert massless_motions(np.diag([1e-3, 1e-3, 1e6])) == ()
     assert massless_motions(np.array([[4.0, 200.0], [200.0, 1e4]])) == ("x1", "x2")
     assert massless_motions(np.diag([130, 250, 40, 4, 4, 5, 0.0])) == ("z_uD",)
+
+
+@pytest.mark.parametrize(("share", "bare"), [(0.9e-9, ("x1", "x2")), (1.1e-9, ())])
+def test_a_motion_is_massless_below_a_thousand_millionth_of_mass(
+    share: float, bare: tuple[str, ...]
+) -> None:
+    """Of two equal masses that are coupled by 1 - share, the difference moves a mass of share."""
+    coupled = 1.0 - share
+    assert massless_motions(5.0 * np.array([[1.0, coupled], [coupled, 1.0]])) == bare
+
+
+@pytest.mark.parametrize(("ratio", "bare"), [(7.0e8, ("x1", "x2")), (7.1e8, ("x1",))])
+def test_what_moves_by_less_than_a_thousand_millionth_of_a_massless_motion_is_not_in_it(
+    ratio: float, bare: tuple[str, ...]
+) -> None:
+    """The motion is (1, -1 / ratio) / sqrt(2)."""
+    assert massless_motions(np.array([[1.0, ratio], [ratio, ratio**2]])) == bare

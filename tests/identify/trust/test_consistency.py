@@ -63,7 +63,10 @@ def test_the_odd_run_is_named() -> None:
     (finding,) = repeat_findings(result, rank_causes(result)[0].strength)
     assert finding.code == "odd_run"
     assert finding.severity is Severity.WARNING
+    assert finding.subject == "baseline_bounce_2"
     assert "run baseline_bounce_2 " in finding.text
+    assert finding.value == pytest.approx(1.0, abs=0.1), "the others hold"
+    assert f"without it chi2/n is {finding.value:.3f} " in finding.text
     pulls = _pulls(result)
     assert max(pulls, key=lambda label: pulls[label]) == "baseline_bounce_2"
 

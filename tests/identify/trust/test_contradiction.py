@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dbc.finding import Severity
+from identify.trust import contradiction
 from identify.trust.contradiction import (
     Contradiction,
     contradicted_shift,
@@ -148,3 +149,46 @@ def test_an_effect_without_any_trace_has_no_size_and_spoils_no_other() -> None:
     assert found.stds == pytest.approx([0.0, 0.5])
     assert found.gain == pytest.approx(1.0)
     assert whole.test([1]).sizes == pytest.approx([0.5])
+
+
+@pytest.mark.parametrize(("left", "named"), [(0.9e-3, 1), (1.1e-3, 2)])
+def test_a_statement_is_named_beside_another_of_which_that_leaves_a_thousandth_to_be_tested(
+    monkeypatch: pytest.MonkeyPatch, left: float, named: int
+) -> None:
+    """Misfits that correlate by r: without the first the second has a variance of 1 - r^2."""
+    r = np.sqrt(1.0 - left)
+    misfits = np.array([10.0, 10.0 * r - 8.0 * np.sqrt(left)])
+    monkeypatch.setattr(contradiction, "suspects", lambda _: (("a", "b"), np.eye(2)))
+    monkeypatch.setattr(contradiction, "_stated", lambda _: (np.eye(2), misfits))
+    monkeypatch.setattr(contradiction, "_redundancy", lambda *_: np.array([[1.0, r], [r, 1.0]]))
+    one: Any = SimpleNamespace(box=None, holds=True, chi2_per_n=1.0)
+    assert [c.sigmas for c in contradictions(one)] == pytest.approx([10.0, 8.0][:named])
+
+
+@pytest.mark.parametrize(("redundancy", "testable"), [(0.9e-5, False), (1.1e-5, True)])
+def test_several_statements_together_are_tested_of_whose_variance_the_misfit_has_1e_5(
+    monkeypatch: pytest.MonkeyPatch, redundancy: float, testable: bool
+) -> None:
+    """Two weights, off by 3 and 4 sigmas together: their variance is 25 times that of one."""
+    monkeypatch.setattr(contradiction, "suspects", lambda _: (("both",), np.array([[3.0], [4.0]])))
+    monkeypatch.setattr(contradiction, "_stated", lambda _: (np.eye(2), np.array([0.3, 0.4])))
+    monkeypatch.setattr(contradiction, "_redundancy", lambda *_: redundancy * np.eye(2))
+    one: Any = SimpleNamespace(box=None, holds=True, chi2_per_n=1.0)
+    assert [c.sigmas for c in contradictions(one)] == pytest.approx(
+        [0.5 / np.sqrt(redundancy)] * testable
+    )
+
+
+def test_a_parameter_that_may_be_zero_moves_by_no_share_of_itself() -> None:
+    one = fitted(RUNS, np.array([0.3, -0.1, 8.0]), 0.1, 0.2)
+    one.box.parameters = ("y_s",)
+    wrong = Contradiction("delay", 5.0, np.ones(1))
+    assert contradicted_shift(one, (wrong,)).tolist() == [0.0]
+
+
+def test_an_unknown_that_was_not_released_has_no_variance() -> None:
+    """The delay stays at 7.2, and 0 is stated with 1.2: it is 6 sigmas off."""
+    one = fitted(np.array([[1.0, 0.0], [0.0, 2.0]]), np.zeros(2), 0.0, 1.2)
+    one.fit.eta = np.array([0.0, 7.2])
+    one.fit.covariance = np.diag([1.0, np.inf])
+    assert [c.sigmas for c in contradictions(one)] == pytest.approx([6.0])

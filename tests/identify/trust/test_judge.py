@@ -17,7 +17,7 @@ from identify.trust.survival import Survival
 
 NONE = (
     *("misfit_findings", "scale_findings", "sampling_findings", "saturation_findings"),
-    *("excitation_findings", "whiteness_findings", "lift_off_findings", "undetermined"),
+    *("excitation_findings", "whiteness_findings", "lift_off_findings"),
 )
 
 
@@ -31,7 +31,10 @@ def estimation(holds: bool) -> Any:
 
 
 def judged(
-    monkeypatch: pytest.MonkeyPatch, holds: bool, causes: tuple[str, ...]
+    monkeypatch: pytest.MonkeyPatch,
+    holds: bool,
+    causes: tuple[str, ...],
+    undetermined: tuple[str, ...] = (),
 ) -> tuple[list[str], list[str]]:
     """Return the codes of all findings, and the names of the hypotheses that compete.
 
@@ -45,6 +48,7 @@ def judged(
 
     for name in NONE:
         monkeypatch.setattr(gates, name, lambda *_: ())
+    monkeypatch.setattr(gates, "undetermined", lambda _: undetermined)
     monkeypatch.setattr(gates, "mode_snr_db", lambda _: {})
     monkeypatch.setattr(gates, "chi2_by_run", lambda _: {})
     monkeypatch.setattr(gates, "survival", survival)
@@ -80,6 +84,13 @@ def test_without_a_cause_what_contradicts_the_runs_competes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert judged(monkeypatch, False, ()) == (["contradiction", "wide"], ["k_sf"])
+
+
+def test_where_a_parameter_is_undetermined_nothing_competes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    codes, competing = judged(monkeypatch, True, (), ("I_xx",))
+    assert (codes, competing) == (["contradiction", "wide"], [])
 
 
 def test_an_odd_run_explains_what_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.decays.stuck import _holds
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
-from identify.model.matrices import travel_rows
+from identify.model.matrices import full_matrices, travel_rows
 from identify.trust import cause_texts, contradiction, nonlinear_effects, swaps
 from identify.trust.consistency import _size
 from identify.trust.contradiction import contradictions
@@ -278,10 +278,12 @@ def test_friction_has_three_quarters_of_its_force_at_5_mm_s(
     known = shortly_estimated("linear", 1)
     (one,) = fitted_decays(replace(known, decays=known.decays[:1]), 50.0)
     seen: list[NDArray[np.float64]] = []
+    pushes: list[NDArray[np.float64]] = []
     drives = nonlinear_effects._drives
 
     def note(at: Any, force: NDArray[np.float64], push: NDArray[np.float64]) -> Any:
         seen.append(force)
+        pushes.append(push)
         return drives(at, force, push)
 
     monkeypatch.setattr(nonlinear_effects, "_drives", note)
@@ -292,6 +294,9 @@ def test_friction_has_three_quarters_of_its_force_at_5_mm_s(
     assert np.tanh(1.0) == pytest.approx(0.76, abs=0.002)
     np.testing.assert_allclose(np.hstack(friction), np.tanh(speed / 0.005), atol=1e-9)
     np.testing.assert_allclose(np.hstack([front, rear]), -np.abs(speed), atol=1e-12)
+    by_travel = travel_rows(full).real.T  # a force against a travel does work on it alone
+    opposed = [-by_travel[:, :2], -by_travel[:, 2:]] * 2
+    np.testing.assert_allclose(full_matrices(full)[0].real @ pushes[0], opposed, atol=1e-9)
 
 
 def test_samples_of_a_swapped_channel_keep_their_own_clock() -> None:
@@ -354,8 +359,9 @@ def test_a_length_can_be_wrong_only_where_it_is_stated() -> None:
         n = len(box.parameters)
         fit = replace(known.fit, eta=known.fit.eta[:n])
         effects = structural(replace(known, box=box, fit=fit), ()).effects
-        labels = [effect.label for effect in effects if effect.cause == "a length is wrong"]
-        assert labels == (["a", "b", "t_f", "t_r"] if stated else [])
+        wrong = [e for e in effects if e.cause == "a length is wrong"]
+        assert [e.label for e in wrong] == (["a", "b", "t_f", "t_r"] if stated else [])
+        assert {(e.factor, e.unit) for e in wrong} == ({(100.0, "%")} if stated else set())
 
 
 def test_each_effect_is_sized_in_a_unit_that_says_how_much() -> None:

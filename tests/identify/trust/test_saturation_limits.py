@@ -13,6 +13,7 @@ from daq.runs import RunStatus
 from dbc.finding import Severity
 from dbc.samples import Quality
 from identify.decays.decay import ChannelGroup, Record, Recording
+from identify.trust import saturation
 from identify.trust.saturation import saturation_findings
 
 SENSOR, MOVING = (Channel(n, Quantity.BODY_ACCELERATION, "m/s2") for n in ("az", "moving"))
@@ -63,7 +64,7 @@ def test_the_longest_top_of_the_decay_is_named_first() -> None:
     tops = {0.35: (20, 50.0), 0.6: (6, 50.0), 0.8: (9, -40.0)}
     ((code, severity, text),) = judged([record("a_1", {0.7: (5, 45.0)}), record("b_1", tops)])
     assert (code, severity) == ("saturation", Severity.WARNING)
-    assert "9 equal samples at -40 m/s2" in text
+    assert ", 9 equal samples at -40 m/s2" in text
     assert text.index("az in b_1") < text.index("az in a_1")
 
 
@@ -72,7 +73,7 @@ def test_the_longest_top_on_the_bump_is_named() -> None:
         [record("a_1", {0.31: (5, 50.0), 0.35: (9, -40.0)}), record("b_1", {0.32: (6, 60.0)})]
     )
     assert (code, severity) == ("saturation", Severity.NOTE)
-    assert "9 equal samples at -40 m/s2" in text
+    assert ", 9 equal samples at -40 m/s2" in text
 
 
 @pytest.mark.parametrize(
@@ -119,3 +120,15 @@ def test_the_decay_counts_from_the_guard_before_it(at_s: float, severity: Severi
 
 def test_runs_within_their_range_are_not_named() -> None:
     assert judged([record("a_1", {})], {"a_1": [group({})]}) == []
+
+
+@pytest.mark.parametrize(("last_s", "severity"), [(0.499, Severity.NOTE), (0.5, Severity.WARNING)])
+def test_the_sample_with_which_the_guard_begins_is_of_the_decay(
+    monkeypatch: pytest.MonkeyPatch, last_s: float, severity: Severity
+) -> None:
+    """A decay from 0.51 s on has a guard from 0.50 s on."""
+    monkeypatch.setattr(saturation, "decay_start_s", lambda _: 0.51)
+    first_s = last_s - 0.005
+    ((_, top, _),) = judged([record("a_1", {first_s: (6, 50.0)})])
+    ((_, outside, _),) = judged([record("a_1", {})], {"a_1": [group({first_s: 6})]})
+    assert (top, outside) == (severity, severity)

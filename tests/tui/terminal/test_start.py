@@ -19,7 +19,7 @@ from tui.cli import run
 from tui.commands.tui import check_fault, known_operator, pause_collector
 from tui.diagnostics import ExitCode
 from tui.terminal.app import BenchApp
-from tui.terminal.state.feed import News, Role
+from tui.terminal.state.feed import Lost, News, Role
 from tui.terminal.widgets.form import Form
 
 from .conftest import screen_text
@@ -160,3 +160,34 @@ async def test_an_answer_that_comes_after_the_last_screen_changes_nothing(
     app.bench_text = ""
     await app._fetch_bench()  # a worker that was asked before
     assert app.bench_text
+
+
+class Starting(FakeRecorder):
+    """A recorder that has not sent a status yet."""
+
+    def start(self, post: Callable[[News], None]) -> None:
+        """Say who is in control, and no more."""
+        self._post = post
+        post(Role(True))
+
+
+async def test_before_the_first_status_a_lost_recorder_has_its_key(
+    make_app: Callable[..., BenchApp],
+) -> None:
+    recorder = Starting()
+    app = make_app(recorder)
+    assert app.bench_text == ""
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        rows = screen_text(app).splitlines()
+        assert rows[0] == " BUMP  waiting for the recorder"
+        await app.open("sessions")
+        await pilot.pause()
+        rows = screen_text(app).splitlines()
+        assert rows[0] == " BUMP  waiting for the recorder"
+        assert "X " not in rows[-1]
+        recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
+        await pilot.pause()
+        rows = screen_text(app).splitlines()
+        assert rows[0].startswith(" RECORDER LOST: X = start it again")
+        assert "X " in rows[-1]

@@ -6,6 +6,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+from textual.content import Content
+
 from daq.bench.origin import Origin
 from daq.control.messages import BusState, BusStatus
 from daq.runs import Losses
@@ -13,6 +15,7 @@ from tui.terminal.state.feed import STARTING, Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.steps import BenchStep
 from tui.terminal.widgets.bars import StepBar, TopLine
+from tui.terminal.widgets.words import Words
 
 from .alone import alone, text
 from .fake_recorder import FakeRecorder
@@ -29,6 +32,14 @@ def context(**changes: Any) -> Any:
     return SimpleNamespace(**plain | changes)
 
 
+def style(line: Words, words: str) -> str:
+    """Return how the first of these words are shown."""
+    content = line.render()
+    assert isinstance(content, Content)
+    at = content.plain.index(words)
+    return " ".join(str(span.style) for span in content.spans if span.start <= at < span.end)
+
+
 async def test_the_top_line_of_a_narrow_terminal() -> None:
     line = TopLine(ASCII)
 
@@ -43,6 +54,7 @@ async def test_the_top_line_of_a_narrow_terminal() -> None:
         assert len(said()) == 119, "both ends of the line"
         assert "lost" not in said()
         assert said(losses=Losses(bus_dropped=2, counter_gaps=1)).endswith("lost 3  disk 81 GB")
+        assert style(line, "lost 3") == "bold $warning"
         assert said(sensors_alive=3).endswith("3/4 alive  disk 81 GB")
         disk = replace(STATUS.disk, free_bytes=999_999_999)
         assert said(disk=disk).endswith("disk 1000 MB")
@@ -70,6 +82,7 @@ async def test_the_top_line_of_a_wide_terminal_has_losses_and_whole_names() -> N
         line.show(replace(STATUS, buses=(bus,)), context())
         (only,) = text(line)
         assert "socketcan can1 * 38%  4/4 alive  lost 0  disk 81 GB" in only
+        assert style(line, "lost 0") == ""
 
 
 async def test_a_top_line_without_room_leaves_out_the_day_then_the_words() -> None:
@@ -104,7 +117,11 @@ async def test_the_steps_are_marked_as_done_here_or_to_come() -> None:
         bar.show(recorder.status, BenchStep.BASELINE)
         steps = "+ 1 Vehicle + 2 Check [3 Baseline]   4 Masses   5 Added   6 Identify   7 Report"
         assert [shown.rstrip() for shown in text(bar)] == [steps]
+        styles = {"2 Check": "bold $success", "[3 Baseline]": "bold reverse"}
+        assert {words: style(bar, words) for words in styles} == styles
         bar.show(recorder.status, None)
         assert text(bar)[0].startswith("+ 1 Vehicle + 2 Check   3 Baseline   4 Masses")
+        assert style(bar, "3 Baseline") == "bold", "it is reached"
+        assert style(bar, "4 Masses") == "$foreground"
         bar.show(None, BenchStep.VEHICLE)
         assert text(bar)[0].startswith("[1 Vehicle]   2 Check")

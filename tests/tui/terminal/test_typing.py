@@ -166,3 +166,14 @@ async def test_a_key_waits_for_an_effect_that_does_not_end_as_long_as_its_patien
         done.set()
         await pilot.pause()
         assert line.value == "ab"
+
+
+async def test_an_app_that_ends_waits_for_no_effect() -> None:
+    async def wait() -> None:
+        await asyncio.Event().wait()
+
+    app = _OneLine()
+    async with app.run_test():
+        waiting = app._effect = asyncio.create_task(wait())
+    with pytest.raises(asyncio.CancelledError):
+        await asyncio.wait_for(waiting, 1.0)

@@ -34,11 +34,11 @@ class BenchScreen(Screen[None]):
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space,pagedown", "press('next')", "Next", key_display="SPACE"),
-        Binding("x", "start_recorder", "Start recorder", key_display="X"),
+        Binding("x", "start_recorder", "Start recorder"),
         Binding("1", "app.step(1)", "Step", key_display="1-7"),
         *(Binding(str(i), f"app.step({i})", show=False) for i in range(2, 8)),
-        Binding("n", "app.note", "Note", key_display="N"),
-        Binding("s", "app.sessions", "Sessions", key_display="S"),
+        Binding("n", "app.note", "Note"),
+        Binding("s", "app.sessions", "Sessions"),
         Binding("c", "app.take_over", "Control", show=False),
         Binding("tab", "app.focus_next", "Next field", show=False),
         Binding("shift+tab", "app.focus_previous", "Previous field", show=False),

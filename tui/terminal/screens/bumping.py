@@ -35,18 +35,18 @@ class BumpingScreen(BenchScreen):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("backspace,pageup", "press('reject')", "Reject", key_display="Bksp"),
-        Binding("u", "press('undo')", "Undo", key_display="U"),
-        Binding("r", "press('redo')", "Redo", key_display="R"),
-        Binding("l", "press('leave_out')", "Leave out", key_display="L"),
-        Binding("t", "take_back", "Take back", key_display="T"),
-        Binding("v", "view", "View", key_display="V"),
-        Binding("m", "more", "More", key_display="M"),
+        Binding("u", "press('undo')", "Undo"),
+        Binding("r", "press('redo')", "Redo"),
+        Binding("l", "press('leave_out')", "Leave out"),
+        Binding("t", "take_back", "Take back"),
+        Binding("v", "view", "View"),
+        Binding("m", "more", "More"),
         Binding("up", "choose(-1)", show=False),
         Binding("down", "choose(1)", show=False),
-        Binding("a", "acknowledge", "Lamp off", key_display="A"),
-        Binding("escape", "press('pause')", "Pause", key_display="Esc"),
-        Binding("b", "app.sound", "Sound", key_display="B"),
-        Binding("g", "app.big", "Big", key_display="G"),
+        Binding("a", "acknowledge", "Lamp off"),
+        Binding("escape", "press('pause')", "Pause"),
+        Binding("b", "app.sound", "Sound"),
+        Binding("g", "app.big", "Big"),
     ]
 
     @property

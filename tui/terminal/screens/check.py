@@ -64,11 +64,11 @@ class CheckScreen(BenchScreen):
     CheckScreen #explained { height: 6; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("r", "again", "Again", key_display="R"),
-        Binding("o", "override", "Override", key_display="O"),
-        Binding("i", "invert", "Invert", key_display="I"),
-        Binding("z", "zero", "Zero", key_display="Z"),
-        Binding("s", "skip", "Skip", key_display="S"),
+        Binding("r", "again", "Again"),
+        Binding("o", "override", "Override"),
+        Binding("i", "invert", "Invert"),
+        Binding("z", "zero", "Zero"),
+        Binding("s", "skip", "Skip"),
         Binding("down", "mark(1)", "Down", show=False),
         Binding("up", "mark(-1)", "Up", show=False),
     ]

@@ -54,7 +54,7 @@ class HelpScreen(ModalScreen[None]):
         for _, binding, enabled, _ in below.active_bindings.values():
             words = binding.tooltip or binding.description
             if enabled and words and words not in actions.values():
-                actions[binding.key_display or self.app.get_key_display(binding)] = words
+                actions[self.app.get_key_display(binding)] = words
         lines = ["Keys of this screen", ""]
         lines += [f"  {key:<12} {words}" for key, words in actions.items()]
         return lines

@@ -71,7 +71,6 @@ class HomeScreen(BumpingScreen):
         super().on_recorder_lost(message)
         self.query_one(AlarmList).show(None)
         self._show_next()
-        self.refresh_bindings()
 
     def _show_next(self) -> None:
         app = self.bench_app

@@ -71,13 +71,13 @@ class MassesScreen(BenchScreen):
     MassesScreen #outlook { height: 10; text-wrap: nowrap; text-overflow: ellipsis; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("a", "add", "Add", key_display="A"),
+        Binding("a", "add", "Add"),
         Binding("e,enter", "edit", "Edit", key_display="E"),
-        Binding("delete", "remove", "Remove", key_display="Del"),
-        Binding("u", "undo", "Undo", key_display="U"),
-        Binding("b", "bolt", "Bolted", key_display="B"),
-        Binding("r", "measure", "Sag", key_display="R"),
-        Binding("l", "limits", "Limits", key_display="L"),
+        Binding("delete", "remove", "Remove"),
+        Binding("u", "undo", "Undo"),
+        Binding("b", "bolt", "Bolted"),
+        Binding("r", "measure", "Sag"),
+        Binding("l", "limits", "Limits"),
         Binding("down", "mark(1)", "Down", show=False),
         Binding("up", "mark(-1)", "Up", show=False),
     ]

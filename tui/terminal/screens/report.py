@@ -28,9 +28,9 @@ class ReportScreen(WorkScreen):
     HELP_PAGE: ClassVar[str] = "report"
     TITLE_OF_BOX: ClassVar[str] = "Report"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("r", "again", "Write again", key_display="R"),
-        Binding("w", "new_vehicle", "Next vehicle", key_display="W"),
-        Binding("escape", "cancel", "Back", key_display="Esc"),
+        Binding("r", "again", "Write again"),
+        Binding("w", "new_vehicle", "Next vehicle"),
+        Binding("escape", "cancel", "Back"),
     ]
 
     def __init__(self) -> None:

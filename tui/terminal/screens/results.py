@@ -62,15 +62,15 @@ class ResultsScreen(BenchScreen):
     ResultsScreen.-tall #runs { height: 10; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("tab", "page(1)", "Page", key_display="Tab"),
+        Binding("tab", "page(1)", "Page"),
         Binding("shift+tab", "page(-1)", "Page back", show=False),
-        Binding("p", "decays", "Decays", key_display="P"),
+        Binding("p", "decays", "Decays"),
         Binding("down", "move(1)", "Next run, or scroll", show=False),
         Binding("up", "move(-1)", "Run before, or scroll back", show=False),
-        Binding("x", "start_recorder", "Start recorder", key_display="X"),
-        Binding("x", "exclude", "Exclude run", key_display="X"),
-        Binding("e", "export", "Export", key_display="E"),
-        Binding("escape", "app.step(6)", "Back", key_display="Esc", show=False),
+        Binding("x", "start_recorder", "Start recorder"),
+        Binding("x", "exclude", "Exclude run"),
+        Binding("e", "export", "Export"),
+        Binding("escape", "app.step(6)", "Back", show=False),
     ]
 
     def __init__(self) -> None:

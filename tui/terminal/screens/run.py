@@ -66,7 +66,6 @@ class RunScreen(BumpingScreen):
         super().on_recorder_lost(message)
         self.query_one(AlarmList).show(None)
         self._show_banner()
-        self.refresh_bindings()
 
     def action_view(self) -> None:
         """Show the next group of lanes: body, then each quantity at the wheels."""

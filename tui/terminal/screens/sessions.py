@@ -43,12 +43,12 @@ class SessionsScreen(BenchScreen):
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space,o", "press('next')", "Open", key_display="SPACE"),
-        Binding("r", "report", "Report", key_display="R"),
-        Binding("v", "replay", "Replay", key_display="V"),
-        Binding("c", "compare", "Compare 2", key_display="C"),
-        Binding("e", "export", "Export", key_display="E"),
+        Binding("r", "report", "Report"),
+        Binding("v", "replay", "Replay"),
+        Binding("c", "compare", "Compare 2"),
+        Binding("e", "export", "Export"),
         Binding("slash,f", "find", "Find", key_display="F"),
-        Binding("escape", "back", "Back", key_display="Esc", show=False),
+        Binding("escape", "back", "Back", show=False),
     ]
 
     def __init__(self) -> None:

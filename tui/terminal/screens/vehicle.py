@@ -57,8 +57,8 @@ class VehicleScreen(BenchScreen):
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("tab,enter,down", "edit", "Field", key_display="Tab"),
-        Binding("ctrl+s", "press('next')", "Apply", key_display="Ctrl+S", priority=True),
-        Binding("escape", "leave", "Leave field", key_display="Esc", show=False),
+        Binding("ctrl+s", "press('next')", "Apply", priority=True),
+        Binding("escape", "leave", "Leave field", show=False),
     ]
 
     def __init__(self) -> None:

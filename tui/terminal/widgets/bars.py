@@ -156,7 +156,7 @@ class KeyBar(Words):
         shown: dict[str, tuple[str, str]] = {}
         for _, binding, enabled, _ in screen.active_bindings.values():
             if binding.show and enabled and binding.action not in shown:
-                key = binding.key_display or self.app.get_key_display(binding)
+                key = self.app.get_key_display(binding)
                 shown[binding.action] = (key, binding.description)
         # Keys of the screen itself come before those that every screen has.
         common = ("app.step(1)", "app.note", "app.sessions")
