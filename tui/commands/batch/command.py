@@ -68,7 +68,6 @@ def batch(
 
     from ...diagnostics import say
     from ...jobs.executors import workers_of
-    from ...jobs.start import ended_by_sigterm
     from ...output import print_json, progress
     from .journal import RowJournal
     from .places import session_files
@@ -89,7 +88,6 @@ def batch(
 
         try:
             with (
-                ended_by_sigterm(),
                 workers_of(workers or os.cpu_count() or 1, scheduler) as crew,
                 progress("batch") as stage,
             ):
