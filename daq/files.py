@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -23,6 +23,28 @@ def make_room(path: Path) -> None:
         raise InputError(str(path.parent), "is not a folder", "name another folder") from error
     except OSError as error:
         raise InputError(str(path), error.strerror or str(error), "name another file") from error
+
+
+def refuse_existing(
+    path: Path, *, replace: bool, option: str = "--out", inputs: Iterable[Path] = ()
+) -> None:
+    """Raise InputError if a file to write exists, is a folder or is read by the same command.
+
+    This is the rule of every command: an existing file is replaced only after the explicit word
+    ``--force`` (`replace`), because it may hold measured data or somebody's work.  Three kinds of
+    files are made again without it, because nothing measured is in them: what is drawn for reading
+    (pages, PDF, figures), the table of a batch beside the batch's own rows, and the session of a
+    recording whose journal still has all that the session has.  What a command reads it
+    never replaces.  `option`: the option that names the file.  `inputs`: files that are read.
+    """
+    place = path.resolve()
+    if any(place == one.resolve() for one in inputs):
+        raise InputError(str(path), "is read here", f"name another file with {option}")
+    if path.is_dir():
+        raise InputError(str(path), "is a directory", f"name a file with {option}")
+    if os.path.lexists(path) and not replace:
+        advice = f"name another file with {option}, or use --force"
+        raise InputError(str(path), "exists already", advice)
 
 
 def write_bytes(path: Path, data: bytes | memoryview) -> None:

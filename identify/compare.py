@@ -24,6 +24,7 @@ from .identification import Identification
 from .model.chi_squared import chance_of_more
 from .nonlinear.at_speeds import force_quantities
 from .nonlinear.groups import AS_PARAMETERS
+from .unlike import stated_unlike
 
 LEVEL = 0.05
 """Chance of even one false alarm among all tests of a kind."""
@@ -107,6 +108,9 @@ class Comparison:
     """Facts and weights with uncertainties that all sessions state alike."""
     open: tuple[str, ...]
     """Parameters that at least one session does not determine: they are not compared."""
+    unlike: tuple[str, ...]
+    """What sessions state differently although a car has only one of it: its name, wheelbase,
+    tracks, and the places of its sensors."""
     change: Change | None
     """The change, by one joint fit of all sessions; None where a session has no fit."""
 
@@ -160,6 +164,7 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
         tuple(compared[name] for name in forces),
         _common(results),
         _open(results),
+        stated_unlike(labels, results),
         _change(results),
     )
 

@@ -83,6 +83,8 @@ class Identification:
     tried; None where the linear model explains the decays."""
     estimation: Estimation | None = None
     """The fit itself, with its decays; None where no fit was possible."""
+    vehicle: str = ""
+    """Name of the vehicle, as the session states it."""
 
     def document(self) -> Document:
         """Return the JSON document, from which every printed form is made."""

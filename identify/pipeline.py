@@ -168,6 +168,7 @@ def identify_parameters(
     return Identification(
         quality=judge(session, estimation, signs, unused, wrong),
         provenance=session.provenance,
+        vehicle=session.vehicle.name,
         parameters=parameters,
         derived=derived,
         motion_ratios=motion_ratio_estimates(box, fit),

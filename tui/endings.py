@@ -12,6 +12,9 @@ PAGES = (".html", ".htm")
 SHEETS = (".pdf",)
 """Endings of printed reports."""
 
+PROMETHEUS = (".prom",)
+"""Ending of the files that its node exporter reads."""
+
 
 def require_ending(path: Path, noun: str, endings: Collection[str]) -> None:
     """Raise InputError if a file to write has an ending of something else.

@@ -15,6 +15,7 @@ from typer.main import get_command
 from typer.models import CommandInfo
 
 from .diagnostics import ExitCode, report, report_usage, say
+from .signals import ended_by_signals
 
 
 @cache
@@ -46,9 +47,10 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
     (`tui.diagnostics.ExitCode`).
     """
     try:
-        parse = _tree(commands, arguments[0] if arguments else "")
-        code: Any = parse(arguments, standalone_mode=False, prog_name="bumpbench")
-        sys.stdout.flush()
+        with ended_by_signals():
+            parse = _tree(commands, arguments[0] if arguments else "")
+            code: Any = parse(arguments, standalone_mode=False, prog_name="bumpbench")
+            sys.stdout.flush()
     except typer.exceptions.TyperException as error:
         message = error.format_message()
         if message.startswith("Usage:"):  # help, requested by giving no argument

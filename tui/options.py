@@ -45,4 +45,9 @@ OldBench = Annotated[Path | None, typer.Option("--config", hidden=True)]
 OldPlanBench = Annotated[Path | None, typer.Option("--bench", hidden=True)]
 """Earlier option for bench.toml, which is now an argument; it still works."""
 
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace existing files (else they are refused).")
+]
+"""The explicit word of `daq.files.refuse_existing`."""
+
 BenchFile = Annotated[Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")]

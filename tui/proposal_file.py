@@ -11,23 +11,14 @@ if TYPE_CHECKING:
     from daq.check import Proposal
 
 
-def refuse_existing(target: Path) -> None:
-    """Raise InputError if the file exists: a proposal overwrites nothing."""
-    from daq import InputError
-
-    if target.exists():
-        raise InputError(str(target), "exists already", "name a new file for the proposal")
-
-
 def write_proposal(proposal: Proposal, target: Path) -> None:
-    """Write a proposal to a new file and print its questions.
+    """Write a proposal and print its questions.
 
-    Raises InputError if the file exists or cannot be written.
+    Raises InputError if the file cannot be written.
     """
     from daq import InputError
     from daq.files import make_room, write_text
 
-    refuse_existing(target)
     make_room(target)
     try:
         write_text(target, proposal.text)

@@ -55,6 +55,7 @@ from .grown import (
     load_grown,
     note_grown,
 )
+from .replaceable import refuse_less
 
 NICENESS = 10
 OOM_SCORE = "500"
@@ -77,14 +78,17 @@ class Derived:
     """The runs in the session file."""
 
 
-def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> Derived:
+def derive(
+    segments: Sequence[Path], target: Path, *, growing: bool = False, replacing: bool = True
+) -> Derived:
     """Write the session file of a recording; after any failure the old file is unchanged.
 
     `segments`: of one recording, in any order.  `target`: the session file; replaced if it exists.
-    `growing`: True to keep the measured runs for the next call, until the recording has ended; then
-    segments that report to be complete are trusted, and only those of new runs are read.  The
-    session file is the same, byte for byte.  Raises InputError if the segments cannot be read or do
-    not belong together, or the file cannot be written.
+    `replacing`: False to refuse to replace one that has more than is left in the journal, and any
+    other file.  `growing`: True to keep the measured runs for the next call, until the recording
+    has ended; then segments that report to be complete are trusted, and only those of new runs are
+    read.  The session file is the same, byte for byte.  Raises InputError if the segments cannot be
+    read or do not belong together, or the file cannot be written.
     """
     infos = scanned(segments)
     recording = state_of(infos)
@@ -98,7 +102,16 @@ def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> 
     found = _read(bench, infos, new, trusting=growing and is_unbroken(infos))
     try:
         with loaded_is_kept():
-            runs = _write(target, bench, recording, run_log, grown, found, growing=growing)
+            runs = _write(
+                target,
+                bench,
+                recording,
+                run_log,
+                grown,
+                found,
+                growing=growing,
+                replacing=replacing,
+            )
     except OSError as error:
         raise InputError(
             str(target),
@@ -159,6 +172,7 @@ def _write(
     found: _Found,
     *,
     growing: bool,
+    replacing: bool,
 ) -> tuple[RunOutline, ...]:
     """Measure the new runs, add them to the growing file, and finish a copy of it."""
     codec = bench_codec(bench)
@@ -189,6 +203,8 @@ def _write(
         ]
         digests = [row.digest for row in rows]
         finish_session(part, runs, journal_provenance(head, run_log, digests, found.loss))
+        if not replacing:
+            refuse_less(target, part)
     if growing and recording.ended:
         forget_grown(target, file=True)
     return tuple(

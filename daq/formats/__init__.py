@@ -6,6 +6,7 @@ from dbc.lazy import lazy
 
 if TYPE_CHECKING:
     from .columns import read_columns as read_columns
+    from .description import sidecar_of as sidecar_of
     from .export import CsvStyle as CsvStyle
     from .export import ExportFormat as ExportFormat
     from .export import ModeShapes as ModeShapes

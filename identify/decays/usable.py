@@ -12,6 +12,7 @@ from daq.runs import Run, RunStatus
 from daq.sessions import Session
 from daq.silence import Silence, longest_silence
 
+from .absurd import readable_session
 from .decay import Record, record_of
 from .onset import decay_start_s, is_still
 from .stuck import FROZEN_S, Hold, frozen
@@ -27,6 +28,8 @@ _ALL = ""
 def usable_session(session: Session) -> Session:
     """Return a session with only what can be used: other runs are rejected, with reasons.
 
+    Values that no sensor shows are missing (`absurd`).
+
     A channel with one value in all runs is unused: the fit would take a dead sensor for a part that
     stands still.
 
@@ -36,6 +39,7 @@ def usable_session(session: Session) -> Session:
     these runs are used as they are.  Also left out are runs in which times go back, all sensors are
     silent together (the clock jumped), nothing moves, or the free decay is missing.
     """
+    session = readable_session(session)
     session = replace(session, channels=_living(session))
     silences = _silences(session)
     records = {run.label: record_of(run, session.channels) for run in _accepted(session)}

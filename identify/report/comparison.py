@@ -28,6 +28,10 @@ def comparison_sections(
     """Return the differences, the overlaid decays of the fits, and the trends."""
     labels, document = comparison.labels, comparison.document()
     blocks: list[Block] = [_sessions(comparison)]
+    if comparison.unlike:
+        stated = tuple((Cell(text), Cell("")) for text in comparison.unlike)
+        title = "Stated differently: is it one car, with its sensors in their places?"
+        blocks.append(Table(title, ("what", ""), stated))
     if comparison.change is not None:
         blocks.append(change_table(comparison.change, document))
     if comparison.common:

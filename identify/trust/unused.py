@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
 
+from ..decays.absurd import absurd
 from ..decays.usable import silent_in_most
 from .format import listed
 
@@ -16,6 +17,19 @@ def unused_findings(session: Session, used: Session) -> Iterator[Finding]:
 
     `used`: what is left.
     """
+    wrong = list(absurd(session))
+    if wrong:
+        units = {channel.name: channel.unit for channel in session.channels}
+        places = [
+            f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
+            for one in wrong
+        ]
+        yield Finding(
+            "absurd_values",
+            Severity.NOTE,
+            f"values that no sensor shows: {listed(places)}; they are taken as missing: check "
+            "byte order, scale and unit of the signal in the DBC, and the sensor",
+        )
     reasons: dict[str, list[str]] = {}
     for before, run in zip(session.runs, used.runs, strict=True):
         if run.status != before.status:

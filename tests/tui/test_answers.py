@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import daq
+from daq import InputError
 from daq.runs import RunStatus
 from identify import Identification
 from identify.report import DecayPanel, Gallery, Picture, Trace
@@ -95,10 +96,14 @@ def test_a_comparison_numbers_its_sessions(monkeypatch: pytest.MonkeyPatch) -> N
     assert sent == [Progress(0.05, "reading"), Progress(0.5, "/b/one.h5")]
 
 
-def test_an_export_replaces_the_one_before(tmp_path: Path) -> None:
+def test_an_export_replaces_the_one_before_only_after_a_word(tmp_path: Path) -> None:
+    """It may be the log from which the session was imported, with more frames than the session."""
     daq.write_session(tmp_path / "car.h5", small_session())
     (old := tmp_path / "car.asc").write_text("an older one")
-    body, sent = answered(ExportTask(str(tmp_path / "car.h5"), "asc"))
+    with pytest.raises(InputError, match="exists already"):
+        answered(ExportTask(str(tmp_path / "car.h5"), "asc"))
+    assert old.read_text() == "an older one"
+    body, sent = answered(ExportTask(str(tmp_path / "car.h5"), "asc", replace=True))
     assert body["paths"] == [str(old), str(tmp_path / "car.asc.bumpbench.json")]
     assert any("1 µs" in note for note in body["notes"])
     assert old.read_text() != "an older one"

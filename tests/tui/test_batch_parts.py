@@ -167,8 +167,20 @@ def test_outputs_that_could_not_be_written_are_refused_before(
 
 @pytest.mark.parametrize("name", ["t.csv", "t.CSV", "t.parquet", "new", "old"])
 def test_outputs_that_can_be_written_are_taken(tmp_path: Path, name: str) -> None:
-    (tmp_path / "old" / "vehicle=Golf").mkdir(parents=True)
+    (tmp_path / "old").mkdir()
     check_outputs(tmp_path / name, tmp_path / "p.htm")
+
+
+@pytest.mark.parametrize("name", ["measured.csv", "set"])
+def test_a_table_is_replaced_beside_the_rows_of_its_batch_alone(tmp_path: Path, name: str) -> None:
+    (tmp_path / "measured.csv").write_text("time,travel\n0,1\n")
+    (tmp_path / "set" / "vehicle=Golf").mkdir(parents=True)
+    (rows := tmp_path / f"{name}.jsonl").touch()
+    with pytest.raises(InputError, match=r"exists already \(name another .* or use --force\)"):
+        check_outputs(tmp_path / name, None)
+    check_outputs(tmp_path / name, None, replace=True)
+    rows.write_text("{}\n")
+    check_outputs(tmp_path / name, None)
 
 
 def test_libraries_that_are_not_there_are_named(

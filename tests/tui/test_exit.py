@@ -5,10 +5,15 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from tui.jobs.start import ended_by_sigterm, ignoring_interrupts, sigterm_deferred
+from daq import write_session
+from tui.jobs.start import ignoring_interrupts, sigterm_deferred
+from tui.signals import ended_by_signals
+
+from ..daq.small_session import small_session
 
 _COUNTED = """
 import atexit, gc, sys
@@ -70,12 +75,81 @@ def test_sigterm_waits_until_a_process_is_started(ended: list[int]) -> None:
 
 
 def test_sigterm_is_an_exit_with_the_code_of_a_process_that_it_ends(ended: list[int]) -> None:
-    with pytest.raises(SystemExit) as left, ended_by_sigterm():
+    with pytest.raises(SystemExit) as left, ended_by_signals():
         signal.raise_signal(signal.SIGTERM)
     assert left.value.code == 143
     assert ended == []
     signal.raise_signal(signal.SIGTERM)
     assert ended == [signal.SIGTERM], "afterwards it is as before"
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_that_comes_while_an_object_is_deleted_ends_the_command_quietly(
+    number: int, code: int, tmp_path: Path
+) -> None:
+    """Python prints and drops what is raised there; the command went on to its end."""
+    done = subprocess.run(
+        [sys.executable, "-c", _WRITING, str(number), str(tmp_path / "a.txt")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+_WRITING = """
+import signal, sys
+import typer
+from daq.files import rewritten
+from pathlib import Path
+from tui.invocation import invoke
+commands = typer.Typer()
+
+class Deleted:
+    def __del__(self):
+        signal.raise_signal(int(sys.argv[1]))
+
+@commands.command()
+def write():
+    with rewritten(Path(sys.argv[2])) as part:
+        part.write_text("half")
+        Deleted()
+        signal.sigtimedwait([], 20)
+    print("done")
+
+sys.exit(invoke([], commands))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_an_export_that_is_ended_leaves_nothing_behind(number: int, tmp_path: Path) -> None:
+    """A real process, ended as soon as it writes: the temporary file is large enough to be seen."""
+    (tmp_path / "out").mkdir()
+    code = _ENDED.format(number=int(number))
+    words = [str(tmp_path / "car.h5"), "--out", str(tmp_path / "out" / "car.csv")]
+    write_session(tmp_path / "car.h5", small_session())
+    done = subprocess.run(
+        [sys.executable, "-c", code, "export", *words], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (128 + number, "", "")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+_ENDED = """
+import os, sys
+from daq.formats.export import export
+from tui.__main__ import main
+write = export.write_csv
+
+def ended(group, units, path, style):
+    write(group, units, path, style)
+    os.kill(os.getpid(), {number})
+
+export.write_csv = ended
+sys.argv = ["bumpbench", *sys.argv[1:]]
+main()
+"""
 
 
 def test_ctrl_c_does_not_reach_what_is_started_meanwhile() -> None:

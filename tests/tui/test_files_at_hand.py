@@ -232,7 +232,7 @@ def test_a_pushed_car_goes_on_until_it_is_interrupted(
         (["import"], "names no log"),
         (["import", "--run", "baseline:LOG"], "--run"),
         (["import", "LOG", "BENCH", "--skip", "4"], "no bump is left"),
-        (["import", "LOG", "BENCH", "--out", "LOG"], "is one of the logs"),
+        (["import", "LOG", "BENCH", "--out", "LOG"], "is read here"),
         (["import", "LOG", "--channels", "map.toml", "--bus", "0"], "without a bus"),
         (["check", "--layout", "a", "--layout", "b", "--log", "LOG"], "is named twice"),
         (["check", "--push", "3", "--log", "LOG"], "--push: is for --propose"),
@@ -257,7 +257,7 @@ def test_an_export_is_imported_as_the_session_that_it_was(
     assert out.splitlines()[0] == "Wagen Ü: 3 runs"
     assert out.splitlines()[-1] == f"session: {back}"
     assert len(daq.read_session(back).runs) == 3
-    assert "is the export" in said(capsys, "import", export, "--out", export, code=2)[1]
+    assert "is read here" in said(capsys, "import", export, "--out", export, code=2)[1]
 
 
 def test_a_batch_counts_names_and_ends_with_1(

@@ -169,7 +169,7 @@ def test_a_loss_in_the_log_is_reported_and_is_exit_code_3(
         (["{log}", "--skip", "9"], "no bump is left"),
         (["{log}", "--bus", "3"], "none of its"),
         (["{still}"], "no bump in 400 frames"),
-        (["{log}", "--out", "{log}"], "is one of the logs"),
+        (["{log}", "--out", "{log}"], "is read here"),
         (["missing.blf"], "no such file"),
     ],
 )

@@ -114,7 +114,7 @@ def test_what_does_not_go_together_is_refused(
         ([drive, "--channels", str(given), "--skip", "1"], "states the times of its runs"),
         ([drive, "--channels", plain, "--bus", "1"], "is for files without a bus"),
         (["--channels", plain], "names no file"),
-        ([drive, "--channels", plain, "--out", drive], "is one of the files"),
+        ([drive, "--channels", plain, "--out", drive], "is read here"),
         ([drive, drive, "--propose", str(recorded / "p.toml")], "takes the one file"),
         ([drive, "--propose", plain], "exists already"),
         ([drive, "--channels", str(recorded / "no.toml")], "No such file"),
@@ -146,7 +146,7 @@ def test_bumps_are_left_out_at_the_beginning_and_named_in_the_order_given(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     drive, plain = str(recorded / "drive.h5"), str(recorded / "map.toml")
-    words = ["import", drive, "--channels", plain, "--out", str(recorded / "s.h5")]
+    words = ["import", drive, "--channels", plain, "--out", str(recorded / "s.h5"), "--force"]
     assert run([*words, "--skip", "1", "--runs", "added:pitch", "--json"]) == 0
     said = capsys.readouterr()
     document = json.loads(said.out)

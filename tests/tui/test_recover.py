@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from daq import write_session
 from daq.journal.folder import segments_in
 from tests.daq.crash_derive import journal_of_runs
 from tests.daq.small_campaign import LABELS
+from tests.daq.small_session import small_session
 from tui.cli import run
 
 
@@ -42,15 +44,28 @@ def test_two_recordings_make_two_sessions_and_no_single_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one = journal_of_runs(tmp_path / "a", 40_000)
-    journal_of_runs(tmp_path / "b", 20_000, recording="cd" * 16)
-    for path in segments_in(tmp_path / "b"):
-        path.rename(tmp_path / "a" / path.name.replace("_0", "_1"))
+    journal_of_runs(tmp_path / "a", 20_000, recording="cd" * 16)
     assert run(["recover", str(tmp_path / "a"), "--out", str(tmp_path / "s.h5")]) == 2
     assert "2 recordings for one file" in capsys.readouterr().err
     assert run(["recover", str(tmp_path / "a"), "--out", str(tmp_path), "--json"]) == 0
     sessions = json.loads(capsys.readouterr().out)["sessions"]
     assert [session["frames_recorded"] for session in sessions] == [40_000, 20_000]
     assert len(one) > 1
+    assert len(list(tmp_path.glob("session_*.h5"))) == 2
+
+
+def test_two_recordings_whose_sessions_have_one_name_are_not_written_over_each_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The recorders of two folders both begin with session_0001.h5; the second was all that was."""
+    journal_of_runs(tmp_path / "a" / "journal", 20_000)
+    journal_of_runs(tmp_path / "b" / "journal", 20_000, recording="cd" * 16)
+    both = [str(tmp_path / "a"), str(tmp_path / "b")]
+    assert run(["recover", *both, "--out", str(tmp_path)]) == 2
+    assert "session_0001.h5: would be the session of two recordings" in capsys.readouterr().err
+    assert list(tmp_path.glob("*.h5")) == []
+    assert run(["recover", *both]) == 0
+    assert [(tmp_path / f / "session_0001.h5").is_file() for f in "ab"] == [True, True]
 
 
 def test_a_folder_without_a_journal_is_one_line(
@@ -67,3 +82,56 @@ def test_a_journal_that_is_not_there_is_one_line(
     text = capsys.readouterr().err
     assert "absent: there is no such file or folder" in text
     assert text.count("\n") == 1
+
+
+def _recovered(folder: Path, *more: str) -> int:
+    return run(["recover", str(folder), "--out", str(folder / "s.h5"), *more])
+
+
+def test_a_session_is_rebuilt_from_its_whole_journal_without_a_word(tmp_path: Path) -> None:
+    journal_of_runs(tmp_path / "journal", 40_000)
+    assert _recovered(tmp_path) == 0
+    before = (tmp_path / "s.h5").read_bytes()
+    assert _recovered(tmp_path) == 0
+    assert (tmp_path / "s.h5").read_bytes() == before
+
+
+@pytest.mark.parametrize("spoilt", [0, -1], ids=["torn", "without its end"])
+def test_a_session_is_kept_where_the_journal_has_less(
+    tmp_path: Path, spoilt: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its end is not missed by the blocks before it, but the last runs are."""
+    journal_of_runs(tmp_path / "journal", 40_000)
+    assert _recovered(tmp_path) == 0
+    before = (tmp_path / "s.h5").read_bytes()
+    segment = segments_in(tmp_path / "journal")[spoilt]
+    if spoilt == 0:
+        segment.write_bytes(segment.read_bytes()[:-1000])
+    else:
+        for last in segments_in(tmp_path / "journal")[1:]:
+            last.unlink()
+    capsys.readouterr()
+    assert _recovered(tmp_path) == 2
+    said = capsys.readouterr().err
+    assert "s.h5: exists already, and has more of " in said
+    assert "_1 than the journal now (name another file with --out, or use --force)" in said
+    assert said.count("\n") == 1
+    assert (tmp_path / "s.h5").read_bytes() == before
+    assert _recovered(tmp_path, "--force") in (0, 3)
+    assert (tmp_path / "s.h5").read_bytes() != before
+    assert _recovered(tmp_path) in (0, 3), "this one is all that is left"
+
+
+@pytest.mark.parametrize("other", ["session", "text"])
+def test_a_file_of_something_else_is_not_recovered_over(
+    tmp_path: Path, other: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (target := tmp_path / "s.h5").write_text("my notes")
+    if other == "session":
+        write_session(target, small_session())
+    before = target.read_bytes()
+    journal_of_runs(tmp_path / "journal", 40_000)
+    assert _recovered(tmp_path) == 2
+    assert "s.h5: exists already, " in capsys.readouterr().err
+    assert target.read_bytes() == before
+    assert _recovered(tmp_path, "--force") == 0

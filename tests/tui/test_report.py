@@ -144,7 +144,7 @@ def test_an_export_does_not_overwrite_its_session(
     held = session.read_bytes()
     where = session.parent / ".." / session.parent.name / session.name
     assert run(["export", str(session), "--format", "mat", "--out", str(where), "--force"]) == 2
-    assert "car.h5: is the session (name another file" in capsys.readouterr().err
+    assert "car.h5: is read here (name another file" in capsys.readouterr().err
     assert session.read_bytes() == held
 
 

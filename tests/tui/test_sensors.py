@@ -94,10 +94,10 @@ def test_import_and_export_choose_a_bus_by_name_and_number(
     for name, own in sensors.items():
         out = str(tmp_path / f"{name}.mf4")
         assert run(["export", str(whole), "--out", out, "--bus", name]) == 0
-        assert run(["import", out, "--out", str(part), "--json"]) == 0
+        assert run(["import", out, "--out", str(part), "--json", "--force"]) == 0
         session = read_session(part)
         assert {sensor_of_signal(c.signal) for c in session.channels} == own
-    assert run(["import", "--out", str(part), *runs, "--bus", "can0"]) == 0
+    assert run(["import", "--out", str(part), *runs, "--bus", "can0", "--force"]) == 0
     session = read_session(part)
     assert {sensor_of_signal(c.signal) for c in session.channels} == sensors["can0"]
     assert set(session.runs[0].frames.bus.tolist()) == {0}
@@ -124,7 +124,7 @@ def test_import_says_that_two_sensors_are_read_as_one(
     runs = ["--run", f"baseline:bounce:{folder / 'drive.log'}", "--out", str(tmp_path / "s.h5")]
     run(["import", "--config", str(bench), *runs, "--bus", "0"])
     assert "two sensors read as one" not in capsys.readouterr().err
-    run(["import", "--config", str(bench), *runs])
+    run(["import", "--config", str(bench), *runs, "--force"])
     assert "two sensors read as one: Accel, Rate" in capsys.readouterr().err
 
 

@@ -192,6 +192,7 @@ def comparison(sessions: int, **changed: Any) -> Comparison:
         (),
         ("wheelbase_m",),
         ("t_f",),
+        (),
         None,
     )
     return replace(made, **changed)
@@ -230,6 +231,15 @@ def test_a_comparison_of_two_has_no_trend(printed: Printed) -> None:
     assert any(t.startswith("Forces of one corner") for t in texts)
     assert not any("not compared" in t for t in texts)
     assert texts[-1].endswith("independent.")
+
+
+def test_a_comparison_says_in_one_line_what_is_stated_differently(printed: Printed) -> None:
+    unlike = ("vehicle Golf in one; Polo in two", "place of acc (1, 0) m in one; (2, 0) m in two")
+    line = f"stated differently (is it one car?): {unlike[0]}; {unlike[1]}"
+    texts = [" ".join(row) for row in printed(print_comparison, comparison(2, unlike=unlike))]
+    assert texts[0] == line
+    lines = comparison_lines(comparison(2, unlike=unlike))
+    assert line[1:] in " ".join(lines)
 
 
 def test_the_terminals_comparison_names_what_differs() -> None:

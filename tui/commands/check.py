@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say, say_left_out
-from ..options import BenchFile, Buses, Sensors
-from ..proposal_file import refuse_existing, write_proposal
+from ..options import BenchFile, Buses, Force, Sensors
+from ..proposal_file import write_proposal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,6 +37,7 @@ def check(
     propose: Annotated[
         Path | None, typer.Option(help="Write a bench.toml guessed from the DBC and the traffic.")
     ] = None,
+    force: Force = False,
     dbc: Annotated[list[Path] | None, typer.Option(help="DBC for --propose; repeatable.")] = None,
     layout: Annotated[
         list[str] | None,
@@ -94,7 +95,7 @@ def check(
         raise InputError("--dbc", "is for --propose", "name the DBC in bench.toml as dbc")
     if propose is not None:
         source = _Source(log, seconds, push, interface, channel, bitrate)
-        proposed = _proposed(propose, bench, layout or [], dbc or [], source)
+        proposed = _proposed(propose, force, bench, layout or [], dbc or [], source)
         if proposed is None:
             return ExitCode.OK
         described, frames = proposed
@@ -174,6 +175,7 @@ class _Source:
 
 def _proposed(
     target: Path,
+    force: bool,
     config: Path | None,
     layouts: Sequence[str],
     dbcs: Sequence[Path],
@@ -186,11 +188,13 @@ def _proposed(
     from daq import InputError, load_bench
     from daq.bench import parse_bench, stored_text
     from daq.check import ON_HUB, ORDER, propose_sensors, spoken
+    from daq.files import refuse_existing
 
     from ..bench import reachable
     from ..proposal_questions import completed
 
-    refuse_existing(target)
+    inputs = [path for path in (config, source.log, *dbcs) if path is not None]
+    refuse_existing(target, replace=force, option="--propose", inputs=inputs)
     known = load_bench(config)
     databases = _databases(target, config, known, layouts, dbcs)
     buses = source.buses(known)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say
-from ..options import Buses, Sensors
+from ..options import Buses, Force, Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,11 +52,12 @@ def export(
         float | None,
         typer.Option(help="Even times at this number of samples a second, by splines (UFF)."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
 ) -> int:
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC, candump or SEP005."""
     from daq import InputError, read_foreign_session
+    from daq.files import refuse_existing
     from daq.formats import (
         CsvStyle,
         ExportFormat,
@@ -76,8 +77,7 @@ def export(
     place = session.parent / name if out is None else out
     if place.is_dir():
         place = place / name
-    if place.resolve() == session.resolve():
-        raise InputError(str(place), "is the session", "name another file with --out")
+    refuse_existing(place, replace=True, inputs=[session])  # all files: see `written_whole`
     if modes and wanted is not ExportFormat.UFF:
         raise InputError("--modes", f"{wanted} holds no mode shapes", "use --format uff")
     if rate is not None and wanted is not ExportFormat.UFF:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import Force
 
 
 def identify(
@@ -19,11 +20,13 @@ def identify(
         Path | None,
         typer.Option(help="Write the model: .mat, .py (python-control), .mo (Modelica), .json."),
     ] = None,
+    force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> int:
     """Identify the physical parameters of a session's vehicle."""
     import daq
     import identify as method
+    from daq.files import refuse_existing
 
     from ..damper_table import DAMPER_WRITERS, write_damper_table
     from ..endings import require_ending
@@ -32,8 +35,10 @@ def identify(
 
     if dampers is not None:
         require_ending(dampers, "table", DAMPER_WRITERS)
+        refuse_existing(dampers, replace=force, option="--dampers", inputs=[session])
     if model is not None:
         require_ending(model, "model", MODEL_WRITERS)
+        refuse_existing(model, replace=force, option="--model", inputs=[session])
     with progress("identify") as stage:
         stage(0.05, "reading")
         recorded = daq.read_foreign_samples(session)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Buses, OldBench, Sensors
+from ..options import Buses, Force, OldBench, Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,6 +58,7 @@ def import_(
         Path | None, typer.Option(help="Write a channel map guessed from such a file.")
     ] = None,
     out: Annotated[Path, typer.Option(help="Session file to write.")] = Path("session.h5"),
+    force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
     """Find the bumps in logs, cut them into runs and write a session.
@@ -74,6 +75,7 @@ def import_(
     from daq.bench import Origin
     from daq.check import WORDS, bench_witness, mixed_messages, reader_lines
     from daq.derive import labelled, numbered, parse_runs, session_from_parts, with_steps
+    from daq.files import refuse_existing
     from daq.formats import read_logs
     from dbc import Severity
 
@@ -87,19 +89,21 @@ def import_(
     logs = [path for path in logs or [] if path not in benches]
     for path in benches:
         config = named_once(path, config, "bench.toml")
+    singles = [_single(text) for text in run or []]
     if channels or propose:
         if config or dbc or sensor or bus:
             what = "is for files without a bus, and takes no bench.toml, --dbc, --sensor or --bus"
             raise InputError("--channels" if channels else "--propose", what, "leave them out")
         if propose:
-            return propose_channel_map(propose, logs, channels is not None)
+            return propose_channel_map(propose, logs, channels is not None, force)
         if channels:
-            labels = [_single(text) for text in run or []]
-            return import_channels(channels, logs, labels, runs, skip, out, json)
+            return import_channels(channels, logs, singles, runs, skip, out, force, json)
+    named = (*logs, *(path for _, path in singles), config, dbc)
+    inputs = [path for path in named if path is not None]
+    refuse_existing(out, replace=force, inputs=inputs)
     chosen = any((run, runs, skip, bus, config, dbc))
     if len(logs) == 1 and not chosen and _import_export(logs[0], out, json):
         return ExitCode.OK
-    singles = [_single(text) for text in run or []]
     if bool(singles) == bool(logs):
         what = "names both logs and --run" if logs else "names no log"
         raise InputError("import", what, "name logs, or --run MASS_STATE:EXCITATION:FILE each")
@@ -118,8 +122,7 @@ def import_(
         sources = read_logs(logs or [])
     bench = with_steps(bench, steps)
     for source in sources:
-        if out.resolve() in [path.resolve() for path in source.paths]:
-            raise InputError(str(out), "is one of the logs", "name another file with --out")
+        refuse_existing(out, replace=force, inputs=source.paths)
     with bench_witness(bench, codec) as witness, progress("import") as stage:
         parts = _parts(bench, codec, sources, numbers, stage, apart=bool(singles))
         if singles:
@@ -170,7 +173,7 @@ def import_(
 
 def _import_export(path: Path, out: Path, json: bool) -> bool:
     """Write the session of a self-describing export; return False if the file is not one."""
-    from daq import InputError, write_session
+    from daq import write_session
     from daq.formats import exported_session
 
     from ..output import print_json
@@ -179,8 +182,6 @@ def _import_export(path: Path, out: Path, json: bool) -> bool:
     session = exported_session(path)
     if session is None:
         return False
-    if out.resolve() == path.resolve():
-        raise InputError(str(out), "is the export", "name another file with --out")
     write_session(out, session)
     if json:
         print_json(summary(out, session))

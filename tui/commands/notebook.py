@@ -7,24 +7,24 @@ from typing import Annotated
 
 import typer
 
+from ..options import Force
+
 
 def notebook(
-    out: Annotated[Path, typer.Option(help="Notebook to write; it must not exist.")] = Path(
-        "bump_test.ipynb"
-    ),
+    out: Annotated[Path, typer.Option(help="Notebook to write.")] = Path("bump_test.ipynb"),
+    force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print the file as JSON.")] = False,
 ) -> None:
     """Write a notebook that leads from arrays and session files to parameters and figures."""
     from importlib.resources import files
 
-    from daq.files import make_room, write_bytes
+    from daq.files import make_room, refuse_existing, write_bytes
     from dbc import InputError
 
     from ..output import print_json, print_line
 
     source = files("identify") / "notebook" / "bump_test.ipynb"
-    if out.exists():
-        raise InputError(str(out), "exists", "name another --out")
+    refuse_existing(out, replace=force)
     make_room(out)
     try:
         write_bytes(out, source.read_bytes())

@@ -44,11 +44,14 @@ def record(
 
     from ..bench import shared_bench
     from ..display.start import display_beside_recorder
+    from ..endings import PROMETHEUS, require_ending
     from ..output import progress
     from ..recorders.daemon import Lifetime
     from ..recorders.log import Log
     from ..recorders.recording import OpenedAtStart, print_outcome, record_campaign
 
+    if figures is not None:
+        require_ending(figures, "text file of Prometheus", PROMETHEUS)
     described = shared_bench(bench, interface, channel)
     lifetime = Lifetime(not idle, keep_on, figures, lambda: shared_bench(bench, interface, channel))
     with (

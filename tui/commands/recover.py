@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import Force
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,6 +28,7 @@ def recover(
             help="Session file or folder to write; default: session_NNNN.h5 next to the journal."
         ),
     ] = None,
+    force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
     """Build the session file of each recording from its journal, and list exactly what is lost."""
@@ -44,7 +46,7 @@ def recover(
     documents: list[dict[str, Any]] = []
     lost = False
     for info, target in zip(wanted, _targets(wanted, out), strict=True):
-        derived = derive(info.segments, target)
+        derived = derive(info.segments, target, replacing=force)
         outline = target, derived.vehicle, derived.runs
         if json:
             account = {"recording": info.recording, "frames_recorded": info.frames}
@@ -92,4 +94,8 @@ def _targets(recordings: Sequence[RecordingInfo], out: Path | None) -> list[Path
         first = info.segments[0]
         folder = first.parent.parent if first.parent.name == "journal" else first.parent
         targets.append((out or folder) / info.session_name)
+    for target in targets:
+        if targets.count(target) > 1:
+            what = "would be the session of two recordings"
+            raise InputError(str(target), what, "recover them one by one, with another --out")
     return targets

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import OldBench
+from ..options import Force, OldBench
 
 if TYPE_CHECKING:
     from daq import Bench, Session
@@ -24,6 +24,7 @@ def redecode(
     out: Annotated[
         Path | None, typer.Option(help="Session file to write; default: NAME_redecoded.h5.")
     ] = None,
+    force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
     """Decode the raw frames of a session again, into a new session."""
@@ -31,6 +32,7 @@ def redecode(
 
     from daq import InputError, read_foreign_session, write_session
     from daq.derive import redecoded
+    from daq.files import refuse_existing
 
     from ..bench import named_once
     from ..output import print_json
@@ -41,9 +43,9 @@ def redecode(
         what = "neither a DBC nor a bench.toml is named"
         raise InputError("redecode", what, "name what was corrected: a bench.toml, or --dbc FILE")
     target = out or session.parent / f"{session.stem}_redecoded.h5"
+    inputs = [path for path in (session, config, dbc) if path is not None]
+    refuse_existing(target, replace=force, inputs=inputs)
     old = read_foreign_session(session)
-    if target.exists():
-        raise InputError(str(target), "exists already", "name a new file with --out")
     corrected = _bench(old, str(session), dbc, config)
     with session.open("rb") as file:
         digest = file_digest(file, "sha256").hexdigest()

@@ -36,6 +36,9 @@ def _results(path: str) -> Identification:
 def print_comparison(comparison: Comparison) -> None:
     """Write every difference from the first session, then trends where there are some."""
     first = comparison.labels[0]
+    if comparison.unlike:
+        print_line(f"stated differently (is it one car?): {'; '.join(comparison.unlike)}")
+        print_line()
     if comparison.change is not None:
         print_line(comparison.change.sentence)
         print_line(unchanged_line(comparison.change))

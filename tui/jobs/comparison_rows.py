@@ -16,6 +16,10 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
     yield f"1  {first}: {comparison.verdicts[0]}"
     yield f"2  {second}: {comparison.verdicts[1]}"
     yield ""
+    if comparison.unlike:
+        line = f"Stated differently (is it one car?): {'; '.join(comparison.unlike)}."
+        yield from wrap(line, 79)
+        yield ""
     if comparison.change is not None:
         yield from wrap(comparison.change.sentence, 79)
         yield from wrap(unchanged_line(comparison.change), 79)

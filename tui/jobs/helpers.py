@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
+from multiprocessing import active_children
 from threading import Thread
 from typing import ParamSpec, TypeVar
 
@@ -43,9 +44,14 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
         except BrokenProcessPool:
             what, advice = "a helper process died", "close other programs: it needs memory"
             raise InputError("helpers", what, advice) from None
+        except BaseException:  # such as Ctrl-C: what was begun need not be finished
+            starting.join()
+            for helper in active_children():
+                helper.terminate()
+            raise
         finally:
             starting.join()
-            pool.shutdown(cancel_futures=True)  # after Ctrl-C, drop the planned work
+            pool.shutdown(cancel_futures=True)
 
 
 class _Helpers(ProcessPoolExecutor):

@@ -49,6 +49,8 @@ class ExportTask:
 
     session: str
     form: str
+    replace: bool = False
+    """True if existing files may be replaced; otherwise they are refused."""
     task: Literal["export"] = "export"
 
 

@@ -143,7 +143,7 @@ def _export(task: ExportTask) -> dict[str, Any]:
     form = ExportFormat(task.form)
     path = Path(task.session)
     place = path.with_suffix(form.suffix)
-    done = export_session(read_foreign_session(path), place, form, force=True)
+    done = export_session(read_foreign_session(path), place, form, force=task.replace)
     return {"paths": [str(path) for path in done.paths], "notes": list(done.notes)}
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..diagnostics import ExitCode, say
 from ..output import Stage, print_json, progress
-from ..proposal_file import refuse_existing, write_proposal
+from ..proposal_file import write_proposal
 from ..proposal_questions import completed
 from .recording import print_summary, summary
 
@@ -21,17 +21,18 @@ if TYPE_CHECKING:
     from daq.bench import ChannelMap, Step
 
 
-def propose_channel_map(target: Path, files: Sequence[Path], has_map: bool) -> int:
+def propose_channel_map(target: Path, files: Sequence[Path], has_map: bool, force: bool) -> int:
     """Write a channel map that fits a file, and print the open questions."""
     from daq import InputError
     from daq.check import propose_map
+    from daq.files import refuse_existing
     from daq.formats import read_columns
 
     if len(files) != 1 or has_map:
         what = "takes the one file from which the map is guessed, and no --channels"
         raise InputError("--propose", what, "name one file")
     (path,) = files
-    refuse_existing(target)
+    refuse_existing(target, replace=force, option="--propose", inputs=files)
     columns = read_columns(path, ())
     write_proposal(completed(partial(propose_map, columns)), target)
     return ExitCode.OK
@@ -44,6 +45,7 @@ def import_channels(
     runs: str | None,
     skip: int,
     out: Path,
+    force: bool,
     json: bool,
 ) -> int:
     """Find or cut the runs in files of channels, and write a session.
@@ -51,11 +53,13 @@ def import_channels(
     `files`: files with many runs each.  `singles`: instead of these, files of one run with mass
     state and excitation.  `runs`: kinds of the bumps in order, instead of those of the campaign.
     `skip`: number of bumps to leave out at the beginning.
+    `force`: True to replace an existing session.
     """
     from daq import InputError, write_session
     from daq.bench import load_channel_map
     from daq.check import open_questions
     from daq.derive import numbered, parse_runs, with_steps
+    from daq.files import refuse_existing
 
     if bool(singles) == bool(files):
         what = "names both files and --run" if files else "names no file"
@@ -67,8 +71,7 @@ def import_channels(
         what = "states the times of its runs"
         advice = "name one file, and no --run, --runs or --skip"
         raise InputError(str(channel_map), what, advice)
-    if out.resolve() in [path.resolve() for path in files]:
-        raise InputError(str(out), "is one of the files", "name another file with --out")
+    refuse_existing(out, replace=force, inputs=[channel_map, *files])
     stated = numbered(labels) if labels else parse_runs(runs) if runs else ()
     steps = stated or known.bench.campaign.steps
     known = replace(known, bench=with_steps(known.bench, steps))

@@ -9,7 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from ...errors import InputError
-from ...files import make_room, replaced
+from ...files import make_room, refuse_existing, replaced
 from ...runs import SampleGroup
 from ...sessions import Session
 from .. import description
@@ -187,11 +187,7 @@ def written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
     written.
     """
     for target in targets:
-        if target.is_dir():
-            raise InputError(str(target), "is a directory", "name a file")
-        if target.exists() and not force:
-            advice = "name another file with --out, or use --force"
-            raise InputError(str(target), "exists already", advice)
+        refuse_existing(target, replace=force)
     for target in targets:
         make_room(target)
     try:

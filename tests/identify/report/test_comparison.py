@@ -54,6 +54,10 @@ def test_the_table_and_the_document_name_the_change(fits: list[Estimation]) -> N
     )
     named = replace(comparison, parameters=rows)
     page = comparison_html(named)
+    assert "Stated differently" not in page
+    other = comparison_html(replace(named, unlike=("vehicle Golf in a; Polo in b",)))
+    assert "Stated differently: is it one car" in other
+    assert "vehicle Golf in a; Polo in b" in other
     assert "c_sf (+2.85 ± 0.30 %)" in page
     assert f"<dd>1 of {len(named.quantities)}</dd>" in page
     assert f"<strong>Differ:</strong> {one.name}</p>" in page

@@ -316,3 +316,25 @@ async def test_another_recording_begins_with_its_own_samples(make_app: Make) -> 
         recorder.publish(recording="77" * 16)
         await until(pilot, lambda: "gone" not in app.lanes.channels)
         await until(pilot, lambda: "body_acc_z" in app.lanes.channels)
+
+
+async def test_an_export_asks_before_it_replaces_a_file(
+    make_app: Make, tasks: list[Task], tmp_path: Path
+) -> None:
+    """A log of that name may be the one from which the session was imported."""
+    session = tmp_path / "car.h5"
+    app = make_app(measured())
+    async with app.run_test(size=(100, 30)) as pilot:
+        await pilot.pause()
+        for place, answer, asked in (
+            ("car.mf4", "escape", []),
+            ("car.mf4.bumpbench.json", "space", [ExportTask(str(session), "mf4", replace=True)]),
+        ):
+            (there := tmp_path / place).write_bytes(b"frames")
+            app.run_worker(export.export_session(app, str(session)))
+            await pilot.pause()
+            assert f"{place} exists already: replace it?" in await pressed(pilot, "space")
+            await pressed(pilot, answer)
+            there.unlink()
+            await pilot.pause()
+            assert tasks == asked

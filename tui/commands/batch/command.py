@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...diagnostics import ExitCode
+from ...options import Force
 
 if TYPE_CHECKING:
     from .tally import Tally
@@ -47,6 +48,7 @@ def batch(
         Path | None,
         typer.Option(help="Also write a page over the rows: filters, trends, outliers (*.html)."),
     ] = None,
+    force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> int:
     """Identify many sessions: one row each, with parameters, modes, verdict and reasons.
@@ -66,28 +68,26 @@ def batch(
 
     from ...diagnostics import say
     from ...jobs.executors import workers_of
-    from ...jobs.start import ended_by_sigterm
     from ...output import print_json, progress
     from .journal import RowJournal
     from .places import session_files
-    from .table import check_outputs, write_outputs
+    from .table import check_outputs, journal_of, write_outputs
     from .tally import work_off
 
     if scheduler is not None and workers is not None:
         raise InputError(
             "--workers", "a cluster has its own workers", "leave it out with --scheduler"
         )
-    check_outputs(out, page)
+    check_outputs(out, page, replace=force)
     sessions = session_files(files)
     began_s = perf_counter()
-    with RowJournal(out.with_name(f"{out.name}.jsonl")) as journal:
+    with RowJournal(journal_of(out)) as journal:
 
         def publish() -> None:
             write_outputs(out, page, journal.path)
 
         try:
             with (
-                ended_by_sigterm(),
                 workers_of(workers or os.cpu_count() or 1, scheduler) as crew,
                 progress("batch") as stage,
             ):

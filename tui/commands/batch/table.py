@@ -6,7 +6,7 @@ import csv
 from importlib.util import find_spec
 from pathlib import Path
 
-from daq.files import make_room, replaced
+from daq.files import make_room, refuse_existing, replaced
 from dbc import InputError
 
 from ...endings import PAGES, require_ending
@@ -17,10 +17,16 @@ from .page import page_of
 _ENDINGS = (".csv", ".parquet")
 
 
-def check_outputs(out: Path, page: Path | None) -> None:
+def journal_of(out: Path) -> Path:
+    """Return the journal of the rows of a table."""
+    return out.with_name(f"{out.name}.jsonl")
+
+
+def check_outputs(out: Path, page: Path | None, *, replace: bool = False) -> None:
     """Refuse files that could not be written, before hours of computing.
 
-    Folders that are missing are created.  Raises InputError if an ending is unknown, a folder is
+    Folders that are missing are created.  A table without rows in its journal is not that of a
+    batch, and is refused unless `replace`.  Raises InputError if an ending is unknown, a folder is
     something else or cannot be made, or pyarrow is missing.
     """
     partitioned = not out.suffix
@@ -35,6 +41,13 @@ def check_outputs(out: Path, page: Path | None) -> None:
     for path in (out, *([] if page is None else [page])):
         if path.is_dir() and not (partitioned and path == out):
             raise InputError(str(path), "is a directory", "name a file")
+    rows = journal_of(out)
+    replace |= rows.is_file() and rows.stat().st_size > 0
+    if not partitioned:
+        refuse_existing(out, replace=replace)
+    elif out.exists() and any(out.iterdir()) and not replace:
+        advice = "name another folder with --out, or use --force"
+        raise InputError(str(out), "exists already", advice)
     if out.suffix.lower() != ".csv" and find_spec("pyarrow") is None:
         what = "Parquet needs pyarrow, which is not installed"
         raise InputError(str(out), what, "install bumpbench[data]")

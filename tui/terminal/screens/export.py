@@ -11,7 +11,7 @@ from daq.errors import printable
 
 from ...jobs.lines import Done, ExportTask, Trouble
 from ...jobs.worker import lines_of
-from .dialogs import ChoiceScreen
+from .dialogs import ChoiceScreen, Confirm
 
 FORMATS = (
     ("mf4", "MF4      measurement tools: asammdf, CANape"),
@@ -32,8 +32,13 @@ async def export_session(app: App[None], path: str) -> None:
     form = await app.push_screen_wait(ChoiceScreen(f"Export {name} as", FORMATS))
     if form is None:
         return
+    there = _existing(Path(path), form)
+    if there is not None:
+        words = f"{printable(there.name, 40)} exists already: replace it?"
+        if not await app.push_screen_wait(Confirm(words)):
+            return
     app.notify(f"exporting {name} as {form}", markup=False)
-    async with aclosing(lines_of(ExportTask(path, form), name)) as lines:
+    async with aclosing(lines_of(ExportTask(path, form, there is not None), name)) as lines:
         async for line in lines:
             if isinstance(line, Trouble):
                 app.notify(line.text, severity="error", markup=False)
@@ -43,3 +48,11 @@ async def export_session(app: App[None], path: str) -> None:
                 app.notify(
                     "\n".join([f"written: {paths[0]}{more}", *line.body["notes"]]), markup=False
                 )
+
+
+def _existing(session: Path, form: str) -> Path | None:
+    """Return the export of a session that is there already; None if there is none."""
+    from daq.formats import ExportFormat, sidecar_of  # with all writers, which few need
+
+    place = session.with_suffix(ExportFormat(form).suffix)
+    return next((path for path in (place, sidecar_of(place)) if path.exists()), None)
