@@ -201,11 +201,8 @@ def test_a_parameter_that_only_one_run_shows_does_not_move_without_it(
         "two": block(np.diag([8.0, 0.0, 1.0]), np.array([-3.0, 0.0, 0.0])),
         "three": block(np.diag([8.0, 0.0, 1.0]), np.array([-1.0, 0.0, 0.0])),
     }
-    monkeypatch.setattr(consistency, "normal_blocks", lambda *_: parts)
-    every: Any = SimpleNamespace(
-        box=SimpleNamespace(parameters=("m_s", "k_sf")), decays=(), noise={},
-        fit=SimpleNamespace(eta=np.zeros(3)),
-    )  # fmt: skip
+    monkeypatch.setattr(consistency, "linearised_at", lambda _: SimpleNamespace(blocks=parts))
+    every: Any = SimpleNamespace(box=SimpleNamespace(parameters=("m_s", "k_sf")))
     assert moves_without(every, "one") == pytest.approx({"m_s": -0.25, "k_sf": 0.0})
 
 
