@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import isfinite, nan
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 from dbc.finding import Finding
 
@@ -16,10 +16,11 @@ from .document_model import CorrelationEntry, MatricesEntry, ShapeEntry, SourceE
 from .fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate, ModeEstimate
 from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
-from .nonlinear.at_speeds import forces_at_speeds
-from .nonlinear.forces import DamperCurve, Forces
 from .trust.finding import Verdict
 from .trust.survival import Loss
+
+if TYPE_CHECKING:
+    from .nonlinear.forces import DamperCurve, Forces
 
 
 class EstimateEntry(TypedDict):
@@ -299,6 +300,8 @@ def sensed_mode_entries(model: ModalModel) -> list[SensedModeEntry]:
 
 def forces_entry(forces: Forces) -> ForcesEntry:
     """Return damper curves, elements, and which elements were tried."""
+    from .nonlinear.at_speeds import forces_at_speeds  # a linear car does not need it
+
     return {
         "law": forces.law,
         "axles": {

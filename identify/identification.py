@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,8 +33,10 @@ from .fit.uncertainty import Correlation, Estimate, ModeEstimate
 from .model.matrices import PhysicalModel
 from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
-from .nonlinear.forces import Forces
 from .trust.finding import Judgement
+
+if TYPE_CHECKING:
+    from .nonlinear.forces import Forces
 
 
 @dataclass(frozen=True, slots=True)

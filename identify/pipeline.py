@@ -17,8 +17,8 @@ from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 
-from .decays.decay import FreeDecay, Record, record_of
-from .decays.usable import usable_session
+from .decays.decay import FreeDecay, Record
+from .decays.usable import usable
 from .fit.estimation import (
     Estimation,
     first_estimate,
@@ -133,9 +133,9 @@ def identify_parameters(
     vehicles.  Arguments and result are those of `identify`; `sensed` and the closed form stay
     empty.
     """
-    used = usable_session(session)
-    unused, session = tuple(unused_findings(session, used)), used
-    records = _records(session)
+    used = usable(session)
+    unused = tuple(unused_findings(session, used))
+    session, records = used.session, used.records
     missing = shortcomings(records, session, unused)
     if missing:
         return Identification(Judgement(missing, nan), session.provenance)
@@ -202,12 +202,7 @@ def _begun(
 
 def usable_records(session: Session) -> tuple[Record, ...]:
     """Return the records of a session's accepted runs that can be used and have samples."""
-    return _records(usable_session(session))
-
-
-def _records(session: Session) -> tuple[Record, ...]:
-    records = (record_of(run, session.channels) for run in _accepted(session))
-    return tuple(record for record in records if record.recordings)
+    return usable(session).records
 
 
 def _accepted(session: Session) -> tuple[Run, ...]:

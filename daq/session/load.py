@@ -158,8 +158,9 @@ class _Survey:
         dtype = item.dtype
         if dtype.kind not in "iufS" or dtype.hasobject or dtype.itemsize > 4096:
             raise ValueError(f"{name} has type {dtype}, which no session has")
-        null = item.get_space().get_simple_extent_type() == h5py.h5s.NULL
-        shape = None if null else item.shape
+        space = item.get_space()
+        null = space.get_simple_extent_type() == h5py.h5s.NULL
+        shape = None if null else space.get_simple_extent_dims()
         if shape is None or len(shape) > 2:
             raise ValueError(f"{name} has shape {shape}, which no session has")
         layout = item.get_create_plist()

@@ -81,6 +81,7 @@ def _holds(record: Record, start: float) -> Iterator[Hold]:
     kind = record.label.rpartition("_")[0]
     for recording in record.recordings:
         time = recording.time_s
+        rest = time < start
         for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
             change = np.flatnonzero(np.diff(column) != 0.0)
             first = np.concatenate([[0], change + 1])
@@ -94,7 +95,7 @@ def _holds(record: Record, start: float) -> Iterator[Hold]:
                 kind,
                 float(length[k]),
                 int(last[k] - first[k] + 1),
-                share_changed(column[time < start]),
-                share_changed(column[time >= start]),
+                share_changed(column[rest]),
+                share_changed(column[~rest]),
                 len(change) == 0,
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,8 +25,25 @@ _ALL = ""
 """Stands for all channels together: then the clock jumped, or a piece was lost."""
 
 
+@dataclass(frozen=True, slots=True)
+class Usable:
+    """What can be used of a session."""
+
+    session: Session
+    """The session; runs that cannot be used are rejected, with reasons, channels are unused."""
+    records: tuple[Record, ...]
+    """Record of each run that can be used and has samples."""
+    silent: tuple[str, ...]
+    """Channels that are silent for too long in most of these runs."""
+
+
 def usable_session(session: Session) -> Session:
-    """Return a session with only what can be used: other runs are rejected, with reasons.
+    """Return a session with only what can be used; see `usable`."""
+    return usable(session).session
+
+
+def usable(session: Session) -> Usable:
+    """Find what can be used of a session.
 
     Values that no sensor shows are missing (`absurd`).
 
@@ -42,28 +59,39 @@ def usable_session(session: Session) -> Session:
     session = readable_session(session)
     session = replace(session, channels=_living(session))
     silences = _silences(session)
-    records = {run.label: record_of(run, session.channels) for run in _accepted(session)}
+    records = [
+        record_of(run, session.channels) if _is_accepted(run) else None for run in session.runs
+    ]
     held: dict[str, list[Hold]] = {}
-    for hold in frozen([record for record in records.values() if record.recordings]):
+    for hold in frozen([record for record in records if record and record.recordings]):
         held.setdefault(hold.run, []).append(hold)
     shown = [name for own in silences for name in own]
     often_silent = _silent_in_most(silences)
     often_held = _most([hold.channel for own in held.values() for hold in own], shown)
 
-    def judged(run: Run, own: _Silences) -> Run:
-        if not _is_accepted(run):
+    def judged(run: Run, own: _Silences, record: Record | None) -> Run:
+        if record is None:
             return run
         reasons = (
             tuple(_back(run, session))
             or tuple(_silent(own, often_silent))
             or tuple(_held(held.get(run.label, ()), often_held))
-            or tuple(_without_decay(records[run.label]))
+            or tuple(_without_decay(record))
         )
         rejected = replace(run, status=RunStatus.REJECTED, reasons=(*run.reasons, *reasons))
         return rejected if reasons else run
 
-    pairs = zip(session.runs, silences, strict=True)
-    return replace(session, runs=tuple(judged(run, own) for run, own in pairs))
+    runs = tuple(map(judged, session.runs, silences, records))
+    kept = [
+        (record, own)
+        for run, own, record in zip(runs, silences, records, strict=True)
+        if record is not None and _is_accepted(run)
+    ]
+    return Usable(
+        replace(session, runs=runs),
+        tuple(record for record, _ in kept if record.recordings),
+        _silent_in_most([own for _, own in kept]),
+    )
 
 
 def _living(session: Session) -> tuple[Channel, ...]:
@@ -88,12 +116,8 @@ def _is_accepted(run: Run) -> bool:
     return run.status is RunStatus.ACCEPTED
 
 
-def silent_in_most(session: Session) -> tuple[str, ...]:
-    """Return the channels that are silent for too long in most of the runs that they show."""
-    return _silent_in_most(_silences(session))
-
-
 def _silent_in_most(silences: Sequence[_Silences]) -> tuple[str, ...]:
+    """Return the channels that are silent for too long in most of the runs that they show."""
     whole = [own for own in silences if own and not own[_ALL].is_stale]
     shown = [name for own in whole for name in own]
     stale = [name for own in whole for name, silence in own.items() if silence.is_stale]

@@ -141,7 +141,9 @@ def linearised_at(estimation: Estimation) -> Linearised:
         fit, noise = estimation.fit, estimation.noise
         if isinstance(fit, LinearFit) and estimation.sigma == noise:
             return fit.linearised
-        _LINEARISED[estimation] = linearised(estimation.box, estimation.decays, noise, fit.eta)
+        box = estimation.box
+        own = fit.eta[: len(box.prior_sigma)]  # sizes of elements follow in a nonlinear fit
+        _LINEARISED[estimation] = linearised(box, estimation.decays, noise, own)
     return _LINEARISED[estimation]
 
 

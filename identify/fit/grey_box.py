@@ -10,6 +10,7 @@ samples.  Derivatives are exact, by a complex step.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -218,16 +219,21 @@ class GreyBox:
 
     def system(self, eta: NDArray[np.float64], mass_state: str) -> System:
         """Return state matrix, output rows and their derivatives for one mass state."""
-        state = next(s for s in self.mass_states if s.name == mass_state)
-        A, rows = self._evaluate(stepped(eta), state)
-        slopes = rows[1:].imag / COMPLEX_STEP  # (P, n_channels, 14)
-        names = [channel.name for channel in self._channels]
-        return System(
-            A[0].real,
-            A[1:].imag / COMPLEX_STEP,
-            dict(zip(names, rows[0].real, strict=True)),
-            {name: slopes[:, i] for i, name in enumerate(names)},
-        )
+        return self.systems(eta, (mass_state,))[mass_state]
+
+    def systems(self, eta: NDArray[np.float64], mass_states: Collection[str]) -> dict[str, System]:
+        """Return state matrix, output rows and their derivatives for some mass states."""
+        points = stepped(eta)
+        full = self.full(points)
+        M, C, K = full_matrices(full)
+        motion = self._motion_rows(points, full)
+        systems = {}
+        for state in self.mass_states:
+            if state.name in mass_states:
+                off = self.off_weights(points, state)
+                A = state_matrix(M + delta_mass(state.added, full[:, 19], full[:, 27], off), C, K)
+                systems[state.name] = self._system(A, motion)
+        return systems
 
     def fact_misfits(
         self, eta: NDArray[np.float64]
@@ -273,19 +279,20 @@ class GreyBox:
                 off[:, i, figure] = eta[:, p]
         return off
 
-    def _evaluate(
-        self, eta: NDArray[np.complex128], state: MassState
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return A, (n, 14, 14), and the output rows, (n, n_channels, 14), at `eta`, (n, P)."""
-        full = self.full(eta)
-        M, C, K = full_matrices(full)
-        off = self.off_weights(eta, state)
-        A = state_matrix(M + delta_mass(state.added, full[:, 19], full[:, 27], off), C, K)
-        rows = [
-            self._row(channel, row, A)
-            for channel, row in zip(self._channels, self._motion_rows(eta, full), strict=True)
-        ]
-        return A, np.stack(rows, axis=1)
+    def _system(
+        self, A: NDArray[np.complex128], motion: Sequence[NDArray[np.complex128]]
+    ) -> System:
+        """Return a system of A, (1 + P, 14, 14), and of each channel's row on the motions."""
+        rows = {
+            channel.name: self._row(channel, row, A)
+            for channel, row in zip(self._channels, motion, strict=True)
+        }
+        return System(
+            A[0].real,
+            A[1:].imag / COMPLEX_STEP,
+            {name: row[0].real for name, row in rows.items()},
+            {name: row[1:].imag / COMPLEX_STEP for name, row in rows.items()},
+        )
 
     def motion_rows(self, eta: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
         """Return each channel's row on the seven motions, (n, 7), time derivative apart."""

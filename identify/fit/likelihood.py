@@ -20,7 +20,7 @@ from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
 from .normal_blocks import blocks_of
 from .products import Alike, laid_out
-from .varpro import Evaluated, LinearPart, NormalBlock, evaluate, residuals_left
+from .varpro import Evaluated, LinearPart, NormalBlock, evaluate_each, residuals_left
 
 _MAX_STEP = 0.5  # largest change of a logarithm in one iteration
 _BAD = 2.0  # chi2/n above which a fit counts as bad
@@ -180,8 +180,7 @@ def linearised(
         FACTS: NormalBlock(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits),
         PRIORS: NormalBlock(float(prior @ eta**2), np.diag(prior), -prior * eta),
     }
-    states = dict.fromkeys(decay.mass_state for decay in decays)
-    points = {state: evaluate(box, eta, state, sigma) for state in states}
+    points = evaluate_each(box, eta, {decay.mass_state for decay in decays}, sigma)
     layout = layout or laid_out(decays)
     pairs = blocks_of(points, decays, layout)
     blocks = {decay.label: block for decay, (block, _) in zip(decays, pairs, strict=True)}

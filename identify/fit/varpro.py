@@ -7,7 +7,7 @@ unknowns of the grey box are iterated (variable projection).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,7 +95,24 @@ def evaluate(
     `sigma`: standard deviation of the noise, SI.  `modes`: those of the same state matrix from
     another structure, if the results of both need one basis.
     """
-    system = box.system(eta, mass_state)
+    return _at(box, eta, box.system(eta, mass_state), sigma, modes)
+
+
+def evaluate_each(
+    box: GreyBox, eta: NDArray[np.float64], mass_states: Collection[str], sigma: Mapping[str, float]
+) -> dict[str, Evaluated]:
+    """Evaluate some mass states at the unknowns `eta`, what they share once."""
+    systems = box.systems(eta, mass_states)
+    return {name: _at(box, eta, system, sigma) for name, system in systems.items()}
+
+
+def _at(
+    box: GreyBox,
+    eta: NDArray[np.float64],
+    system: System,
+    sigma: Mapping[str, float],
+    modes: Spectrum | None = None,
+) -> Evaluated:
     modes = spectrum(system.A) if modes is None else modes
     change = modes.change(system.dA)
     late_s = box.delays_s(eta).tolist()

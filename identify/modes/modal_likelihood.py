@@ -29,6 +29,8 @@ _REACH = 8
 _SETTLED = 1e-5
 """Gain of likelihood (in units of 1) below which a step is the last."""
 _DAMPING = 1e-3
+_FAR = 1.0
+"""Least damping after a first step that fails: the start is far from the optimum."""
 _MAX_DAMPING = 1e8
 
 
@@ -125,17 +127,18 @@ def _optimum(
 ) -> tuple[Problem, Point]:
     """Return the problem and its best point; the search ends early if `wanted` is out of reach."""
     problem = problem_of(samples, ties or Ties.none(len(shapes), len(poles)), poles.imag > 0.0)
-    point = problem.start(poles, shapes)
+    start = point = problem.start(poles, shapes)
     damping = _DAMPING
     for _ in range(_STEPS):
         system = problem.linearise(point)
         gain = 0.0
         while damping < _MAX_DAMPING:
             trial = problem.move(point, system, damping)
-            damping = max(damping / 10.0, 1e-12) if trial else damping * 10.0
             if trial:
+                damping = max(damping / 10.0, 1e-12)
                 gain, point = point.objective - trial.objective, trial
                 break
+            damping = max(damping * 10.0, _FAR if point is start else 0.0)
         if gain < _SETTLED or _REACH * gain < wanted - problem.log_likelihood(point):
             break
     return problem, point

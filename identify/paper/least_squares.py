@@ -26,9 +26,8 @@ def least_squares(
 
     `residuals`: of (p,), (n,).  `jacobian`: their derivatives, (n, p).
     """
-    here, left, damping = start, residuals(start), _DAMPING
+    here, left, slopes, damping = start, residuals(start), jacobian(start), _DAMPING
     for _ in range(_MAX_STEPS):
-        slopes = jacobian(here)
         size = np.linalg.norm(slopes, axis=0)
         held = np.vstack([slopes, np.diag(np.sqrt(damping) * size)])
         step = -np.linalg.lstsq(held, np.concatenate([left, np.zeros(len(here))]))[0]
@@ -36,6 +35,7 @@ def least_squares(
         small = np.linalg.norm(step) <= _SAME * np.linalg.norm(here)
         if trial @ trial <= left @ left:
             here, left, damping = here + step, trial, damping / 10.0
+            slopes = jacobian(here)
         else:
             damping *= 10.0
         if small:

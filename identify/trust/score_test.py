@@ -41,8 +41,6 @@ class FittedDecay:
     """The samples."""
     linear: LinearPart
     """Initial state and constants."""
-    basis: tuple[NDArray[np.float64], ...]
-    """Functions of which each recording consists (`Evaluated.basis`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +98,8 @@ def fitted_decays(estimation: Estimation, rate_hz: float) -> tuple[FittedDecay, 
     thin = [decay.thinned(rate_hz) for decay in estimation.decays]
     linear = linear_parts(points, thin)
     return tuple(
-        FittedDecay(at, decay, one, tuple(at.basis(r) for r in decay.recordings))
-        for at, decay, one in zip([points[d.mass_state] for d in thin], thin, linear, strict=True)
+        FittedDecay(points[decay.mass_state], decay, one)
+        for decay, one in zip(thin, linear, strict=True)
     )
 
 
@@ -127,15 +125,14 @@ def scores(
         size = len(linear.solution)
         with_linear, between = np.zeros((q, size)), np.zeros((size, P))
         z = one.at.modes.W @ linear.solution[: len(one.at.modes.poles)]
-        for r, trace, basis, product, stack in zip(
+        for r, trace, product, stack in zip(
             one.decay.recordings,
             traces_of(one),
-            one.basis,
             linear.products,
             linear.coefficients,
             strict=True,
         ):
-            weight = one.at.weights(r.group)[:, None, None]
+            weight, basis = one.at.weights(r.group)[:, None, None], one.at.basis(r)
             J = slopes(one.at, r.group, z)
             m = J.shape[1]
             left = r.values - basis @ (stack @ linear.solution).T

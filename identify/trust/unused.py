@@ -8,11 +8,11 @@ from daq.sessions import Session
 from dbc.finding import Finding, Severity
 
 from ..decays.absurd import absurd
-from ..decays.usable import silent_in_most
+from ..decays.usable import Usable
 from .format import listed
 
 
-def unused_findings(session: Session, used: Session) -> Iterator[Finding]:
+def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
     """Name what `identify.decays.usable` left out of a session, with the reasons.
 
     `used`: what is left.
@@ -31,7 +31,7 @@ def unused_findings(session: Session, used: Session) -> Iterator[Finding]:
             "byte order, scale and unit of the signal in the DBC, and the sensor",
         )
     reasons: dict[str, list[str]] = {}
-    for before, run in zip(session.runs, used.runs, strict=True):
+    for before, run in zip(session.runs, used.session.runs, strict=True):
         if run.status != before.status:
             reasons.setdefault("; ".join(run.reasons), []).append(run.label)
     if reasons:
@@ -42,7 +42,7 @@ def unused_findings(session: Session, used: Session) -> Iterator[Finding]:
             f"not used: {runs}; check plugs, clock and cut of the runs, and repeat them; "
             "where a sensor was off on purpose, set its channels to unused",
         )
-    pairs = zip(session.channels, used.channels, strict=True)
+    pairs = zip(session.channels, used.session.channels, strict=True)
     dead = [channel.name for channel, now in pairs if channel.quantity != now.quantity]
     if dead:
         yield Finding(
@@ -51,11 +51,10 @@ def unused_findings(session: Session, used: Session) -> Iterator[Finding]:
             f"never moves in any run: {listed(dead)}; the runs are fitted by the other channels: "
             "repair the sensor or map it as unused",
         )
-    silent = silent_in_most(used)
-    if silent:
+    if used.silent:
         yield Finding(
             "silent_channels",
             Severity.NOTE,
-            f"silent for a part of most runs: {listed(silent)}; these runs are fitted by what "
+            f"silent for a part of most runs: {listed(used.silent)}; these runs are fitted by what "
             "came: check sensor and plug",
         )

@@ -34,7 +34,7 @@ _MARGIN_S = 0.005  # the onset of motion is seen a little late
 
 @dataclass(slots=True)
 class _Pairs:
-    """Running sums over pairs of successive samples of one channel.
+    """Running sums over pairs of successive samples of one channel, those one period apart.
 
     `fitted` is the number of values that the fit has removed from the samples, `levels` the largest
     number of different values in one stretch, counted up to `_FEWEST_LEVELS`.
@@ -46,12 +46,9 @@ class _Pairs:
     fitted: float = 0.0
     levels: int = 0
 
-    def add(self, time_s: NDArray[np.float64], values: NDArray[np.float64], fitted: float) -> None:
-        interval = np.diff(time_s)
-        if not len(interval):
+    def add(self, even: NDArray[np.bool_], values: NDArray[np.float64], fitted: float) -> None:
+        if not len(even):
             return
-        period = float(np.median(interval))
-        even = np.abs(interval - period) < 0.5 * period
         left, right = values[:-1][even], values[1:][even]
         self.products += float(left @ right)
         self.squares += float(left @ left + right @ right) / 2.0
@@ -75,6 +72,15 @@ class _Pairs:
         """Return the excess of the correlation over another one, in standard deviations."""
         spread = (1.0 - other**2) * (1.0 / self.n + 1.0 / n_other)
         return float((self.correlation - other) / np.sqrt(spread))
+
+
+def _even_pairs(time_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which pairs of successive samples are one period apart."""
+    interval = np.diff(time_s)
+    if not len(interval):
+        return np.zeros(0, dtype=bool)
+    period = float(np.median(interval))
+    return np.asarray(np.abs(interval - period) < 0.5 * period)
 
 
 def whiteness_findings(estimation: Estimation) -> tuple[Finding, ...]:
@@ -148,11 +154,12 @@ def _left(estimation: Estimation, end_s: float) -> dict[str, _Pairs]:
     for decay, left in zip(estimation.decays, estimation.residuals, strict=True):
         for recording in decay.recordings:
             keep = recording.time_s < end_s
+            even = _even_pairs(recording.time_s[keep])
             for name in (channel.name for channel in recording.group.channels):
                 values = left.values[name]
                 share = float(keep.mean()) if len(keep) else 0.0
                 fitted = (len(values) - left.freedom[name]) * share
-                pooled[name].add(recording.time_s[keep], values[keep], fitted)
+                pooled[name].add(even, values[keep], fitted)
     return _usable(pooled, estimation)
 
 
@@ -167,9 +174,9 @@ def _at_rest(estimation: Estimation) -> dict[str, _Pairs]:
             values = recording.values[quiet]
             if len(values) < 3:
                 continue
-            values = values - values.mean(axis=0)
+            values, even = values - values.mean(axis=0), _even_pairs(recording.time_s[quiet])
             for channel, column in zip(recording.group.channels, values.T, strict=True):
-                pooled[channel.name].add(recording.time_s[quiet], column, 1.0)
+                pooled[channel.name].add(even, column, 1.0)
     return _usable(pooled, estimation)
 
 

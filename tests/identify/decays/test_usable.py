@@ -12,7 +12,7 @@ from daq import session_from_arrays
 from daq.channels import Channel, Quantity
 from daq.runs import RunStatus
 from daq.sessions import Session
-from identify.decays.usable import silent_in_most, usable_session
+from identify.decays.usable import usable, usable_session
 
 Array = NDArray[np.float64]
 _time = np.arange(300) / 100.0
@@ -83,7 +83,7 @@ def test_what_is_silent_in_most_runs_was_recorded_so(silent: int, usual: bool) -
     short = {"a": sent(WHOLE), "b": sent(_time < 2.005)}
     given = session(*[short] * silent, *[GOOD] * (4 - silent))
     assert [bool(reason) for reason in reasons(given)[:silent]] == [not usual] * silent
-    assert silent_in_most(given) == (("b",) if usual else ())
+    assert usable(given).silent == (("b",) if usual else ())
 
 
 def test_a_time_in_which_no_sensor_sends_is_a_jump_of_the_clock_in_however_many_runs() -> None:
@@ -91,7 +91,7 @@ def test_a_time_in_which_no_sensor_sends_is_a_jump_of_the_clock_in_however_many_
     reason = "all sensors sent nothing from 1.50 to 1.91 s (limit 0.25 s)"
     given = session(jumped, jumped, GOOD)
     assert reasons(given) == [reason, reason, ""]
-    assert silent_in_most(given) == ()
+    assert usable(given).silent == ()
 
 
 def test_a_clock_that_goes_back_costs_its_run() -> None:

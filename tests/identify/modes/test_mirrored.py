@@ -66,13 +66,13 @@ def sensed(
         asked.append((len(poles), None if ties is None else ties.sign.tolist()))
         return modes(1, 0.0, 6) if ties is None else tied
 
-    def most_likely(samples: Any, poles: Any, shapes: Any, wanted: float) -> Any:
+    def more_likely(samples: Any, poles: Any, shapes: Any, ties: None, wanted: float) -> Any:
         asked.append(wanted)
-        return modes(1, free, 6)
+        return modes(1, free, 6) if free > wanted else None
 
     monkeypatch.setattr(module, "regression_modes", regression)
     monkeypatch.setattr(module, "likely_modes", likely)
-    monkeypatch.setattr(module, "most_likely_modes", most_likely)
+    monkeypatch.setattr(module, "more_likely_modes", more_likely)
     given = records()
     return sensed_modes(given, [record.decay(0.5) for record in given]), asked
 

@@ -302,6 +302,21 @@ def test_a_fit_that_cannot_reach_what_is_wanted_ends_early(monkeypatch: pytest.M
     assert more_likely_modes(samples, start, shape, None, best.log_likelihood + 1e-6) is None
 
 
+def test_a_start_that_is_far_off_is_damped_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A later step that fails is damped ten times as much."""
+    samples, shape = gathered([measured(2.0, 0.0)]), np.array([[1.0], [0.5 + 0.2j]])
+    dampings: list[float] = []
+    whole = Problem.move
+
+    def damped(self: Problem, point: Point, system: System, damping: float) -> Point | None:
+        dampings.append(damping)
+        return None if damping < 0.5 else whole(self, point, system, damping)
+
+    monkeypatch.setattr(Problem, "move", damped)
+    most_likely_modes(samples, oscillators([2.06], [0.06]), shape)
+    assert dampings[:4] == pytest.approx([1e-3, 1.0, 0.1, 1.0])
+
+
 def test_real_poles_and_ties_count_fewer_numbers() -> None:
     """A pair and a real pole, one run, three channels of which two move alike.
 

@@ -28,7 +28,7 @@ from identify.trust.sampling import _by_arrival, _Stretch
 from identify.trust.score_test import fitted_decays
 from identify.trust.sensor_faults import gain_of
 from identify.trust.swaps import _hypotheses
-from identify.trust.whiteness import _Pairs
+from identify.trust.whiteness import _even_pairs, _Pairs
 
 from .campaigns import shortly_estimated
 
@@ -104,8 +104,8 @@ def test_pairs_of_equal_samples_are_alike_and_of_opposite_ones_are_not() -> None
     time_s = np.arange(100.0) / 100.0
     for sign, correlation in ((1.0, 0.99), (-1.0, -0.99)):
         pairs = _Pairs()
-        pairs.add(time_s, np.array([sign**n for n in range(100)]), 0.0)
-        pairs.add(time_s[:1], np.ones(1), 5.0)  # makes no pair
+        pairs.add(_even_pairs(time_s), np.array([sign**n for n in range(100)]), 0.0)
+        pairs.add(_even_pairs(time_s[:1]), np.ones(1), 5.0)  # makes no pair
         assert (pairs.n, pairs.fitted, pairs.correlation) == (99, 0.0, correlation)
 
 
@@ -238,10 +238,8 @@ def test_the_trace_of_an_effect_is_that_of_the_vehicle_with_a_little_of_it() -> 
         motion = [expm(system.A * t) @ start for t in one.at.time_s(recording)]
         return np.asarray(np.array(motion) @ rows.T)
 
-    for recording, basis, trace in zip(
-        one.decay.recordings, one.basis, effects.trace_of(one), strict=True
-    ):
-        h = 1e-4
+    for recording, trace in zip(one.decay.recordings, effects.trace_of(one), strict=True):
+        h, basis = 1e-4, one.at.basis(recording)
         for name, parts in {
             "k_af": {"k_af": h},
             "c_tr": {"c_tr": h},

@@ -160,7 +160,9 @@ def test_an_effect_scores_the_same_by_its_samples_as_by_the_functions_of_the_mot
         def traces(one: FittedDecay) -> list[Trace]:
             return [
                 Trace(of[..., :p], np.einsum("nm,cmq->ncq", basis[:, :28], of[..., p:]))
-                for basis, of in zip(one.basis, effects.trace_of(one), strict=True)
+                for basis, of in zip(
+                    map(one.at.basis, one.decay.recordings), effects.trace_of(one), strict=True
+                )
             ]
 
         return scores(result, fitted, traces, q)

@@ -12,6 +12,7 @@ from daq.runs import RunStatus, SampleGroup
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
 from identify import Verdict, identify_parameters, usable_session
+from identify.decays.usable import usable
 from identify.trust.unused import unused_findings
 
 from ..stress import BUMP_S, REST_S
@@ -45,7 +46,7 @@ def held(channel: str, value: float) -> Callable[[SampleGroup], SampleGroup]:
 
 
 def found(session: Session) -> dict[str, Finding]:
-    return by_gate(unused_findings(session, usable_session(session)))
+    return by_gate(unused_findings(session, usable(session)))
 
 
 def test_of_a_whole_campaign_everything_is_used() -> None:
