@@ -14,7 +14,12 @@ if "RUNTIME_DIRECTORY" not in os.environ:  # no sockets of tests among those of 
     os.environ["RUNTIME_DIRECTORY"] = tempfile.mkdtemp(prefix="bumpbench-")
     atexit.register(shutil.rmtree, os.environ["RUNTIME_DIRECTORY"], ignore_errors=True)
 
-pytest_plugins = ["tests.compiled_in_shares", "tests.compiled_once", "tests.without_children"]
+pytest_plugins = [
+    "tests.compiled_in_shares",
+    "tests.compiled_once",
+    "tests.few_reports",
+    "tests.without_children",
+]
 
 
 @pytest.hookimpl(wrapper=True)

@@ -71,6 +71,19 @@ def recorded_frames(session: Session) -> Iterator[FrameBatch]:
             yield frames
 
 
+class _Message(can.Message):
+    """A message whose data are never changed, so that its copies can share them.
+
+    A virtual bus copies each message for each receiver; to copy the data as well takes a third of
+    the CPU that a frame costs.
+    """
+
+    __slots__ = ()
+
+    def __deepcopy__(self, _: object) -> can.Message:
+        return self.__copy__()
+
+
 class _Pace:
     """Waits until a frame is due; deadlines count from the first frame, so errors do not add up."""
 
@@ -106,7 +119,7 @@ def _messages(block: FrameBatch) -> Iterator[tuple[int, can.Message]]:
     rows = enumerate(zip(*columns, strict=True))
     for row, (t_ns, can_id, length, extended, remote, fd, switched, passive) in rows:
         data = None if remote else payload[row * width : row * width + length]
-        message = can.Message(
+        message = _Message(
             timestamp=t_ns * 1e-9,
             arbitration_id=can_id,
             is_extended_id=extended,

@@ -6,12 +6,11 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import can
-
 from daq.bench.config import BusConfig
 from daq.bus.interfaces import PythonCanSource
 from daq.bus.source import FrameSource
 from daq.errors import BusError
+from daq.python_can import can
 
 
 @dataclass

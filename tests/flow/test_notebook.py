@@ -6,9 +6,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-import nbformat
 import pytest
-from nbclient import NotebookClient
 
 from tui.cli import run
 
@@ -16,6 +14,9 @@ from tui.cli import run
 def test_the_notebook_runs(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    import nbformat
+    from nbclient import NotebookClient
+
     out = tmp_path / "example.ipynb"
     assert run(["notebook", "--out", str(out)]) == 0
     assert str(out) in capsys.readouterr().out

@@ -6,10 +6,10 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import can
 import pytest
 
 import daq
+from daq.python_can import can
 from dbc import shipped_dbc
 from tui.cli import run
 

@@ -6,10 +6,10 @@ import itertools
 import socket
 from collections import deque
 
-import can
 import pytest
 
 from daq.bus.interfaces import PythonCanSource, doze_for
+from daq.python_can import can
 
 from ..sick_bus import Device, SickBus
 from ..watched_bench import START_NS

@@ -11,7 +11,6 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import can
 import pytest
 
 from daq.bench.config import BusConfig
@@ -21,6 +20,7 @@ from daq.bus.socketcan import abi as abi
 from daq.bus.socketcan.reader import SocketCanSource
 from daq.bus.source import FrameSource, SourceLosses
 from daq.bus.steady_clock import SteadyClock
+from daq.python_can import can
 from dbc import FrameBatch
 
 from ..sick_bus import Device, opener

@@ -5,13 +5,13 @@ from __future__ import annotations
 import socket
 import time
 
-import can
 import numpy as np
 from can.interfaces.socketcan.socketcan import build_can_frame
 
 from daq.bus.socketcan import abi as abi
 from daq.bus.socketcan.reader import SocketCanSource, StampClock
 from daq.bus.steady_clock import SteadyClock
+from daq.python_can import can
 from dbc.frames import FrameBatch
 
 NOW_NS = 1_800_000_000_123_456_789

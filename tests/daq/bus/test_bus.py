@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import can
 import numpy as np
 import pytest
 
@@ -23,6 +22,7 @@ from daq.bus.interfaces import (
 )
 from daq.bus.source import FrameSource
 from daq.errors import BusError
+from daq.python_can import can
 from dbc.frames import FrameBatch, FrameFlag
 
 NOW_NS = 1_800_000_000_123_456_789

@@ -4,7 +4,6 @@ import os
 import tty
 from collections.abc import Iterator
 
-import can
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +12,7 @@ from hypothesis import strategies as st
 from daq.bus.slcan.adapter import SlcanSource, open_slcan
 from daq.bus.slcan.lines import LONGEST_LINE, parse_slcan
 from daq.errors import BusError
+from daq.python_can import can
 from dbc.frames import FrameBatch, FrameFlag
 
 from ..pty_pair import pty_pair

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
@@ -118,6 +117,8 @@ def test_dates_are_times(tmp_path: Path) -> None:
 
 
 def test_times_since_1970_keep_their_nanoseconds(tmp_path: Path) -> None:
+    import pandas as pd
+
     path = tmp_path / "a.parquet"
     t_ns = 1_780_221_600_000_000_123 + np.arange(400) * 5_000_000
     pd.DataFrame({"t": t_ns, "fl": FL}).to_parquet(path)
@@ -177,6 +178,8 @@ rest_s = 0.2
 
 
 def test_the_trigger_finds_the_bumps(tmp_path: Path) -> None:
+    import pandas as pd
+
     t = np.arange(4000) / 500.0
     value = np.zeros(4000)
     for onset in (700, 2700):  # 1.4 s, 5.4 s; the second sample is the second away from rest
@@ -200,6 +203,8 @@ def test_the_trigger_finds_the_bumps(tmp_path: Path) -> None:
 
 
 def test_a_lost_sample_stays_in_its_group_and_a_slow_channel_has_its_own(tmp_path: Path) -> None:
+    import pandas as pd
+
     slow = np.where(np.arange(400) % 4 == 0, FL, np.nan)
     holed = np.where(np.arange(400) == 7, np.nan, FL)
     path = tmp_path / "a.csv"
@@ -230,6 +235,8 @@ def test_a_lost_sample_stays_in_its_group_and_a_slow_channel_has_its_own(tmp_pat
     ],
 )
 def test_what_a_map_gets_wrong_is_said(tmp_path: Path, text: str, why: str) -> None:
+    import pandas as pd
+
     path = tmp_path / "a.csv"
     pd.DataFrame({"t": T, "fl": FL}).to_csv(path, index=False)
 

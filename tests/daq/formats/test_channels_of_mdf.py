@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import asammdf
 import numpy as np
 import pytest
-from asammdf.blocks.conversion_utils import from_dict
 
 from daq.errors import InputError
 from daq.formats.columns.child import columns_tree
@@ -19,15 +17,22 @@ from daq.formats.columns.read import columns_of
 
 from .channel_files import read_here
 
+if TYPE_CHECKING:
+    import asammdf
+
 X = np.arange(3.0)
 
 
 def _signal(name: str, values: Any = X, start_s: float = 0.0, **more: Any) -> asammdf.Signal:
+    import asammdf
+
     values = np.asarray(values)
     return asammdf.Signal(values, start_s + np.arange(len(values)) / 4, name=name, **more)
 
 
 def _write(path: Path, groups: Sequence[tuple[str, list[asammdf.Signal]]]) -> None:
+    import asammdf
+
     with asammdf.MDF(version="4.10") as mdf:
         mdf.header.start_time = datetime(2026, 5, 31, 10, 0, 0, 250_001, UTC)
         for name, signals in groups:
@@ -58,6 +63,8 @@ def test_channels_have_the_name_and_the_times_of_their_group(tmp_path: Path) -> 
 
 
 def test_a_channel_without_a_unit_has_that_of_its_conversion(tmp_path: Path) -> None:
+    from asammdf.blocks.conversion_utils import from_dict
+
     rule = from_dict({"a": 2.0, "b": 0.0})
     rule.unit = "m/s2"
     path = tmp_path / "a.mf4"

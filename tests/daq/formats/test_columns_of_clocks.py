@@ -7,10 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from nptdms import ChannelObject, TdmsWriter
-from pyarrow import parquet
 
 from .channel_files import read_here
 
@@ -19,6 +17,9 @@ BEGAN_NS = 1_780_221_600_000_000_000
 
 
 def test_columns_of_parquet(tmp_path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
     arrays = {
         "f8": (pa.array([1.5, 2.5]), [1.5, 2.5]),
         "f2": (pa.array(np.array([1.5, 2.5], "f2")), [1.5, 2.5]),

@@ -1,15 +1,14 @@
 """Decoded channels as other tools read them: values, times, names, units."""
 
+from __future__ import annotations
+
 import csv
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import asammdf
 import numpy as np
-import pandas as pd
-import pyarrow.parquet
 import pytest
 import pyuff
 from numpy.testing import assert_allclose, assert_array_equal
@@ -31,6 +30,9 @@ from daq.vehicle import VehicleGeometry
 
 from ..small_session import START_NS, small_session
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 UNITS = {"hub_fl": "m/s2", "hub_fr": "m/s2", "az": "m/s2", "pitch": "rad/s"}
 
 
@@ -44,6 +46,8 @@ def _export(session: Session, path: Path, **options: Any) -> list[Path]:
 
 
 def test_mf4(tmp_path: Path, session: Session) -> None:
+    import asammdf
+
     _export(session, tmp_path / "car.mf4")
     with asammdf.MDF(tmp_path / "car.mf4") as mdf:
         groups: list[Any] = list(mdf.groups)
@@ -105,6 +109,8 @@ def test_names_that_matlab_has_not(tmp_path: Path, session: Session) -> None:
     ("style", "point"), [(CsvStyle(), "."), (CsvStyle(";", ","), ","), (CsvStyle("\t"), ".")]
 )
 def test_csv(tmp_path: Path, session: Session, style: CsvStyle, point: str) -> None:
+    import pandas as pd
+
     paths = _export(session, tmp_path / "car.csv", style=style)
     assert paths[0] == tmp_path / "car_baseline_roll_1_HUB_Front.csv"
     assert len(paths) == 7  # the last one describes the session
@@ -141,6 +147,9 @@ def _same_rows(table: pd.DataFrame, session: Session) -> None:
 
 
 def test_parquet(tmp_path: Path, session: Session) -> None:
+    import pandas as pd
+    import pyarrow.parquet
+
     _export(session, tmp_path / "car.parquet")
     table = pd.read_parquet(tmp_path / "car.parquet")
     assert list(table.columns) == ["run", "group", "status", "time_s", "t_ns", "quality", *UNITS]

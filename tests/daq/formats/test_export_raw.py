@@ -4,8 +4,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import asammdf
-import can
 import cantools.database
 import numpy as np
 import pytest
@@ -14,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from daq.errors import InputError
 from daq.formats.export import ExportFormat, export_session
 from daq.formats.log import Log
+from daq.python_can import can
 from daq.sessions import Session
 from dbc import FrameBatch, shipped_dbc
 from dbc.frames import FrameFlag
@@ -138,6 +137,8 @@ def test_the_bus_log_of_the_mf4_decodes_as_cantools_does(tmp_path: Path) -> None
     database.add_dbc_string(shipped_dbc())
     message = database.get_message_by_name("HUB_Front")
     rows = [message.decode_simple(data.tobytes(), decode_choices=False) for data in frames.data]
+    import asammdf
+
     with asammdf.MDF(tmp_path / "car.mf4") as mdf:
         decoded = mdf.extract_bus_logging({"CAN": [(str(tmp_path / "car.dbc"), 0)]})
         for name in ("acc_fl", "acc_fr"):

@@ -8,7 +8,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import can
 import numpy as np
 import pytest
 
@@ -36,6 +35,7 @@ from daq.control.orders import (
 from daq.errors import BusError, InputError
 from daq.journal.folder import last_recording
 from daq.journal.segment import SyncedFile
+from daq.python_can import can
 from daq.recorder.orders import OrderError
 from daq.recorder.readers import Piece, PieceQueue
 from daq.runs import Event

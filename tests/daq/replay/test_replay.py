@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import can
 import numpy as np
 import pytest
 
 from daq.errors import BusError
+from daq.python_can import can
 from daq.replay import replay
 from daq.replay.replay import play
 from dbc import FrameBatch, FrameFlag
@@ -166,3 +166,22 @@ def test_stamps_of_the_sender_pass_through_a_virtual_bus() -> None:
         got = [receiver.recv(timeout=0) for _ in range(20)]
     stamps = np.array([message.timestamp for message in got if message is not None])
     np.testing.assert_allclose(stamps - 1.7e9, (batch.t_ns - START_NS) * 1e-9, atol=1e-6)
+
+
+def test_every_receiver_of_a_virtual_bus_has_messages_of_its_own() -> None:
+    """A bus that hears itself tells its own frames from those of others by a mark on its copy."""
+    sender = can.Bus("own", interface="virtual", receive_own_messages=True)
+    others = [can.Bus("own", interface="virtual") for _ in range(2)]
+    try:
+        batch = frames(20)
+        list(play([batch], sender, None))
+        heard = [[bus.recv(0.0) for _ in range(20)] for bus in (sender, *others)]
+    finally:
+        for bus in (sender, *others):
+            bus.shutdown()
+    for number, messages in enumerate(heard):
+        for i, message in enumerate(messages):
+            assert message is not None
+            assert message.arbitration_id == batch.can_id[i]
+            assert bytes(message.data) == batch.data[i, : batch.length[i]].tobytes()
+            assert message.is_rx == (number > 0)

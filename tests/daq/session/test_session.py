@@ -7,7 +7,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-import xarray
 from h5py import h5d
 
 from daq.errors import InputError
@@ -82,6 +81,8 @@ def test_the_folder_of_a_session_is_created(tmp_path: Path, session: Session) ->
 
 
 def test_xarray_reads_runs_with_units(tmp_path: Path, session: Session) -> None:
+    import xarray
+
     path = tmp_path / "car.h5"
     write_session(path, session)
     group = "runs/r001_baseline_roll_1/HUB_Front"

@@ -8,7 +8,6 @@ import h5py
 import netCDF4
 import numpy as np
 import pytest
-import xarray
 from numpy.testing import assert_array_equal
 
 import daq.session
@@ -25,6 +24,8 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
 def test_xarray_opens_every_group(path: Path, engine: Literal["h5netcdf", "netcdf4"]) -> None:
+    import xarray
+
     session = small_session()
     tree = xarray.open_groups(path, engine=engine)
     for number, run in enumerate(session.runs, start=1):

@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.patches import Rectangle
-from pypdf import PdfReader
-from pypdf.generic import Destination
 
 from daq.vehicle import FORD_GRANADA
 from identify.report.blocks import Table
@@ -72,6 +70,9 @@ def test_the_same_figure_has_the_same_bytes() -> None:
 
 
 def test_the_report_goes_on_sheets_of_a4() -> None:
+    from pypdf import PdfReader
+    from pypdf.generic import Destination
+
     report = hostile()
     data = pdf_of(report)
     assert data.startswith(b"%PDF")
@@ -96,6 +97,8 @@ def test_the_report_goes_on_sheets_of_a4() -> None:
 
 def test_the_report_on_sheets_is_tagged_for_readers_that_speak() -> None:
     """Headings, tables with their heads, and figures with words in their place (PDF/UA-1)."""
+    from pypdf import PdfReader
+
     report = hostile()
     file = PdfReader(BytesIO(pdf_of(report)))
     root: Any = file.trailer["/Root"]
