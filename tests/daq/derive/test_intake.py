@@ -14,7 +14,9 @@ def _kept(pieces: list[FrameBatch]) -> FrameBatch:
     intake = Intake(small_bench(), small_codec())
     for piece in pieces:
         intake.take(piece, HopLosses())
-    return intake.part().frames
+    part = intake.part()
+    assert part.bumps == [event.code for event in part.events].count("bump")
+    return part.frames
 
 
 @pytest.mark.parametrize("size", [100, 450, 1650, 12_000])
