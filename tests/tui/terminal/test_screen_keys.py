@@ -316,3 +316,19 @@ async def test_another_recording_begins_with_its_own_samples(make_app: Make) -> 
         recorder.publish(recording="77" * 16)
         await until(pilot, lambda: "gone" not in app.lanes.channels)
         await until(pilot, lambda: "body_acc_z" in app.lanes.channels)
+
+
+async def test_the_report_of_another_session_ends_the_work_on_the_last(
+    make_app: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    app = make_app(measured())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await app.open("report")
+        await pilot.pause()
+        report, ended = app.screen, list[object]()
+        assert isinstance(report, ReportScreen)
+        monkeypatch.setattr(app.workers, "cancel_node", ended.append)
+        report.show_session("/b/other.h5")
+        report.show_session("/b/other.h5")
+        assert ended == [report]

@@ -59,6 +59,11 @@ def test_every_signal_has_a_rhythm_of_its_own() -> None:
     later: list[float] = []
     rung: list[int] = []
     signals = Signals(None, lambda: rung.append(1), lambda at_s, _: later.append(at_s))
+    for signal in (Signal.ARMED, Signal.ACCEPTED):
+        signals.play(signal)
+    assert (rung, later) == ([1, 1], [0.2]), "once for armed, twice for accepted"
+    rung.clear()
+    later.clear()
     signals.play(Signal.REJECTED)
     assert (rung, later) == ([1], [0.2, 0.4])
     signals.toggle_sound()

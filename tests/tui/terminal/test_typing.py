@@ -13,7 +13,7 @@ from daq.control.messages import Phase
 from daq.control.orders import Accept, Arm, Note
 from tui.terminal.app import BenchApp
 from tui.terminal.keyboard import KeyboardApp
-from tui.terminal.screens.dialogs import Question
+from tui.terminal.screens.dialogs import Confirm, Question
 from tui.terminal.screens.home import HomeScreen
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.run import RunScreen
@@ -177,3 +177,15 @@ async def test_an_app_that_ends_waits_for_no_effect() -> None:
         waiting = app._effect = asyncio.create_task(wait())
     with pytest.raises(asyncio.CancelledError):
         await asyncio.wait_for(waiting, 1.0)
+
+
+@pytest.mark.parametrize(("after_s", "answers"), [(0.299, []), (0.3, [True])])
+def test_a_key_that_is_down_for_three_tenths_of_a_second_is_an_answer(
+    monkeypatch: pytest.MonkeyPatch, after_s: float, answers: list[bool]
+) -> None:
+    given: list[bool] = []
+    dialog = Confirm("start?")
+    monkeypatch.setattr(Confirm, "_clock", property(lambda _: lambda: after_s))
+    monkeypatch.setattr(dialog, "dismiss", given.append)
+    dialog.action_yes()
+    assert given == answers
