@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from daq.control.heartbeat import Heartbeats, standstill
 from daq.control.messages import REQUEST
-from daq.control.orders import Hello
+from daq.control.orders import AskCheck, AskHistory, Hello
 from daq.control.peers import Peers
 
 ALIVE = f"{os.getpid()}-a"
@@ -125,6 +125,10 @@ def test_an_order_holds_no_more_than_it_may(
     assert REQUEST.validate_python(request | {"order": whole | {field: allowed}})
     with pytest.raises(ValidationError, match=field):
         REQUEST.validate_python(request | {"order": whole | {field: refused}})
+
+
+def test_ten_seconds_of_samples_are_asked_for_and_five_of_traffic() -> None:
+    assert (AskHistory().seconds, AskCheck().seconds) == (10.0, 5.0)
 
 
 def test_a_client_that_is_gone_is_forgotten() -> None:

@@ -1,10 +1,13 @@
 """What an import keeps of a log does not depend on how the log is cut into blocks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from daq.bus.source import HopLosses
 from daq.derive.from_logs import Intake
+from daq.runs import Event
 from dbc import FrameBatch
 
 from ..small_campaign import START_NS, blocks, bumps, small_bench, small_codec
@@ -15,7 +18,8 @@ def _kept(pieces: list[FrameBatch]) -> FrameBatch:
     for piece in pieces:
         intake.take(piece, HopLosses())
     part = intake.part()
-    assert part.bumps == [event.code for event in part.events].count("bump")
+    more = replace(part, events=(*part.events, Event(START_NS, "bus_lost")))
+    assert more.bumps == part.bumps == [event.code for event in part.events].count("bump")
     return part.frames
 
 

@@ -179,13 +179,17 @@ async def test_an_app_that_ends_waits_for_no_effect() -> None:
         await asyncio.wait_for(waiting, 1.0)
 
 
-@pytest.mark.parametrize(("after_s", "answers"), [(0.299, []), (0.3, [True])])
-def test_a_key_that_is_down_for_three_tenths_of_a_second_is_an_answer(
-    monkeypatch: pytest.MonkeyPatch, after_s: float, answers: list[bool]
+@pytest.mark.parametrize(
+    ("times_s", "answers"),
+    [([0.299], []), ([0.3], [True]), ([0.2, 0.4], []), ([0.2, 0.6], [True])],
+)
+def test_a_key_that_was_up_for_three_tenths_of_a_second_is_an_answer(
+    monkeypatch: pytest.MonkeyPatch, times_s: list[float], answers: list[bool]
 ) -> None:
     given: list[bool] = []
     dialog = Confirm("start?")
-    monkeypatch.setattr(Confirm, "_clock", property(lambda _: lambda: after_s))
     monkeypatch.setattr(dialog, "dismiss", given.append)
-    dialog.action_yes()
+    for at_s in times_s:
+        monkeypatch.setattr(Confirm, "_clock", property(lambda _, at_s=at_s: lambda: at_s))
+        dialog.action_yes()
     assert given == answers
