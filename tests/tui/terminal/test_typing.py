@@ -188,8 +188,9 @@ def test_a_key_that_was_up_for_three_tenths_of_a_second_is_an_answer(
 ) -> None:
     given: list[bool] = []
     dialog = Confirm("start?")
+    times = iter(times_s)
+    monkeypatch.setattr(Confirm, "_clock", staticmethod(lambda: next(times)))
     monkeypatch.setattr(dialog, "dismiss", given.append)
-    for at_s in times_s:
-        monkeypatch.setattr(Confirm, "_clock", property(lambda _, at_s=at_s: lambda: at_s))
+    for _ in times_s:
         dialog.action_yes()
     assert given == answers
