@@ -39,8 +39,9 @@ def named_once(argument: Path | None, option: Path | None, name: str) -> Path | 
 
 def log_and_bench(log: Path, bench: Path | None) -> tuple[Path, Path | None]:
     """Return a log and a bench.toml that were named in either order."""
-    swapped = bench is not None and not _is_log(log) and _is_log(bench)
-    return (bench, log) if swapped and bench is not None else (log, bench)
+    if bench is not None and not _is_log(log) and _is_log(bench):
+        return bench, log
+    return log, bench
 
 
 def bench_and_log(bench: Path | None, log: Path | None) -> tuple[Path | None, Path | None]:

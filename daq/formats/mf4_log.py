@@ -55,7 +55,7 @@ def read_mf4(file: BinaryIO, where: str, ledger: Ledger) -> Iterator[FrameBatch]
     lowest: int | None = None
     for batch in streams[0] if len(streams) == 1 else merged(streams):
         if lowest is None and len(batch):
-            lowest = min(int(batch.bus.min()), 1)
+            lowest = int(batch.bus.min())
         yield _counted_from(batch, lowest)
 
 

@@ -36,7 +36,7 @@ class Gap:
 
 def gap_event(code: str, t_ns: int, gap: Gap) -> Event:
     """Return the event that reports a gap; its value is the number of frames."""
-    return Event(t_ns, code, gap.frames, json.dumps(asdict(gap), sort_keys=True))
+    return Event(t_ns, code, gap.frames, json.dumps(asdict(gap)))
 
 
 def parse_gap(event: Event) -> Gap | None:

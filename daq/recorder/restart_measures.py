@@ -16,7 +16,6 @@ from dbc.frames import FrameBatch
 
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
-from ..bench.message_rules import timed_messages
 from ..errors import printable
 from ..journal.contents import JournalTail
 from ..journal.reader import read_journal
@@ -91,6 +90,5 @@ def _measure(
         for m in mapped
         if (samples := decoded.samples.get(m.channel.signal)) is not None
     }
-    timed = timed_messages(codec, bench.message_rules)
-    window = RunWindow(run.t_ns, columns, timed=timed)
+    window = RunWindow(run.t_ns, columns)
     return judge(bench, Step(run.mass_state, run.excitation, run.repeat), window, ())[1]

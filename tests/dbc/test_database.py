@@ -242,3 +242,12 @@ def test_importing_the_package_does_not_load_the_parser() -> None:
         "import sys, dbc; sys.exit(any(name.split('.')[0] == 'cantools' for name in sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_codec_is_its_messages_and_shows_no_more() -> None:
+    one, again = (parse_codec(GOOD, "x.dbc") for _ in range(2))
+    assert one == again
+    assert hash(one) == hash(again)
+    assert not [
+        word for word in ("_by_name", "_by_id", "_readers", "_identifiers") if word in repr(one)
+    ]

@@ -10,8 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.bench.channel_map import load_channel_map
+from daq.channels import Quantity
 from daq.check import Proposal, propose_map
+from daq.check.guess_map import Guess
+from daq.check.propose_channel import channel_table
 from daq.samples.columns import Column, Columns
+from daq.vehicle import Corner
 
 N = 4000
 T = np.arange(N) / 500.0
@@ -148,3 +152,19 @@ def test_travels_without_a_unit_have_the_one_of_their_largest_motion(
     proposal = proposed(("time", "s", T), ("travel_fl", "", front), ("travel_rl", "", rear))
     units = {name: table["signal_unit"] for name, table in tables(proposal).items()}
     assert units == {"travel_fl": unit, "travel_rl": unit}
+
+
+@pytest.mark.parametrize(
+    ("quantity", "is_proven", "asks"),
+    [
+        (Quantity.SUSPENSION_TRAVEL, False, True),
+        (Quantity.SUSPENSION_TRAVEL, True, False),
+        (Quantity.HUB_ACCELERATION, False, False),
+    ],
+)
+def test_the_sign_of_a_travel_is_asked_for_until_a_push_has_proven_it(
+    quantity: Quantity, is_proven: bool, asks: bool
+) -> None:
+    guess = Guess(quantity, Corner.FRONT_LEFT, 1, "by its name", is_proven=is_proven)
+    lines = channel_table("pot_fl", "pot.fl", guess, ())
+    assert ("# sign = -1  # FILL IN if it reads less in compression" in lines) is asks

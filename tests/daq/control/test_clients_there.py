@@ -47,3 +47,21 @@ def test_whether_a_client_is_there_is_known(
             time.sleep(0.02)
     finally:
         server.close()
+
+
+def test_news_are_waited_for_as_long_as_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = Server(no_order, control_address(tmp_path))
+    waits: list[float] = []
+    try:
+        viewer = Client(control_address(tmp_path), "viewer", control=False)
+        try:
+            began_s = time.monotonic()
+            monkeypatch.setattr(viewer, "_next", lambda until_s: waits.append(until_s - began_s))
+            assert viewer.news(100.0) is None
+        finally:
+            viewer.close()
+    finally:
+        server.close()
+    assert waits == [pytest.approx(100.0, abs=50.0)]

@@ -7,9 +7,11 @@ import subprocess
 import sys
 
 import pytest
+from pydantic import ValidationError
 
 from daq.control.heartbeat import Heartbeats, standstill
-from daq.control.orders import Hello
+from daq.control.messages import REQUEST
+from daq.control.orders import AskCheck, AskHistory, Hello
 from daq.control.peers import Peers
 
 ALIVE = f"{os.getpid()}-a"
@@ -92,3 +94,48 @@ def test_a_thread_hangs_after_two_seconds_and_a_disk_after_sixty(
     heartbeats: Heartbeats, now_s: float, hanging: str
 ) -> None:
     assert standstill(heartbeats, now_s) == hanging
+
+
+LIMITS: tuple[tuple[str, str, object, object], ...] = (
+    ("history", "seconds", 60, 60.1),
+    ("history", "seconds", 1e-3, 0),
+    ("check", "seconds", 10, 10.1),
+    ("check", "seconds", 1e-3, 0),
+    ("accept", "reason", "x" * 500, "x" * 501),
+    ("reject", "reason", "x" * 500, "x" * 501),
+    ("mark", "text", "x" * 200, "x" * 201),
+    ("note", "text", "x" * 2000, "x" * 2001),
+    ("note", "text", "x", ""),
+    ("override", "subject", "x" * 200, "x" * 201),
+    ("override", "reason", "x" * 500, "x" * 501),
+    ("override", "reason", "x", ""),
+)
+OTHERS = {"label": "baseline_bounce_1", "subject": "az", "reason": "known"}
+
+
+@pytest.mark.parametrize(("order", "field", "allowed", "refused"), LIMITS)
+def test_an_order_holds_no_more_than_it_may(
+    order: str, field: str, allowed: object, refused: object
+) -> None:
+    fields = {
+        "accept": ("label",), "override": ("subject", "reason"),
+    }.get(order, ())  # fmt: skip
+    whole = {"order": order} | {name: OTHERS[name] for name in fields}
+    request = {"client": "1-a", "number": 1}
+    assert REQUEST.validate_python(request | {"order": whole | {field: allowed}})
+    with pytest.raises(ValidationError, match=field):
+        REQUEST.validate_python(request | {"order": whole | {field: refused}})
+
+
+def test_ten_seconds_of_samples_are_asked_for_and_five_of_traffic() -> None:
+    assert (AskHistory().seconds, AskCheck().seconds) == (10.0, 5.0)
+
+
+def test_a_client_that_is_gone_is_forgotten() -> None:
+    peers = Peers()
+    peers.seen("x-1", 100.0)
+    peers.hello("x-1", Hello("Ann"), 100.0)
+    for now_s, known in ((105.0, {"x-1", "x-2"}), (105.1, {"x-2"})):
+        peers.seen("x-2", now_s)
+        assert peers._seen_s.keys() == known
+    assert peers.name("x-1") != "Ann"

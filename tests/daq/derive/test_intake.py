@@ -1,10 +1,13 @@
 """What an import keeps of a log does not depend on how the log is cut into blocks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from daq.bus.source import HopLosses
 from daq.derive.from_logs import Intake
+from daq.runs import Event
 from dbc import FrameBatch
 
 from ..small_campaign import START_NS, blocks, bumps, small_bench, small_codec
@@ -14,7 +17,10 @@ def _kept(pieces: list[FrameBatch]) -> FrameBatch:
     intake = Intake(small_bench(), small_codec())
     for piece in pieces:
         intake.take(piece, HopLosses())
-    return intake.part().frames
+    part = intake.part()
+    more = replace(part, events=(*part.events, Event(START_NS, "bus_lost")))
+    assert more.bumps == part.bumps == [event.code for event in part.events].count("bump")
+    return part.frames
 
 
 @pytest.mark.parametrize("size", [100, 450, 1650, 12_000])

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -11,6 +14,7 @@ import pytest
 from scipy.io import savemat
 
 from daq.errors import InputError
+from daq.formats.columns.hdf5 import _datasets
 
 from .channel_files import read_here
 
@@ -130,3 +134,15 @@ def test_structs_of_matlab(tmp_path: Path) -> None:
         "deep" + "/s" * 12: ("", "deep" + "/s" * 11),
     }
     assert {name: (c.unit, c.clock) for name, c in held.items()} == expected
+
+
+@pytest.mark.parametrize(("objects", "refused"), [(100_000, False), (100_001, True)])
+def test_a_file_of_more_than_a_hundred_thousand_objects_is_refused(
+    objects: int, refused: bool
+) -> None:
+    def visititems(visit: Callable[[str, object], None]) -> None:
+        for _ in range(objects):
+            visit("group", None)
+
+    with pytest.raises(InputError, match="over 100000 objects") if refused else nullcontext():
+        assert _datasets(SimpleNamespace(visititems=visititems), "a.h5") == {}

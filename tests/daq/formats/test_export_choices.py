@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import pyuff
 
+from daq.channels import Channel, Quantity
 from daq.errors import InputError
 from daq.formats.description import FrameSpan, sidecar_of
 from daq.formats.export import (
@@ -291,3 +293,24 @@ def test_an_export_of_another_program_is_none(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(raw)
         assert exported_session(tmp_path / name) is None
     assert exported_session(tmp_path / "absent.uff") is None
+
+
+def test_a_channel_that_is_no_motion_is_of_unknown_kind_in_a_universal_file(
+    tmp_path: Path,
+) -> None:
+    """Kinds of the format: 0 unknown, 8 displacement, 11 velocity, 12 acceleration, 17 time."""
+    path = tmp_path / "car.uff"
+    channels = (
+        Channel("az", Quantity.BODY_ACCELERATION), Channel("pitch", Quantity.UNUSED, "rad/s"),
+    )  # fmt: skip
+    session = replace(_of_group(SESSION.runs[0].groups[1]), channels=channels)
+    export_session(session, path, ExportFormat.UFF)
+    kinds = {
+        one["ordinate_axis_lab"].strip(): (
+            one["abscissa_spec_data_type"], one["ordinate_spec_data_type"],
+            one["orddenom_spec_data_type"], one["z_axis_spec_data_type"],
+        )
+        for one in pyuff.UFF(str(path)).read_sets()
+        if one["type"] == 58
+    }  # fmt: skip
+    assert kinds == {"body_acceleration": (17, 12, 0, 0), "unused": (17, 0, 0, 0)}

@@ -389,3 +389,11 @@ def test_lines_do_not_disturb_each_other(name: str) -> None:
     ]
     bad = [first + i for i, each in enumerate(table.values()) if each == BAD]
     assert parsed.bad.tolist() == bad
+
+
+def test_frames_of_one_instant_are_no_differences_of_time() -> None:
+    """Pairs with one time each: half of the steps are zero, and none goes back."""
+    times = [1.0, 1.0, 2.0, 2.0, 3.0, 3.0]
+    lines = "".join(f" ({at:.6f})  can0  123   [1]  00\n" for at in times)
+    frames = ConsoleParser()(lines.encode()).frames
+    assert (frames.t_ns * 1e-9).tolist() == times

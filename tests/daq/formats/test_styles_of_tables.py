@@ -230,3 +230,10 @@ def test_a_table_is_read_up_to_the_largest_number_of_values(
             else:
                 with pytest.raises(InputError, match="over 6 values"):
                     table.read(wanted)
+
+
+@pytest.mark.parametrize(("length", "shown"), [(100, "x" * 100), (101, "x" * 97 + "...")])
+def test_of_a_long_name_a_hundred_characters_are_shown(length: int, shown: str) -> None:
+    with pytest.raises(InputError) as refused:
+        found([Heading("a", "", "")], "x" * length, "a.x")
+    assert f"has no column '{shown}'" in str(refused.value)

@@ -72,10 +72,12 @@ def test_the_status_says_what_is_due_and_what_is_going_on(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
     recording = armed(quick, codec, journal)
+    assert status_of(recording).peak_left is None
     frames = bumps(codec, 1)
     feed(recording, blocks(frames.select(slice(0, 700))))
     status = status_of(recording)
     assert status.phase is Phase.TRIGGERED
+    assert status.peak_left is None
     assert status.due is not None
     assert status.due.step == CAMPAIGN.steps[0]
     assert (status.due.accepted, status.due.planned, status.due.rejected) == (0, 1, 0)

@@ -13,8 +13,9 @@ import pytest
 from daq.errors import InputError
 from daq.runs import Event, SampleGroup
 from daq.session import add_run, begin_session, finish_session, read_session, write_session
+from daq.session.schema import WEIGHT_COLUMNS
 from daq.sessions import Session
-from daq.vehicle import MassState
+from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState
 from dbc import FrameBatch
 
 from ..small_session import small_session
@@ -174,3 +175,16 @@ def test_the_longest_texts_that_a_bench_accepts_are_written(tmp_path: Path) -> N
     longest = replace(first, signal=128 * "x", serial_number=32 * "ä")
     write_session(tmp_path / "a.h5", replace(BARE, channels=(longest, *others)))
     assert read_session(tmp_path / "a.h5").channels[0] == longest
+
+
+def test_a_weight_on_a_hub_has_no_place_on_the_body(tmp_path: Path) -> None:
+    body = BodyWeight(30.0, -1.0, 0.5, 0.25, position_sigma_m=0.02, sigma_kg=0.005)
+    state = MassState("added", AddedMass((body, HubWeight(4.0, Corner.FRONT_LEFT, 0.01))))
+    write_session(tmp_path / "car.h5", replace(BARE, mass_states=(state,)))
+    with h5py.File(tmp_path / "car.h5") as file:
+        group = file["mass_states/added"]
+        rows = {name: group[name][()].tolist() for name in WEIGHT_COLUMNS}
+    assert rows == {
+        "mass_kg": [30.0, 4.0], "x_m": [-1.0, 0.0], "y_m": [0.5, 0.0], "height_m": [0.25, 0.0],
+        "sigma_kg": [0.005, 0.01], "position_sigma_m": [0.02, 0.0], "hub": [b"", b"FL"],
+    }  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from daq.recorder.recording import Recording
 from daq.runlog.runlog import LoggedStatus, Remark
 from daq.runs import BASELINE, Excitation
 from daq.samples.health import HealthState, advance
+from daq.sim import bench_source
 from daq.sim.acts import pushed
 from daq.sim.bench_source import PIECE_S, Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
@@ -177,3 +179,20 @@ def test_a_push_is_in_balance_with_the_springs() -> None:
     x, y = np.array([p.a, p.a, -p.b, -p.b]), np.array([p.t_f, -p.t_f, p.t_r, -p.t_r])
     assert x @ tyres == pytest.approx(400.0 * p.a)
     assert y @ tyres == pytest.approx(400.0 * p.t_f)
+
+
+@pytest.mark.parametrize("speed", [1.0, 4.0])
+def test_a_read_waits_until_the_next_block_is_due_and_no_longer_than_it_may(
+    monkeypatch: pytest.MonkeyPatch, speed: float
+) -> None:
+    """Blocks of 20 ms; a reader that is behind by more does not wait at all."""
+    clock_s, waits = [100.0], list[float]()
+    clock = SimpleNamespace(monotonic=lambda: clock_s[0], sleep=waits.append)
+    monkeypatch.setattr(bench_source, "time", clock)
+    bench, status = short_bench(), _idle()
+    source = SimulatedBench(bench, bench_codec(bench), SimulatedCar(), 1, speed, lambda: status)
+    for passed_s, timeout_s in ((0.005, 1.0), (0.005, 0.01), (0.1, 1.0)):
+        clock_s[0] += passed_s
+        source.read(timeout_s)
+    source.dismantle()
+    assert waits == pytest.approx([0.015, 0.01, 0.0])

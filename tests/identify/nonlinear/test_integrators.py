@@ -9,10 +9,11 @@ import pytest
 
 from identify.model.low_pass import LowPass
 from identify.nonlinear import fast, linearised, reference
-from identify.nonlinear.car import KNEES, Car, car
+from identify.nonlinear.car import KNEES, MOUNT, RATIO, Car, car
 from identify.nonlinear.filtered import filtered
+from identify.nonlinear.lanes import LANES
 from identify.nonlinear.level import PATH, POLISH, USUAL
-from identify.nonlinear.path import InitialState, Path
+from identify.nonlinear.path import InitialState, Path, damper_curve, travel_speeds
 from identify.nonlinear.tangent import (
     Plan,
     SampledChannels,
@@ -32,8 +33,8 @@ CORNERS = PATH._replace(load_n=60.0)
 """A tyre that meets the road within 20 N does so between two nodes of the tangents."""
 
 
-def made(mounted: bool) -> Car:
-    model = model_of()
+def made(mounted: bool, knots: str = "K3") -> Car:
+    model = model_of(knots=knots)
     names = model.names
     free = [i for i, name in enumerate(names) if mounted or not name.startswith("s_m")]
     return car(model, rich(model, mounted), BASELINE, np.array(free))
@@ -71,9 +72,12 @@ def test_the_path_is_the_same_whether_or_not_stops_and_knees_are_met(
     assert np.allclose(whole(compiled).states, whole(plain).states, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("mounted", [False, True])
-def test_machine_code_and_numpy_give_the_same_tangents(mounted: bool) -> None:
-    one, own = made(mounted), moving()
+@pytest.mark.parametrize(
+    ("mounted", "knots"),
+    [(False, "K3"), (True, "K3"), (True, "K21")],  # of 21 knots: more columns than one block has
+)
+def test_machine_code_and_numpy_give_the_same_tangents(mounted: bool, knots: str) -> None:
+    one, own = made(mounted, knots), moving()
     path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)[0])
     ends = [0.0, 0.1985, 0.1999]  # in the first and the last step, too
     times = np.sort(
@@ -81,6 +85,7 @@ def test_machine_code_and_numpy_give_the_same_tangents(mounted: bool) -> None:
     )
     acts = acting([one])
     start, plan = start_of(one, own, acts, PATH), plan_of(one, path, USUAL)
+    assert (start.matrix.shape[1] > LANES) is (knots == "K21")
     sampled = fast.sample(one, path, times)
     again = reference.sample(one, path, times)
     assert np.allclose(sampled.slopes, again.slopes, rtol=1e-9, atol=1e-9)
@@ -154,6 +159,27 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
         # Static friction acts for a few milliseconds, some steps of the tangents.
         most = 0.08 if name in ("r_cf", "v_cf") else 0.02
         check(found[:, :, n_own + np.flatnonzero(free[acts] == k)[0]], number, most)
+
+
+def test_the_mounts_give_at_first_by_the_force_of_their_dampers() -> None:
+    """Compliance times damper force over the ratio, of a car whose dampers differ by 10 %."""
+    model = model_of()
+    eta, free, own = rich(model, True), np.arange(len(model.names)), moving()
+
+    def deflected(at: np.ndarray) -> np.ndarray:
+        one = car(model, at, BASELINE, free)
+        force, _ = damper_curve(one, travel_speeds(one, own.motion), PATH.knee_m_s)
+        return np.asarray(one.corner[:, MOUNT] * one.corner[:, RATIO] * force)
+
+    one = car(model, eta, BASELINE, free)
+    acts = acting([one])
+    found = start_of(one, own, acts, PATH).matrix[18:, 22:]
+    for column, k in enumerate(free[acts].tolist()):
+        step = STEP * np.eye(len(eta))[k]
+        number = (deflected(eta + step) - deflected(eta - step)) / (2 * STEP)
+        np.testing.assert_allclose(
+            found[:, column], number, rtol=1e-5, atol=1e-12, err_msg=model.names[k]
+        )
 
 
 def check(tangent: np.ndarray, number: np.ndarray, most: float = 0.02) -> None:

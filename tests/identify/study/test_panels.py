@@ -242,3 +242,10 @@ def test_a_column_of_a_study_is_found_by_its_key() -> None:
 def test_an_error_in_per_cent_is_that_of_the_known() -> None:
     known: NDArray[np.float64] = np.array([100.0, 4.0])
     np.testing.assert_allclose(percent([101.0, 3.0], known), [1.0, -25.0])
+
+
+def test_the_points_of_a_curve_are_floats_that_cannot_be_changed() -> None:
+    one = Curve("k", np.array([0, 1, 2]), np.array([5, 6, 7]))
+    assert (one.x.dtype.name, one.y.dtype.name) == ("float64", "float64")
+    assert not one.x.flags.writeable
+    assert not one.y.flags.writeable

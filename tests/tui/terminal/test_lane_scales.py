@@ -83,3 +83,10 @@ async def test_a_chart_that_shrinks_cuts_its_rows_and_asks_for_new_ones() -> Non
         assert app.asked > before
         row = chart.render_line(0)
         assert row.cell_length == len(row.text) == 90
+
+
+def test_the_newest_bin_ends_where_all_bins_before_it_have_passed() -> None:
+    lanes = Lanes()
+    assert lanes.end_ns == 0
+    lanes.bin_s, lanes.end = 0.02, 7
+    assert lanes.end_ns == 140_000_000

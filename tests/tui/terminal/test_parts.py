@@ -170,6 +170,8 @@ def test_steps_follow_from_the_book_alone() -> None:
     assert progress(recorder.status).due is BenchStep.BASELINE
     recorder.finish("baseline")
     assert progress(recorder.status).due is BenchStep.MASSES
+    untallied = progress(replace(recorder.status, tallies=()))
+    assert not untallied.done & {BenchStep.BASELINE, BenchStep.ADDED}
     recorder.mark("masses")
     recorder.finish("added")
     far = progress(recorder.status)

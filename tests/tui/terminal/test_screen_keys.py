@@ -338,3 +338,19 @@ async def test_an_export_asks_before_it_replaces_a_file(
             there.unlink()
             await pilot.pause()
             assert tasks == asked
+
+
+async def test_the_report_of_another_session_ends_the_work_on_the_last(
+    make_app: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    app = make_app(measured())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await app.open("report")
+        await pilot.pause()
+        report, ended = app.screen, list[object]()
+        assert isinstance(report, ReportScreen)
+        monkeypatch.setattr(app.workers, "cancel_node", ended.append)
+        report.show_session("/b/other.h5")
+        report.show_session("/b/other.h5")
+        assert ended == [report]

@@ -59,8 +59,17 @@ def test_every_signal_has_a_rhythm_of_its_own() -> None:
     later: list[float] = []
     rung: list[int] = []
     signals = Signals(None, lambda: rung.append(1), lambda at_s, _: later.append(at_s))
-    signals.play(Signal.REJECTED)
-    assert (rung, later) == ([1], [0.2, 0.4])
+    for signal, after in (
+        (Signal.ARMED, []),
+        (Signal.ACCEPTED, [0.2]),
+        (Signal.ALARM, [0.2, 0.8, 1.0]),
+        (Signal.LOST, [0.2, 0.4, 1.0, 1.2, 1.4]),
+        (Signal.REJECTED, [0.2, 0.4]),
+    ):
+        rung.clear()
+        later.clear()
+        signals.play(signal)
+        assert (rung, later) == ([1], after), signal
     signals.toggle_sound()
     signals.play(Signal.LOST)
     assert (rung, later) == ([1], [0.2, 0.4])

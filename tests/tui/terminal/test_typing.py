@@ -13,7 +13,7 @@ from daq.control.messages import Phase
 from daq.control.orders import Accept, Arm, Note
 from tui.terminal.app import BenchApp
 from tui.terminal.keyboard import KeyboardApp
-from tui.terminal.screens.dialogs import Question
+from tui.terminal.screens.dialogs import Confirm, Question
 from tui.terminal.screens.home import HomeScreen
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.run import RunScreen
@@ -177,3 +177,20 @@ async def test_an_app_that_ends_waits_for_no_effect() -> None:
         waiting = app._effect = asyncio.create_task(wait())
     with pytest.raises(asyncio.CancelledError):
         await asyncio.wait_for(waiting, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("times_s", "answers"),
+    [([0.299], []), ([0.3], [True]), ([0.2, 0.4], []), ([0.2, 0.6], [True])],
+)
+def test_a_key_that_was_up_for_three_tenths_of_a_second_is_an_answer(
+    monkeypatch: pytest.MonkeyPatch, times_s: list[float], answers: list[bool]
+) -> None:
+    given: list[bool] = []
+    dialog = Confirm("start?")
+    times = iter(times_s)
+    monkeypatch.setattr(Confirm, "_clock", staticmethod(lambda: next(times)))
+    monkeypatch.setattr(dialog, "dismiss", given.append)
+    for _ in times_s:
+        dialog.action_yes()
+    assert given == answers
