@@ -90,7 +90,7 @@ def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) 
         known = [f"{m.name}.{s.name}" for m in by_name.values() for s in m.signals]
         if near := get_close_matches(channel.signal, known, 1):
             advice = f"did you mean {near[0]}?"
-        raise InputError(where, what, advice)
+        raise InputError(f"signal of {where}", what, advice)
     si = si_unit(channel, signal.unit, dbc_name)
     return MappedChannel(replace(channel, unit=si.unit), message, si.factor, si.offset)
 
