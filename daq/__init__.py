@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .runs import Run as Run
     from .runs import RunStatus as RunStatus
     from .runs import SampleGroup as SampleGroup
+    from .samples.bench_mapping import mapped_channels as mapped_channels
     from .samples.mapping import map_channels as map_channels
     from .session import read_foreign_samples as read_foreign_samples
     from .session import read_foreign_session as read_foreign_session

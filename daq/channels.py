@@ -52,6 +52,10 @@ TIME_DERIVATIVE = {
 }
 """Order of each quantity as a time derivative of a displacement."""
 
+LARGEST = 1e6
+"""Largest magnitude of a reading, in the SI unit of any quantity: 100 000 g in m/s2; a sensor whose
+signal is in the thousandth of the stated unit, or in the counts of 16 bits, stays below."""
+
 ON_BODY = frozenset({Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT})
 AT_CORNER = frozenset(
     {Quantity.HUB_ACCELERATION, Quantity.SUSPENSION_TRAVEL, Quantity.HUB_DISPLACEMENT}

@@ -44,6 +44,7 @@ from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import closed_form
 from .paper.physical_matrices import ClosedForm
 from .real_car import explained_by_elements
+from .trust.clock_jump import clock_jump
 from .trust.finding import Judgement
 from .trust.judge import judge
 from .trust.sensor_faults import wrong_channel
@@ -145,7 +146,9 @@ def identify_parameters(
     estimation = first_estimate(box, records, vehicles)
     forces = None
     signs = () if estimation.holds else opposed_signs(_accepted(session), session.channels)
-    wrong = None if estimation.holds or signs else wrong_channel(estimation)
+    wrong = None
+    if not (estimation.holds or signs):
+        wrong = clock_jump(estimation) or wrong_channel(estimation)
     if not (estimation.holds or signs or wrong):  # else no car explains the decays
         if later_may_hold(estimation, vehicles):
             progress(0.5, "fitting again")

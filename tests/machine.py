@@ -10,6 +10,7 @@ from __future__ import annotations
 import gzip
 import re
 import shutil
+import stat
 import subprocess
 import sys
 import threading
@@ -34,17 +35,21 @@ def run_guest(
     more: Sequence[str],
     limit_s: float,
     files: Mapping[str, str] = {},
+    shared: Sequence[Path] = (),
 ) -> int:
     """Boot a guest, pass on what it says (TAP), and return 0 if all of it is well.
 
     `init`: script of process 1; `{modules}` in it stands for the names of the modules' files.
     `more`: words for QEMU.  `files`: texts in the ramdisk beside it, by path.
+    `shared`: folders that another user than root reads in the guest.
     """
     qemu = shutil.which("qemu-system-x86_64")
     if qemu is None:
         return _given_up("no qemu-system-x86_64 (Debian: apt install qemu-system-x86)")
     if ROOT.is_relative_to("/tmp"):
         return _given_up("this checkout is in /tmp, of which a guest has its own: move it")
+    if closed := closed_to_others(shared):
+        return _given_up(f"other users cannot enter {closed}: chmod o+rx it, or move the checkout")
     kernel, ramdisk = _kernel(), BUILD / f"{name}.gz"
     _write_ramdisk(ramdisk, init, modules, files)
     # What the kernel does not know it hands to init as environment.
@@ -65,6 +70,16 @@ def run_guest(
     if f"1..{len(checks)}" not in said:
         return _given_up("the guest did not come to its end")
     return int(any(line.startswith("not ok ") for line in checks))
+
+
+def closed_to_others(folders: Sequence[Path]) -> Path | None:
+    """Return the first folder, of these or above them, that other users cannot enter or read."""
+    for folder in folders:
+        for one in (*reversed(folder.parents), folder):
+            needed = stat.S_IXOTH | (stat.S_IROTH if one == folder else 0)
+            if one.stat().st_mode & needed != needed:
+                return one
+    return None
 
 
 def _given_up(why: str) -> int:

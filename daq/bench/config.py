@@ -124,6 +124,8 @@ class Bench:
     """The sensors; empty on a bench with one DBC for every bus."""
     origin: Origin = Origin.REAL
     """Origin of the frames; not from bench.toml, but set where the buses are opened."""
+    where: str = field(default="bench.toml", compare=False)
+    """Name of the file, for messages to the user."""
 
     @property
     def bus(self) -> BusConfig:
@@ -220,6 +222,7 @@ def bench_of(
             what = f"fact {fact.quantity}: is not a quantity of this vehicle"
             raise InputError(where, what, f"use one of {', '.join(known)}")
     return Bench(
+        where=where,
         text=text,
         dbc_name=", ".join(dict.fromkeys(sensor.database for sensor in sensors))
         or table.dbc
@@ -304,8 +307,11 @@ def bench_codec(bench: Bench) -> Codec:
         codec = sensors_codec(bench.sensors, databases, len(bench.buses), used)
     else:
         codec = database_codec(bench.dbc_text, bench.dbc_name)
-    codec = ruled_codec(codec, bench.message_rules, bench.dbc_name)
-    check_sets(codec, bench.message_rules, bench.sample_sets)
+    try:
+        codec = ruled_codec(codec, bench.message_rules, bench.dbc_name)
+        check_sets(codec, bench.message_rules, bench.sample_sets)
+    except InputError as error:
+        raise InputError(bench.where, f"{error.where}: {error.what}", error.advice) from error
     return codec
 
 

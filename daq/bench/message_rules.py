@@ -101,14 +101,14 @@ def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Co
 def _ruled(message: MessageLayout, rule: MessageRule) -> MessageLayout:
     counter, crc, crc_rule = message.counter, message.crc, message.crc_rule
     if rule.counter is not None:
-        signal = _plain(message, rule.counter)
+        signal = _plain(message, "counter", rule.counter)
         modulus = rule.counter_modulus or 1 << min(signal.length, 33)
         if signal.length > 32 or modulus > 1 << signal.length:
             what = f"counter {signal.name} of {signal.length} bits cannot run to {modulus}"
             raise InputError(f"message {message.name}", what, CORRECT_MESSAGE)
         counter = CounterRule(signal.name, modulus)
     if rule.crc is not None:
-        signal = _plain(message, rule.crc)
+        signal = _plain(message, "crc", rule.crc)
         if signal.length != 8 or signal.low_bit != 0:
             what = f"checksum {signal.name} is not one whole byte"
             raise InputError(f"message {message.name}", what, CORRECT_MESSAGE)
@@ -117,9 +117,9 @@ def _ruled(message: MessageLayout, rule: MessageRule) -> MessageLayout:
     return replace(message, cycle_s=cycle_s, counter=counter, crc=crc, crc_rule=crc_rule)
 
 
-def _plain(message: MessageLayout, name: str) -> SignalLayout:
+def _plain(message: MessageLayout, key: str, name: str) -> SignalLayout:
     """Return a signal that is an unsigned whole number in every frame."""
-    signal = _signal(message, name, CORRECT_MESSAGE)
+    signal = _signal(message, key, name, CORRECT_MESSAGE)
     whole = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
     if not whole or signal.is_signed or signal.is_multiplexed:
         what = f"{name} is not a plain unsigned number"
@@ -127,11 +127,13 @@ def _plain(message: MessageLayout, name: str) -> SignalLayout:
     return signal
 
 
-def _signal(message: MessageLayout, name: str, advice: str) -> SignalLayout:
+def _signal(message: MessageLayout, key: str, name: str, advice: str) -> SignalLayout:
+    """Return the signal that a key of bench.toml names."""
     try:
         return message.signal(name)
     except KeyError as error:
-        raise InputError(f"message {message.name}", f"has no signal {name}", advice) from error
+        what = f"has no signal {name}, which {key} names"
+        raise InputError(f"message {message.name}", what, advice) from error
 
 
 def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, SensorClock]:
@@ -154,7 +156,10 @@ def timed_messages(codec: Codec, rules: Sequence[MessageRule]) -> frozenset[str]
 
 
 def _clock(message: MessageLayout, time: TimeRule) -> SensorClock:
-    signal, where = _signal(message, time.signal, CORRECT_MESSAGE), f"message {message.name}"
+    signal, where = (
+        _signal(message, "time_signal", time.signal, CORRECT_MESSAGE),
+        f"message {message.name}",
+    )
     try:
         si = to_si(time.unit or signal.unit)
     except InputError as error:
@@ -191,7 +196,7 @@ def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[Sample
             if name in owner:
                 raise InputError(where, f"{name} is also in {owner[name]}", CORRECT_SET)
             owner[name] = sample_set.name
-        _signal(messages[carrier], signal, CORRECT_SET)
+        _signal(messages[carrier], "bound_by", signal, CORRECT_SET)
         counter = messages[carrier].counter
         is_time = carrier in clocks and clocks[carrier].signal == f"{carrier}.{signal}"
         if not is_time and (counter is None or counter.signal != signal):

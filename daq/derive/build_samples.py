@@ -26,8 +26,9 @@ from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
 from ..runlog.stored_finding import finding_record
 from ..runs import Event, Losses, Run, RunStatus, SampleGroup
 from ..samples import health, trigger
+from ..samples.bench_mapping import mapped_channels
 from ..samples.groups import sample_groups, timekeeping
-from ..samples.mapping import MappedChannel, map_channels
+from ..samples.mapping import MappedChannel
 from ..sessions import Session
 
 NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
@@ -96,7 +97,7 @@ def build_session(
     recording, or a message that the identification needs, does not cover it.  Raises InputError if
     a channel does not fit the DBC, or a bump is of no mass state of the bench.
     """
-    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    mapped = mapped_channels(bench, codec)
     run_log = fold(events)
     check_runs(bench, events, run_log)
     runs = []

@@ -34,7 +34,7 @@ from ..journal.scan import SegmentInfo
 from ..runlog.fold import fold
 from ..runlog.runlog import LoggedRun, RunLog
 from ..runs import Losses, Run, RunOutline, RunStatus
-from ..samples.mapping import map_channels
+from ..samples.bench_mapping import mapped_channels
 from ..session import add_run, begin_session, finish_session
 from ..sessions import Session
 from .build_samples import (
@@ -176,7 +176,7 @@ def _write(
 ) -> tuple[RunOutline, ...]:
     """Measure the new runs, add them to the growing file, and finish a copy of it."""
     codec = bench_codec(bench)
-    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    mapped = mapped_channels(bench, codec)
     head = recording.head
     texts = {"dbc": head.dbc_text, "bench_toml": bench.text}
     channels = tuple(m.channel for m in mapped)

@@ -12,8 +12,8 @@ from dbc.frames import FrameBatch, read_only
 
 from ..bench.config import bench_codec, parse_bench
 from ..errors import InputError
+from ..samples.bench_mapping import mapped_channels
 from ..samples.groups import sample_groups, timekeeping
-from ..samples.mapping import map_channels
 from ..sessions import Session
 from .description import (
     Columns,
@@ -41,7 +41,7 @@ def read_exported_log(path: Path, about: Description) -> Session:
         raise InputError(str(path), what, "name one after the log")
     bench = parse_bench(texts["bench_toml"], "bench.toml", Path(), texts.get("dbc", ""))
     codec = bench_codec(bench)
-    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    mapped = mapped_channels(bench, codec)
     keeping = timekeeping(bench, codec)
     log = read_log(path)
     whole = FrameBatch.concatenate(list(log))

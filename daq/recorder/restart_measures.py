@@ -22,7 +22,8 @@ from ..journal.reader import read_journal
 from ..journal.scan import scan
 from ..runlog.fold import fold
 from ..runlog.runlog import LoggedRun
-from ..samples.mapping import MappedChannel, map_channels
+from ..samples.bench_mapping import mapped_channels
+from ..samples.mapping import MappedChannel
 from ..verdict import RunMeasure, RunWindow, judge
 from .judging import is_accepted, is_only_unlike
 
@@ -58,7 +59,7 @@ def remeasured(tail: JournalTail, bench: Bench, codec: Codec) -> Mapping[str, Ru
     if not paths:
         return {}
     frames = read_journal(paths, spans).frames
-    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    mapped = mapped_channels(bench, codec)
     return {run.label: _measure(bench, codec, mapped, run, frames) for run in runs}
 
 

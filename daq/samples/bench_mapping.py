@@ -14,7 +14,7 @@ from .trigger import trigger_channels
 def mapped_channels(bench: Bench, codec: Codec) -> tuple[MappedChannel, ...]:
     """Return the bench's channels, mapped to the signals of its DBC.
 
-    Raises InputError, with the line of bench.toml, if a channel contradicts the DBC.
+    Raises InputError, with the file and line, if a channel contradicts the DBC.
     """
     mapped: list[MappedChannel] = []
     for channel in bench.channels:
@@ -22,8 +22,8 @@ def mapped_channels(bench: Bench, codec: Codec) -> tuple[MappedChannel, ...]:
             mapped += map_channels([channel], codec.messages, bench.dbc_name)
         except InputError as error:
             line = channel_line(bench.text, channel.name)
-            where = f"{error.where}, bench.toml:{line}" if line else error.where
-            raise InputError(where, error.what, error.advice) from error
+            where = f"{bench.where}:{line}" if line else bench.where
+            raise InputError(where, f"{error.where}: {error.what}", error.advice) from error
     return tuple(mapped)
 
 

@@ -13,7 +13,7 @@ from dbc.layout import MessageLayout, SignalLayout
 from dbc.samples import UNUSABLE, Samples
 from dbc.units import SiUnit, to_si
 
-from ..channels import SI_UNITS, Channel, Quantity
+from ..channels import LARGEST, SI_UNITS, Channel, Quantity
 from ..errors import InputError
 from ..signal_names import message_of, signal_of
 
@@ -47,10 +47,15 @@ class MappedChannel:
         return abs(self.factor * self.channel.scale * factor)
 
     def values(self, samples: Samples) -> NDArray[np.float64]:
-        """Return the channel's values (`daq.channels.Channel`), (n,); NaN where unusable."""
+        """Return the channel's values (`daq.channels.Channel`), (n,); NaN where unusable.
+
+        A value that no sensor shows is unusable, unless the channel is only recorded.
+        """
         value = channel_values(self.channel, self.factor, self.offset, samples.value)
         if samples.quality.any():
             value[(samples.quality & UNUSABLE) != 0] = np.nan
+        if self.channel.quantity is not Quantity.UNUSED:
+            value[np.abs(value) > LARGEST] = np.nan
         return value
 
 
@@ -90,7 +95,7 @@ def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) 
         known = [f"{m.name}.{s.name}" for m in by_name.values() for s in m.signals]
         if near := get_close_matches(channel.signal, known, 1):
             advice = f"did you mean {near[0]}?"
-        raise InputError(where, what, advice)
+        raise InputError(f"signal of {where}", what, advice)
     si = si_unit(channel, signal.unit, dbc_name)
     return MappedChannel(replace(channel, unit=si.unit), message, si.factor, si.offset)
 

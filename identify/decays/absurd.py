@@ -11,13 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import Quantity
+from daq.channels import LARGEST, Quantity
 from daq.runs import Run, RunStatus, SampleGroup
 from daq.sessions import Session
 
-LARGEST = 1e6
-"""Largest magnitude of a reading, in the SI unit of any quantity: 100 000 g in m/s2; a sensor whose
-signal is in the thousandth of the stated unit, or in the counts of 16 bits, stays below."""
 _SMALLEST = 1e-100
 """Smallest magnitude that is told from zero: squares of smaller ones are no numbers any more."""
 

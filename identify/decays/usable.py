@@ -17,8 +17,9 @@ from .decay import Record, record_of
 from .onset import decay_start_s, is_still
 from .stuck import FROZEN_S, Hold, frozen
 
-LEAST_S = 0.1
-"""Least length of a decay, s: a period of the wheels."""
+_LEAST_S = 0.2
+"""Least length of a decay, s: two periods of the wheels.  Shorter ones of a car with friction are
+fitted by no model, after a long search."""
 _Silences = Mapping[str, Silence]
 """The longest silence of each channel that shows a run, and the longest of all together."""
 _ALL = ""
@@ -195,5 +196,6 @@ def _without_decay(record: Record) -> Iterator[str]:
     length_s = record.end_s - decay_start_s(record)
     if is_still(record):
         yield "nothing moves in it"
-    elif length_s < LEAST_S:
-        yield f"it ends {max(length_s, 0.0):.2f} s after the bump (at least {LEAST_S:.2f} s)"
+    elif length_s < _LEAST_S:
+        least = f"record longer (at least {_LEAST_S:.2f} s)"
+        yield f"it ends {max(length_s, 0.0):.2f} s after the bump: {least}"

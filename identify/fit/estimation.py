@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay, Record
 from ..decays.onset import decay_start_s, difference_noise, onset_s, quiet_counts, quiet_noise
-from ..decays.usable import LEAST_S
 from .decay_start import earliest_start_s
 from .grey_box import GreyBox
 from .likelihood import (
@@ -38,6 +37,8 @@ _LATER_S = (0.02, 0.05)
 later: an error in the wheels' motion dies within 0.2 s, and a start after that would hide it."""
 _LATER_UNSTATED_S = (0.1, 0.2, 0.4)
 """Later starts, s, to try where no bump is stated and a record may begin within it."""
+_LEAST_S = 0.05
+"""Least length of a decay that begins later, s: half a period of the wheels."""
 _UNEXPLAINED = 0.03
 """Share of the motion's power that an optimum in the right basin may leave, even of a wrong
 model."""
@@ -219,7 +220,7 @@ def _laters(
     # Where rest was seen and no bump is stated, the first guess is late enough for any bump.
     movable = np.array([stated or onset_s(record) is None for record in records])
     # A decay that is shorter still has no later start.
-    left_s = min(r.end_s - s for r, s in zip(records, first, strict=True)) - LEAST_S / 2.0
+    left_s = min(r.end_s - s for r, s in zip(records, first, strict=True)) - _LEAST_S
     laters = [
         s for s in (_LATER_S if stated else _LATER_UNSTATED_S) if movable.any() and s < left_s
     ]

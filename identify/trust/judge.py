@@ -43,8 +43,8 @@ def judge(
     fit.
 
     `signs`: channels whose sign is wrong (`daq.check.opposed_signs`), the cause if there are any.
-    `unused`: what was left out (`unused_findings`).  `wrong`: the channel that is the cause
-    (`wrong_channel`), if there is one.
+    `unused`: what was left out (`unused_findings`).  `wrong`: the channel or the clocks that
+    are the cause (`wrong_channel`, `clock_jump`), if there are any.
     """
     linear, holds = estimation.nonlinear is None, estimation.holds
     determined = not undetermined(estimation)

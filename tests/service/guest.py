@@ -99,7 +99,8 @@ def main() -> int:
         f"{UNITS}/bumpbench.service": unit,
         "files/etc/bumpbench/bench.toml": bench,
     }
-    return run_guest("service", INIT, MODULES, MORE, TIME_LIMIT_S, files)
+    shared = (ROOT, Path(sysconfig.get_path("purelib")), PREFIX)
+    return run_guest("service", INIT, MODULES, MORE, TIME_LIMIT_S, files, shared)
 
 
 if __name__ == "__main__":

@@ -69,10 +69,24 @@ def test_a_channel_without_signal_is_named_with_its_line(
     bench.write_text(default_bench_text().replace("IMU_Accel.acc_z", "IMU_Accel.acc_zz"), "utf-8")
     log.write_text("(1.0) can0 100#00\n", "ascii")
     number = default_bench_text().splitlines().index('signal = "IMU_Accel.acc_z"') + 1
+    for words in (["check", str(bench), str(log)], ["plan", str(bench)]):
+        assert run(words) == 2
+        shown = capsys.readouterr().err
+        assert f"{bench}:{number}: signal of channel body_acc_z: " in shown
+        assert "has no signal 'IMU_Accel.acc_zz' (did you mean IMU_Accel.acc_z?)" in shown
+
+
+@pytest.mark.parametrize("key", ["counter", "crc", "time_signal"])
+def test_a_signal_that_a_message_does_not_have_is_named_with_file_and_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str
+) -> None:
+    bench = tmp_path / "b.toml"
+    table = f'\n[[message]]\nname = "IMU_Accel"\n{key} = "nope"\n'
+    bench.write_text(default_bench_text() + table, "utf-8")
+    (log := tmp_path / "a.log").write_text("(1.0) can0 100#00\n", "ascii")
     assert run(["check", str(bench), str(log)]) == 2
     shown = capsys.readouterr().err
-    assert f"channel body_acc_z, bench.toml:{number}: " in shown
-    assert "did you mean IMU_Accel.acc_z?" in shown
+    assert f"{bench}: message IMU_Accel: has no signal nope, which {key} names (" in shown
 
 
 def test_bench_and_log_are_named_in_either_order() -> None:

@@ -51,12 +51,12 @@ def planned(
 
 def sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
     """Return the sensors of a bench, with the usual noise of their kind."""
-    from daq import Quantity, bench_codec, map_channels
+    from daq import Quantity, bench_codec, mapped_channels
     from identify.plan import sensor
 
     codec = bench_codec(bench)
     found = []
-    for mapped in map_channels(bench.channels, codec.messages, bench.dbc_name):
+    for mapped in mapped_channels(bench, codec):
         if mapped.channel.quantity is not Quantity.UNUSED:
             cycle_s = mapped.message.cycle_s or 1.0 / _USUAL_RATE_HZ
             found.append(sensor(mapped.channel, rate_hz or 1.0 / cycle_s))

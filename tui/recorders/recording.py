@@ -65,11 +65,11 @@ def record_campaign(
     """
     from importlib.metadata import version
 
-    from daq import Recorder, bench_codec, map_channels
+    from daq import Recorder, bench_codec, mapped_channels
 
     codec = bench_codec(bench)
     say_left_out(codec)
-    map_channels(bench.channels, codec.messages, bench.dbc_name)  # before anything is made
+    mapped_channels(bench, codec)  # before anything is made
     if lifetime.arm:  # no operator reviews the runs, so the next bump may come at once
         reread = lifetime.reread
         lifetime = replace(lifetime, reread=lambda: _unreviewed(reread()))

@@ -143,9 +143,9 @@ def test_a_run_without_motion_is_left_out() -> None:
 @pytest.mark.parametrize(
     ("length_s", "reason"),
     [
-        (1.15, "it ends 0.00 s after the bump (at least 0.10 s)"),
-        (1.30, "it ends 0.05 s after"),
-        (1.36, ""),
+        (1.15, "it ends 0.00 s after the bump: record longer (at least 0.20 s)"),
+        (1.43, "it ends 0.18 s after"),
+        (1.46, ""),
     ],
 )
 def test_a_run_that_ends_with_its_bump_is_left_out(length_s: float, reason: str) -> None:
