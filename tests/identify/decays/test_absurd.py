@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.runs import Run, RunStatus, SampleGroup
 from daq.sessions import Session
 from identify.decays.absurd import Absurd, absurd, readable_session
-from identify.decays.usable import usable_session
+from identify.decays.usable import usable
 from identify.pipeline import identify_parameters
 from identify.trust.unused import unused_findings
 
@@ -100,6 +100,6 @@ def test_a_vehicle_is_identified_beside_them(
 
 def test_they_are_named_with_their_number_and_the_first(campaign: Session) -> None:
     bad = spoilt(campaign, one_sample(1e200))
-    (finding,) = unused_findings(bad, usable_session(bad))
+    (finding,) = unused_findings(bad, usable(bad))
     assert finding.code == "absurd_values"
     assert "body_acc_z in baseline_bounce_2 (1: 1e+200 m/s2)" in finding.text
