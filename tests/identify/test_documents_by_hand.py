@@ -55,7 +55,7 @@ def result() -> Identification:
 
 
 def test_a_row_has_every_number_and_none_where_there_is_none() -> None:
-    times = np.arange(50) / 100.0
+    times = np.arange(100) / 100.0
     session = session_from_arrays(
         [("baseline", "roll", {"z_s": (times, times)}) for _ in range(3)], vehicle="Granada"
     )

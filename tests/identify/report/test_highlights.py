@@ -37,7 +37,7 @@ def estimate(value: float, half: float, unit: str, size: float = 0.0) -> Estimat
 
 
 def session(*runs: RunStatus, vehicle: str = "Granada", **provenance: str) -> Session:
-    time_s = np.arange(50) / 100.0
+    time_s = np.arange(100) / 100.0
     made = session_from_arrays(
         [("baseline", "roll", {"z_s": (time_s, time_s)}) for _ in runs], vehicle=Vehicle(vehicle)
     )
