@@ -109,7 +109,7 @@ class Comparison:
     open: tuple[str, ...]
     """Parameters that at least one session does not determine: they are not compared."""
     unlike: tuple[str, ...]
-    """What sessions state differently although a car has only one of it: its name, wheelbase,
+    """Statements in which sessions differ although a car has only one of each: its name, wheelbase,
     tracks, and the places of its sensors."""
     change: Change | None
     """The change, by one joint fit of all sessions; None where a session has no fit."""

@@ -24,7 +24,7 @@ _LENGTHS = {
 
 @dataclass(frozen=True, slots=True)
 class _Stated:
-    """What one session states."""
+    """A statement of one session, such as a length."""
 
     text: str
     lengths_m: tuple[float, ...] = ()

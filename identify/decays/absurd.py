@@ -16,7 +16,7 @@ from daq.runs import Run, RunStatus, SampleGroup
 from daq.sessions import Session
 
 _SMALLEST = 1e-100
-"""Smallest magnitude that is told from zero: squares of smaller ones are no numbers any more."""
+"""Smallest magnitude that is not taken as zero: the squares of smaller ones vanish."""
 
 
 @dataclass(frozen=True, slots=True)

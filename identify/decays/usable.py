@@ -28,7 +28,7 @@ _ALL = ""
 
 @dataclass(frozen=True, slots=True)
 class Usable:
-    """What can be used of a session."""
+    """The part of a session that can be used."""
 
     session: Session
     """The session; runs that cannot be used are rejected, with reasons, channels are unused."""

@@ -1,4 +1,4 @@
-"""What more workers gain a batch, what the executor costs, and what a cluster does.
+"""Measures what more workers gain a batch, what the executor costs, and what a cluster does.
 
 The time on a shared machine says little: in addition there is what all its processors did in that
 time for any program, and the speed of two plain loops at once, which no executor can exceed: two

@@ -56,7 +56,7 @@ class Row:
     more: frozenset[str] = frozenset()
     """Elements that the car has beside those of the standard car."""
     known: bool = False
-    """Whether `[vehicle.structure]` says which elements the car has: all others are forbidden."""
+    """True if `[vehicle.structure]` says which elements the car has: all others are forbidden."""
 
 
 ROWS: Mapping[str, Row] = {
