@@ -13,9 +13,11 @@ from pathlib import Path
 import pytest
 
 from daq.errors import InputError
+from tui.cli import run
 from tui.recorders.log import BURST, Log
-from tui.recorders.process import last_line
+from tui.recorders.process import last_line, start_recorder
 
+STAMP = "2026-11-22T08:30:00.062Z"
 STORM = """
 import logging, sys, threading, warnings
 from tui.recorders.log import Log
@@ -99,13 +101,14 @@ def test_libraries_warnings_and_dying_threads_come_here(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("size", "kept"), [(1_000_000, False), (1_000_001, True)])
 def test_a_full_file_is_kept_beside_the_new_one(tmp_path: Path, size: int, kept: bool) -> None:
     path, before = tmp_path / "recorder.log", tmp_path / "recorder.log.1"
-    before.write_text("the one before that")
-    path.write_bytes(b"x" * size)
+    before.write_text(f"{STAMP} bumpbench: the one before that\n")
+    full = f"{STAMP} bumpbench: ".encode().ljust(size, b"x")
+    path.write_bytes(full)
     with Log(path) as log:
         log.line("begun anew")
     assert path.read_text().endswith("bumpbench: begun anew\n")
     assert (len(path.read_bytes()) < 100) is kept
-    assert (before.read_bytes() == b"x" * size) is kept
+    assert (before.read_bytes() == full) is kept
     with pytest.raises(InputError, match="another file for the log"):
         Log(tmp_path)
 
@@ -154,13 +157,71 @@ def test_a_thousand_kinds_of_lines_are_told_apart_then_counted_anew(tmp_path: Pa
 
 def test_a_log_is_continued_and_its_group_may_read_it(tmp_path: Path) -> None:
     path = tmp_path / "recorder.log"
-    path.write_text("before\n")
+    path.write_text(f"{STAMP} bumpbench: before\n")
     other = tmp_path / "other.log"
     with Log(path) as log, Log(other):
         log.line("after")
     before, after = path.read_text().splitlines()
-    assert (before, after[25:]) == ("before", "bumpbench: after")
+    assert (before[25:], after[25:]) == ("bumpbench: before", "bumpbench: after")
     assert other.stat().st_mode & 0o777 == 0o640
+
+
+FOREIGN = {
+    "car.toml": b'dbc = "car.dbc"\n',
+    "report.pdf": b"%PDF-1.7\n\xe2\xe3\xcf\xd3",
+    "syslog": b"2026-11-22T08:30:00.250Z sensord: started\n",
+    "line": b"\n",
+}
+
+
+@pytest.mark.parametrize("content", FOREIGN.values(), ids=FOREIGN)
+@pytest.mark.parametrize("name", ["recorder.log", "recorder.log.1"])
+def test_a_file_that_no_log_has_begun_is_neither_continued_nor_replaced(
+    tmp_path: Path, name: str, content: bytes
+) -> None:
+    (foreign := tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError) as raised:
+        Log(tmp_path / "recorder.log")
+    what = "is there already and is not a log of bumpbench (name another file for the log)"
+    assert str(raised.value) == f"{foreign}: {what}"
+    assert foreign.read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    "there",
+    ["", "2026-1", f"{STAMP} bumpb", "bumpbench: error: x", "Traceback (most recent call last):\n"],
+)
+def test_an_empty_file_a_torn_line_and_output_of_a_recorder_are_continued(
+    tmp_path: Path, there: str
+) -> None:
+    (path := tmp_path / "recorder.log").write_text(there)
+    with Log(path) as log:
+        log.line("after")
+    text = path.read_text()
+    assert text.startswith(there)
+    assert text.endswith("bumpbench: after\n")
+
+
+def test_a_pipe_is_refused_without_waiting_for_its_reader(tmp_path: Path) -> None:
+    os.mkfifo(path := tmp_path / "recorder.log")
+    with pytest.raises(InputError, match="is not an ordinary file"):
+        Log(path)
+
+
+def test_a_recorder_refuses_a_foreign_log_before_it_makes_or_locks_anything(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (foreign := tmp_path / "car.toml").write_bytes(FOREIGN["car.toml"])
+    out = tmp_path / "today"
+    assert run(["record", "--out", str(out), "--log", str(foreign)]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"bumpbench: error: {foreign}: is there already")
+    assert err.count("\n") == 1
+    assert not out.exists()
+    (folder_log := tmp_path / "recorder.log").write_bytes(FOREIGN["syslog"])
+    with pytest.raises(InputError, match="is not a log of bumpbench"):
+        start_recorder(None, tmp_path)
+    assert folder_log.read_bytes() == FOREIGN["syslog"]
 
 
 def test_what_a_log_takes_from_libraries_is_given_back(tmp_path: Path) -> None:

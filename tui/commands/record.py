@@ -47,11 +47,13 @@ def record(
     from ..endings import PROMETHEUS, require_ending
     from ..output import progress
     from ..recorders.daemon import Lifetime
-    from ..recorders.log import Log
+    from ..recorders.log import Log, require_log
     from ..recorders.recording import OpenedAtStart, print_outcome, record_campaign
 
     if figures is not None:
         require_ending(figures, "text file of Prometheus", PROMETHEUS)
+    if log is not None:
+        require_log(log)
     described = shared_bench(bench, interface, channel)
     lifetime = Lifetime(not idle, keep_on, figures, lambda: shared_bench(bench, interface, channel))
     with (

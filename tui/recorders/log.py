@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import stat
 import sys
 import threading
@@ -19,6 +20,29 @@ counted."""
 HELD_LINES = 1000
 MAX_FILE_BYTES = 1_000_000
 _FLUSH_S = 0.5
+_BEGINNINGS = (
+    b"0000-00-00T00:00:00.000Z bumpbench: ",
+    b"bumpbench: ",
+    b"Traceback (most recent call last):",
+)
+"""First bytes of a log, each digit as 0; the last two in stderr of a recorder of a terminal."""
+
+
+def require_log(path: Path) -> None:
+    """Raise InputError if a file to log to, or the `*.1` that it will replace, is not a log.
+
+    A log, and what a recorder wrote to stderr, is recognized by its first bytes; an empty file is
+    taken for one.
+    """
+    from daq import InputError
+
+    for file in (path, _kept(path)):
+        try:
+            if file.exists():
+                _require_log(file)
+        except OSError as error:
+            what = error.strerror or str(error)
+            raise InputError(str(file), what, "name another file for the log") from error
 
 
 class Log:
@@ -28,7 +52,7 @@ class Log:
     line begins with the UTC at which it was logged; lines on stderr are stamped by the program that
     stores them.  `path`: a file instead of stderr; beyond 1 MB it is renamed to `*.1`, which
     replaces an earlier one, and a new file is begun.  Raises InputError if the file cannot be
-    written.
+    written, or as `require_log` does.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -109,7 +133,7 @@ class Log:
         """Begin a new file if this one is full, and keep this one until the new one is full."""
         if self._path is None or os.fstat(self._file).st_size <= MAX_FILE_BYTES:
             return
-        self._path.replace(self._path.with_name(f"{self._path.name}.1"))
+        self._path.replace(_kept(self._path))
         full, self._file = self._file, _created(self._path)
         os.close(full)
 
@@ -134,6 +158,20 @@ def _utc(wall_s: float) -> str:
     return f"{time.strftime('%Y-%m-%dT%H:%M:%S', time.gmtime(whole))}.{part:03d}Z"
 
 
+def _require_log(file: Path) -> None:
+    if not stat.S_ISREG(file.stat().st_mode):
+        raise OSError("is not an ordinary file")
+    with file.open("rb") as stream:
+        first = re.sub(rb"[1-9]", b"0", stream.read(len(_BEGINNINGS[0])))
+    if not any(known.startswith(first[: len(known)]) for known in _BEGINNINGS):
+        raise OSError("is there already and is not a log of bumpbench")
+
+
+def _kept(path: Path) -> Path:
+    """Return the name that a full log is given."""
+    return path.with_name(f"{path.name}.1")
+
+
 def _created(path: Path) -> int:
     return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o640)
 
@@ -141,13 +179,10 @@ def _created(path: Path) -> int:
 def _opened(path: Path) -> int:
     from daq import InputError
 
+    require_log(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = _created(path)
-        if not stat.S_ISREG(os.fstat(file).st_mode):
-            os.close(file)
-            raise OSError("is not an ordinary file")
+        return _created(path)
     except OSError as error:
         what = error.strerror or str(error)
         raise InputError(str(path), what, "name another file for the log") from error
-    return file

@@ -77,6 +77,9 @@ def _start(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:
     from daq import InputError
     from daq.control import group_readable
 
+    from .log import require_log
+
+    require_log(folder / LOG)
     try:
         with group_readable():
             folder.mkdir(parents=True, exist_ok=True)
