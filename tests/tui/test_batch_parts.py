@@ -144,6 +144,34 @@ def test_only_what_is_done_by_this_version_is_not_done_again(tmp_path: Path) -> 
         RowJournal(tmp_path / "none" / "j")
 
 
+ROW_KEYS = '"sha256": "1", "verdict": "ok", "software": "x"}'
+
+
+@pytest.mark.parametrize(
+    ("content", "number"),
+    [
+        ("measured by hand", 1),
+        ("line 1\nline 2", 1),
+        ('{"car": "Golf"}', 1),
+        ('{"file": "a.h5", ' + ROW_KEYS + "\nmine\nand mine", 2),
+    ],
+)
+def test_a_foreign_file_keeps_its_last_line(tmp_path: Path, content: str, number: int) -> None:
+    (path := tmp_path / "t.jsonl").write_text(content)
+    with pytest.raises(InputError) as raised:
+        RowJournal(path)
+    assert str(raised.value) == f"{path}:{number}: is not a row of a batch (choose another --out)"
+    assert path.read_text() == content
+
+
+@pytest.mark.parametrize("torn", ["", "{", '{"file": "a.h5", "sha256": "1'])
+def test_the_beginning_of_a_first_row_is_cut_off(tmp_path: Path, torn: str) -> None:
+    (path := tmp_path / "t.jsonl").write_text(torn)
+    with RowJournal(path) as journal:
+        assert journal.verdicts == {}
+    assert path.read_text() == ""
+
+
 @pytest.mark.parametrize(
     ("out", "page", "named"),
     [

@@ -14,6 +14,9 @@ from identify.batch import Cell
 
 from .work import FAILED, software
 
+_BEGINNING = b'{"file": "'
+"""First bytes of each row."""
+
 
 class RowJournal:
     """The rows of a batch, stored next to its table; rows are appended and never rewritten.
@@ -76,16 +79,20 @@ class RowJournal:
         self._stream.close()
 
     def _read(self) -> dict[str, str]:
-        """Return hash to verdict of what is done with this version, and cut off a torn line."""
+        """Return hash to verdict of what is done with this version, and cut off a torn line.
+
+        Nothing is cut from a file that has neither a row nor the beginning of one.
+        """
         verdicts: dict[str, str] = {}
         whole = 0
         self._stream.seek(0)
-        for line in self._stream:
+        for number, line in enumerate(self._stream, start=1):
             if line.endswith(b"\n"):
+                _note(verdicts, _row(self.path, number, line))
                 whole += len(line)
+            elif not whole and not _BEGINNING.startswith(line[: len(_BEGINNING)]):
+                _row(self.path, number, line)
         self._stream.truncate(whole)
-        for _, row in rows_in(self.path):
-            _note(verdicts, row)
         return verdicts
 
 
@@ -103,15 +110,20 @@ def rows_in(path: Path) -> Iterator[tuple[int, dict[str, Cell]]]:
     with path.open("rb") as stream:
         place = 0
         for number, line in enumerate(stream, start=1):
-            try:
-                row = json.loads(line)
-                row["file"], row["sha256"], row["verdict"], row["software"]
-            except (ValueError, KeyError, TypeError):
-                raise InputError(
-                    f"{path}:{number}", "is not a row of a batch", "choose another --out"
-                ) from None
-            yield place, row
+            yield place, _row(path, number, line)
             place += len(line)
+
+
+def _row(path: Path, number: int, line: bytes) -> dict[str, Cell]:
+    """Return the row in a line; raises InputError with its number if it is none."""
+    try:
+        row: dict[str, Cell] = json.loads(line)
+        row["file"], row["sha256"], row["verdict"], row["software"]
+    except (ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{path}:{number}", "is not a row of a batch", "choose another --out"
+        ) from None
+    return row
 
 
 def _lock(stream: IO[bytes]) -> None:
