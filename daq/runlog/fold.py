@@ -7,7 +7,7 @@ the log with this fold, so they cannot disagree.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -114,18 +114,23 @@ def _bumped(log: RunLog, event: Event) -> RunLog:
 
 def _all_left_out(log: RunLog, reasons: Mapping[str, str], by: str) -> RunLog:
     """Return the log with several runs rejected as one decision."""
-    joined = False
+    known = {run.label: run for run in log.runs}
+    changes: list[Change] = []
     for label, reason in reasons.items():
-        run = log.run(label)
+        run = known.get(label)
         if run is not None and run.status is LoggedStatus.ACCEPTED:
             after = replace(run, status=LoggedStatus.REJECTED, by=by, reason=reason)
-            log, joined = _decided(log, run, after, joined), True
-    return log
+            changes.append(Change(run, after, joined=bool(changes)))
+    return _changed(log, changes) if changes else log
 
 
-def _decided(log: RunLog, before: LoggedRun, after: LoggedRun, joined: bool = False) -> RunLog:
-    done = (*log.done, Change(before, after, joined))
-    return replace(log, runs=_replaced(log, after), done=done, undone=())
+def _decided(log: RunLog, before: LoggedRun, after: LoggedRun) -> RunLog:
+    return _changed(log, [Change(before, after)])
+
+
+def _changed(log: RunLog, changes: Sequence[Change]) -> RunLog:
+    runs = _replaced(log, [change.after for change in changes])
+    return replace(log, runs=runs, done=(*log.done, *changes), undone=())
 
 
 def _judged(
@@ -152,26 +157,36 @@ def _judged(
 def _stepped_back(log: RunLog) -> RunLog:
     if not log.done:
         return log
-    change = log.done[-1]
-    # A run that has ended cannot be open again: undoing gives the other verdict.  A run that a
-    # person rejected while it was recorded is open again until the recorder judges it.
-    before = change.before
-    if before.status is LoggedStatus.OPEN and not change.after.by:
-        accepted = change.after.status is LoggedStatus.ACCEPTED
-        other = LoggedStatus.REJECTED if accepted else LoggedStatus.ACCEPTED
-        before = replace(change.after, status=other, by="undo", reason="")
-    undone = (*log.undone, Change(before, change.after, change.joined))
-    log = replace(log, runs=_replaced(log, before), done=log.done[:-1], undone=undone)
-    return _stepped_back(log) if change.joined else log
+    first = len(log.done) - 1
+    while first and log.done[first].joined:
+        first -= 1
+    back = [_reversible(change) for change in reversed(log.done[first:])]
+    runs = _replaced(log, [change.before for change in back])
+    return replace(log, runs=runs, done=log.done[:first], undone=(*log.undone, *back))
+
+
+def _reversible(change: Change) -> Change:
+    """Return a change with what its run is once it is undone.
+
+    A run that has ended cannot be open again: undoing gives the other verdict.  A run that a person
+    rejected while it was recorded is open again until the recorder judges it.
+    """
+    if change.before.status is not LoggedStatus.OPEN or change.after.by:
+        return change
+    accepted = change.after.status is LoggedStatus.ACCEPTED
+    other = LoggedStatus.REJECTED if accepted else LoggedStatus.ACCEPTED
+    return replace(change, before=replace(change.after, status=other, by="undo", reason=""))
 
 
 def _stepped_forth(log: RunLog) -> RunLog:
     if not log.undone:
         return log
-    change = log.undone[-1]
-    done, undone = (*log.done, change), log.undone[:-1]
-    log = replace(log, runs=_replaced(log, change.after), done=done, undone=undone)
-    return _stepped_forth(log) if undone and undone[-1].joined else log
+    first = len(log.undone) - 1
+    while first and log.undone[first - 1].joined:
+        first -= 1
+    forth = log.undone[first:][::-1]
+    runs = _replaced(log, [change.after for change in forth])
+    return replace(log, runs=runs, done=(*log.done, *forth), undone=log.undone[:first])
 
 
 def _cut(log: RunLog) -> RunLog:
@@ -185,5 +200,7 @@ def _cut(log: RunLog) -> RunLog:
     return log
 
 
-def _replaced(log: RunLog, after: LoggedRun) -> tuple[LoggedRun, ...]:
-    return tuple(after if run.label == after.label else run for run in log.runs)
+def _replaced(log: RunLog, changed: Iterable[LoggedRun]) -> tuple[LoggedRun, ...]:
+    """Return the runs of a log with those of the same labels in place of them."""
+    latest = {run.label: run for run in changed}
+    return tuple(latest.get(run.label, run) for run in log.runs)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import pytest
 
@@ -18,6 +19,7 @@ from daq.runs import Event, Excitation
 from dbc.finding import Finding, Severity
 
 from ..a_status import a_status
+from ..long_run_log import long_run_log
 
 RUN = "baseline_bounce_1"
 BUMP = Event(1, Code.BUMP, 1.0, RUN)
@@ -142,6 +144,28 @@ def test_runs_that_are_left_out_together_come_back_together() -> None:
     assert accepted(UNDO) == [True, True, True, True]
     assert accepted(UNDO, REDO) == [False, False, True, False]
     assert accepted(UNDO, UNDO) == [True, True, True, False]  # the verdict before it
+
+
+def test_runs_left_out_together_cost_in_proportion_and_may_be_more_than_calls_nest() -> None:
+    def calls(count: int) -> int:
+        log = long_run_log(count)
+        reasons = {run.label: "unlike" for run in log.runs}
+        left_out = entry(Code.LEAVE_OUT, 10, reasons=reasons, by="Ann")
+        made = [0]
+
+        def counted(frame: object, what: str, argument: object) -> None:
+            made[0] += 1
+
+        sys.setprofile(counted)
+        try:
+            after = fold([left_out, UNDO, REDO], log)
+        finally:
+            sys.setprofile(None)
+        assert {run.status for run in after.runs} == {LoggedStatus.REJECTED}
+        return made[0]
+
+    few, many = calls(100), calls(1200)
+    assert many < 18 * few  # 12 times as many runs; each for each would be 144 times
 
 
 def test_the_revision_counts_changes_of_the_session_file_alone() -> None:
