@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -40,6 +40,29 @@ def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
 def print_line(text: str = "") -> None:
     """Write one line to stdout, foreign text included: nothing in it is markup."""
     console().print(_visible(text), markup=False, highlight=False, soft_wrap=True)
+
+
+def print_labelled(rows: Sequence[tuple[str, str]]) -> None:
+    """Write a text beside each label; all texts begin in one column.
+
+    It is in the left half of the width, two columns after the longest label for which that is so;
+    after a longer one, the text is in the next line.  On a terminal a text is folded between words.
+    """
+    import textwrap
+
+    from rich.cells import cell_len, set_cell_size
+
+    width, folds = console().width, sys.stdout.isatty()
+    labels = [_visible(label) for label, _ in rows]
+    sizes = [cell_len(label) for label in labels]
+    column = 2 + max((size for size in sizes if size + 2 <= width // 2), default=0)
+    for label, size, (_, text) in zip(labels, sizes, rows, strict=True):
+        if size + 2 > column:
+            print_line(label)
+        before = "" if size + 2 > column else label
+        for line in textwrap.wrap(_visible(text), width - column) if folds else [_visible(text)]:
+            print_line(set_cell_size(before, column) + line)
+            before = ""
 
 
 def _visible(text: str) -> str:

@@ -174,7 +174,7 @@ def test_no_bus_is_exit_4(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_layouts_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["check", "--layouts"]) == 0
-    assert "xsens_mti            Xsens MTi 600 series on CAN\n" in capsys.readouterr().out
+    assert "xsens_mti           Xsens MTi 600 series on CAN\n" in capsys.readouterr().out
     assert run(["check", "--layouts", "--json"]) == 0
     assert "sbg_ecan" in json.loads(capsys.readouterr().out)["layouts"]
 

@@ -307,11 +307,17 @@ def _frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> Fr
 def _print_report(report: CheckReport) -> None:
     from daq.check import WORDS
 
-    from ..output import print_line
+    from ..output import print_labelled, print_line
 
-    for line in report.lines:
-        advice = f" -> {line.advice}" if line.advice else ""
-        print_line(f"{WORDS[line.severity]:<5}{line.subject:<28} {line.text}{advice}")
+    print_labelled(
+        [
+            (
+                f"{WORDS[line.severity]:<5}{line.subject}",
+                line.text + (f" -> {line.advice}" if line.advice else ""),
+            )
+            for line in report.lines
+        ]
+    )
     counts = [f"{sum(x.severity is s for x in report.lines)} {word}" for s, word in WORDS.items()]
     print_line(f"{report.word}: {', '.join(counts)}; {report.frames} frames")
 
@@ -344,12 +350,11 @@ def _print_document(report: CheckReport) -> None:
 def _list_layouts(json: bool) -> int:
     from daq.bench import ready_map, ready_map_names
 
-    from ..output import print_json, print_line
+    from ..output import print_json, print_labelled
 
     maps = {name: ready_map(name).title for name in ready_map_names()}
     if json:
         print_json({"layouts": maps})
     else:
-        for name, title in maps.items():
-            print_line(f"{name:<20} {title}")
+        print_labelled(list(maps.items()))
     return ExitCode.OK
