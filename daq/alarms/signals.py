@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -11,7 +12,7 @@ import numpy as np
 from dbc.finding import Finding
 from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 
-from ..channels import Quantity
+from ..channels import LARGEST, Quantity
 from ..samples.converter import is_fine, is_stuck
 from ..samples.mapping import MappedChannel
 from .inputs import Count, Key, fault
@@ -38,6 +39,8 @@ class Limits:
     """True if the channel must show noise (`daq.samples.converter.is_fine`)."""
     range_text: str
     """The range as text."""
+    largest: float = math.inf
+    """Largest magnitude that any sensor shows, in the signal's unit; those above are not used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +88,9 @@ def limits_of(mapped: MappedChannel) -> Limits:
         low, high = float("-inf"), float("inf")
     channel, step = mapped.channel, mapped.step
     fine = is_fine(channel.quantity, channel.unit, step)
-    return Limits(low, high, step, fine, f"{low:g} to {high:g} {signal.unit}".rstrip())
+    gain = abs(mapped.factor * channel.scale)
+    largest = LARGEST / gain if gain else math.inf
+    return Limits(low, high, step, fine, f"{low:g} to {high:g} {signal.unit}".rstrip(), largest)
 
 
 def advance_signals(
@@ -108,12 +113,12 @@ def advance_signals(
             continue
         name = m.channel.name
         low, high = float(samples.value.min()), float(samples.value.max())
-        if not (np.isfinite(low) and np.isfinite(high)) or samples.quality.any():
-            samples, low, high = _sift(name, samples, limits[name], counts)
+        limit = limits[name]
+        if not max(-low, high) <= limit.largest or samples.quality.any():  # or not a number
+            samples, low, high = _sift(name, samples, limit, counts)
             if not len(samples.t_ns):
                 standing.pop(name, None)
                 continue
-        limit = limits[name]
         # Many unsigned signals are zero at rest.
         if (low <= limit.low and low != 0) or (high >= limit.high and high != 0):
             value = samples.value
@@ -144,15 +149,15 @@ def _sift(
     """Count faulty samples, and return the usable ones."""
     quality, value = samples.quality, samples.value
     usable = (quality & np.uint8(UNUSABLE)) == 0
-    finite = np.isfinite(value)
+    shown = np.isfinite(value) & (np.abs(value) <= limit.largest)
     for code, rows in (
         ("no_value", (quality & np.uint8(Quality.SENTINEL)) != 0),
-        ("not_a_number", usable & ~finite),
+        ("not_a_number", usable & ~shown),
         ("out_of_range", usable & ((quality & np.uint8(Quality.OUT_OF_RANGE)) != 0)),
     ):
         if number := int(np.count_nonzero(rows)):
             counts[code, name] = Count(number, limit.range_text if code == "out_of_range" else "")
-    good = np.flatnonzero(usable & finite)
+    good = np.flatnonzero(usable & shown)
     kept = Samples(samples.channel, samples.t_ns[good], value[good], quality[good])
     if not len(good):
         return kept, 0.0, 0.0

@@ -138,8 +138,8 @@ EXPLAINED = MappingProxyType(
         ),
         "not_a_number": Explanation(
             "not a number",
-            "Floating-point values are NaN or infinite; these samples are not used",
-            "check the type of the signal in the DBC, and the sensor",
+            "Values are NaN, infinite or above 1e6 in SI, as of no sensor; they are not used",
+            "check type, byte order and factor of the signal in the DBC, and the sensor",
         ),
         "out_of_range": Explanation(
             "out of range",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +22,16 @@ from .words import finding
 LOST_SHARE = 0.02
 """Largest share of lost frames: a loose plug loses most while the car moves most, and another bump
 costs only a minute."""
+_NO_VALUE = "check the sensor, and type, checksum and factor of its signal, then bump again"
 _SPOKEN = 0.9
 """Least share of a message's samples that each healthy channel has."""
 
 
 def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Find messages that were silent for a part of the run."""
-    silence = _silences(bench, window)
+    """Find messages that were silent, and channels without a value, for a part of the run."""
+    messages = _messages(bench.channels, window)
+    poor = _poor(bench.channels, window, messages)
+    silence = _silences(bench, window, {**messages, **poor})
     for message in window.stale:
         known = silence.get(message, Silence(0.0, 0.0, STALE_S))
         length_s = max(known.length_s, known.limit_s + STALE_S)
@@ -45,17 +49,22 @@ def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterat
     if len(silent) == len(silence) > 1:
         who = f"all {len(silence)} messages"
     were = "was" if len(silent) == 1 else "were"
-    text = f"{who} {were} silent for {gap_s:.2f} s (limit {limit_s:.2f} s)"
-    yield finding("stale", False, gap_s, limit_s, "s", text, worst)
+    came = _silences(bench, window, {name: _came(name, bench, window) for name in silent})
+    mute = not any(found.is_stale for found in came.values())
+    what = "without a usable value" if mute else "silent"
+    text = f"{who} {were} {what} for {gap_s:.2f} s (limit {limit_s:.2f} s)"
+    found = finding("stale", False, gap_s, limit_s, "s", text, worst)
+    yield replace(found, advice=_NO_VALUE) if mute else found
 
 
-def _silences(bench: Bench, window: RunWindow) -> dict[str, Silence]:
-    """Return the longest silence of each message in the run; times count from the bump."""
+def _silences(
+    bench: Bench, window: RunWindow, stamps: Mapping[str, NDArray[np.int64]]
+) -> dict[str, Silence]:
+    """Return the longest silence of each message or channel in the run; times are from the bump."""
     start_s, stop_s = -bench.trigger.pre_s, bench.trigger.post_s
-    messages = _messages(bench.channels, window)
     return {
-        message: longest_silence((t_ns - window.bump_ns) * 1e-9, start_s, stop_s)
-        for message, t_ns in {**messages, **_poor(bench.channels, window, messages)}.items()
+        name: longest_silence((t_ns - window.bump_ns) * 1e-9, start_s, stop_s)
+        for name, t_ns in stamps.items()
     }
 
 
@@ -80,6 +89,13 @@ def _poor(
         channel.name: (_good(channel, window), messages[_message(channel)]) for channel in used
     }
     return {name: own for name, (own, all_) in times.items() if len(own) < _SPOKEN * len(all_)}
+
+
+def _came(name: str, bench: Bench, window: RunWindow) -> NDArray[np.int64]:
+    """Return the time stamps of a message or channel, those without a usable value too."""
+    none = np.empty(0, np.int64)
+    own = (c.name for c in bench.channels if name in (c.name, _message(c)))
+    return max((window.channels.get(each, (none, none))[0] for each in own), key=len, default=none)
 
 
 def _message(channel: Channel) -> str:

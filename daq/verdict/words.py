@@ -24,7 +24,8 @@ WORDS: Mapping[str, Words] = MappingProxyType(
     {
         "stale": Words(
             "sensor silent",
-            "A sensor sent nothing for a part of the run. What it would have shown is missing.",
+            "A sensor sent nothing, or no usable value, for a part of the run. What it would have "
+            "shown is missing.",
             "check its plug and power, then bump again",
         ),
         "lost_frames": Words(

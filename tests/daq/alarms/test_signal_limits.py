@@ -127,6 +127,31 @@ def test_samples_that_cannot_be_used_are_counted_by_their_kind() -> None:
     assert channel_turn([1.0, 9.0], int(Quality.CRC_BAD))[0].standing == {}
 
 
+@pytest.mark.parametrize(
+    ("value", "gain", "counted"),
+    [
+        (0.99e6, 1.0, 0),
+        (1.01e6, 1.0, 1),
+        (-1.01e6, 1.0, 1),
+        (0.51e6, -2.0, 1),
+        (0.49e6, -2.0, 0),
+        (1e300, 1.0, 1),
+        (-np.inf, 1.0, 1),
+    ],
+)
+def test_a_value_that_no_sensor_shows_is_not_a_number(
+    value: float, gain: float, counted: int
+) -> None:
+    """The samples of a sensor that sent 1e12 m were not used, and no alarm said so."""
+    mapped = with_signal(USED, minimum=None, maximum=None, is_float=True)
+    mapped = replace(mapped, factor=1.0, channel=replace(mapped.channel, gain=gain))
+    decoded = replace(CODEC.decode(NOTHING), samples={mapped.channel.signal: samples([1.0, value])})
+    watch, counts = advance_signals(SignalsWatch(), (mapped,), decoded)
+    numbers = {code: count.number for (code, _), count in counts.items()}
+    assert numbers.get("not_a_number", 0) == counted
+    assert watch.standing[mapped.channel.name].value == (1.0 if counted else value)
+
+
 @pytest.mark.parametrize(("steps", "moving"), [(19.0, 0), (21.0, 1)])
 @pytest.mark.parametrize("alike", [True, False])
 @pytest.mark.parametrize("gain", [1.0, 4.0])

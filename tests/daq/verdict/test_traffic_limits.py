@@ -11,7 +11,7 @@ from daq.runs import Losses
 from daq.verdict.traffic import lost_frames, overload, stale
 from daq.verdict.window import traces
 
-from .closed_forms import HUB, T_S, TRAVEL, Array, one, pulse, window
+from .closed_forms import BODY, HUB, T_S, TRAVEL, Array, one, pulse, window
 
 
 def without(time_s: Array, start_s: float, length_s: float) -> Array:
@@ -56,6 +56,32 @@ def test_silent_messages_are_named_unless_all_are() -> None:
         assert not finding.passed
         assert finding.text.startswith(start)
         assert finding.subject == subject
+
+
+@pytest.mark.parametrize(
+    ("pairs", "text", "advice"),
+    [
+        ({}, "SUSP was without a usable value for 3.50 s (limit 0.25 s)", "of its signal"),
+        (
+            {"twin": "SUSP.y"},
+            "travel was without a usable value for 3.50 s (limit 0.25 s)",
+            "of its signal",
+        ),
+        ({"gone": "HUB.a"}, "SUSP, HUB were silent for 3.50 s (limit 0.25 s)", "plug and power"),
+    ],
+)
+def test_frames_without_a_usable_value_are_not_silence(
+    pairs: dict[str, str], text: str, advice: str
+) -> None:
+    """A sensor that sent 1e12 m at 500 Hz was reported as silent."""
+    others = {name: replace(TRAVEL, name=name, signal=signal) for name, signal in pairs.items()}
+    shown = {c: np.sin(T_S) for name, c in others.items() if name == "twin"}
+    nothing = {c: np.empty(0) for name, c in others.items() if name == "gone"}
+    bench, run = window({TRAVEL: np.full(len(T_S), np.nan), BODY: np.sin(T_S), **shown})
+    bench = replace(bench, channels=(*bench.channels, *nothing))
+    (finding,) = stale(bench, run, ())
+    assert finding.text == text
+    assert advice in finding.advice
 
 
 @pytest.mark.parametrize(("lost", "passed"), [(71, True), (72, False)])
