@@ -68,11 +68,13 @@ def status_line(status: Status) -> str:
     """Return buses, frame rate, lag of the disk and free room in one line."""
     healthy = sum(bus.state in (BusState.OK, BusState.ERROR_PASSIVE) for bus in status.buses)
     rate = sum(bus.frames_per_s for bus in status.buses)
+    free = status.disk.free_bytes
+    room = f"{free / 1e9:.0f} GB" if free >= 1e9 else f"{free / 1e6:.0f} MB"
     parts = [
         f"{healthy}/{len(status.buses)} buses",
         f"{rate:,.0f} frames/s",
         f"lag {status.disk.lag_s * 1e3:.0f} ms",
-        f"{status.disk.free_bytes / 1e9:.0f} GB free",
+        f"{room} free",
     ]
     if status.losses.measured:
         parts.append(f"{status.losses.measured:,} frames lost")

@@ -23,7 +23,7 @@ from typing import TextIO
 from dbc.frames import FrameBatch
 
 from ..bench.config import Bench, bench_codec, parse_bench
-from ..errors import BumpbenchError, InputError
+from ..errors import BumpbenchError, InputError, printable
 from ..files import rewritten, sync_file
 from ..garbage import loaded_is_kept
 from ..journal.built import note_built
@@ -259,11 +259,18 @@ def main(arguments: Sequence[str], out: TextIO) -> int:
         # Segments deleted since then to make room contained no run.
         done = derive([path for path in segments if path.exists()], target, growing=True)
     except (BumpbenchError, OSError) as error:
-        out.write(json.dumps({"path": str(target), "error": str(error)}) + "\n")
+        out.write(json.dumps({"path": str(target), "error": _reason(error, target)}) + "\n")
         return BAD_INPUT
     result = {"path": str(target), "loss": done.loss, "runs": len(done.runs)}
     out.write(json.dumps(result) + "\n")
     return DONE_WITH_LOSS if done.loss else DONE
+
+
+def _reason(error: Exception, target: Path) -> str:
+    """Return why a session file was not built; the status names the file beside it."""
+    if isinstance(error, BumpbenchError) and error.where == printable(str(target)):
+        return error.what
+    return str(error)
 
 
 if __name__ == "__main__":

@@ -47,8 +47,8 @@ def low_text(room: Room, limits: RecorderConfig) -> str:
     """Return a warning if there is little space, else an empty text."""
     if room.free < LOW_RESERVES * limits.reserve_bytes or room.free < LOW_SHARE * room.total:
         return (
-            f"{room.free / 1e9:.2f} GB ({room.free / max(room.total, 1):.0%}) left on the disk; "
-            f"recording stops at {limits.reserve_bytes / 1e9:.2f} GB"
+            f"{room.free / 1e6:,.0f} MB ({room.free / max(room.total, 1):.0%}) left on the disk; "
+            f"recording stops at {limits.reserve_bytes / 1e6:,.0f} MB"
         )
     return ""
 

@@ -208,6 +208,11 @@ def test_what_was_recorded_is_printed_or_why_there_is_nothing(
         with pytest.raises(InputError, match=said) as refused:
             recorded_session(none)
         assert refused.value.where == "/var/lib/bumpbench"
+    unbuilt = SessionStatus(SessionState.FAILED, "today/a.h5", "cannot be written: no room")
+    with pytest.raises(InputError) as refused:
+        recorded_session(replace(a_status(), session=unbuilt))
+    assert str(refused.value).startswith("today/a.h5: cannot be written: no room (the journal has")
+    assert str(refused.value).count("(") == 1
     full = Alarm("journal_failed", "", "the disk is full", "make room on the disk", 1)
     with pytest.raises(InputError, match=r"the disk is full .make room on the disk.$"):
         recorded_session(replace(a_status(), alarms=(full,)))

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 
 
 BETWEEN = "between two campaigns, recording goes on"
+RECOVER = "the journal has it all: make room if the disk is full, then `bumpbench recover`"
+"""Advice where no session file could be built."""
 
 
 def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
@@ -39,7 +41,7 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
             yield f"{run.label} {run.status}{reasons}", ""
     session = status.session
     if session.state == "failed" and (before is None or before.session != session):
-        yield f"session: {session.text}", ""
+        yield f"session {session.path}: {session.text} ({RECOVER})", ""
 
 
 def progress_words(status: Status) -> tuple[float, str]:

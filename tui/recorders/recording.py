@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..diagnostics import ExitCode, say_left_out
 from ..output import Stage, print_json, print_line, print_table
 from .daemon import Lifetime, run_recorder
+from .lines import RECOVER
 from .log import Log
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def recorded_session(last: Status) -> tuple[Path, Session]:
             if alarm.code == "journal_failed":
                 raise InputError(last.folder, alarm.text, alarm.advice)
         what = last.session.text or "no session file was built"
-        raise InputError(last.folder, what, "the journal is there: try `bumpbench recover`")
+        raise InputError(last.session.path or last.folder, what, RECOVER)
     path = Path(last.session.path)
     return path, read_session(path)
 

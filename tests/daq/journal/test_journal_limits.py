@@ -128,7 +128,7 @@ def test_little_room_is_ten_reserves_or_a_tenth_of_the_disk(
 
 
 def test_little_room_is_given_in_gigabytes_and_percent() -> None:
-    text = "1.50 GB (3%) left on the disk; recording stops at 0.20 GB"
+    text = "1,500 MB (3%) left on the disk; recording stops at 200 MB"
     assert low_text(Room(1_500_000_000, 50 * GB), LIMITS) == text
     assert "(0%)" in low_text(Room(0, 0), LIMITS)
 

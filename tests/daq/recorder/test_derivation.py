@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from daq.control.messages import SessionState, SessionStatus
-from daq.derive.build_session import DONE, main
+from daq.derive.build_session import BAD_INPUT, DONE, main
 from daq.journal.folder import segments_in
 from daq.recorder import derivation
 from daq.recorder.derivation import Derivation
@@ -36,6 +36,21 @@ def test_a_service_that_may_not_be_nice_derives_all_the_same(
     assert target.exists()
     score = Path("/proc/self/oom_score_adj")  # it ends before the recorder if the memory runs out
     assert not score.exists() or int(score.read_text("ascii")) >= 500
+
+
+def test_a_reason_names_its_file_once(tmp_path: Path) -> None:
+    """The status has the path of the session beside the reason; other files are in the reason."""
+    (journal := tmp_path / "journal").mkdir()
+    journal_of_runs(journal, 160_000)
+    segments = list(map(str, segments_in(journal)))
+    no_folder = tmp_path / "none" / "session.h5"
+    said = io.StringIO()
+    assert main([str(no_folder), *segments], said) == BAD_INPUT
+    assert json.loads(said.getvalue())["error"] == "cannot be written: No such file or directory"
+    (foreign := tmp_path / "journal_0001.mcap").write_text("mine")
+    said = io.StringIO()
+    assert main([str(tmp_path / "session.h5"), str(foreign)], said) == BAD_INPUT
+    assert json.loads(said.getvalue())["error"].startswith(f"{foreign}: ")
 
 
 def test_a_process_that_hangs_is_ended_and_the_next_one_has_its_turn(

@@ -84,7 +84,8 @@ class IdentifyScreen(WorkScreen):
             if session.state is SessionState.READY:
                 self.begin(session.path)
             elif session.state is SessionState.FAILED:
-                trouble = Trouble(status.folder, session.text or "no session file", _BUILD_ADVICE)
+                where, what = session.path or status.folder, session.text or "no session file"
+                trouble = Trouble(where, what, _BUILD_ADVICE)
                 self.work = replace(self.work, stage=Stage.FAILED, trouble=trouble)
         self.draw()
 
