@@ -99,12 +99,30 @@ def test_a_campaign_ends_with_its_session_file(end: bool) -> None:
     assert engine.orders == [Stop()]
 
 
-def test_a_refused_end_ends_the_recorder_and_keeps_the_recording() -> None:
+def test_an_end_that_a_full_disk_refuses_is_tried_again_until_it_has_room() -> None:
+    """The frames that waited in memory were lost when the recorder went."""
+    engine = Engine()
+    engine.refuses = True
+    one = daemon(engine, keep_on=False)
+    for _ in range(4):
+        one._lead(at("a", Phase.COMPLETE), end=False)
+    assert engine.orders == [Stop(), Stop()]
+    assert not one._stop.is_set()
+    engine.refuses = False
+    one._lead(at("a", Phase.COMPLETE), end=False)
+    one._lead(at("", Phase.IDLE, SessionState.BUILDING), end=False)
+    assert not one._stop.is_set()
+    one._lead(at("", Phase.IDLE, SessionState.READY), end=False)
+    assert one._stop.is_set()
+    assert engine.orders == [Stop()] * 3
+
+
+def test_a_signal_ends_a_recorder_whose_disk_is_full_and_keeps_the_recording() -> None:
     engine = Engine()
     engine.refuses = True
     one = daemon(engine, keep_on=False)
     one._lead(at("a", Phase.COMPLETE), end=False)
-    one._lead(at("a", Phase.COMPLETE), end=False)
+    one._lead(at("a", Phase.COMPLETE), end=True)
     assert one._stop.is_set()
 
 

@@ -216,7 +216,18 @@ def test_what_was_recorded_is_printed_or_why_there_is_nothing(
     full = Alarm("journal_failed", "", "the disk is full", "make room on the disk", 1)
     with pytest.raises(InputError, match=r"the disk is full .make room on the disk.$"):
         recorded_session(replace(a_status(), alarms=(full,)))
+    disk = replace(a_status().disk, held_frames=45_826, failed="the disk is full")
+    gone = replace(a_status(), disk=disk, alarms=(full,), session=SessionStatus(SessionState.NONE))
+    lost = "45826 frames at the end were not stored: the disk is full (make room, then "
+    with pytest.raises(InputError) as refused:
+        recorded_session(gone)
+    assert str(refused.value).startswith(f"/var/lib/bumpbench: {lost}")
     path = tmp_path / "car.h5"
+    write_session(path, replace(small_session(), runs=()))
+    earlier = replace(gone, session=SessionStatus(SessionState.READY, str(path)))
+    assert print_outcome(earlier, json=False) == 3
+    assert f"bumpbench: /var/lib/bumpbench: {lost}" in capsys.readouterr().err
+    assert print_outcome(replace(earlier, disk=a_status().disk), json=False) == 0
     write_session(path, small_session())
     there = replace(a_status(), session=SessionStatus(SessionState.READY, str(path)))
     assert recorded_session(there)[0] == path

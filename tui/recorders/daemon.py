@@ -186,7 +186,11 @@ class _Daemon:
         return watched
 
     def _lead(self, status: Status, end: bool) -> None:
-        """Arm each campaign once; end it when it is complete, and try again if that was refused."""
+        """Arm each campaign once; end it when it is complete, and try again if that was refused.
+
+        A full disk refuses: if the recorder ended, the frames that wait in memory would be lost.
+        Only a signal (`end`) ends it then.
+        """
         from daq.control import Arm, Phase, SessionState, Stop, Until
 
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
@@ -199,14 +203,16 @@ class _Daemon:
         if over and status.recording not in ("", self._ended):
             self._ended = status.recording
             self._ending = self._recorder.submit(Stop(), BY)
-        elif self._ending and self._ending.done() and self._lifetime.keep_on:
-            if self._ending.exception():
-                self._ended = ""
-            self._ending = None
         elif self._ending and self._ending.done():
+            refused = self._ending.exception()
+            if refused and (self._lifetime.keep_on or not end):
+                self._log.line(f"the campaign is complete, but {refused}", "refused end")
+                self._ended = ""
             derived = status.session.state in (SessionState.READY, SessionState.FAILED)
-            if derived or self._ending.exception():
+            if not self._lifetime.keep_on and (end if refused else derived):
                 self._stop.set()
+            if refused or self._lifetime.keep_on:
+                self._ending = None
 
     def _reload(self) -> None:
         """Reload bench.toml if it is valid; else keep the one in force."""

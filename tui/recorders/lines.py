@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 BETWEEN = "between two campaigns, recording goes on"
 RECOVER = "the journal has it all: make room if the disk is full, then `bumpbench recover`"
 """Advice where no session file could be built."""
+RECOVER_STORED = "make room, then `bumpbench recover` builds the session of those before"
+"""Advice where a recorder has ended while its disk took no frames."""
 
 
 def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:

@@ -7,10 +7,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..diagnostics import ExitCode, say_left_out
+from ..diagnostics import ExitCode, say, say_left_out
 from ..output import Stage, print_json, print_line, print_table
 from .daemon import Lifetime, run_recorder
-from .lines import RECOVER
+from .lines import RECOVER, RECOVER_STORED
 from .log import Log
 
 if TYPE_CHECKING:
@@ -93,6 +93,8 @@ def recorded_session(last: Status) -> tuple[Path, Session]:
     from daq.control import SessionState
 
     if last.session.state is not SessionState.READY:
+        if held := last.disk.held_frames:
+            raise InputError(last.folder, _not_stored(held, last.disk.failed), RECOVER_STORED)
         for alarm in last.alarms:
             if alarm.code == "journal_failed":
                 raise InputError(last.folder, alarm.text, alarm.advice)
@@ -109,8 +111,14 @@ def print_outcome(last: Status, json: bool) -> ExitCode:
         print_json(summary(path, session))
     else:
         print_summary(path, session)
-    lost = sum(run.losses.measured for run in session.runs)
+    if held := last.disk.held_frames:
+        say(f"{last.folder}: {_not_stored(held, last.disk.failed)} ({RECOVER_STORED})")
+    lost = held + sum(run.losses.measured for run in session.runs)
     return ExitCode.DATA_LOST if lost else ExitCode.OK
+
+
+def _not_stored(held: int, failed: str) -> str:
+    return f"{held} frames at the end were not stored: {failed}"
 
 
 def summary(path: Path, session: Session) -> dict[str, Any]:
