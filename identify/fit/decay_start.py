@@ -72,8 +72,8 @@ def earliest_start_s(
     """Return the earliest start from which the samples are free decay, s.
 
     `at`: the fitted model for the record's mass state.  `covariance`, (P, P) float64: of the
-    unknowns of the fit.  `decay` and `linear`: from a start that is late enough, with its linear
-    part.  `lower_s`: no start before this time is considered.
+    unknowns of the fit, finite.  `decay` and `linear`: from a start that is late enough, with its
+    linear part.  `lower_s`: no start before this time is considered.
     """
     start_s = decay.start_s
     # The force ends near the expected start: all other samples are seldom looked at.
@@ -170,10 +170,9 @@ def _joint(
     covariance: NDArray[np.float64], mixed: NDArray[np.float64], inverse: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the covariance of the unknowns together with the linear part of one run."""
-    C = np.where(np.isfinite(covariance), covariance, 0.0)
-    across = -inverse @ mixed @ C
+    across = -inverse @ mixed @ covariance
     own = inverse - across @ mixed.T @ inverse
-    return np.block([[C, across.T], [across, own]])
+    return np.block([[covariance, across.T], [across, own]])
 
 
 Known = tuple[NDArray[np.float64], NDArray[np.float64]]

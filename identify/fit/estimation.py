@@ -46,6 +46,9 @@ _SAME_COST = 0.01
 _ROUGH = 0.1  # of a standard deviation: a search is followed by a fit
 _SEARCH_STEPS = 40
 _FIT_STEPS = 30
+_WIDEST = 1.0
+"""Standard deviation of each unknown, the logarithm of a parameter, before any run: a factor e.
+Without it, predictions would have no covariance where runs do not determine the masses."""
 _SCANS = 3
 
 _MID_SIZE_CAR = np.array(
@@ -251,10 +254,12 @@ def settled(late: Estimation) -> Estimation:
     best = late
     for _ in range(_SCANS):
         here = linearised_at(best)
+        information = np.sum(list(best.fit.information.values()), axis=0)
+        covariance = np.linalg.inv(information + np.eye(len(information)) / _WIDEST**2)
         starts = [
             earliest_start_s(
                 here.points[d.mass_state],
-                best.fit.covariance,
+                covariance,
                 record,
                 d,
                 linear,

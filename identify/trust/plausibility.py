@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from daq.vehicle import parameter_unit
 from dbc.finding import Finding, Severity
 
 from ..fit.estimation import Estimation
@@ -58,12 +59,23 @@ def parameter_findings(estimation: Estimation) -> tuple[Finding, ...]:
     """Judge the estimates of the parameters."""
     vague = undetermined(estimation)
     if vague:
-        text = (
-            f"these runs do not determine {', '.join(vague)}: record bounce, pitch and roll (warp "
-            "helps most) in both mass states, with sensors on body and wheels"
-        )
+        text = f"these runs do not determine {', '.join(vague)}: {_advice(vague, estimation)}"
         return (Finding("undetermined", Severity.ERROR, text),)
     return (*_wide(estimation), *_implausible(estimation), *contradiction_findings(estimation))
+
+
+def _advice(vague: tuple[str, ...], estimation: Estimation) -> str:
+    """Return what to do; where nothing but the common scale is open, the weights were too light."""
+    scaled = {n for n in estimation.box.parameters if n not in SIGNED and parameter_unit(n) != "m"}
+    if set(vague) == scaled:
+        return (
+            "their ratios are known, but the added weights are too light to fix their scale: add "
+            "heavier ones, or weigh the vehicle (total and front axle) and state the loads as facts"
+        )
+    return (
+        "record bounce, pitch and roll (warp helps most) in both mass states, with sensors on body "
+        "and wheels"
+    )
 
 
 def _percent(std: float) -> str:
@@ -85,7 +97,7 @@ def _wide(estimation: Estimation) -> tuple[Finding, ...]:
     worst = max(wide, key=lambda name: wide[name])
     text = (
         f"wide intervals: {', '.join(wide)} (worst {worst} ± {_percent(wide[worst])}): add "
-        "runs, a warp run first, weights on the hubs, or scales as facts"
+        "runs, a warp run first, heavier weights, or scales as facts"
     )
     return (Finding("wide", Severity.WARNING, text),)
 

@@ -5,22 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from daq.channels import Quantity
 from daq.runs import RunStatus
 from daq.sessions import Session
-from daq.vehicle import MassState, Vehicle, parameter_names, parameter_unit
+from daq.vehicle import Vehicle, parameter_names, parameter_unit
 from dbc.finding import Finding, Severity
 
 from ..decays.decay import Record
 from ..model.facts import SCALED
-from ..model.matrices import delta_mass
-from ..paper.physical_matrices import MASS_ADVICE, massless_motions
 from .format import listed
-
-_ANY_CG_M = 1.3
-"""Assumed place of the CG, m; it does not affect whether weights leave a motion massless."""
 
 
 def shortcomings(
@@ -88,19 +81,6 @@ def _scale(records: Sequence[Record], session: Session) -> Iterator[Finding]:
             "no accepted run with added mass and no scales: free decays alone fix no absolute "
             "mass; add known masses and bump again, or weigh the vehicle (total and front axle) "
             "and state the loads as facts",
-        )
-    else:
-        yield from _singular(loaded)
-
-
-def _singular(loaded: Sequence[MassState]) -> Iterator[Finding]:
-    total = np.sum([delta_mass(state.added, _ANY_CG_M).real for state in loaded], axis=0)
-    bare = massless_motions(total)
-    if bare:
-        yield _refused(
-            "added_mass",
-            f"the added mass is singular, it does not move with {', '.join(bare)}: {MASS_ADVICE}, "
-            "or weigh the vehicle and state the loads as facts",
         )
 
 

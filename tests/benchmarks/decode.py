@@ -127,3 +127,7 @@ def _fastest(work: Callable[[], object], repeats: int) -> float:
         work()
         spent.append(process_time() - start)
     return min(spent)
+
+
+if __name__ == "__main__":
+    main()

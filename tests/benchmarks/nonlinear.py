@@ -54,3 +54,7 @@ def _warm(
     """Compile, or load what was compiled."""
     (path,) = integrate([one], [own], [0.05], USUAL.step_s, PATH)
     tangents(one, acts, path, start_of(one, own, acts, PATH), plan_of(one, path, USUAL))
+
+
+if __name__ == "__main__":
+    main()

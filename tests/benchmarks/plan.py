@@ -73,3 +73,7 @@ def main() -> None:
             f" {time.process_time() - began:.1f} s",
             flush=True,
         )
+
+
+if __name__ == "__main__":
+    main()

@@ -6,6 +6,9 @@ Tab 2`, both digits land in the first field, and text typed immediately after th
 dialog is lost (https://github.com/Textualize/textual/issues/6605).  Here a key waits until the key
 before it has had its effect: until its messages are processed and the screen that it opened has its
 cursor.
+
+The footer writes keys as capitals, so a capital letter has the effect of the small one wherever no
+field takes text: with Caps Lock on, the terminal works as without.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from contextlib import suppress
 from textual.app import App
 from textual.binding import Binding
 from textual.dom import DOMNode
-from textual.events import Event, InputEvent, MouseMove, Paste
+from textual.events import Event, InputEvent, Key, MouseMove, Paste
 
 PATIENCE_S = 5.0
 """Longest wait for the effect of a key, s: as long as a recorder may take for its answer."""
@@ -48,7 +51,7 @@ class KeyboardApp(App[None]):
             self._delivered = None
             widgets = self._front
             self._effect = asyncio.create_task(self._await_effect(widgets))
-            await super().on_event(event)
+            await super().on_event(self._as_bound(event))
         else:
             self._waiting.append(event)
 
@@ -63,6 +66,14 @@ class KeyboardApp(App[None]):
         """Stop waiting for effects."""
         if self._effect is not None:
             self._effect.cancel()
+
+    def _as_bound(self, event: Event) -> Event:
+        """Return the small letter in place of a capital one that no field takes as text."""
+        if not (isinstance(event, Key) and len(event.key) == 1 and event.key.isupper()):
+            return event
+        if self.focused and self.focused.check_consume_key(event.key, event.character):
+            return event
+        return Key(event.key.lower(), event.key.lower())
 
     @property
     def _idle(self) -> bool:

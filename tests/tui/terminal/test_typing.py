@@ -17,6 +17,7 @@ from tui.terminal.screens.dialogs import Confirm, Question
 from tui.terminal.screens.home import HomeScreen
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.run import RunScreen
+from tui.terminal.screens.sessions import SessionsScreen
 from tui.terminal.screens.vehicle import VehicleScreen
 from tui.terminal.screens.weight import WeightScreen
 from tui.terminal.widgets.form import Form
@@ -79,6 +80,22 @@ async def test_an_answer_in_one_burst_with_its_question(make_app: Make) -> None:
         assert orders_of(recorder, Accept) == [Accept(label, "a door")]
         assert not isinstance(app.screen, Question)
         assert app.screen.query_one(TextArea).text == "2nd door"
+
+
+async def test_with_caps_lock_each_key_does_what_the_footer_says_and_a_text_keeps_its_capitals(
+    make_app: Make,
+) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, HomeScreen)
+        await burst(pilot, "N", *"RL WET", "ctrl+s")
+        assert orders_of(recorder, Note) == [Note("RL WET")]
+        await burst(pilot, "S")
+        assert isinstance(app.screen, SessionsScreen)
+        await burst(pilot, "F", *"T5")
+        assert app.screen.query_one(Input).value == "T5"
 
 
 def _masses() -> FakeRecorder:
@@ -187,7 +204,7 @@ def test_a_key_that_was_up_for_three_tenths_of_a_second_is_an_answer(
     monkeypatch: pytest.MonkeyPatch, times_s: list[float], answers: list[bool]
 ) -> None:
     given: list[bool] = []
-    dialog = Confirm("start?")
+    dialog = Confirm("start?", "yes", "no")
     times = iter(times_s)
     monkeypatch.setattr(Confirm, "_clock", staticmethod(lambda: next(times)))
     monkeypatch.setattr(dialog, "dismiss", given.append)

@@ -99,7 +99,8 @@ class BumpingScreen(BenchScreen):
         if action.step is not None:
             await app.go_to(action.step)
         elif action.order is not None and question and self._change != app.answered:
-            self.app.push_screen(Confirm(question), self._weights_are_right)
+            dialog = Confirm(question, "yes, start", "no, not yet")
+            self.app.push_screen(dialog, self._weights_are_right)
         elif action.order is not None and await app.ask(action.order) is not None:
             await app.open("run")
 

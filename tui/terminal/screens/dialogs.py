@@ -122,16 +122,19 @@ class Question(ModalScreen[str | None]):
 
 
 class Confirm(ModalScreen[bool | None]):
-    """Returns True after SPACE, None after Esc; a SPACE that is held down is not an answer."""
+    """Returns True after SPACE, None after Esc; a SPACE that is held down is not an answer.
+
+    `yes` and `no`: what each key does, in the words of the question.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space,pagedown,enter", "yes", "Yes"),
         Binding("escape", "dismiss(None)", "No"),
     ]
 
-    def __init__(self, words: str) -> None:
+    def __init__(self, words: str, yes: str, no: str) -> None:
         super().__init__()
-        self._words = words
+        self._words, self._keys = words, f"SPACE = {yes}   Esc = {no}"
         self._pressed_s = 0.0
 
     @property
@@ -143,7 +146,7 @@ class Confirm(ModalScreen[bool | None]):
         self._pressed_s = self._clock()
         with Vertical(classes="box"):
             yield Static(self._words, markup=False)
-            yield Static("SPACE = yes, start   Esc = no, not yet", markup=False)
+            yield Static(self._keys, markup=False)
 
     def action_yes(self) -> None:
         """Return yes, unless the key was already down before the dialog."""

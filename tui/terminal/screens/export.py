@@ -35,7 +35,7 @@ async def export_session(app: App[None], path: str) -> None:
     there = _existing(Path(path), form)
     if there is not None:
         words = f"{printable(there.name, 40)} exists already: replace it?"
-        if not await app.push_screen_wait(Confirm(words)):
+        if not await app.push_screen_wait(Confirm(words, "yes, replace", "no, keep it")):
             return
     app.notify(f"exporting {name} as {form}", markup=False)
     async with aclosing(lines_of(ExportTask(path, form, there is not None), name)) as lines:

@@ -1,0 +1,47 @@
+"""Campaigns with few added weights: one known mass fixes the scale of all parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daq.bench.config import Bench, load_bench
+from daq.runs import BASELINE
+from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight
+
+from .coverage import outcome
+
+ONE = [BodyWeight(32.5, 0.14, 0.55)]
+HUBS = [HubWeight(4.0, corner) for corner in Corner]
+
+
+def _bench(weights: Sequence[BodyWeight | HubWeight]) -> Bench:
+    shipped = load_bench(None)
+    states = tuple(
+        state if state.name == BASELINE else replace(state, added=AddedMass(tuple(weights)))
+        for state in shipped.mass_states
+    )
+    return replace(shipped, mass_states=states)
+
+
+@pytest.mark.parametrize(("weights", "std"), [(HUBS, 0.005), (ONE, 0.01)])
+def test_weights_on_the_hubs_alone_or_a_single_one_on_the_floor_determine_all_parameters(
+    weights: Sequence[BodyWeight | HubWeight], std: float
+) -> None:
+    one = outcome(_bench(weights), 0)
+    assert one.quality.verdict == "ok", one.quality.reasons
+    assert len(one.names) == 15
+    assert np.max(one.stds) < std
+    # The common scale is one error of eleven parameters.
+    assert np.max(np.abs(one.errors / one.stds)) < 3.0
+
+
+def test_weights_too_light_to_fix_the_scale_are_named() -> None:
+    one = outcome(_bench([BodyWeight(0.05, 0.14, 0.55)]), 0)
+    assert one.quality.verdict == "refused"
+    (reason,) = one.quality.reasons
+    assert "determine m_s, I_yy, I_xx, m_uf, m_ur, k_sf, k_sr, k_tf, k_tr, c_sf, c_sr:" in reason
+    assert "add heavier ones, or weigh the vehicle" in reason
