@@ -92,7 +92,7 @@ class Reader:
     def asked(self, script: str, answers: Sequence[str]) -> tuple[str, list[str]]:
         """Run a script at a terminal; return what it showed and what it asked, a line each."""
         child, fd = pty.fork()
-        if child == 0:  # pragma: no cover: another process
+        if child == 0:
             os.chdir(self.folder)
             os.execvpe("bash", ["bash", "-e", "-c", script], self.environment)
         shown, asked, left = "", list[str](), list(answers)

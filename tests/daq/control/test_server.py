@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zmq
@@ -203,7 +204,8 @@ def test_a_client_survives_a_restart_of_the_recorder(engine: Engine, address: Ad
 def test_a_turn_that_fails_is_not_the_last(
     server: Server, engine: Engine, address: Address, caplog: pytest.LogCaptureFixture
 ) -> None:
-    server.publish(object(), None)  # type: ignore[arg-type]
+    broken: Any = object()
+    server.publish(broken, None)
     until(lambda: "control: TypeError" in caplog.text)
     client = Client(address, "Anna", control=True)
     assert client.ask(Mark("still there")).status == a_status(1)

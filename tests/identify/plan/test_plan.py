@@ -4,6 +4,7 @@ Figures in per cent are standard deviations: docs/method.md, "Noise and the boun
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -374,9 +375,9 @@ def test_only_what_is_missing_is_offered() -> None:
         ({"mass_states": (*STATES, STATES[0])}, "baseline occurs twice"),
     ],
 )
-def test_plans_that_are_none(change: dict[str, object], message: str) -> None:
+def test_plans_that_are_none(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        replace(_bench_plan(), **change)  # type: ignore[arg-type]
+        replace(_bench_plan(), **change)
 
 
 def test_sensors_that_are_none() -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 from rich.cells import cell_len
 from textual.color import Color
+from textual.theme import Theme
 from textual.widgets import Input
 
 from daq.control.messages import Alarm, BusState, BusStatus, Phase, SessionState, SessionStatus
@@ -135,7 +136,7 @@ def _luminance(color: Color) -> float:
 
 
 @pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
-def test_every_colour_of_words_stands_out_from_every_ground(theme) -> None:  # type: ignore[no-untyped-def]
+def test_every_colour_of_words_stands_out_from_every_ground(theme: Theme) -> None:
     words = ("foreground", "primary", "warning", "error", "success", "accent")
     for word in words:
         for ground in ("background", "surface", "panel"):
