@@ -1,7 +1,7 @@
 """The page for unknown sensors, followed as it stands: its commands in a shell, its answers typed.
 
 What the page runs in a second terminal, `simulate`, runs beside the rest.  The multicast groups are
-others than the page's, so that nobody else who follows it at the moment is heard.
+others than the page's, so that no other reader who follows it at the moment is heard.
 """
 
 from __future__ import annotations

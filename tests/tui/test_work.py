@@ -203,7 +203,7 @@ def test_the_child_ends_when_its_terminal_does(session: Path) -> None:
         assert b'"done"' not in child.stdout.read()
 
 
-def test_the_list_tells_of_sessions_reports_and_bad_files(session: Path, tmp_path: Path) -> None:
+def test_the_list_shows_sessions_reports_and_bad_files(session: Path, tmp_path: Path) -> None:
     good = tmp_path / "session_0001.h5"
     good.write_bytes(session.read_bytes())
     (tmp_path / "old").mkdir()

@@ -303,7 +303,7 @@ def test_an_engine_that_does_not_answer_is_reported(
     client.close()
 
 
-def test_a_client_that_never_reads_holds_nobody_up(
+def test_a_client_that_never_reads_delays_no_other(
     server: Server, engine: Engine, address: Address
 ) -> None:
     """R15: neither statuses that are not fetched nor replies that are not read are kept."""
@@ -333,12 +333,12 @@ def test_a_client_that_never_reads_holds_nobody_up(
         # A blocked send would take for ever; what the scheduler does on a busy machine does not.
         assert longest_s < 5.0
 
-        def told_of_the_last() -> bool:
+        def has_the_last() -> bool:
             server.publish(a_status(77_777), None)
             message = viewer.news(0.1)
             return isinstance(message, Status) and message.t_ns == 77_777
 
-        until(told_of_the_last)  # the viewer did not listen either, and does now
+        until(has_the_last)  # the viewer did not listen either, and does now
         assert viewer.ask(AskStatus()).status is not None
         viewer.close()
 

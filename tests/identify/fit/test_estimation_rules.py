@@ -105,7 +105,7 @@ def test_the_noise_of_the_roughest_run_bounds_that_of_all() -> None:
 
 
 class Searches:
-    """What searches end with, by the first unknown that they start from."""
+    """Scripted ends of searches, by the first unknown that they start from."""
 
     def __init__(self, costs: dict[float, float], explain: float = 0.0) -> None:
         self.costs, self.explain = costs, explain

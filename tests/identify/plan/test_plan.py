@@ -320,7 +320,7 @@ def _gains(advice: Advice) -> list[float]:
     return [step.outlook.worst * step.outlook.mean for step in advice.steps]
 
 
-def test_steps_are_what_their_plans_will_tell_sorted_and_few() -> None:
+def test_steps_are_what_their_plans_will_show_sorted_and_few() -> None:
     plan = replace(_bench_plan(facts=()), bump=Bump(0.02))
     advice = advise(plan)
     assert 6 <= len(advice.steps) <= 12

@@ -226,7 +226,7 @@ def test_a_quiet_channel_does_not_fill_its_picture() -> None:
 
 
 class Refusing(FakeRecorder):
-    """A recorder that refuses to tell its bench at first."""
+    """A recorder that refuses at first to send its bench."""
 
     async def ask(self, order: Order) -> Reply:
         """Refuse once."""

@@ -274,7 +274,7 @@ def test_every_screen_names_a_page_of_help(make_app: MakeApp) -> None:
         assert screen.HELP_PAGE in SCREEN_PAGES
 
 
-def test_help_tells_the_keys_of_the_screen(
+def test_help_shows_the_keys_of_the_screen(
     make_app: MakeApp, worker: FakeWorker, snapshot: Snapshot
 ) -> None:
     app = make_app(measured())

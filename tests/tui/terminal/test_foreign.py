@@ -40,7 +40,7 @@ def _bad_lines(app: BenchApp, columns: int) -> list[str]:
     ]
 
 
-def _told_by(recorder: FakeRecorder, text: str) -> None:
+def _reported_by(recorder: FakeRecorder, text: str) -> None:
     recorder.mark("vehicle", "check")
     recorder.bump()
     recorder.judge(replace(DOUBLE_BUMP, text=text, advice=text))
@@ -64,7 +64,7 @@ async def test_foreign_text_only_shows(name: str, make_app: Callable[..., BenchA
     text = FOREIGN[name]
     warned = replace(NOISY, subject=f"channel {text}", reason=text, advice=text)
     recorder = FakeRecorder(check=(warned, replace(UPSIDE_DOWN, reason=text, advice=text)))
-    _told_by(recorder, text)
+    _reported_by(recorder, text)
     app = make_app(recorder)
     app.operator = text
     async with app.run_test(size=(80, 24)) as pilot:

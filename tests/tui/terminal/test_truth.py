@@ -1,4 +1,4 @@
-"""What the screen promises holds: its step, what SPACE does, what to do if all is not well."""
+"""The screen keeps its promises: its step, what SPACE does, what to do if all is not well."""
 
 from __future__ import annotations
 
