@@ -187,7 +187,7 @@ class MassState:
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """Which parameters the model of the vehicle has beyond the 15."""
+    """Lists the parameters of the vehicle's model beyond the 15."""
 
     symmetric: bool = True
     """True if the left and right corner of an axle are equal; else every corner has its own wheel,

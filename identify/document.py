@@ -47,7 +47,7 @@ class FindingEntry(TypedDict):
 
 
 class LossEntry(TypedDict):
-    """Why a parameter is lost."""
+    """States the cause that makes a parameter useless, and its effect."""
 
     cause: str
     shift: float

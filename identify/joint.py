@@ -95,7 +95,7 @@ def _profiled(
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """Which parameters may differ between sessions, and how."""
+    """Says which parameters may differ between sessions, and how."""
 
     parameters: tuple[int, ...]
     """Index of each parameter that may differ."""

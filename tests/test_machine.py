@@ -1,4 +1,4 @@
-"""What a guest needs of this machine is said before it boots."""
+"""A guest reports what it needs of this machine before it boots."""
 
 from __future__ import annotations
 

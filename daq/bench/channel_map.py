@@ -119,7 +119,7 @@ class GivenRun:
 
 @dataclass(frozen=True, slots=True)
 class ChannelMap:
-    """Which columns of a file are which channels."""
+    """Assigns the columns of a file to channels."""
 
     bench: Bench
     """Vehicle, weights, campaign, trigger and channels; their signals are columns."""

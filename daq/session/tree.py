@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 class Part(StrEnum):
-    """How much of a session file is read."""
+    """Names the part of a session file that is read."""
 
     WHOLE = "whole"
     SAMPLES = "samples"

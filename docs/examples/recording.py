@@ -22,7 +22,7 @@ from daq.sim import SimulatedCar, campaign_frames
 def main(folder: Path, bench_toml: Path | None = None) -> Path:
     """Record a campaign of the simulated car, and return its session file."""
     bench = daq.load_bench(bench_toml)
-    # Nobody rejects a run here: the next bump may come at once.
+    # No operator can reject a run here: the next bump may come at once.
     bench = replace(bench, procedure=replace(bench.procedure, accept_after_s=0.0))
     # Ten lines ...
     stop, news = threading.Event(), News()
@@ -42,7 +42,7 @@ def main(folder: Path, bench_toml: Path | None = None) -> Path:
 
 
 class News:
-    """What the recorder reports ten times a second; `hear` must not block."""
+    """Receives the recorder's reports, ten a second; `hear` must not block."""
 
     def __init__(self) -> None:
         self.complete, self.built = threading.Event(), threading.Event()

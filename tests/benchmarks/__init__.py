@@ -1,3 +1,3 @@
-"""What things cost, beside a peer or a limit: `make bench`."""
+"""Measures costs against other libraries or limits: `make bench`."""
 
 import tui as tui  # says, before NumPy is loaded, that BLAS shall use one thread

@@ -41,7 +41,7 @@ except ChildProcessError:
 """
 """Runs a command and waits for all that it leaves behind, so that its CPU is counted."""
 TOLD = 200
-"""Sessions for which the costs are told."""
+"""Number of sessions for which the costs are printed."""
 
 
 def main(sessions: int = SESSIONS) -> None:

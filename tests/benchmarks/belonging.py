@@ -1,4 +1,4 @@
-"""How surely the runs that do not belong to the others are named, and what that gains parameters.
+"""Measures how often the runs that do not belong are named, and what parameters gain by it.
 
 Campaigns of five runs of each kind where three were planned; two runs, which pass their verdicts,
 are of another car than was said.

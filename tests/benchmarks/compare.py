@@ -1,4 +1,4 @@
-"""How surely `compare` names what changed: null pairs, single changes, pairs, changes outside.
+"""Measures how often `compare` names the change: null pairs, one change, two, one outside.
 
 Simulated sessions of six runs (the paper's car, 30 dB). `python -m tests.benchmarks.compare
 [NULLS [TRIALS [RATE_HZ]]]`: 400 null pairs, 10 of each single change and 150 changes of two at

@@ -1,4 +1,4 @@
-"""How long the likelihood fit takes, how its errors compare with the bound, where it converges."""
+"""Measures the likelihood fit: its time, its errors against the bound, where it converges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the planner expects of a real car, beside the bounds of an independent prototype."""
+"""Compares what the planner expects of a real car with the bounds of an independent prototype."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ print(sent * len(sockets))
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What a recorder under load has done."""
+    """Counts the frames and the CPU time of a recorder under load."""
 
     seconds: float
     """Wall time."""

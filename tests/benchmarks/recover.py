@@ -1,4 +1,4 @@
-"""An hour at 4,000 frames a second: `recover`, and what is left to do after the last run.
+"""Measures `recover` on an hour of 4,000 frames a second, and the work after the last run.
 
 `python -m tests.benchmarks.recover SECONDS`: the length of the recording.
 

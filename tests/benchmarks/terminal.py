@@ -1,4 +1,4 @@
-"""What the operator's terminal costs: the command itself, in a pseudo terminal, on a recorder.
+"""Measures the CPU of the operator's terminal: the command in a pseudo terminal, on a recorder.
 
 The recorder is another process that publishes a status and the samples of eight lanes ten times a
 second.  Bars: 12 % of a core and 200 kB/s at 140x40, first screen within 0.6 s of the start of the

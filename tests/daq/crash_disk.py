@@ -7,6 +7,7 @@ import os
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
+from typing import Any
 
 from daq.journal.disk_space import Room
 from daq.journal.segment import JournalFile
@@ -58,7 +59,7 @@ class _FailingFile(QuickFile):
         self._disk = disk
         self._broken = False
 
-    def write(self, data: memoryview) -> int:  # type: ignore[override]
+    def write(self, data: Any) -> int:
         assert not self._broken, "a file was written to after its first error"
         try:
             if self._disk.kind != "sync":
@@ -106,7 +107,7 @@ class _SmallFile(QuickFile):
         super().__init__(path)
         self._disk = disk
 
-    def write(self, data: memoryview) -> int:  # type: ignore[override]
+    def write(self, data: Any) -> int:
         if self._disk.free <= 0:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         taken = super().write(data[: self._disk.free])
@@ -132,7 +133,7 @@ class _LoggedFile(QuickFile):
         super().__init__(path)
         self._short, self._disk = path.name, disk
 
-    def write(self, data: memoryview) -> int:  # type: ignore[override]
+    def write(self, data: Any) -> int:
         self._disk.log.append(("write", self._short, self.tell(), bytes(data)))
         return super().write(data)
 

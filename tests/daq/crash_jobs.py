@@ -32,7 +32,7 @@ def die_with_parent() -> None:
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """What the parts of a campaign have returned, and what they took."""
+    """Holds the results of the parts of a campaign, and their time."""
 
     results: tuple[Any, ...]
     failed: str

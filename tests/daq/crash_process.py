@@ -171,7 +171,7 @@ def _commands() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """What `bumpbench recover` has found, and the numbers of the stored frames."""
+    """Holds the findings of `bumpbench recover`, and the numbers of the stored frames."""
 
     numbers: NDArray[np.int64]
     lost: JournalLoss

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -75,10 +76,12 @@ def take_away(folder: Path, how: Callable[[Path], object]) -> float:
         k += 1
         assert k < 60, "not noticed"
     told_s = 0.1 * (k - 20)
-    for k in range(k, k + 20):  # noqa: B020 - goes on where it was
+    until = k + 20
+    while k < until:
         writer.append(block(k * _FRAMES, _FRAMES), HopLosses())
         writer.maintain(0.1 * k)
-    offered = (k + 1) * _FRAMES
+        k += 1
+    offered = until * _FRAMES
     recorded = writer.status.recorded_frames
     writer.close(ended=True)
     ours = [path for path in segments_in(folder) if path.read_bytes()[:1] == b"\x89"]
@@ -104,7 +107,7 @@ def read_only(folder: Path) -> None:
     refuse = [False]
 
     class ReadOnlyFile(QuickFile):
-        def write(self, data: memoryview) -> int:  # type: ignore[override]
+        def write(self, data: Any) -> int:
             _refuse()
             return super().write(data)
 

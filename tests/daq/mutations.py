@@ -35,7 +35,7 @@ _NUMBERS = (0, 1, 0x7F, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**45, 2**63 - 1, 
 
 @dataclass(slots=True)
 class Outcome:
-    """What a campaign has shown."""
+    """Counts how the files of a campaign ended."""
 
     codes: Counter[int] = field(default_factory=Counter)
     """How often each exit code came."""
@@ -84,7 +84,7 @@ def _mutate(raw: bytearray, rng: np.random.Generator) -> None:
 def campaign(
     count: int, seed: int = 1, jobs: int = 1, report: Callable[[str], None] = lambda text: None
 ) -> Outcome:
-    """Validate `count` damaged files, `jobs` at once; `report` is told every 100 files."""
+    """Validate `count` damaged files, `jobs` at once; `report` is called every 100 files."""
     total = Outcome()
     fork = multiprocessing.get_context("fork")
     with tempfile.TemporaryDirectory() as folder, fork.Pool(jobs) as pool:

@@ -15,7 +15,7 @@ from daq.python_can import can
 
 @dataclass
 class Device:
-    """What is plugged in."""
+    """An adapter that fails as it is set to."""
 
     fault: Exception | None = None
     """What every `recv` raises."""

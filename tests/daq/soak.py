@@ -63,7 +63,7 @@ _SETTINGS = {
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """What the process holds while nothing is recorded."""
+    """Counts what the process holds while nothing is recorded."""
 
     frames: int
     rss_bytes: int
@@ -74,7 +74,7 @@ class Held:
 
 @dataclass(slots=True)
 class Tally:
-    """What was done so far."""
+    """Counts what was done so far."""
 
     recordings: int = 0
     runs: int = 0

@@ -64,7 +64,7 @@ class Slipped:
 
     @property
     def bump(self) -> Bump:
-        """Why it moves."""
+        """The bump that moves it."""
         return self.first.bump
 
     def states(self, t_s: Array) -> State:

@@ -1,4 +1,4 @@
-"""What is loaded is kept out of the search for garbage, as long as that is of use."""
+"""Loaded modules are kept out of the search for garbage, as long as that is of use."""
 
 from __future__ import annotations
 

@@ -67,6 +67,6 @@ def test_a_file_that_becomes_a_fifo_between_two_looks_is_closed_again(
     os.mkfifo(path)
     monkeypatch.setattr(Path, "lstat", lambda self: looked)
     before = len(list(Path("/proc/self/fd").iterdir()))
-    with pytest.raises(InputError, match="is a FIFO"):  # and nobody waited for a writer
+    with pytest.raises(InputError, match="is a FIFO"):  # without a wait for a writer
         open_regular(path, "name a file")
     assert len(list(Path("/proc/self/fd").iterdir())) == before

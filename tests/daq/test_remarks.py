@@ -1,4 +1,4 @@
-"""What persons said of a session, from a provenance that may be anybody's."""
+"""Remarks on a session, from a provenance that may come from any program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples of a run, which nobody can change afterwards."""
+"""Samples of a run, which cannot be changed afterwards."""
 
 from __future__ import annotations
 

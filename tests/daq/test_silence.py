@@ -1,4 +1,4 @@
-"""How long a sensor may be silent: the same at the bench and at the desk."""
+"""A sensor may be silent equally long at the bench and at the desk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the verdict makes of good and of spoilt runs: ``python -m tests.daq.verdicts 20``."""
+"""Counts verdicts on good and on spoilt runs: ``python -m tests.daq.verdicts 20``."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -147,7 +148,7 @@ class WatchedBench:
         merged = FrameBatch.concatenate(parts)
         return merged.select(np.argsort(merged.t_ns, kind="stable"))
 
-    def turn(self, *batches: FrameBatch, **facts: object) -> tuple[Event, ...]:
+    def turn(self, *batches: FrameBatch, **facts: Any) -> tuple[Event, ...]:
         """Take one turn; without batches, a healthy one."""
         batch = FrameBatch.concatenate(batches) if batches else self.healthy()
         decoded = self._codec.decode(batch)
@@ -160,14 +161,14 @@ class WatchedBench:
             self._codec,
             self._mapped,
             self.state,
-            replace(turn, **facts),  # type: ignore[arg-type]
+            replace(turn, **facts),
         )
         self.events += [(self.now_s, event) for event in events]
         return events
 
-    def link(self, number: int, **facts: object) -> None:
+    def link(self, number: int, **facts: Any) -> None:
         """Change the facts of a link."""
-        self.links[number] = replace(self.links[number], **facts)  # type: ignore[arg-type]
+        self.links[number] = replace(self.links[number], **facts)
 
     @property
     def alarms(self) -> list[Alarm]:

@@ -32,7 +32,7 @@ _PAYLOADS = 12
 
 @dataclass(slots=True)
 class Tally:
-    """What was found."""
+    """Counts what was found."""
 
     counts: Counter[str] = field(default_factory=Counter)
     """Files, messages, signals and values, by what became of them."""

@@ -82,7 +82,7 @@ NUMBERS = (0, 1, 2, 3, 4, 5, 6, *[7] * 20)
 
 @dataclass(frozen=True)
 class Tally:
-    """What became of the mutated files."""
+    """Counts how the mutated files ended."""
 
     outcome: Counter[str]
     slowest_s: float

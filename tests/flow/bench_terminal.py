@@ -173,7 +173,7 @@ class Seat:
 
     @property
     def text(self) -> str:
-        """What is on the screen."""
+        """The text on the screen."""
         return screen_text(self.app)
 
     async def until(
@@ -191,7 +191,7 @@ class Seat:
             if asyncio.iscoroutine(waits):
                 await waits
 
-    async def space_if_told(self) -> None:
+    async def space_if_offered(self) -> None:
         """Press SPACE if the screen says that it does something now; a press is not a held key."""
         now_s = time.monotonic()
         if now_s - self._pressed_s < 2 * LOCK_OUT_S:

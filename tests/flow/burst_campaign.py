@@ -109,7 +109,7 @@ class _Typist:
             self._noted.add(label)
             await self.note()
         elif isinstance(app.screen, BenchScreen):
-            await self.seat.space_if_told()
+            await self.seat.space_if_offered()
 
 
 def _as_typed(text: str, found: str) -> str:

@@ -1,4 +1,4 @@
-"""How often intervals hold the truth.  `python -m tests.flow.coverage 50 granada-rough`.
+"""Counts how often intervals hold the truth.  `python -m tests.flow.coverage 50 granada-rough`.
 
 The whole path from the simulated sensors on: encoded frames with jitter, runs cut, clocks
 recovered, parameters identified.  Only the bus itself is left out, which changes no byte.
@@ -44,7 +44,7 @@ class Outcome:
 
     @property
     def covered(self) -> NDArray[np.bool_]:
-        """Which 95 % intervals hold the truth."""
+        """True for each 95 % interval that holds the truth."""
         return np.asarray(np.abs(self.errors) < 1.96 * self.stds)
 
 

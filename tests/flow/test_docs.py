@@ -105,7 +105,7 @@ def test_what_can_be_run_runs(
 
 
 def test_no_page_sends_to_a_bus_that_ends_with_its_process() -> None:
-    """`replay --interface virtual` was in the manual, and reaches nobody."""
+    """`replay --interface virtual` was in the manual, and reaches no other process."""
     assert len(WRITTEN) > 30
     assert not [entry for entry in WRITTEN if "--interface virtual" in str(entry)]
 

@@ -1,7 +1,7 @@
 """The page for unknown sensors, followed as it stands: its commands in a shell, its answers typed.
 
 What the page runs in a second terminal, `simulate`, runs beside the rest.  The multicast groups are
-others than the page's, so that nobody else who follows it at the moment is heard.
+others than the page's, so that no other reader who follows it at the moment is heard.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Reader:
     def asked(self, script: str, answers: Sequence[str]) -> tuple[str, list[str]]:
         """Run a script at a terminal; return what it showed and what it asked, a line each."""
         child, fd = pty.fork()
-        if child == 0:  # pragma: no cover: another process
+        if child == 0:
             os.chdir(self.folder)
             os.execvpe("bash", ["bash", "-e", "-c", script], self.environment)
         shown, asked, left = "", list[str](), list(answers)

@@ -38,7 +38,7 @@ def campaign_by_space(folder: Path, runs: int, bumps: str) -> Path:
         app = terminal_on(bench.folder)
         async with seat(app) as operator:
             await operator.until(
-                lambda: operator.went_through()[-1:] == RECORDING[-1:], operator.space_if_told
+                lambda: operator.went_through()[-1:] == RECORDING[-1:], operator.space_if_offered
             )
             await operator.until(operator.sees(f"{runs} runs accepted"))
             assert operator.went_through() == RECORDING
@@ -47,7 +47,7 @@ def campaign_by_space(folder: Path, runs: int, bumps: str) -> Path:
             assert [run.status for run in status.runs].count(LoggedStatus.ACCEPTED) == runs
             await operator.until(
                 lambda: app.status is not None and app.status.session.state is SessionState.READY,
-                operator.space_if_told,
+                operator.space_if_offered,
             )
             assert app.status is not None
             return Path(app.status.session.path)
@@ -68,10 +68,10 @@ def results_by_space(folder: Path, session: Path) -> Path:
             assert len(app.status.runs) == KINDS
             await operator.until(operator.sees("SPACE = step 6 Identify"))
             # The recording stays with the terminal: its runs are there to be identified.
-            await operator.until(lambda: app.step is BenchStep.IDENTIFY, operator.space_if_told)
+            await operator.until(lambda: app.step is BenchStep.IDENTIFY, operator.space_if_offered)
             await operator.until(operator.sees(f"{KINDS} runs accepted"))
             await operator.until(
-                lambda: "WRITTEN   verdict ok" in operator.text, operator.space_if_told
+                lambda: "WRITTEN   verdict ok" in operator.text, operator.space_if_offered
             )
             await operator.until(lambda: progress(app.status).done == frozenset(BenchStep))
             assert app.step is BenchStep.REPORT

@@ -47,7 +47,7 @@ async def kill_the_recorder_in_mid_run(bench: DemoBench) -> None:
     async with seat(app) as operator:
         await operator.until(lambda: app.in_control and app.status is not None)
         await operator.until(
-            lambda: bool(app.status and app.status.phase is Phase.DECAY), operator.space_if_told
+            lambda: bool(app.status and app.status.phase is Phase.DECAY), operator.space_if_offered
         )
         assert app.status is not None
         cut = app.status.runs[-1]
@@ -69,7 +69,7 @@ async def kill_the_recorder_in_mid_run(bench: DemoBench) -> None:
         assert app.in_control
         before = len(app.status.runs)
         await operator.until(
-            lambda: bool(app.status and len(app.status.runs) > before), operator.space_if_told
+            lambda: bool(app.status and len(app.status.runs) > before), operator.space_if_offered
         )
 
 

@@ -1,4 +1,4 @@
-"""How `session_v1_2026-11.h5` was made; kept for the record, the file is never made again.
+"""Made `session_v1_2026-11.h5`; kept for the record, the file is never made again.
 
 The values are those of closed forms, which `test_golden.py` states once more.
 """

@@ -1,4 +1,4 @@
-"""What is installed is what the tree says."""
+"""The installed packages are those of the tree."""
 
 import os
 import re

@@ -36,7 +36,7 @@ def test_the_wheel_holds_every_file_of_the_packages(release: tuple[Path, Path]) 
     assert {name for name in names if ".dist-info/" not in name} == package_files()
 
 
-def test_the_sdist_holds_them_too_and_what_tells_of_them(release: tuple[Path, Path]) -> None:
+def test_the_sdist_holds_them_too_and_the_pages_about_them(release: tuple[Path, Path]) -> None:
     with tarfile.open(release[0]) as archive:
         names = {name.split("/", 1)[-1] for name in archive.getnames()}
     assert package_files() | {"pyproject.toml", "README.md"} <= names
@@ -57,6 +57,6 @@ def test_a_document_names_this_version() -> None:
     assert PROJECT["version"] == VERSION
 
 
-def test_the_changelog_tells_of_this_version() -> None:
+def test_the_changelog_has_this_version() -> None:
     headings = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
     assert headings[0] == "Unreleased" or PROJECT["version"] in headings[0]

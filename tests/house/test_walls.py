@@ -1,11 +1,14 @@
 """The walls of the house: who may import what, and what importing costs."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 LAYERS = ("dbc", "daq", "identify", "tui")  # imports point left only
@@ -49,6 +52,10 @@ RESERVED = {
     "typer": ("tui/",),
     "rich": ("tui/",),
 }
+SILENCED = re.compile(
+    r"#\s*(?:noqa|type:\s*ignore|mypy:|pragma:)"
+    r"|\bpytest\.(?:skip|xfail|importorskip)\b|\bmark\.(?:skip|skipif|xfail)\b"
+)
 FORBIDDEN_IN_IDENTIFY = {"can", "cantools", "h5py", "textual", "threading", "asyncio", "socket"}
 
 
@@ -120,6 +127,21 @@ def test_files_stay_small() -> None:
     for paths in (SOURCES, tests):
         assert not [_name(p) for p in paths if len(p.read_text("utf-8").splitlines()) > 400]
         assert not [_name(p) for p in paths if p.name == "utils.py"]
+
+
+@pytest.mark.parametrize(
+    "mark",
+    ["# noqa: E501", "#noqa", "# type: ignore[misc]", "pytest.skip()", "pytest.mark.xfail"],
+)
+def test_a_mark_that_silences_a_check_is_seen(mark: str) -> None:
+    assert SILENCED.search(f"word {mark}")
+
+
+def test_no_check_is_silenced_and_no_test_is_skipped() -> None:
+    here = Path(__file__)  # shows the marks, as text
+    paths = {*SOURCES, *ROOT.glob("tests/**/*.py"), *ROOT.glob("docs/**/*.py")} - {here}
+    assert len(paths) > 1000
+    assert not [_name(p) for p in sorted(paths) if SILENCED.search(p.read_text("utf-8"))]
 
 
 def _modules_after(statement: str) -> set[str]:

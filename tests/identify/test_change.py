@@ -149,7 +149,7 @@ def test_a_share_about_another_point_says_the_same() -> None:
 
 @dataclass(frozen=True)
 class _WithElements:
-    """What a joint fit asks of the engine of a nonlinear fit; all else it must not ask."""
+    """The only part of a nonlinear fit's engine that a joint fit may use."""
 
     elements: Mapping[str, int]
 

@@ -1,4 +1,4 @@
-"""What notebooks show of sessions, modes and identifications."""
+"""Notebooks show sessions, modes and identifications as tables."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def test_known_geometry_is_given_back_without_interval() -> None:
     assert 0 < result.parameters["m_s"].std / 1380 < 0.01
 
 
-def test_one_kind_of_bump_is_refused_with_what_it_does_not_tell() -> None:
+def test_one_kind_of_bump_is_refused_with_what_it_does_not_show() -> None:
     result = identify(_session(30.0, only=("bounce",), bump_s=0.2))
     assert result.quality.verdict is Verdict.REFUSED
     assert "I_xx" in result.quality.reasons[0]

@@ -1,4 +1,4 @@
-"""What sessions of one car should state alike, and do not."""
+"""Facts that sessions of one car should state alike, and do not."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ POLL_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What the tests made of a mutant."""
+    """States whether a mutant was killed, and by which test."""
 
     mutant: Mutant
     killed: bool

@@ -28,7 +28,7 @@ class Choice:
 
     @property
     def seconds(self) -> float:
-        """What the tests take together, by their records."""
+        """CPU time of the tests together, by their records, s."""
         shared_s = {name: s for test in self.tests for name, s in test.shared_s.items()}
         return sum(test.own_s for test in self.tests) + sum(shared_s.values())
 

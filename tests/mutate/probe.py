@@ -17,7 +17,7 @@ CURRENT = "current test"
 
 
 class Child:
-    """What a process that a test started has to leave."""
+    """Records the blocks that a process started by a test runs."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

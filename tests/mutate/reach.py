@@ -39,7 +39,7 @@ def _too_long(number: int, frame: object) -> NoReturn:
 
 @dataclass(slots=True)
 class Cost:
-    """What something ran, and the CPU time that it took."""
+    """Holds the blocks that a test or fixture ran, and its CPU time."""
 
     name: str = ""
     """Of what several tests share: the same in every process."""

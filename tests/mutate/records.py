@@ -1,4 +1,4 @@
-"""What is known of the tests: read from and written to build/mutate/, one file for a test file.
+"""Reads and writes what is known of the tests: build/mutate/, one file for a test file.
 
 A record holds as long as the test file, the modules of `tests` that it loads, and the functions of
 the sources that it runs are what they were.

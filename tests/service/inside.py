@@ -1,4 +1,4 @@
-"""What is tried on a machine that systemd has booted; run by `guest.py` as a unit."""
+"""Tries the service on a machine that systemd has booted; run by `guest.py` as a unit."""
 
 from __future__ import annotations
 

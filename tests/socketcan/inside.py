@@ -1,4 +1,4 @@
-"""What is checked on a kernel that has CAN; run by `guest.py` as the only program of a machine."""
+"""Checks SocketCAN on a kernel that has it; run by `guest.py` as the only program of a machine."""
 
 from __future__ import annotations
 

@@ -200,7 +200,7 @@ def test_runs_have_their_fit_and_their_curves(monkeypatch: pytest.MonkeyPatch) -
     first, second, _ = outcome_of("s", session, replace(made, estimation=cast(Any, object()))).runs
     assert (first.label, first.status, first.chi2_per_n) == ("baseline_roll_1", "rejected", 1.5)
     assert first.reasons == session.runs[0].reasons
-    assert first.curves == (Curve("hub_fl", "m/s²", [0.0, 0.1], [1.0, 2.0], [0.05], [1.5]),)  # type: ignore[arg-type]
+    assert first.curves == (Curve("hub_fl", "m/s²", (0.0, 0.1), (1.0, 2.0), (0.05,), (1.5,)),)
     assert second.curves == ()
     assert isnan(second.chi2_per_n)
     assert outcome_of("s", session, made).runs[0].curves == ()

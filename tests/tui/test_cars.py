@@ -71,7 +71,7 @@ def test_a_real_car_is_recorded_and_its_friction_stands_in_the_truth(
 
 @dataclass(frozen=True)
 class Shown:
-    """What the driver of the simulated car reads of a status."""
+    """The fields of a status that the driver of the simulated car reads."""
 
     t_ns: int
     runs: tuple[LoggedRun, ...] = ()

@@ -91,7 +91,7 @@ class Once:
         """Go."""
 
 
-def test_a_person_is_told_to_push_each_corner_in_turn(
+def test_a_person_is_asked_to_push_each_corner_in_turn(
     log: str,
     tmp_path: Path,
     stages: Stages,

@@ -139,7 +139,7 @@ def test_a_row_says_how_long_it_took_and_with_what(job: Job) -> None:
 @pytest.mark.parametrize(
     ("error", "reason"),
     [
-        (InputError("PATH", "is odd", "mend it"), "is odd (mend it)"),
+        (InputError("PATH", "is odd", "correct it"), "is odd (correct it)"),
         (ValueError("odd"), "ValueError in test_child_lines.py:LINE: odd"),
     ],
 )

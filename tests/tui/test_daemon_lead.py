@@ -1,4 +1,4 @@
-"""What a recorder without a person orders by itself, recording after recording."""
+"""A recorder without an operator gives its orders itself, recording after recording."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ BENCH = parse_bench(default_bench_text(), "bench.toml", Path(), "")
 
 
 class All:
-    """Recorder, server and systemd in one, which note what they are told."""
+    """Recorder, server and systemd in one, which note what they receive."""
 
     def __init__(self, runs: Callable[[threading.Event, Publish, Any], None]) -> None:
         self._runs = runs
@@ -239,8 +239,8 @@ def test_a_signal_ends_at_once_only_what_goes_on_after_a_campaign(
     assert "recording Granada into" in (tmp_path / "a.log").read_text()
 
 
-def test_a_writer_that_hangs_is_told_to_clients_and_in_the_log(tmp_path: Path) -> None:
-    """What was received 60 s ago is not stored, and says so without the writer's help."""
+def test_a_writer_that_hangs_is_reported_to_clients_and_in_the_log(tmp_path: Path) -> None:
+    """Frames that came 60 s ago are not stored; the report of it does not need the writer."""
     status = a_status()
     path = tmp_path / "a.log"
     seen = threading.Event()
@@ -264,7 +264,7 @@ def test_a_writer_that_hangs_is_told_to_clients_and_in_the_log(tmp_path: Path) -
 # Reload ------------------------------------------------------------------------------------------
 
 
-def test_a_bench_that_is_read_anew_is_taken_and_told_to_new_clients(tmp_path: Path) -> None:
+def test_a_bench_that_is_read_anew_is_taken_and_sent_to_new_clients(tmp_path: Path) -> None:
     other = replace(BENCH, vehicle=replace(BENCH.vehicle, name="T5"))
     all_ = All(none)
     path = tmp_path / "a.log"

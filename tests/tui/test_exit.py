@@ -1,4 +1,4 @@
-"""How a command ends."""
+"""Ends of commands."""
 
 import signal
 import subprocess

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from typer.core import TyperGroup
 from typer.main import get_command
 
 from tui.cli import app
@@ -73,8 +74,10 @@ WORDS = {"--car": "NAME", "--figure": "FILE.svg", "--scheduler": "ADDRESS", "--d
 
 def _parameters() -> list[tuple[str, str, Any]]:
     """Return command, option and parameter, of all commands."""
-    found = []
-    for name, command in get_command(app).commands.items():  # type: ignore[attr-defined]
+    found: list[tuple[str, str, Any]] = []
+    top = get_command(app)
+    assert isinstance(top, TyperGroup)
+    for name, command in top.commands.items():
         inside = getattr(command, "commands", None)
         for word, one in inside.items() if inside else [("", command)]:
             found += [(f"{name} {word}".strip(), p.opts[0], p) for p in one.params]

@@ -76,7 +76,7 @@ def test_a_recorder_is_started_idle_in_its_folder(tmp_path: Path, started: Start
     ]  # fmt: skip
 
 
-def test_recorders_of_a_demonstration_are_told_speed_fault_and_session(
+def test_recorders_of_a_demonstration_are_given_speed_fault_and_session(
     tmp_path: Path, started: Started
 ) -> None:
     log = str(tmp_path / "recorder.log")

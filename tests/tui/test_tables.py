@@ -80,7 +80,9 @@ def document() -> Document:
         "added": [{"first": 1, "this": 2, "mac": 0.9}, {"first": 2, "this": 1, "mac": 0.9}]
     }
     made["swapped"] = {"added": [[1, 2]]}
-    made["forces"]["axles"]["front"]["notes"] = ["knees: none seen"]  # type: ignore[index]
+    forces = made["forces"]
+    assert forces is not None
+    forces["axles"]["front"]["notes"] = ["knees: none seen"]
     made["findings"][3]["severity"] = "refused"
     made["findings"][2]["severity"] = "ok"
     return made

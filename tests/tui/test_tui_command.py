@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from aiohttp.web import Application
 from textual_serve.server import Server
 
 from daq.bench.origin import Origin
@@ -138,7 +139,7 @@ def test_a_browser_gets_the_same_command_behind_a_link(
     made.initialize_logging()
     assert root.level == logging.WARNING
     root.setLevel(before)
-    asyncio.run(made.on_startup(None))  # type: ignore[arg-type]
+    asyncio.run(made.on_startup(Application()))
     said = capsys.readouterr().err
     assert said.startswith(f"open http://127.0.0.1:{made.port}/")
     assert said.count("\n") == 1

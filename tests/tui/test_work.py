@@ -38,7 +38,7 @@ from tui.jobs.lines import (
     trouble_of,
 )
 from tui.jobs.outcome_of import without
-from tui.jobs.session_list import SessionEntry, entry_line, found
+from tui.jobs.session_list import SessionEntry, SessionState, entry_line, found
 from tui.jobs.worker import lines_of
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.long_work import LongWork, after, work_text
@@ -203,7 +203,7 @@ def test_the_child_ends_when_its_terminal_does(session: Path) -> None:
         assert b'"done"' not in child.stdout.read()
 
 
-def test_the_list_tells_of_sessions_reports_and_bad_files(session: Path, tmp_path: Path) -> None:
+def test_the_list_shows_sessions_reports_and_bad_files(session: Path, tmp_path: Path) -> None:
     good = tmp_path / "session_0001.h5"
     good.write_bytes(session.read_bytes())
     (tmp_path / "old").mkdir()
@@ -225,7 +225,7 @@ def test_the_list_tells_of_sessions_reports_and_bad_files(session: Path, tmp_pat
 
 @pytest.mark.parametrize("name", ["[/foo]", "[@click=app.quit]x[/]", "\x1b[2J", "日本語" * 20])
 def test_a_foreign_name_stays_text(name: str) -> None:
-    entry = SessionEntry("/b/s.h5", "/b", "2026-11-21 10:42", name, "ready", 3, 1, name)  # type: ignore[arg-type]
+    entry = SessionEntry("/b/s.h5", "/b", "2026-11-21 10:42", name, SessionState.READY, 3, 1, name)
     line = entry_line(entry, " ", 100)
     assert "\x1b" not in line
     assert len(line) == 100

@@ -147,8 +147,8 @@ def _runs(session: Session, document: Document, result: Identification) -> tuple
 
 
 def _curve(trace: Trace) -> Curve:
-    measured_s, measured = trace.measured.tolist()
-    fitted_s, fitted = trace.fitted.tolist()
+    measured_s, measured = map(tuple, trace.measured.tolist())
+    fitted_s, fitted = map(tuple, trace.fitted.tolist())
     return Curve(trace.channel, trace.unit, measured_s, measured, fitted_s, fitted)
 
 

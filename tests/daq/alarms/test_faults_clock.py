@@ -41,7 +41,7 @@ def test_a_clock_set_back_an_hour_makes_no_read_wait(monkeypatch: pytest.MonkeyP
 
     kernel, wire = socket.socketpair()
     with kernel, wire:
-        polled.fileno = kernel.fileno  # type: ignore[method-assign]
+        monkeypatch.setattr(polled, "fileno", kernel.fileno)
         source = PythonCanSource(polled, "pcan 1", 0, lambda: START_NS, doze_for(polled, "pcan"))
         polled.device.sent.append(message())
         wire.send(b"x")

@@ -57,7 +57,7 @@ class Counting:
 
 
 class Script:
-    """Breaks the devices, waits for the alarms, mends them, waits for their end."""
+    """Breaks the devices, waits for the alarms, repairs them, waits for their end."""
 
     def __init__(self, devices: dict[str, Device], stop: threading.Event) -> None:
         self.devices, self.stop = devices, stop
@@ -88,7 +88,7 @@ class Script:
             for subject, alarm in found.items():
                 self.named_ns.setdefault(subject, alarm.since_ns)
             if set(self.named_ns) == set(EXPECTED):
-                self._mend()
+                self._repair()
         elif not found:
             self.over_ns = time.time_ns()
             self.stop.set()
@@ -102,7 +102,7 @@ class Script:
         self.devices["kvaser library"].fault = can.CanOperationError("x")
         self.devices["kvaser library"].open_fault = NameError("name 'canlib' is not defined")
 
-    def _mend(self) -> None:
+    def _repair(self) -> None:
         self.mended_ns = time.time_ns()
         for device in self.devices.values():
             device.fault = device.open_fault = None

@@ -10,6 +10,7 @@ import socket
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 
@@ -76,12 +77,12 @@ class TwoBuses:
         return [alarm.code for alarm in self.bench.alarms if alarm.subject == subject]
 
 
-def message(bench: WatchedBench, **other: object) -> can.Message:
+def message(bench: WatchedBench, **other: Any) -> can.Message:
     fields = {"is_extended_id": False, "data": bytes(8), "timestamp": bench.t_ns * 1e-9, **other}
-    return can.Message(arbitration_id=FOREIGN_ID, **fields)  # type: ignore[arg-type]
+    return can.Message(arbitration_id=FOREIGN_ID, **fields)
 
 
-def impossible(**fields: object) -> can.Message:
+def impossible(**fields: Any) -> can.Message:
     made = can.Message(arbitration_id=FOREIGN_ID, is_extended_id=False, data=bytes(8))
     made.timestamp = START_NS * 1e-9
     for name, value in fields.items():

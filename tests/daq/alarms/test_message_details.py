@@ -52,7 +52,7 @@ def strange(
     return message_symptoms(watch, codec, (), ("can0", "can1"), (True, True), 10.0)
 
 
-def test_strangers_are_told_bus_by_bus() -> None:
+def test_strangers_are_reported_bus_by_bus() -> None:
     found = strange(
         {
             (3, 0x701, False): Stranger(1, 1.0, 10.0),

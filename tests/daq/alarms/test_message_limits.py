@@ -219,7 +219,7 @@ def test_what_pauses_for_three_mean_periods_is_not_regular(gap_s: float, learned
 
 @pytest.mark.parametrize(("gap_s", "learned"), [(0.44, True), (0.46, False)])
 def test_what_pauses_for_nearly_half_a_second_is_not_regular(gap_s: float, learned: bool) -> None:
-    """Its mean period is 0.02 s; as nobody watches, turns are 0.3 s apart and more."""
+    """Its mean period is 0.02 s; as no client watches, cycles are 0.3 s apart and more."""
     times = [10.0 + n / 50 for n in range(51)]
     times += [times[-1] + gap_s]
     assert (learn(times, 1).learn_s == 10.0) is learned

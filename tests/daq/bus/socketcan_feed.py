@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import time
+from typing import Any
 
 import numpy as np
 from can.interfaces.socketcan.socketcan import build_can_frame
@@ -65,8 +66,8 @@ class Feed:
         return FrameBatch.concatenate(blocks)
 
 
-def frame(can_id: int = 0x100, data: bytes = b"\1\2", **other: object) -> bytes:
-    message = can.Message(arbitration_id=can_id, data=data, **{"is_extended_id": False, **other})  # type: ignore[arg-type]
+def frame(can_id: int = 0x100, data: bytes = b"\1\2", **other: Any) -> bytes:
+    message = can.Message(arbitration_id=can_id, data=data, **{"is_extended_id": False, **other})
     return build_can_frame(message)
 
 

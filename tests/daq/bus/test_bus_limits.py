@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import socket
-import sys
+from collections.abc import Iterator
+from contextlib import suppress
 
 import pytest
 
-from daq.bus.interfaces import PythonCanSource, _tune_socket
+from daq.bus.interfaces import _tune_socket
 from daq.errors import BusError
+from daq.python_can import can
 from dbc import FrameBatch
 
-from .test_bus import NOW_NS, ScriptedBus, SocketBus, frame, parse_error
+from .test_bus import ScriptedBus, SocketBus, frame, parse_error, source_on
 from .test_link import ONE, Clock, Source, link_to
 
 FAULT = OSError(19, "No such device")
 
 
-def read(*script: object) -> list[list[int] | str]:
+def read(*script: can.Message | Exception | None) -> list[list[int] | str]:
     """Return the identifiers of each block until the script ends, or that the bus has gone."""
-    bus = ScriptedBus(list(script))  # type: ignore[arg-type]
-    source = PythonCanSource(bus, "scripted 0", 2, lambda: NOW_NS)  # type: ignore[arg-type]
+    bus = ScriptedBus(*script)
+    source = source_on(bus)
     seen: list[list[int] | str] = []
     while bus.script:
         try:
@@ -41,7 +43,7 @@ def read(*script: object) -> list[list[int] | str]:
     ],
 )
 def test_five_faults_in_a_row_are_a_bus_that_has_gone(
-    script: tuple[object, ...], seen: list[list[int] | str]
+    script: tuple[can.Message | Exception | None, ...], seen: list[list[int] | str]
 ) -> None:
     assert read(*script) == seen
 
@@ -58,27 +60,25 @@ def test_unreadable_pieces_and_faults_are_counted_apart() -> None:
     assert read(*mixed, frame(1)) == [[1]]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="options of Linux")
-@pytest.mark.parametrize(
-    ("family", "level", "option"),
-    [
-        (socket.AF_INET, socket.IPPROTO_IP, 49),  # IP_MULTICAST_ALL of linux/in.h
-        (socket.AF_INET6, socket.IPPROTO_IPV6, 29),  # IPV6_MULTICAST_ALL of linux/in6.h
-    ],
-)
+def loopbacks() -> Iterator[tuple[socket.AddressFamily, str, int, int]]:
+    """Yield family, address, level and option of the loopbacks of this machine."""
+    yield socket.AF_INET, "127.0.0.1", socket.IPPROTO_IP, 49  # IP_MULTICAST_ALL of linux/in.h
+    with suppress(OSError), socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as there:
+        there.bind(("::1", 0))
+        yield socket.AF_INET6, "::1", socket.IPPROTO_IPV6, 29  # IPV6_MULTICAST_ALL of linux/in6.h
+
+
+@pytest.mark.parametrize(("family", "address", "level", "option"), list(loopbacks()))
 def test_a_multicast_socket_hears_its_own_groups_alone_and_begins_empty(
-    family: socket.AddressFamily, level: int, option: int
+    family: socket.AddressFamily, address: str, level: int, option: int
 ) -> None:
     with socket.socket(family, socket.SOCK_DGRAM) as receiving:
-        try:
-            receiving.bind(("127.0.0.1" if family is socket.AF_INET else "::1", 0))
-        except OSError:
-            pytest.skip("this machine has no loopback of that family")
+        receiving.bind((address, 0))
         with socket.socket(family, socket.SOCK_DGRAM) as sending:
             for _ in range(3):
                 sending.sendto(b"stray", receiving.getsockname())
             before = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-            _tune_socket(SocketBus(receiving))  # type: ignore[arg-type]
+            _tune_socket(SocketBus(receiving))
             assert receiving.getsockopt(level, option) == 0
             assert receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= before
             sending.sendto(b"own", receiving.getsockname())
@@ -90,7 +90,7 @@ def test_a_socket_of_another_family_is_left_its_data() -> None:
     one, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     with one, other:
         one.send(b"frame")
-        _tune_socket(SocketBus(other))  # type: ignore[arg-type]
+        _tune_socket(SocketBus(other))
         assert other.recv(100) == b"frame"
 
 

@@ -53,7 +53,7 @@ def test_each_class_has_its_bit_and_its_word(can_id: int, bit: ErrorClass, text:
         (0x0D, ControllerState.WARNING, True, "receive buffer overflow"),
     ],
 )
-def test_the_controller_byte_tells_state_and_overrun(
+def test_the_controller_byte_shows_state_and_overrun(
     data_1: int, state: ControllerState | None, overrun: bool, text: str
 ) -> None:
     said = describe_error_frame(0x004, bytes([0, data_1, 0, 0, 0, 0, 0, 0]))
@@ -79,7 +79,7 @@ def test_the_controller_byte_means_nothing_in_frames_of_other_classes() -> None:
         (0, 255, ControllerState.PASSIVE),
     ],
 )
-def test_counters_are_read_where_the_frame_says_so_and_tell_the_state(
+def test_counters_are_read_where_the_frame_says_so_and_show_the_state(
     tx: int, rx: int, state: ControllerState
 ) -> None:
     said = describe_error_frame(0x200, bytes([0, 0, 0, 0, 0, 0, tx, rx]))
@@ -87,7 +87,7 @@ def test_counters_are_read_where_the_frame_says_so_and_tell_the_state(
     assert said.text == f"{tx} transmit and {rx} receive errors counted"
 
 
-def test_older_drivers_tell_counters_with_a_change_of_state_and_no_class_for_them() -> None:
+def test_older_drivers_send_counters_with_a_change_of_state_and_no_class_for_them() -> None:
     said = describe_error_frame(0x004, bytes.fromhex("0008000000006000"))
     assert (said.tx_errors, said.rx_errors) == (0x60, 0)
     assert said.state is ControllerState.WARNING

@@ -107,7 +107,7 @@ def test_losses_add_up_over_openings_and_after_a_success_the_pause_is_short_agai
 
 
 @pytest.mark.parametrize(("interface", "opened"), [("gs_usb", 3), ("socketcan", 1)])
-def test_a_bus_that_fell_silent_is_opened_anew_unless_its_source_would_tell(
+def test_a_bus_that_fell_silent_is_opened_anew_unless_its_source_would_report_it(
     interface: str, opened: int
 ) -> None:
     clock = Clock()

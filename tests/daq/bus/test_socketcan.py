@@ -145,15 +145,16 @@ def test_stamps_of_the_adapter_are_preferred_and_given_in_the_host_s_time(
     assert feed.clock() is StampClock.HARDWARE
 
 
-def test_a_block_is_bounded_and_what_is_left_comes_at_once(udp: Feed) -> None:
+def test_a_block_is_bounded_and_what_is_left_comes_at_once(
+    udp: Feed, monkeypatch: pytest.MonkeyPatch
+) -> None:
     udp.send(*[frame(i % 0x800) for i in range(BLOCK_FRAMES + 5)])
     first = udp.read()
     gathers: list[float] = []
-    wait = udp.source._wait
-    udp.source._wait = gathers.append  # type: ignore[method-assign,assignment]
-    second = udp.read()
+    with monkeypatch.context() as patch:
+        patch.setattr(udp.source, "_wait", gathers.append)
+        second = udp.read()
     assert (len(first), len(second), gathers) == (BLOCK_FRAMES, 5, [])
-    udp.source._wait = wait  # type: ignore[method-assign]
     assert len(udp.read()) == 0
 
 

@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -131,7 +132,7 @@ def open_descriptors() -> int:
 class CanSocket(socket.socket):
     """Takes the options of a CAN socket, though the kernel may have none."""
 
-    asked: dict[tuple[int, int], object]
+    asked: dict[tuple[int, ...], object]
     bound: object
 
     def __init__(self, family: int, kind: int, protocol: int) -> None:
@@ -139,10 +140,11 @@ class CanSocket(socket.socket):
         type(self).asked = {}
         super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
 
-    def setsockopt(self, level: int, option: int, value: object) -> None:  # type: ignore[override]
-        self.asked[level, option] = value
-        if level == socket.SOL_SOCKET:
-            super().setsockopt(level, option, value)  # type: ignore[call-overload]
+    def setsockopt(self, *option: Any) -> None:
+        *which, value = option
+        self.asked[tuple(which)] = value
+        if which[0] == socket.SOL_SOCKET:
+            super().setsockopt(*option)
 
     def bind(self, address: object) -> None:
         if address != ("can0",):

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import date
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -73,12 +74,9 @@ def _with_payload(
     return FrameBatch(frames.t_ns, frames.can_id, frames.flags, frames.bus, frames.length, data)
 
 
-def _channel(name: str, **changes: object) -> Bench:
+def _channel(name: str, **changes: Any) -> Bench:
     """Return the bench with one channel described differently."""
-    channels = tuple(
-        replace(c, **changes) if c.name == name else c  # type: ignore[arg-type]
-        for c in _bench().channels
-    )
+    channels = tuple(replace(c, **changes) if c.name == name else c for c in _bench().channels)
     return replace(_bench(), channels=channels)
 
 

@@ -1,4 +1,4 @@
-"""Whether any client is there: a recorder that nobody watches looks at its frames less often."""
+"""A recorder that no client watches looks at its frames less often."""
 
 from __future__ import annotations
 

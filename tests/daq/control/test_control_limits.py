@@ -42,7 +42,7 @@ def test_a_dead_controller_is_gone_after_one_second(silent_s: float, name: str) 
 
 
 @pytest.mark.parametrize("client", ["x-1", f"{10**30}-a", "\u00b2-a", "1-a"])
-def test_a_controller_of_which_no_process_can_be_told_is_given_five_seconds(client: str) -> None:
+def test_a_controller_whose_process_is_unknown_is_given_five_seconds(client: str) -> None:
     peers = Peers()
     peers.seen(client, 100.0)
     assert peers.hello(client, Hello("Ann", True), 100.0) == ""

@@ -1,4 +1,4 @@
-"""What a recorder makes is for its user and group, whatever the umask."""
+"""Files of a recorder are for its user and group, whatever the umask."""
 
 from __future__ import annotations
 

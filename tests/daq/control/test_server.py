@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zmq
@@ -203,7 +204,8 @@ def test_a_client_survives_a_restart_of_the_recorder(engine: Engine, address: Ad
 def test_a_turn_that_fails_is_not_the_last(
     server: Server, engine: Engine, address: Address, caplog: pytest.LogCaptureFixture
 ) -> None:
-    server.publish(object(), None)  # type: ignore[arg-type]
+    broken: Any = object()
+    server.publish(broken, None)
     until(lambda: "control: TypeError" in caplog.text)
     client = Client(address, "Anna", control=True)
     assert client.ask(Mark("still there")).status == a_status(1)
@@ -301,7 +303,7 @@ def test_an_engine_that_does_not_answer_is_reported(
     client.close()
 
 
-def test_a_client_that_never_reads_holds_nobody_up(
+def test_a_client_that_never_reads_delays_no_other(
     server: Server, engine: Engine, address: Address
 ) -> None:
     """R15: neither statuses that are not fetched nor replies that are not read are kept."""
@@ -331,12 +333,12 @@ def test_a_client_that_never_reads_holds_nobody_up(
         # A blocked send would take for ever; what the scheduler does on a busy machine does not.
         assert longest_s < 5.0
 
-        def told_of_the_last() -> bool:
+        def has_the_last() -> bool:
             server.publish(a_status(77_777), None)
             message = viewer.news(0.1)
             return isinstance(message, Status) and message.t_ns == 77_777
 
-        until(told_of_the_last)  # the viewer did not listen either, and does now
+        until(has_the_last)  # the viewer did not listen either, and does now
         assert viewer.ask(AskStatus()).status is not None
         viewer.close()
 

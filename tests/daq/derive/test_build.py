@@ -174,7 +174,7 @@ def test_incomplete_runs_are_rejected_with_the_reason(n_hub: int, n_rate: int, r
     assert _run(_bench(ACC_FL, PITCH), frames).status is RunStatus.REJECTED
 
 
-def test_what_nobody_needs_may_be_absent() -> None:
+def test_what_is_not_needed_may_be_absent() -> None:
     assert _run(_bench(ACC_FL, YAW), _frames(CODEC, "HUB_Front")).status is RunStatus.ACCEPTED
 
 

@@ -1,4 +1,4 @@
-"""How far a run may be from covered, which events are in it, and when it is measured again."""
+"""Limits of a run: how much of it may be missing, its events, when it is measured again."""
 
 from __future__ import annotations
 

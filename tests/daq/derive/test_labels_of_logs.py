@@ -1,4 +1,4 @@
-"""Which runs the bumps of a log are, which frames an import keeps, and where a log goes on."""
+"""Labels of the runs of a log, the frames an import keeps, and the place where a log goes on."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _NUMBERS = (0, 1, 0x7F, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**45, 2**63 - 1, 
 
 @dataclass(slots=True)
 class Outcome:
-    """What a campaign has shown."""
+    """Counts how the logs of a campaign ended."""
 
     ends: Counter[str] = field(default_factory=Counter)
     """How often logs were read whole, with losses, or refused."""

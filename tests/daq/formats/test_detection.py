@@ -1,4 +1,4 @@
-"""Which format a log has, by what stands in it; its name decides between equals."""
+"""A log's format is found by its content; its name decides between equals."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         detect(tmp_path / "absent")
     with pytest.raises(InputError, match="not a regular file"):
         detect(Path("/dev/null"))
-    unreadable = Path("/proc/self/mem")  # a regular file whose first byte nobody can read
+    unreadable = Path("/proc/self/mem")  # a regular file whose first byte cannot be read
     with pytest.raises(InputError, match="cannot be read"):
         detect(unreadable)
     with pytest.raises(InputError, match="cannot be read"):
@@ -162,7 +162,7 @@ _CSV = "timestamp,arbitration_id,extended,remote,error,dlc,data\n1.5,0x123,0,0,0
 _MASTER = "***BUSMASTER***\n***HEX***\n0:0:1:0 Rx 1 0x123 s 2 0A FF\n"
 _SCREEN = "(1.5) can0 123 [2] 0A FF\n"
 LAST_LINES: dict[str, tuple[str, str, bool]] = {
-    # The length that a line states tells that it is whole; of a byte, two digits do.
+    # The length that a line states shows that it is whole; of a byte, two digits do.
     "ASC": (ASC, "1.6 1 7FE Rx d 2 11 22", True),
     "ASC, half a byte": (ASC, "1.6 1 7FF Rx d 1 1", False),
     "TRC": (_TRC, "2) 1.6 Rx 0124 1 0A", True),

@@ -129,7 +129,7 @@ def test_csv(tmp_path: Path, session: Session, style: CsvStyle, point: str) -> N
 
 
 @pytest.mark.parametrize("style", [(",", ","), ("ab", "."), ("1", "."), (";", "x"), ('"', ".")])
-def test_csv_that_nobody_could_read(style: tuple[str, str]) -> None:
+def test_csv_that_no_program_could_read(style: tuple[str, str]) -> None:
     with pytest.raises(InputError, match=r"--separator|--decimal"):
         CsvStyle(*style)
 
@@ -243,7 +243,7 @@ def test_uff(tmp_path: Path, session: Session) -> None:
     assert not np.any([mode["r1"], mode["r2"]])  # up and down alone
 
 
-def test_uff_of_a_car_that_nobody_measured(tmp_path: Path, session: Session) -> None:
+def test_uff_of_a_car_that_was_not_measured(tmp_path: Path, session: Session) -> None:
     unknown = replace(session, vehicle=replace(session.vehicle, geometry=None))
     path = tmp_path / "car.unv"
     done = export_session(unknown, path, ExportFormat.UFF)

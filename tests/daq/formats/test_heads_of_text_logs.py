@@ -1,4 +1,4 @@
-"""What lines of a text log say of the lines behind them: heads, dates, and times that add up."""
+"""Lines of a text log that govern later lines: heads, dates, and times that add up."""
 
 from __future__ import annotations
 
@@ -310,7 +310,7 @@ def _read(raw: bytes) -> tuple[int, LogLoss]:
         (b"", 2, 0, 0),
         (b"(2.5) can0 123#0304", 3, 0, 0),  # as long as one before
         (b"(2.5) can0 123#03", 2, 0, 17),
-        (b"(2.5) can0 124#0304", 2, 0, 19),  # none before tells how long it is
+        (b"(2.5) can0 124#0304", 2, 0, 19),  # none before shows how long it is
         (b"(2.5) can1 123#R", 3, 0, 0),
         (b"end of log", 2, 0, 0),
         (b"   \t", 2, 0, 0),

@@ -218,7 +218,7 @@ def test_columns_that_are_too_long_together() -> None:
 def test_a_table_is_read_up_to_the_largest_number_of_values(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Two columns of three lines are six values; the column that nobody asks for does not count."""
+    """Two columns of three lines are six values; a column not asked for does not count."""
     monkeypatch.setattr(csv_table, "MAX_VALUES", 6)
     path = tmp_path / "a.csv"
     for lines, fits in ((3, True), (4, False)):

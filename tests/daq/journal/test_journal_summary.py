@@ -1,4 +1,4 @@
-"""Where a recording stands is known from the ends of its segments, not from all of their blocks."""
+"""The state of a recording is read from the ends of its segments, not from all of their blocks."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def record(folder: Path, ended: bool = False) -> tuple[Path, ...]:
     return writer.paths
 
 
-def test_a_sealed_segment_tells_what_walking_through_it_finds(tmp_path: Path) -> None:
+def test_a_sealed_segment_states_what_walking_through_it_finds(tmp_path: Path) -> None:
     for path in record(tmp_path):
         whole = path.read_bytes()
         summarised = scan(path)

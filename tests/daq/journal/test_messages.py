@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,9 +113,9 @@ def test_a_block_of_frames_of_another_length_is_none() -> None:
     assert len(empty) == 52
 
 
-def _head(**changes: object) -> JournalHead:
-    about = {"recording": "r", "first_segment": 3, "campaign": False, "origin": "simulated"}
-    return JournalHead("bench µ", "dbc", "software", 11, 22, **(about | changes))  # type: ignore[arg-type]
+def _head(**changes: Any) -> JournalHead:
+    head = JournalHead("bench µ", "dbc", "software", 11, 22, "r", 3, False, "simulated")
+    return replace(head, **changes)
 
 
 def test_the_head_of_a_segment_comes_back_and_its_texts_are_checked() -> None:

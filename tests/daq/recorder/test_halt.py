@@ -1,4 +1,4 @@
-"""What waits in an interface when the recorder is told to end is read, for a second at most."""
+"""Frames that wait in an interface when the recorder is stopped are read, for a second at most."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..recorder_run import PATIENCE_S
 
 
 class Late:
-    """A bus whose reader gets no processor until the recorder was told to end."""
+    """A bus whose reader gets no processor until the recorder was stopped."""
 
     name = "late"
 
@@ -43,8 +43,8 @@ class Late:
         pass
 
 
-def told_to_end(source: Late) -> list[int]:
-    """Return the sizes of the blocks that a reader reads after it was told to end."""
+def read_after_the_stop(source: Late) -> list[int]:
+    """Return the sizes of the blocks that a reader reads after it was stopped."""
     pieces = PieceQueue()
     link = Link(BusConfig("test", "late", 1_000_000), 0, lambda *_: source)
     reader = Reader(0, link, pieces, StorageWatch())
@@ -65,12 +65,12 @@ def told_to_end(source: Late) -> list[int]:
     ],
 )
 def test_what_had_arrived_is_read(waiting: list[int], read: list[int]) -> None:
-    assert told_to_end(Late(waiting)) == read
+    assert read_after_the_stop(Late(waiting)) == read
 
 
 def test_a_bus_that_is_never_empty_holds_nothing_up() -> None:
     begun_s = time.monotonic()
-    sizes = told_to_end(Late(itertools.repeat(2048)))
+    sizes = read_after_the_stop(Late(itertools.repeat(2048)))
     assert len(sizes) > 1
     assert 0.99 < time.monotonic() - begun_s < 4.0  # and room for a busy machine
     assert DRAIN_S < HALT_S

@@ -26,7 +26,7 @@ NONE = Losses()
 
 
 class Seen:
-    """What the judge is asked with."""
+    """The arguments with which the judge is called."""
 
     def __init__(self) -> None:
         self.window = RunWindow(0, {})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -37,8 +38,8 @@ OPEN = replace(FIRST, label="baseline_roll_3", repeat=3, status=LoggedStatus.OPE
 CHANGE = Change(LAST, FIRST)
 
 
-def event(order: Order, *runs: LoggedRun, **facts: tuple[Change, ...]) -> Event | None:
-    return order_event(order, "Ann", 77, replace(RunLog(runs), **facts), BENCH)  # type: ignore[arg-type]
+def event(order: Order, *runs: LoggedRun, **facts: Any) -> Event | None:
+    return order_event(order, "Ann", 77, replace(RunLog(runs), **facts), BENCH)
 
 
 def said(found: Event | None) -> tuple[str, int, object]:

@@ -1,4 +1,4 @@
-"""What is kept of the last seconds."""
+"""Frames and samples of the last seconds are kept."""
 
 from itertools import pairwise
 

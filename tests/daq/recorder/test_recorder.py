@@ -275,7 +275,7 @@ def test_a_publisher_that_fails_stops_nothing(quick: Bench, codec: Codec, tmp_pa
     assert failed[0].text == "publish: RuntimeError('no client listens')"
 
 
-def test_beats_tell_that_all_parts_are_at_work(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+def test_beats_show_that_all_parts_are_at_work(quick: Bench, codec: Codec, tmp_path: Path) -> None:
     held = threading.Event()
 
     class Hangs(Script):

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.bench.config import Bench
-from daq.bus.source import LinkFacts, SourceLosses
+from daq.bench.config import Bench, BusConfig
+from daq.bus.link import Link
+from daq.bus.source import SourceLosses
 from daq.bus.steady_clock import STEADY_CLOCK
 from daq.control.messages import Phase, SessionState
 from daq.control.orders import (
@@ -373,28 +374,22 @@ def test_a_status_that_fails_stops_nothing(
 
 
 def test_a_reader_left_behind_puts_nothing_in_any_more() -> None:
-    class Hung:
-        def __init__(self) -> None:
-            self.back = threading.Event()
-
-        def facts(self) -> LinkFacts:
-            return LinkFacts("hung", 1, True, "", "", 0.0, 0, SourceLosses())
+    class Hung(Script):
+        reading, back = threading.Event(), threading.Event()
 
         def read(self, timeout_s: float) -> FrameBatch:
+            self.reading.set()
             self.back.wait(PATIENCE_S)
             return block(0, 10)
 
-        def halt(self) -> None: ...
-
-        def close(self) -> None: ...
-
-    link, pieces = Hung(), PieceQueue()
+    source, pieces = Hung([]), PieceQueue()
     readers = Readers(pieces)
-    readers.start([link])  # type: ignore[list-item]
+    readers.start([Link(BusConfig("virtual", "hung", 500_000), 0, sources(source))])
     thread = readers._readers[0]
+    assert source.reading.wait(PATIENCE_S)
     readers.halt(0.01)
     readers.settle()
-    link.back.set()
+    source.back.set()
     thread.join(PATIENCE_S)
     assert readers.take(1000) == []
     assert readers.hops().queue_dropped == 0

@@ -89,7 +89,9 @@ def test_a_disk_that_refuses_is_waited_for(quick: Bench, codec: Codec, tmp_path:
     np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
 
 
-def test_a_killed_recorder_is_taken_up_again(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+def test_a_killed_recorder_is_taken_up_again(
+    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     frames = bumps(codec, 3)
     gate = threading.Event()
     killed = Running(
@@ -97,7 +99,7 @@ def test_a_killed_recorder_is_taken_up_again(quick: Bench, codec: Codec, tmp_pat
     )
     os_gone = threading.Event()
     finish = killed.recorder._finish
-    killed.recorder._finish = lambda publish: None  # type: ignore[method-assign]  # as SIGKILL does
+    monkeypatch.setattr(killed.recorder, "_finish", lambda publish: None)  # as SIGKILL does
     with killed:
         killed.order(Arm(Until.COMPLETE))
         killed.order(Configure(quick.text.replace('name = "Ford Granada"', 'name = "Mine"')))

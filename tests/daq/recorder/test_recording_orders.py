@@ -39,7 +39,7 @@ from ..small_campaign import blocks, bumps
 from .stepped import LINK, armed, feed, now, status_of, step
 
 
-def test_weights_that_change_are_asked_for_by_whoever_arms() -> None:
+def test_weights_that_change_are_asked_for_when_the_run_is_armed() -> None:
     first = Step(BASELINE, Excitation.ROLL, 1)
     done = RunLog(runs=(LoggedRun("baseline_roll_1", BASELINE, Excitation.ROLL, 1, 0),))
     loaded = Step(ADDED, Excitation.BOUNCE, 1)

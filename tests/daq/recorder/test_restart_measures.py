@@ -1,4 +1,4 @@
-"""What was measured of runs, measured anew from the journal for a recorder that was restarted."""
+"""A recorder that was restarted measures its runs again from the journal."""
 
 from __future__ import annotations
 

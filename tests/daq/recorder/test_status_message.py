@@ -90,7 +90,7 @@ def test_a_status_says_what_is() -> None:
         (Phase.WAITING, Until.COMPLETE, 110.0, None, True),
     ],
 )
-def test_seconds_and_channels_are_told_where_they_mean_something(
+def test_seconds_and_channels_are_reported_where_they_mean_something(
     phase: Phase, until: Until, since_s: float, countdown_s: float | None, named: bool
 ) -> None:
     """The operator of this bench has three seconds to reject a run."""

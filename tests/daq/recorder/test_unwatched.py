@@ -1,4 +1,4 @@
-"""While nobody watches, blocks are stored as often as ever, and looked at a third as often."""
+"""While no client watches, blocks are stored as often as ever, and looked at a third as often."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ def _at(times_s: list[float]) -> FrameBatch:
     ("times_s", "passed_s"),
     [
         ([0.0, 9.9], 9.9),
-        ([0.0, 10.1], 0.0),  # nobody waits for what lies between two runs
+        ([0.0, 10.1], 0.0),  # what lies between two runs is skipped
         ([0.0, 10.1, 11.0], 0.9),
         ([0.0, 5.0, 4.1, 5.2], 5.2),  # a step back within a second is disorder
         ([0.0, 5.0, 3.9, 5.2], 6.3),  # a longer one is another log

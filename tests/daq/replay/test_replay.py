@@ -169,7 +169,7 @@ def test_stamps_of_the_sender_pass_through_a_virtual_bus() -> None:
 
 
 def test_every_receiver_of_a_virtual_bus_has_messages_of_its_own() -> None:
-    """A bus that hears itself tells its own frames from those of others by a mark on its copy."""
+    """A bus that hears itself recognises its own frames by a mark on its copy."""
     sender = can.Bus("own", interface="virtual", receive_own_messages=True)
     others = [can.Bus("own", interface="virtual") for _ in range(2)]
     try:

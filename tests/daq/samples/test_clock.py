@@ -121,7 +121,7 @@ def test_repeated_frames_have_no_time_and_do_not_shift_the_others() -> None:
 @pytest.mark.parametrize(
     ("counter", "n"), [(np.zeros(500, np.int64), 500), (np.arange(12), 12)], ids=["stuck", "few"]
 )
-def test_a_counter_that_tells_nothing_leaves_the_arrival_times(
+def test_a_counter_that_shows_nothing_leaves_the_arrival_times(
     counter: NDArray[np.int64], n: int
 ) -> None:
     t_ns = T0_NS + np.sort(np.random.default_rng(6).integers(0, 10**9, n))

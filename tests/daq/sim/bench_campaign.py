@@ -34,7 +34,7 @@ NO_LOSSES = HopLosses()
 
 @dataclass
 class Kept:
-    """What a recorder stores, in memory."""
+    """Keeps in memory what a recorder stores."""
 
     frames: list[FrameBatch] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)

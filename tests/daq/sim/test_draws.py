@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,10 @@ MANY = 3000
 """Draws: the standard deviation of so many is 1.3 % uncertain."""
 
 
-def many(**facts: float) -> list[Channel]:
+def many(**facts: Any) -> list[Channel]:
     kind = Quantity.SUSPENSION_TRAVEL if "motion_ratio" in facts else Quantity.BODY_ACCELERATION
     corner = Corner.FRONT_LEFT if "motion_ratio" in facts else None
-    first = replace(Channel("c", kind, corner=corner), **facts)  # type: ignore[arg-type]
+    first = replace(Channel("c", kind, corner=corner), **facts)
     return [replace(first, name=f"c{k}", signal=f"M{k}.a") for k in range(MANY)]
 
 

@@ -238,7 +238,7 @@ def test_frames_that_a_reader_delivers_late_fill_the_gap_before_them(
     assert not untimed.passed
 
 
-def test_tops_are_counted_in_samples_and_those_on_the_bump_are_told() -> None:
+def test_tops_are_counted_in_samples_and_those_on_the_bump_are_reported() -> None:
     noise = np.random.default_rng(3).standard_normal(len(T_S))
     late = np.where((T_S > 0.2495) & (T_S < 0.2695), 50.0, noise)
     finding = one(overload, {HUB: late})

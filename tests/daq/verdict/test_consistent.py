@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ CHANNELS = (
 T_S = np.arange(0.1, 1.5, 0.02)
 
 
-def _run(size: float = 1.0, bend: float = 0.0, **changed: object) -> RunMeasure:
+def _run(size: float = 1.0, bend: float = 0.0, **changed: Any) -> RunMeasure:
     wave = size * (np.exp(-2.0 * T_S) * (np.cos(8.8 * T_S) + bend * np.sin(20.0 * T_S)))
     found = RunMeasure(
         peaks={"body": 3.0 * size, "travel": 0.05 * size},
@@ -34,7 +35,7 @@ def _run(size: float = 1.0, bend: float = 0.0, **changed: object) -> RunMeasure:
         frequency_hz=1.4,
         damping=0.2,
     )
-    return replace(found, **changed)  # type: ignore[arg-type]
+    return replace(found, **changed)
 
 
 def _left_out(odd: RunMeasure, others: int = 4, planned: int = 3) -> dict[str, str]:

@@ -29,7 +29,7 @@ def test_every_fault_gives_its_reason_first() -> None:
     assert [key for key in table if key[0] != key[1]] == []
 
 
-def test_findings_tell_value_limit_and_advice() -> None:
+def test_findings_state_value_limit_and_advice() -> None:
     findings, _ = judged(ALL, replace(good(ALL, 1), losses=Losses(counter_gaps=1000)))
     lost = next(finding for finding in findings if finding.code == "lost_frames")
     assert not lost.passed

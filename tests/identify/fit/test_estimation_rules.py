@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 from identify.decays.decay import ChannelGroup, FreeDecay, Record, Recording
@@ -30,7 +31,7 @@ CHANNEL = Channel("a", Quantity.BODY_ACCELERATION, "m/s2")
 GROUP = ChannelGroup("g", (CHANNEL,))
 
 
-def decay(values: Sequence[float], label: str = "run") -> FreeDecay:
+def decay(values: Sequence[float] | NDArray[np.float64], label: str = "run") -> FreeDecay:
     time_s = np.arange(len(values)) / 100.0
     return FreeDecay(label, "baseline", 0.0, (Recording(GROUP, time_s, np.array(values)[:, None]),))
 
@@ -99,12 +100,12 @@ def test_the_noise_of_the_roughest_run_bounds_that_of_all() -> None:
     rng = np.random.default_rng(1)
     rough, smooth = 0.5 * rng.standard_normal(2000), 0.1 * rng.standard_normal(2000)
     for runs in ((rough, smooth), (smooth, rough)):
-        found = rough_noise([decay(run) for run in runs])  # type: ignore[arg-type]
+        found = rough_noise([decay(run) for run in runs])
         assert found["a"] == pytest.approx(0.5, rel=0.15)
 
 
 class Searches:
-    """What searches end with, by the first unknown that they start from."""
+    """Scripted ends of searches, by the first unknown that they start from."""
 
     def __init__(self, costs: dict[float, float], explain: float = 0.0) -> None:
         self.costs, self.explain = costs, explain

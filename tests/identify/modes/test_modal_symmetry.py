@@ -46,7 +46,7 @@ def test_body_sensors_pair_by_place_and_a_lone_one_is_free() -> None:
 
 
 def test_the_image_of_a_sensor_at_the_cg_is_at_the_cg() -> None:
-    """Where the CG is nobody knows: a sensor at the stated origin is not beside it."""
+    """The place of the CG is unknown: a sensor at the stated origin is not beside it."""
     at_cg = Channel("cg", Quantity.BODY_ACCELERATION, "m/s2", at_cg=True)
     assert list(mirror_of((at_cg,)).image) == [0]
     assert list(mirror_of((at_cg, body("origin", 0.0, 0.0))).image) == [0, 1]

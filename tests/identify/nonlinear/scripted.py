@@ -43,7 +43,7 @@ def attempt(name: str, late_s: float = 0.0, n_runs: int = 1) -> Attempt:
 
 @dataclass
 class Script:
-    """What each fit in turn ends with, as chi2/n, and what it was asked for."""
+    """Scripted fits: the chi2/n with which each ends in turn, and what it was asked for."""
 
     ends: Sequence[float | None]
     asked: list[Any] = field(default_factory=list)

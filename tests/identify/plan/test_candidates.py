@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,11 +35,11 @@ IMU = (
 )
 
 
-def plan(*states: MassState, runs: tuple[Runs, ...] = (), **others: object) -> Plan:
+def plan(*states: MassState, runs: tuple[Runs, ...] = (), **others: Any) -> Plan:
     every = states or (BARE,)
     done = runs or tuple(Runs(s.name, k) for s in every for k in (ROLL, PITCH))
     made = Plan(FORD_GRANADA.to_array(), sensors_of(IMU, 200.0), every, done)
-    return replace(made, **others)  # type: ignore[arg-type]
+    return replace(made, **others)
 
 
 def offered(given: Plan) -> dict[str, Plan]:

@@ -4,6 +4,7 @@ Figures in per cent are standard deviations: docs/method.md, "Noise and the boun
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -319,7 +320,7 @@ def _gains(advice: Advice) -> list[float]:
     return [step.outlook.worst * step.outlook.mean for step in advice.steps]
 
 
-def test_steps_are_what_their_plans_will_tell_sorted_and_few() -> None:
+def test_steps_are_what_their_plans_will_show_sorted_and_few() -> None:
     plan = replace(_bench_plan(facts=()), bump=Bump(0.02))
     advice = advise(plan)
     assert 6 <= len(advice.steps) <= 12
@@ -374,9 +375,9 @@ def test_only_what_is_missing_is_offered() -> None:
         ({"mass_states": (*STATES, STATES[0])}, "baseline occurs twice"),
     ],
 )
-def test_plans_that_are_none(change: dict[str, object], message: str) -> None:
+def test_plans_that_are_none(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        replace(_bench_plan(), **change)  # type: ignore[arg-type]
+        replace(_bench_plan(), **change)
 
 
 def test_sensors_that_are_none() -> None:

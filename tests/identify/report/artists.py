@@ -1,4 +1,4 @@
-"""What the artists of a figure hold, as plain numbers."""
+"""Returns what the artists of a figure hold, as plain numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands in the blocks of a page, as plain texts."""
+"""Returns the contents of the blocks of a page, as plain texts."""
 
 from __future__ import annotations
 

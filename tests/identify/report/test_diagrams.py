@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -296,5 +298,6 @@ def test_a_car_is_drawn_grey_at_rest_and_coloured_at_its_largest_motion() -> Non
 
 def test_what_is_no_panel_is_not_drawn() -> None:
     figure = figure_of(DamperPanel(()))
+    other: Any = "m_s"
     with pytest.raises(TypeError, match="no drawing of a str"):
-        draw("m_s", figure)  # type: ignore[arg-type]
+        draw(other, figure)

@@ -195,7 +195,8 @@ def study(*rows: tuple[Panel, ...]) -> Study:
 
 def size_in(document: str) -> tuple[float, float]:
     root = ElementTree.fromstring(document)
-    return tuple(float(root.get(key, "").removesuffix("pt")) / 72.0 for key in ("width", "height"))  # type: ignore[return-value]
+    width, height = (float(root.get(key, "").removesuffix("pt")) for key in ("width", "height"))
+    return width / 72.0, height / 72.0
 
 
 @pytest.mark.parametrize(

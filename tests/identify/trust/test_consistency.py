@@ -1,4 +1,4 @@
-"""Whether all runs, and the large and the small motion, show the same vehicle."""
+"""All runs, and the large and the small motion, must show the same vehicle."""
 
 from __future__ import annotations
 

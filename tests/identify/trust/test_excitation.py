@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 def antisymmetric(model: PhysicalModel) -> list[bool]:
-    """Whether left and right move against each other, mode by mode."""
+    """Return for each mode whether left and right move against each other."""
     shapes = modes_of(model.A).shapes
     left, right = shapes[[3, 5]], shapes[[4, 6]]
     return [

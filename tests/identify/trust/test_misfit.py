@@ -114,7 +114,7 @@ def test_a_later_start_is_said_of_records_that_begin_in_motion(linear: Estimatio
     assert finding.severity is Severity.NOTE
     assert "start 50 ms into the records" in finding.text
     assert set(by_gate(misfit_findings(unseen))) == {"noise"}
-    assert misfit_findings(replace(linear, later_s=0.05)) == ()  # the bump tells how late
+    assert misfit_findings(replace(linear, later_s=0.05)) == ()  # the bump shows how late
     unstated = tuple(replace(r, bump_s=nan) for r in linear.records)
     late = misfit_findings(replace(linear, records=unstated, later_s=0.05))
     assert [(f.code, f.severity) for f in late] == [("late_start", Severity.NOTE)]

@@ -1,4 +1,4 @@
-"""Whether the parameters are determined, plausible, and in keeping with what was stated."""
+"""Parameters must be determined, plausible, and in keeping with what was stated."""
 
 from __future__ import annotations
 

@@ -28,8 +28,7 @@ def ranked(
 ) -> list[str]:
     """Return the faults in their order, of channels that explain so much each left out alone."""
     monkeypatch.setattr(sensor_faults, "refit", lambda *_: None)
-    left_out = lambda _, __, name: of(name, alone[name])  # noqa: E731
-    monkeypatch.setattr(sensor_faults, "_left_out", left_out)
+    monkeypatch.setattr(sensor_faults, "_left_out", lambda *at: of(at[-1], alone[at[-1]]))
     monkeypatch.setattr(sensor_faults, "_late", lambda *_: [of("hub sensors late", late)])
     monkeypatch.setattr(sensor_faults, "_slow", lambda *_: [of("low-pass", slow)])
     return [found.name for found in sensor_explanations(ONE, list(alone))]

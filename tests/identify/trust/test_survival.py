@@ -108,6 +108,6 @@ def test_what_is_not_determined_is_lost_and_a_fit_astray_loses_all(linear: Estim
     assert survival(settled, ()).surviving == linear.box.names
 
 
-def test_the_size_of_a_factor_beyond_twenty_is_not_told(linear: Estimation) -> None:
+def test_the_size_of_a_factor_beyond_twenty_is_not_reported(linear: Estimation) -> None:
     far = Hypothesis("mass states swapped", inf, dict.fromkeys(linear.box.parameters, 50.0))
     assert survival(linear, [far]).lost["m_s"].shift == pytest.approx(np.exp(3.0) - 1.0)

@@ -1,4 +1,4 @@
-"""What of a session cannot be used is named, and the parameters come from the rest."""
+"""The unusable part of a session is named, and the parameters come from the rest."""
 
 from __future__ import annotations
 

@@ -142,7 +142,7 @@ def test_samples_half_a_period_off_make_no_pair(late: float, pairs: bool) -> Non
 
 @pytest.mark.parametrize(("n", "judged"), [(104, False), (108, True)])
 def test_rest_ends_five_milliseconds_before_the_motion(n: int, judged: bool) -> None:
-    """A correlation is told from a hundred pairs on: of 104 samples 98 are left, of 108 102."""
+    """A correlation is reported from a hundred pairs on: of 104 samples 98 are left, of 108 102."""
     found = whiteness_findings(estimation(white(2000), wave(n, 0.6)))
     assert [f.code for f in found] == ["coloured_noise"] * judged
 

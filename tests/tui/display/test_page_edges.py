@@ -86,7 +86,9 @@ def test_a_page_too_many_is_refused(tmp_path: Path) -> None:
     asyncio.run(act())
 
 
-def test_an_order_that_the_recorder_refuses_is_said_on_the_page(tmp_path: Path) -> None:
+def test_an_order_that_the_recorder_refuses_is_said_on_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async def act() -> None:
         async with display(tmp_path, Control()) as page:
             assert page.control is not None
@@ -100,7 +102,7 @@ def test_an_order_that_the_recorder_refuses_is_said_on_the_page(tmp_path: Path) 
                     raise OrderRefusedError("the disk is full")
                 return await ask(order)
 
-            page.recorder.ask = refusing  # type: ignore[method-assign]
+            monkeypatch.setattr(page.recorder, "ask", refusing)
             assert await page.post("order", button="next") == (409, "the disk is full")
 
     asyncio.run(act())
@@ -224,7 +226,7 @@ def test_a_quiet_channel_does_not_fill_its_picture() -> None:
 
 
 class Refusing(FakeRecorder):
-    """A recorder that refuses to tell its bench at first."""
+    """A recorder that refuses at first to send its bench."""
 
     async def ask(self, order: Order) -> Reply:
         """Refuse once."""

@@ -1,4 +1,4 @@
-"""What the terminal's tests share: an app on a fake recorder, and its screen as text."""
+"""Fixtures of the terminal's tests: an app on a fake recorder, and its screen as text."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _settled(monkeypatch: pytest.MonkeyPatch) -> None:
 def _drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw a screen when its app has settled, and not each frame on the way there.
 
-    The frames are a third of the CPU of these tests, and nobody sees them.
+    The frames are a third of the CPU of these tests, and are not looked at.
     """
     monkeypatch.setattr(Screen, "_compositor_refresh", _draw_later)
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -109,7 +110,7 @@ class FakeRecorder:
         self.run_log = RunLog()
         self.orders: list[Order] = []
         self.refuse = ""
-        self.changes: dict[str, object] = {}
+        self.changes: dict[str, Any] = {}
         """Fields of `Status` that a test wants otherwise."""
         self.phase, self.armed = Phase.IDLE, False
         self.t_ns = WALL_NS
@@ -328,7 +329,7 @@ class FakeRecorder:
             controller="MK",
             revision=run_log.revision,
         )
-        return replace(reported, **self.changes)  # type: ignore[arg-type]
+        return replace(reported, **self.changes)
 
     def _enter(self, event: Event) -> None:
         self.run_log = advance(self.run_log, event)

@@ -210,7 +210,7 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
     assert Mark("step check done") in recorder.orders
 
 
-async def test_a_push_the_wrong_way_is_a_failure_that_i_mends(make_app: Make) -> None:
+async def test_a_push_the_wrong_way_is_a_failure_that_i_corrects(make_app: Make) -> None:
     recorder = _checked()
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:

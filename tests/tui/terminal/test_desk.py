@@ -33,7 +33,9 @@ from tui.jobs.session_list import SessionState as Listed
 from tui.terminal.app import BenchApp
 from tui.terminal.palette import commands
 from tui.terminal.screens import export, identify, report, sessions
+from tui.terminal.screens.base import BenchScreen
 from tui.terminal.screens.help import HelpScreen
+from tui.terminal.screens.report import ReportScreen
 from tui.terminal.state.help_pages import SCREEN_PAGES, page_of
 
 from .conftest import at_every_size, screen_text
@@ -171,8 +173,9 @@ def test_report_written_and_the_next_vehicle(
     app = make_app(recorder)
 
     async def play(pilot: Pilot[None]) -> None:
-        assert app.screen is app.get_screen("report")
-        assert app.screen.ready  # type: ignore[attr-defined]
+        report = app.screen
+        assert isinstance(report, ReportScreen)
+        assert report.ready
         await pilot.press("space")
         await pilot.pause()
         await pilot.pause()
@@ -181,7 +184,7 @@ def test_report_written_and_the_next_vehicle(
         assert task.html == "/bench/session_0001.html"
         assert task.pdf == "/bench/session_0001.pdf"
         assert Mark("step report done") in recorder.orders
-        assert not app.screen.ready  # type: ignore[attr-defined]
+        assert not report.ready
         await at_every_size(pilot, snapshot, "report")
         await pilot.press("space")
         assert not [o for o in recorder.orders if isinstance(o, Start)], "SPACE ends nothing"
@@ -266,10 +269,12 @@ def test_there_is_help_for_everything(name: str) -> None:
 def test_every_screen_names_a_page_of_help(make_app: MakeApp) -> None:
     app = make_app(FakeRecorder())
     for name in app.SCREENS:
-        assert app.get_screen(name).HELP_PAGE in SCREEN_PAGES  # type: ignore[attr-defined]
+        screen = app.get_screen(name)
+        assert isinstance(screen, BenchScreen)
+        assert screen.HELP_PAGE in SCREEN_PAGES
 
 
-def test_help_tells_the_keys_of_the_screen(
+def test_help_shows_the_keys_of_the_screen(
     make_app: MakeApp, worker: FakeWorker, snapshot: Snapshot
 ) -> None:
     app = make_app(measured())

@@ -156,4 +156,4 @@ def test_a_recorder_that_does_not_come_up_is_reported_with_the_reason_in_its_log
     assert lost.text == words
     if end:
         assert "recorder.log" in lost.advice
-        assert not listener._is_starting(), "nobody waits for one that has ended"
+        assert not listener._is_starting(), "one that has ended is not waited for"

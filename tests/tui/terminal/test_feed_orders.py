@@ -144,11 +144,13 @@ def test_a_new_terminal_inherits_control_that_is_free_within_four_seconds(
     monkeypatch.setattr("tui.terminal.state.feed.time.monotonic", lambda: clock[0])
     free = replace(STATUS, controller="")
 
-    def news(_: Scripted, timeout_s: float) -> Status | None:
-        clock[0] = age_s
-        return client.script.pop(0) if client.script else None  # type: ignore[return-value]
+    news = Scripted.news
 
-    monkeypatch.setattr(Scripted, "news", news)
+    def late(scripted: Scripted, timeout_s: float) -> Status | None:
+        clock[0] = age_s
+        return news(scripted, timeout_s)
+
+    monkeypatch.setattr(Scripted, "news", late)
     client.script += [STATUS, free, free, STATUS]
     posted = posts(tmp_path, lost if not inherits else lambda all_: Role(True) in all_)
     assert posted[0] == Role(False, "JL is in control")

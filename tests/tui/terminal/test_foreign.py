@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 from rich.cells import cell_len
 from textual.color import Color
+from textual.theme import Theme
 from textual.widgets import Input
 
 from daq.control.messages import Alarm, BusState, BusStatus, Phase, SessionState, SessionStatus
@@ -39,7 +40,7 @@ def _bad_lines(app: BenchApp, columns: int) -> list[str]:
     ]
 
 
-def _told_by(recorder: FakeRecorder, text: str) -> None:
+def _reported_by(recorder: FakeRecorder, text: str) -> None:
     recorder.mark("vehicle", "check")
     recorder.bump()
     recorder.judge(replace(DOUBLE_BUMP, text=text, advice=text))
@@ -63,7 +64,7 @@ async def test_foreign_text_only_shows(name: str, make_app: Callable[..., BenchA
     text = FOREIGN[name]
     warned = replace(NOISY, subject=f"channel {text}", reason=text, advice=text)
     recorder = FakeRecorder(check=(warned, replace(UPSIDE_DOWN, reason=text, advice=text)))
-    _told_by(recorder, text)
+    _reported_by(recorder, text)
     app = make_app(recorder)
     app.operator = text
     async with app.run_test(size=(80, 24)) as pilot:
@@ -135,7 +136,7 @@ def _luminance(color: Color) -> float:
 
 
 @pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
-def test_every_colour_of_words_stands_out_from_every_ground(theme) -> None:  # type: ignore[no-untyped-def]
+def test_every_colour_of_words_stands_out_from_every_ground(theme: Theme) -> None:
     words = ("foreground", "primary", "warning", "error", "success", "accent")
     for word in words:
         for ground in ("background", "surface", "panel"):

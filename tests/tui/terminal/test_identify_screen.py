@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from daq.control.client import OrderRefusedError
-from daq.control.messages import SessionStatus
+from daq.control.messages import Reply, SessionStatus
 from daq.control.orders import Order
 from tui.jobs.lines import Done, IdentifyTask, Line, Progress, Task
 from tui.terminal.screens import identify
@@ -133,10 +133,10 @@ async def test_the_screen_says_what_was_recorded_and_when_it_is_outdated(
 
 
 async def test_a_screen_without_any_status_says_that_the_recorder_is_lost(
-    make_app: Make,
+    make_app: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorder = FakeRecorder()
-    recorder.start = lambda post: None  # type: ignore[method-assign]
+    monkeypatch.setattr(recorder, "start", lambda post: None)
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause()
@@ -152,24 +152,26 @@ async def test_a_screen_without_any_status_says_that_the_recorder_is_lost(
         def refused() -> None:
             raise OrderRefusedError("the recorder there has not ended")
 
-        recorder.restart = refused  # type: ignore[method-assign]
+        monkeypatch.setattr(recorder, "restart", refused)
         await pilot.press("x")
         await until(pilot, lambda: shows(app, "the recorder there has not ended"))
 
 
-async def test_a_bench_that_the_recorder_does_not_tell_is_asked_for_again(make_app: Make) -> None:
+async def test_a_bench_that_the_recorder_refuses_is_asked_for_again(
+    make_app: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recorder = FakeRecorder()
     asked: list[Order] = []
     app = make_app(recorder)
     ask = recorder.ask
 
-    async def late(order: Order):  # type: ignore[no-untyped-def]
+    async def late(order: Order) -> Reply:
         asked.append(order)
         if len(asked) < 3:
             raise OrderRefusedError("not yet")
         return await ask(order)
 
-    recorder.ask = late  # type: ignore[method-assign]
+    monkeypatch.setattr(recorder, "ask", late)
     async with app.run_test(size=(80, 24)) as pilot:
         await until(pilot, lambda: len(asked) >= 2)
         assert app.bench is None

@@ -40,7 +40,7 @@ async def test_a_note_is_kept_until_it_is_emptied(make_app: Make) -> None:
         assert not draft.exists()
 
 
-async def test_a_list_follows_the_recording_and_tells_how_to_replay(
+async def test_a_list_follows_the_recording_and_shows_how_to_replay(
     make_app: Make, tasks: list[Task]
 ) -> None:
     recorder = measured()

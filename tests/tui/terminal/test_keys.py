@@ -20,6 +20,7 @@ from daq.control.orders import (
     Reject,
     Undo,
 )
+from daq.runs import Excitation
 from tui.terminal.app import MOST_NEWS, BenchApp
 from tui.terminal.screens.home import HomeScreen
 from tui.terminal.screens.run import RunScreen
@@ -152,7 +153,7 @@ async def test_more_runs_than_planned(make_app: MakeApp) -> None:
     async with app.run_test() as pilot:
         await pilot.pause()
         await _press(pilot, "down", "m")
-        assert _given(recorder, Choose) == [Choose("baseline", "pitch")]  # type: ignore[arg-type]
+        assert _given(recorder, Choose) == [Choose("baseline", Excitation.PITCH)]
 
 
 async def test_overload_lamps_stay_until_put_out(make_app: MakeApp) -> None:

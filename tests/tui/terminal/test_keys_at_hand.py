@@ -8,6 +8,7 @@ from textual.pilot import Pilot
 
 from daq.control.messages import LeftOut, Phase
 from daq.control.orders import Accept, Choose, Pause, Reject
+from daq.runs import Excitation
 from tui.terminal.screens.bumping import BumpingScreen
 from tui.terminal.state.feed import STARTING, Lost
 from tui.terminal.widgets.lists import TallyList
@@ -82,7 +83,7 @@ async def test_only_keys_that_do_something_are_at_hand(make_app: Make) -> None:
         recorder.refuse = ""
         app.screen.query_one(TallyList).chosen = 99
         assert "next: added roll" in await pressed(pilot, "m"), "the last one there is"
-        assert orders_of(recorder, Choose)[-1] == Choose("added", "roll")  # type: ignore[arg-type]
+        assert orders_of(recorder, Choose)[-1] == Choose("added", Excitation.ROLL)
         await pressed(pilot, "escape")
         assert front(app) is home
         await pressed(pilot, "backspace")

@@ -9,7 +9,7 @@ import pytest
 
 from tui.jobs.outcome import Curve, Estimated, FindingRow, ModeRow, RunOutcome, StateOutcome
 from tui.terminal.state.decay_chart import Ink, decay_rows
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
 from tui.terminal.state.outcome_text import (
     bar,
     finding_lines,
@@ -189,8 +189,8 @@ def test_a_run_says_what_became_of_it_and_how_well_it_is_explained() -> None:
     assert refused().used == 0
 
 
-def drawn(curve: Curve, width: int, height: int, glyphs: object = ASCII) -> list[str]:
-    rows = decay_rows(curve, width, height, glyphs)  # type: ignore[arg-type]
+def drawn(curve: Curve, width: int, height: int, glyphs: Glyphs = ASCII) -> list[str]:
+    rows = decay_rows(curve, width, height, glyphs)
     return ["".join(text for text, _ in row) for row in rows]
 
 

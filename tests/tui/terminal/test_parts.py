@@ -14,7 +14,7 @@ from daq.runlog.runlog import Code
 from daq.runs import Excitation
 from tui.terminal.state.banner import banner
 from tui.terminal.state.feed import Lost
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
 from tui.terminal.state.lane_view import lane_specs, window
 from tui.terminal.state.lanes import RING_S, Lanes
 from tui.terminal.state.next_action import next_action, weights_question
@@ -79,7 +79,7 @@ def test_beyond_the_range_is_at_the_edge() -> None:
 
 
 @pytest.mark.parametrize("glyphs", [BRAILLE, BLOCKS, ASCII], ids=lambda g: g.name)
-def test_every_set_draws_rows_of_the_same_width(glyphs) -> None:  # type: ignore[no-untyped-def]
+def test_every_set_draws_rows_of_the_same_width(glyphs: Glyphs) -> None:
     t = np.linspace(0, 6, 30 * glyphs.dots[0])
     rows = trace(np.sin(t) - 0.1, np.sin(t) + 0.1, 1.2, 4, glyphs)
     assert [len(row) for row in rows] == [30] * 4

@@ -118,13 +118,15 @@ def test_x_rejects_the_chosen_run_and_builds_again(make_app: MakeApp) -> None:
     in_front(app, (140, 40), play, outcome())
 
 
-def test_x_on_a_session_of_the_past_only_tries(make_app: MakeApp) -> None:
+def test_x_on_a_session_of_the_past_only_tries(
+    make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recorder = measured()
     app = make_app(recorder)
     tried: list[tuple[str, tuple[str, ...]]] = []
     identify = app.get_screen("identify")
     assert isinstance(identify, IdentifyScreen)
-    identify.begin = lambda path, without=(): tried.append((path, without))  # type: ignore[method-assign]
+    monkeypatch.setattr(identify, "begin", lambda path, without=(): tried.append((path, without)))
 
     async def play(pilot: Pilot[None]) -> None:
         await pilot.press("p", "x")

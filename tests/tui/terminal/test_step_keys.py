@@ -153,7 +153,8 @@ def weighed() -> FakeRecorder:
 
 
 async def test_a_weight_is_added_edited_taken_off_and_put_back(make_app: Make) -> None:
-    app = make_app(weighed())
+    recorder = weighed()
+    app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, MassesScreen)
         screen = app.screen
@@ -198,7 +199,7 @@ async def test_a_weight_is_added_edited_taken_off_and_put_back(make_app: Make) -
         await screen.action_next()
         await pilot.pause()
         assert "one weight at least" in seen(app)
-        assert not orders_of(app.feed, Configure)  # type: ignore[arg-type]
+        assert not orders_of(recorder, Configure)
 
 
 async def test_space_bolts_one_weight_after_the_other_and_goes_on(make_app: Make) -> None:

@@ -13,7 +13,7 @@ from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, GOOD, FakeRecorder
 
 
-def test_accepted_runs_tell_their_frequency(make_app: Callable[..., BenchApp]) -> None:
+def test_accepted_runs_show_their_frequency(make_app: Callable[..., BenchApp]) -> None:
     recorder = FakeRecorder()
     recorder.mark("vehicle", "check")
     for hertz in (1.14, 1.16):

@@ -1,4 +1,4 @@
-"""What the screen promises holds: its step, what SPACE does, what to do if all is not well."""
+"""The screen keeps its promises: its step, what SPACE does, what to do if all is not well."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from textual.pilot import Pilot
 
-from daq.control.messages import Alarm, CheckItem, Phase
+from daq.control.messages import Alarm, CheckItem, Phase, Reply
 from daq.control.orders import AskCheck, Order
 from dbc.finding import Finding, Severity
 from tui.terminal.app import BenchApp
@@ -117,9 +117,11 @@ async def test_no_key_is_promised_that_does_nothing(make_app: MakeApp) -> None:
         assert "SPACE" in _line(app, -1)
 
 
-async def test_the_first_screen_says_what_it_waits_for(make_app: MakeApp) -> None:
+async def test_the_first_screen_says_what_it_waits_for(
+    make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recorder = _bench()
-    recorder.start = lambda post: None  # type: ignore[method-assign]
+    monkeypatch.setattr(recorder, "start", lambda post: None)
     app = make_app(recorder)
     async with app.run_test(size=SMALL) as pilot:
         await _settle(pilot)
@@ -182,14 +184,16 @@ async def test_a_small_terminal_shows_what_to_do_about_an_alarm(make_app: MakeAp
         assert "and 2 more" in said
 
 
-async def test_space_does_not_begin_the_zero_again_while_it_is_measured(make_app: MakeApp) -> None:
+async def test_space_does_not_begin_the_zero_again_while_it_is_measured(
+    make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recorder = _bench("vehicle")
     recorder.check = (CheckItem("OK", "bus", "load 38 %", "", {}),)
     app = make_app(recorder)
     answered = asyncio.Event()
     ask = recorder.ask
 
-    async def late(order: Order):  # type: ignore[no-untyped-def]
+    async def late(order: Order) -> Reply:
         if isinstance(order, AskCheck):
             await answered.wait()
         return await ask(order)
@@ -198,7 +202,7 @@ async def test_space_does_not_begin_the_zero_again_while_it_is_measured(make_app
         await _settle(pilot)
         screen = app.screen
         assert isinstance(screen, CheckScreen)
-        recorder.ask = late  # type: ignore[method-assign]
+        monkeypatch.setattr(recorder, "ask", late)
         screen._begin_zero()
         screen._hands_off_s = 1.0
         measuring = asyncio.create_task(screen._tick())
