@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from daq.check import opposed_signs
-from daq.runs import Run, RunStatus
 from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
@@ -145,7 +144,7 @@ def identify_parameters(
     vehicles = generic_vehicles()
     estimation = first_estimate(box, records, vehicles)
     forces = None
-    signs = () if estimation.holds else opposed_signs(_accepted(session), session.channels)
+    signs = () if estimation.holds else opposed_signs(session.accepted, session.channels)
     wrong = None
     if not (estimation.holds or signs):
         wrong = clock_jump(estimation) or wrong_channel(estimation)
@@ -206,10 +205,6 @@ def _begun(
 def usable_records(session: Session) -> tuple[Record, ...]:
     """Return the records of a session's accepted runs that can be used and have samples."""
     return usable(session).records
-
-
-def _accepted(session: Session) -> tuple[Run, ...]:
-    return tuple(run for run in session.runs if run.status is RunStatus.ACCEPTED)
 
 
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
