@@ -15,6 +15,7 @@ from daq.silence import Silence, longest_silence
 from .absurd import readable_session
 from .decay import Record, record_of
 from .onset import decay_start_s, is_still
+from .spikes import Spike, without_spikes
 from .stuck import FROZEN_S, Hold, frozen
 
 _LEAST_S = 0.2
@@ -36,6 +37,8 @@ class Usable:
     """Record of each run that can be used and has samples."""
     silent: tuple[str, ...]
     """Channels that are silent for too long in most of these runs."""
+    spikes: tuple[Spike, ...]
+    """Samples of accepted runs that stand out from those on both sides."""
 
 
 def usable_session(session: Session) -> Session:
@@ -46,7 +49,7 @@ def usable_session(session: Session) -> Session:
 def usable(session: Session) -> Usable:
     """Find what can be used of a session.
 
-    Values that no sensor shows are missing (`absurd`).
+    Values that no sensor shows are missing (`absurd`), and so are `spikes`.
 
     A channel with one value in all runs is unused: the fit would take a dead sensor for a part that
     stands still.
@@ -57,7 +60,7 @@ def usable(session: Session) -> Usable:
     these runs are used as they are.  Also left out are runs in which times go back, all sensors are
     silent together (the clock jumped), nothing moves, or the free decay is missing.
     """
-    session = readable_session(session)
+    session, spikes = without_spikes(readable_session(session))
     session = replace(session, channels=_living(session))
     silences = _silences(session)
     records = [
@@ -92,6 +95,7 @@ def usable(session: Session) -> Usable:
         replace(session, runs=runs),
         tuple(record for record, _ in kept if record.recordings),
         _silent_in_most([own for _, own in kept]),
+        spikes,
     )
 
 
