@@ -15,6 +15,7 @@ from daq.check import opposed_signs
 from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
+from dbc.finding import Finding
 
 from .decays.decay import FreeDecay, Record
 from .decays.usable import usable
@@ -95,13 +96,13 @@ def identify(
     """
     finding: dict[str, Callable[[], SensedModes | None]] = {}
 
-    def begin(estimation: Estimation) -> None:
+    def begin(estimation: Estimation, signs: Sequence[Finding]) -> None:
         # The modes of a car with friction change as it comes to rest: it has no fixed modes.
         if estimation.nonlinear is None:
-            finding.update(_begun(estimation, executor))
+            finding.update(_begun(estimation, signs, executor))
         fitted(estimation)
 
-    found = identify_parameters(session, progress, begin)
+    found = _parameters(session, progress, begin)
     if found.estimation is None:
         return found
     progress(0.8, "modes")
@@ -133,6 +134,15 @@ def identify_parameters(
     vehicles.  Arguments and result are those of `identify`; `sensed` and the closed form stay
     empty.
     """
+    return _parameters(session, progress, lambda estimation, _: fitted(estimation))
+
+
+def _parameters(
+    session: Session,
+    progress: Progress,
+    fitted: Callable[[Estimation, Sequence[Finding]], None],
+) -> Identification:
+    """Identify by maximum likelihood; `fitted` receives the channels of wrong sign, too."""
     used = usable(session)
     unused = tuple(unused_findings(session, used))
     session, records = used.session, used.records
@@ -155,7 +165,7 @@ def identify_parameters(
         elif real := explained_by_elements(session, estimation, partial(progress, 0.2)):
             estimation, forces, box = real.estimation, real.forces, real.estimation.box
     fit = estimation.fit
-    fitted(estimation)
+    fitted(estimation, signs)
     full = box.full(fit.eta.astype(complex)).real
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
@@ -189,7 +199,7 @@ def identify_parameters(
 
 
 def _begun(
-    estimation: Estimation, executor: Executor | None
+    estimation: Estimation, signs: Sequence[Finding], executor: Executor | None
 ) -> dict[str, Callable[[], SensedModes | None]]:
     """Return a call for the sensed modes of each mass state; an executor begins at once."""
     of_state: dict[str, list[tuple[Record, FreeDecay]]] = {}
@@ -197,7 +207,8 @@ def _begun(
         of_state.setdefault(record.mass_state, []).append((record, decay.thinned(_SENSED_RATE_HZ)))
     begun: dict[str, Callable[[], SensedModes | None]] = {}
     for name, pairs in of_state.items():
-        work = partial(_sensed, *zip(*pairs, strict=True))
+        records, decays = zip(*pairs, strict=True)
+        work = partial(_sensed, records, decays, not signs)
         begun[name] = executor.submit(work).result if executor else work
     return begun
 
@@ -216,10 +227,12 @@ def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
     )
 
 
-def _sensed(records: Sequence[Record], decays: Sequence[FreeDecay]) -> SensedModes | None:
+def _sensed(
+    records: Sequence[Record], decays: Sequence[FreeDecay], symmetric: bool
+) -> SensedModes | None:
     """Return the modes of a mass state by the State Variable Method, None if there are none."""
     with suppress(InputError):  # too short, no common channel: the likelihood needs neither
-        return sensed_modes(records, decays)
+        return sensed_modes(records, decays, symmetric)
     return None
 
 
