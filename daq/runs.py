@@ -173,6 +173,11 @@ class Run:
         return f"{self.mass_state}_{self.excitation}_{self.repeat}"
 
     @property
+    def is_accepted(self) -> bool:
+        """True if the run is used."""
+        return self.status is RunStatus.ACCEPTED
+
+    @property
     def outline(self) -> RunOutline:
         """The run without its data."""
         return RunOutline(

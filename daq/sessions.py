@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .channels import Channel
+from .channels import Channel, Quantity
 from .html_tables import html_line, html_table
 from .runs import Run
 from .vehicle import MassState, Vehicle
@@ -30,6 +30,16 @@ class Session:
     """The runs, in order of recording."""
     provenance: Mapping[str, str]
     """Origin of the data: uuid, created, software, dbc (text), bench_toml (text), hashes."""
+
+    @property
+    def accepted(self) -> tuple[Run, ...]:
+        """The accepted runs, in order of recording."""
+        return tuple(run for run in self.runs if run.is_accepted)
+
+    @property
+    def used_channels(self) -> tuple[Channel, ...]:
+        """The channels that measure a quantity of the vehicle."""
+        return tuple(c for c in self.channels if c.quantity is not Quantity.UNUSED)
 
     def _repr_html_(self) -> str:
         """Return the HTML that a notebook shows."""

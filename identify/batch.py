@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import isfinite
 
-from daq.runs import RunStatus
 from daq.sessions import Session
 
 from .decays.usable import usable_session
@@ -41,9 +40,7 @@ def document_row(session: Session, document: Document) -> dict[str, Cell]:
         "vehicle": session.vehicle.name,
         "created": document["source"]["created"],
         "origin": document["source"]["origin"],
-        "runs_accepted": sum(
-            run.status is RunStatus.ACCEPTED for run in usable_session(session).runs
-        ),
+        "runs_accepted": len(usable_session(session).accepted),
         "verdict": document["verdict"],
         "reasons": " | ".join(document["reasons"][:_REASONS]),
         "chi2_per_n": _finite(document["chi2_per_n"]),

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from daq.check import opposed_signs
-from daq.runs import Run, RunStatus
 from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
+from dbc.finding import Finding
 
 from .decays.decay import FreeDecay, Record
 from .decays.usable import usable
@@ -44,7 +44,7 @@ from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import closed_form
 from .paper.physical_matrices import ClosedForm
 from .real_car import explained_by_elements
-from .trust.clock_jump import clock_jump
+from .trust.clock_jump import clock_jump, without_jump
 from .trust.finding import Judgement
 from .trust.judge import judge
 from .trust.sensor_faults import wrong_channel
@@ -96,13 +96,15 @@ def identify(
     """
     finding: dict[str, Callable[[], SensedModes | None]] = {}
 
-    def begin(estimation: Estimation) -> None:
+    def begin(
+        estimation: Estimation, decays: Sequence[FreeDecay], signs: Sequence[Finding]
+    ) -> None:
         # The modes of a car with friction change as it comes to rest: it has no fixed modes.
         if estimation.nonlinear is None:
-            finding.update(_begun(estimation, executor))
+            finding.update(_begun(estimation.records, decays, not signs, executor))
         fitted(estimation)
 
-    found = identify_parameters(session, progress, begin)
+    found = _parameters(session, progress, begin)
     if found.estimation is None:
         return found
     progress(0.8, "modes")
@@ -134,6 +136,19 @@ def identify_parameters(
     vehicles.  Arguments and result are those of `identify`; `sensed` and the closed form stay
     empty.
     """
+    return _parameters(session, progress, lambda estimation, *_: fitted(estimation))
+
+
+def _parameters(
+    session: Session,
+    progress: Progress,
+    fitted: Callable[[Estimation, Sequence[FreeDecay], Sequence[Finding]], None],
+) -> Identification:
+    """Identify by maximum likelihood.
+
+    `fitted`: receives the fit, the decays in which the clocks are right, and the channels of wrong
+    sign.
+    """
     used = usable(session)
     unused = tuple(unused_findings(session, used))
     session, records = used.session, used.records
@@ -145,10 +160,11 @@ def identify_parameters(
     vehicles = generic_vehicles()
     estimation = first_estimate(box, records, vehicles)
     forces = None
-    signs = () if estimation.holds else opposed_signs(_accepted(session), session.channels)
-    wrong = None
-    if not (estimation.holds or signs):
-        wrong = clock_jump(estimation) or wrong_channel(estimation)
+    signs = () if estimation.holds else opposed_signs(session.accepted, session.channels)
+    jump = None if estimation.holds or signs else clock_jump(estimation)
+    wrong = jump
+    if not (estimation.holds or signs or jump):
+        wrong = wrong_channel(estimation)
     if not (estimation.holds or signs or wrong):  # else no car explains the decays
         if later_may_hold(estimation, vehicles):
             progress(0.5, "fitting again")
@@ -156,7 +172,7 @@ def identify_parameters(
         elif real := explained_by_elements(session, estimation, partial(progress, 0.2)):
             estimation, forces, box = real.estimation, real.forces, real.estimation.box
     fit = estimation.fit
-    fitted(estimation)
+    fitted(estimation, without_jump(estimation) if jump else estimation.decays, signs)
     full = box.full(fit.eta.astype(complex)).real
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
@@ -190,15 +206,20 @@ def identify_parameters(
 
 
 def _begun(
-    estimation: Estimation, executor: Executor | None
+    records: Sequence[Record],
+    decays: Sequence[FreeDecay],
+    symmetric: bool,
+    executor: Executor | None,
 ) -> dict[str, Callable[[], SensedModes | None]]:
     """Return a call for the sensed modes of each mass state; an executor begins at once."""
     of_state: dict[str, list[tuple[Record, FreeDecay]]] = {}
-    for record, decay in zip(estimation.records, estimation.decays, strict=True):
+    for record, decay in zip(records, decays, strict=True):
+        if not decay.recordings:  # all its clocks jump soon after the bump
+            continue
         of_state.setdefault(record.mass_state, []).append((record, decay.thinned(_SENSED_RATE_HZ)))
     begun: dict[str, Callable[[], SensedModes | None]] = {}
     for name, pairs in of_state.items():
-        work = partial(_sensed, *zip(*pairs, strict=True))
+        work = partial(_sensed, pairs, symmetric)
         begun[name] = executor.submit(work).result if executor else work
     return begun
 
@@ -206,10 +227,6 @@ def _begun(
 def usable_records(session: Session) -> tuple[Record, ...]:
     """Return the records of a session's accepted runs that can be used and have samples."""
     return usable(session).records
-
-
-def _accepted(session: Session) -> tuple[Run, ...]:
-    return tuple(run for run in session.runs if run.status is RunStatus.ACCEPTED)
 
 
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
@@ -221,10 +238,11 @@ def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
     )
 
 
-def _sensed(records: Sequence[Record], decays: Sequence[FreeDecay]) -> SensedModes | None:
+def _sensed(pairs: Sequence[tuple[Record, FreeDecay]], symmetric: bool) -> SensedModes | None:
     """Return the modes of a mass state by the State Variable Method, None if there are none."""
     with suppress(InputError):  # too short, no common channel: the likelihood needs neither
-        return sensed_modes(records, decays)
+        records, decays = zip(*pairs, strict=True)
+        return sensed_modes(records, decays, symmetric)
     return None
 
 

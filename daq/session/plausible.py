@@ -97,7 +97,7 @@ def _run(run: Run, where: str, session: Session) -> Iterator[Finding]:
         yield warning(where, "began before the year 2000: the bus's clock was not set")
     if any(count < 0 for count in asdict(run.losses).values()):
         yield error(where, "has negative losses")
-    if run.status is RunStatus.ACCEPTED and not any(len(g.time_s) for g in run.groups):
+    if run.is_accepted and not any(len(g.time_s) for g in run.groups):
         yield error(where, "is accepted but has no sample")
     if run.status is RunStatus.REJECTED and not run.reasons:
         yield warning(where, "is rejected without a reason")

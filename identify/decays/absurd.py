@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import LARGEST, Quantity
-from daq.runs import Run, RunStatus, SampleGroup
+from daq.channels import LARGEST
+from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 
 _SMALLEST = 1e-100
@@ -33,8 +33,8 @@ class Absurd:
 
 def absurd(session: Session) -> Iterator[Absurd]:
     """Yield the channels with values above `LARGEST`, infinite ones too, in each accepted run."""
-    used = _used(session)
-    for run in filter(_is_accepted, session.runs):
+    used = {c.name for c in session.used_channels}
+    for run in session.accepted:
         for name, values in ((n, v) for g in run.groups for n, v in g.values.items() if n in used):
             found = values[_is_absurd(values)]
             if len(found):
@@ -43,7 +43,7 @@ def absurd(session: Session) -> Iterator[Absurd]:
 
 def readable_session(session: Session) -> Session:
     """Return a session with absurd values of accepted runs missing (NaN), and tiny ones 0."""
-    used = _used(session)
+    used = {c.name for c in session.used_channels}
 
     def of_group(group: SampleGroup) -> SampleGroup:
         values = {name: _readable(v) if name in used else v for name, v in group.values.items()}
@@ -51,7 +51,7 @@ def readable_session(session: Session) -> Session:
         return group if same else replace(group, values=values)
 
     def of_run(run: Run) -> Run:
-        groups = tuple(map(of_group, run.groups)) if _is_accepted(run) else run.groups
+        groups = tuple(map(of_group, run.groups)) if run.is_accepted else run.groups
         same = all(a is b for a, b in zip(groups, run.groups, strict=True))
         return run if same else replace(run, groups=groups)
 
@@ -68,11 +68,3 @@ def _readable(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _is_absurd(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.abs(values) > LARGEST)  # false for NaN
-
-
-def _used(session: Session) -> set[str]:
-    return {c.name for c in session.channels if c.quantity is not Quantity.UNUSED}
-
-
-def _is_accepted(run: Run) -> bool:
-    return run.status is RunStatus.ACCEPTED

@@ -15,6 +15,7 @@ from daq.silence import Silence, longest_silence
 from .absurd import readable_session
 from .decay import Record, record_of
 from .onset import decay_start_s, is_still
+from .spikes import Spike, without_spikes
 from .stuck import FROZEN_S, Hold, frozen
 
 _LEAST_S = 0.2
@@ -36,6 +37,8 @@ class Usable:
     """Record of each run that can be used and has samples."""
     silent: tuple[str, ...]
     """Channels that are silent for too long in most of these runs."""
+    spikes: tuple[Spike, ...]
+    """Samples of accepted runs that stand out from those on both sides."""
 
 
 def usable_session(session: Session) -> Session:
@@ -46,7 +49,7 @@ def usable_session(session: Session) -> Session:
 def usable(session: Session) -> Usable:
     """Find what can be used of a session.
 
-    Values that no sensor shows are missing (`absurd`).
+    Values that no sensor shows are missing (`absurd`), and so are `spikes`.
 
     A channel with one value in all runs is unused: the fit would take a dead sensor for a part that
     stands still.
@@ -57,11 +60,11 @@ def usable(session: Session) -> Usable:
     these runs are used as they are.  Also left out are runs in which times go back, all sensors are
     silent together (the clock jumped), nothing moves, or the free decay is missing.
     """
-    session = readable_session(session)
+    session, spikes = without_spikes(readable_session(session))
     session = replace(session, channels=_living(session))
     silences = _silences(session)
     records = [
-        record_of(run, session.channels) if _is_accepted(run) else None for run in session.runs
+        record_of(run, session.channels) if run.is_accepted else None for run in session.runs
     ]
     held: dict[str, list[Hold]] = {}
     for hold in frozen([record for record in records if record and record.recordings]):
@@ -86,19 +89,20 @@ def usable(session: Session) -> Usable:
     kept = [
         (record, own)
         for run, own, record in zip(runs, silences, records, strict=True)
-        if record is not None and _is_accepted(run)
+        if record is not None and run.is_accepted
     ]
     return Usable(
         replace(session, runs=runs),
         tuple(record for record, _ in kept if record.recordings),
         _silent_in_most([own for _, own in kept]),
+        spikes,
     )
 
 
 def _living(session: Session) -> tuple[Channel, ...]:
     """Return the channels; those that never change, although they have values, are unused."""
     moves: dict[str, bool] = {}
-    for group in (g for run in _accepted(session) for g in run.groups):
+    for group in (g for run in session.accepted for g in run.groups):
         for name, values in group.values.items():
             finite = values[np.isfinite(values)]
             if len(finite):
@@ -107,14 +111,6 @@ def _living(session: Session) -> tuple[Channel, ...]:
         c if moves.get(c.name, True) else replace(c, quantity=Quantity.UNUSED, corner=None)
         for c in session.channels
     )
-
-
-def _accepted(session: Session) -> Iterator[Run]:
-    return (run for run in session.runs if _is_accepted(run))
-
-
-def _is_accepted(run: Run) -> bool:
-    return run.status is RunStatus.ACCEPTED
 
 
 def _silent_in_most(silences: Sequence[_Silences]) -> tuple[str, ...]:
@@ -132,8 +128,8 @@ def _most(faulty: Sequence[str], shown: Sequence[str]) -> tuple[str, ...]:
 
 def _silences(session: Session) -> list[_Silences]:
     """Return the longest silences in each run; none in one that is not accepted."""
-    used = {c.name for c in session.channels if c.quantity is not Quantity.UNUSED}
-    return [_of_run(run, used) if _is_accepted(run) else {} for run in session.runs]
+    used = {c.name for c in session.used_channels}
+    return [_of_run(run, used) if run.is_accepted else {} for run in session.runs]
 
 
 def _of_run(run: Run, used: set[str]) -> _Silences:
@@ -158,7 +154,7 @@ def _of_run(run: Run, used: set[str]) -> _Silences:
 
 def _back(run: Run, session: Session) -> Iterator[str]:
     """Yield a line for each clock of used channels that goes back."""
-    used = {c.name for c in session.channels if c.quantity is not Quantity.UNUSED}
+    used = {c.name for c in session.used_channels}
     for group in run.groups:
         back = np.flatnonzero(np.diff(group.time_s) < 0.0)
         if used & group.values.keys() and len(back):

@@ -10,7 +10,7 @@ the optimum it is the Cramer-Rao bound (docs/method.md, "Maximum likelihood").
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
@@ -73,6 +73,10 @@ class LinearFit(Fit):
 
     linearised: Linearised
     """The model at `eta`, its channels weighted as in the fit."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle it as a `Fit`: the model is large, and is computed again where it is needed."""
+        return Fit, tuple(getattr(self, f.name) for f in fields(Fit))
 
 
 @dataclass(frozen=True, slots=True)

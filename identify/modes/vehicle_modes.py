@@ -48,7 +48,9 @@ class SensedModes:
     """True if the vehicle was found symmetric, and each mode is symmetric or antisymmetric."""
 
 
-def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> SensedModes:
+def sensed_modes(
+    records: Sequence[Record], decays: Sequence[FreeDecay], symmetric: bool = True
+) -> SensedModes:
     """Identify the modes of one mass state from its decays, all runs in one fit.
 
     Where the sensors distinguish left from right, the modes are sought as symmetric and
@@ -56,7 +58,9 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     vehicle is not symmetric, and these shapes are returned.
 
     `records` and `decays`: the runs and their free decays; channels that are not in all of them are
-    left out.  Raises InputError if the decays are too short or have no channel in common.
+    left out.  `symmetric`: False if the vehicle cannot look symmetric, because a channel has the
+    wrong sign; then no symmetric modes are sought.  Raises InputError if the decays are too short
+    or have no channel in common.
     """
     channels, slowest_hz = _common(decays)
     if not channels:
@@ -68,7 +72,7 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     grids = [grid[:, alive] for grid in grids]
     grids = _blurred(grids)
     samples = gathered(_blocks(decays, live))
-    likely = _mirrored_modes(grids, rate_hz, samples, mirror_of(live))
+    likely = _mirrored_modes(grids, rate_hz, samples, mirror_of(live)) if symmetric else None
     mirrored = likely is not None
     if likely is None:
         start = regression_modes(grids, rate_hz)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from daq.channels import Quantity
 from daq.remarks import overrides_of
-from daq.runs import RunStatus
 from daq.sessions import Session
 
 from ..document import Document
@@ -84,7 +82,7 @@ def _waived(session: Session) -> Iterator[tuple[Cell, ...]]:
         subject, _, why = text.partition(": ")
         yield Cell("warning overridden"), Cell(subject), Cell(why)
     for run in session.runs:
-        if run.status is not RunStatus.ACCEPTED:
+        if not run.is_accepted:
             yield Cell("run not used"), Cell(run.label), Cell("; ".join(run.reasons))
 
 
@@ -97,8 +95,7 @@ def _sensors(session: Session) -> Table:
             Cell(c.serial_number or _UNSTATED),
             Cell(c.calibrated or _UNSTATED),
         )
-        for c in session.channels
-        if c.quantity is not Quantity.UNUSED
+        for c in session.used_channels
     )
     columns = ("channel", "measures", "signal", "serial number", "calibrated")
     note = "Serial number and day of calibration are those of bench.toml."

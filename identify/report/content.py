@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from math import isfinite
 
-from daq.runs import RunStatus
 from daq.sessions import Session
 
 from ..cross_checks import CrossChecks
@@ -80,8 +79,7 @@ def _title(session: Session) -> str:
 def _highlights(
     session: Session, document: Document, predictions: tuple[Prediction, ...]
 ) -> tuple[tuple[str, Cell], ...]:
-    accepted = sum(run.status is RunStatus.ACCEPTED for run in session.runs)
-    cards = [("runs used", Cell(f"{accepted} of {len(session.runs)}"))]
+    cards = [("runs used", Cell(f"{len(session.accepted)} of {len(session.runs)}"))]
     if isfinite(document["chi2_per_n"]):
         chi2 = cited(document, "chi2_per_n", form="{:.3f}".format)
         cards.append(("chi2/n, 1 = noise alone", chi2))

@@ -9,7 +9,7 @@ import numpy as np
 
 from daq.channels import Quantity
 from daq.remarks import notes_of, overrides_of
-from daq.runs import Run, RunStatus
+from daq.runs import Run
 from daq.samples.trigger import BUMP
 from daq.sessions import Session
 
@@ -54,13 +54,12 @@ def _runs(session: Session, result: Identification) -> Table:
         fitted = {d.label: (d.start_s, record.end_s - d.start_s) for record, d in pairs}
     rows = []
     for run in session.runs:
-        used = run.status is RunStatus.ACCEPTED
-        start = fitted.get(run.label) if used else None
+        start = fitted.get(run.label) if run.is_accepted else None
         lost = {plain(name): n for name, n in asdict(run.losses).items() if n}
         rows.append(
             (
                 Cell(run.label),
-                Cell("✓ accepted" if used else "✕ rejected"),
+                Cell("✓ accepted" if run.is_accepted else "✕ rejected"),
                 Cell(f"{start[0]:.3f}" if start else ""),
                 Cell(f"{start[1]:.3f}" if start else ""),
                 Cell(f"{len(run.frames.t_ns):,}"),

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import Quantity
-from daq.runs import Run, RunStatus, SampleGroup
+from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 from daq.silence import WHEEL_MOTION_S, longest_gap_s
 from dbc.finding import Finding, Severity
@@ -40,7 +39,7 @@ def sampling_findings(session: Session, records: Sequence[Record]) -> tuple[Find
 
     `session`: rejected runs do not count.  `records`: those of its runs, as they are fitted.
     """
-    runs = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
+    runs = session.accepted
     stretches = _stretches(runs, records)
     return (
         *_gaps(stretches),
@@ -218,7 +217,7 @@ def _order(runs: Sequence[Run]) -> Iterator[Finding]:
 
 
 def _missing(runs: Sequence[Run], session: Session) -> Iterator[Finding]:
-    used = [c.name for c in session.channels if c.quantity is not Quantity.UNUSED]
+    used = [c.name for c in session.used_channels]
     present = {
         (name, run.label)
         for run in runs

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from daq.channels import Quantity
-from daq.runs import RunStatus, SampleGroup
+from daq.runs import SampleGroup
 from daq.samples.converter import flat_tops
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
@@ -37,11 +36,10 @@ def saturation_findings(session: Session, records: Sequence[Record]) -> tuple[Fi
     `session`: as recorded; rejected runs do not count.  `records`: those of its runs, as they are
     fitted.
     """
-    used = {c.name for c in session.channels if c.quantity is not Quantity.UNUSED}
+    used = {c.name for c in session.used_channels}
     groups = {
         run.label: [group for group in run.groups if used & set(group.values)]
-        for run in session.runs
-        if run.status is RunStatus.ACCEPTED
+        for run in session.accepted
     }
     tops = [top for record in records for top in _tops(record)]
     outside = [one for record in records for one in _outside(record, groups[record.label])]

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from daq.channels import Quantity
-from daq.runs import RunStatus
 from daq.sessions import Session
 from daq.vehicle import Vehicle, parameter_names, parameter_unit
 from dbc.finding import Finding, Severity
@@ -25,13 +24,12 @@ def shortcomings(
     """
     names = [record.label for record in records]
     twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-    accepted = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
     if twice:
         text = f"two accepted runs are named {listed(twice)}: number the repeats"
         return (_refused("run_names", text),)
     if records:
         found = (*_channels(records), *_scale(records, session))
-    elif accepted:
+    elif session.accepted:
         text = "no accepted run has a sample: check the sensors, or the map of the channels"
         found = (_refused("no_runs", text),)
     elif session.runs and not unused:

@@ -17,9 +17,9 @@ def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
 
     `used`: what is left.
     """
+    units = {channel.name: channel.unit for channel in session.channels}
     wrong = list(absurd(session))
     if wrong:
-        units = {channel.name: channel.unit for channel in session.channels}
         places = [
             f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
             for one in wrong
@@ -29,6 +29,18 @@ def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
             Severity.NOTE,
             f"values that no sensor shows: {listed(places)}; they are taken as missing: check "
             "byte order, scale and unit of the signal in the DBC, and the sensor",
+        )
+    if used.spikes:
+        places = [
+            f"{one.channel} in {one.run} at {one.time_s:.3f} s "
+            f"({one.value:.4g} {units[one.channel]})"
+            for one in used.spikes
+        ]
+        yield Finding(
+            "spikes",
+            Severity.NOTE,
+            f"samples that stand out from those on both sides: {listed(places)}; they are taken as "
+            "missing: check supply and plug of the sensor, and the frames at these times",
         )
     reasons: dict[str, list[str]] = {}
     for before, run in zip(session.runs, used.session.runs, strict=True):

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from daq import Session, session_from_arrays
 from daq.runs import ADDED, BASELINE
 from daq.vehicle import DOF, FORD_GRANADA, Fact, Vehicle, VehicleGeometry
+from dbc.errors import InputError
+from dbc.finding import Finding, Severity
 from identify import Identification, Verdict, identify, pipeline
 from identify.fit.estimation import Estimation, first_estimate
 
@@ -169,6 +171,27 @@ assert "numba" not in sys.modules
 def test_decays_that_are_fitted_from_later_on_load_no_nonlinear_fit() -> None:
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", _LATER], cwd=root, check=True)
+
+
+@pytest.mark.parametrize(("chi2_per_n", "symmetric"), [(1.0, [True, True]), (9.0, [False, False])])
+def test_a_wrong_sign_that_explains_a_misfit_makes_no_symmetric_modes(
+    monkeypatch: pytest.MonkeyPatch, chi2_per_n: float, symmetric: list[bool]
+) -> None:
+    asked = []
+
+    def sensed(records: Any, decays: Any, is_symmetric: bool) -> None:
+        asked.append(is_symmetric)
+        raise InputError("free decays", "none", "record some")
+
+    def first(*arguments: Any) -> Estimation:
+        return replace(first_estimate(*arguments), chi2_per_n=chi2_per_n)
+
+    found = Finding("opposed_sign", Severity.ERROR, "a moves against b", "a")
+    monkeypatch.setattr(pipeline, "first_estimate", first)
+    monkeypatch.setattr(pipeline, "opposed_signs", lambda *_: (found,))
+    monkeypatch.setattr(pipeline, "sensed_modes", sensed)
+    identify(_session(np.inf, bump_s=0.2))
+    assert asked == symmetric
 
 
 def test_the_progress_says_what_is_done_and_how_far_the_work_is(

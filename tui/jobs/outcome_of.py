@@ -44,7 +44,7 @@ def without(session: Session, labels: Sequence[str]) -> Session:
     """Return a session in which some runs are not used."""
     runs = (
         replace(run, status=RunStatus.REJECTED, reasons=(_LEFT_OUT,))
-        if run.label in labels and run.status is RunStatus.ACCEPTED
+        if run.label in labels and run.is_accepted
         else run
         for run in session.runs
     )

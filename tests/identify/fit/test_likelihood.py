@@ -1,3 +1,4 @@
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.linalg import expm
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState, VehicleGeometry
 from identify.fit.estimation import generic_vehicles
 from identify.fit.grey_box import GreyBox
-from identify.fit.likelihood import fit, residuals
+from identify.fit.likelihood import Fit, LinearFit, fit, linearised, residuals
 
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 
@@ -27,6 +28,24 @@ def test_noise_free_runs_give_the_vehicle_back() -> None:
     best = fit(BOX, decays, level, BOX.unknowns(CAR))
     assert best.converged
     assert np.max(np.abs(_errors_percent(best.eta))) < 1e-5
+
+
+def test_a_pickled_fit_has_no_linear_model_and_gives_the_same_one() -> None:
+    records = paper_records(200.0, 30.0, 2)
+    decays = tuple(r.decay(START_S) for r in records)
+    sigma = noise_of(records, 200.0)
+    best = fit(BOX, decays, sigma, BOX.unknowns(CAR))
+    sent = pickle.dumps(best)
+    assert b"Linear" not in sent
+    again = pickle.loads(sent)
+    assert isinstance(again, Fit)
+    assert not isinstance(again, LinearFit)
+    for name in ("eta", "covariance", "cost", "iterations", "converged"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(best, name))
+    anew = linearised(BOX, decays, sigma, again.eta)
+    for label, block in best.linearised.blocks.items():
+        np.testing.assert_array_equal(again.information[label], block.information)
+        np.testing.assert_allclose(anew.blocks[label].gradient, block.gradient, atol=1e-6)
 
 
 def test_covariance_is_the_cramer_rao_bound_by_brute_force() -> None:

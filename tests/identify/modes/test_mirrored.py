@@ -48,7 +48,11 @@ class Start(SimpleNamespace):
 
 
 def sensed(
-    monkeypatch: pytest.MonkeyPatch, tied: Any, free: float, found: tuple[int, int] = (1, 1)
+    monkeypatch: pytest.MonkeyPatch,
+    tied: Any,
+    free: float,
+    found: tuple[int, int] = (1, 1),
+    symmetric: bool = True,
 ) -> tuple[SensedModes, list[Any]]:
     """Return modes where the tied fit is given, and the likelihood of the free one.
 
@@ -74,7 +78,7 @@ def sensed(
     monkeypatch.setattr(module, "likely_modes", likely)
     monkeypatch.setattr(module, "more_likely_modes", more_likely)
     given = records()
-    return sensed_modes(given, [record.decay(0.5) for record in given]), asked
+    return sensed_modes(given, [record.decay(0.5) for record in given], symmetric), asked
 
 
 @pytest.mark.parametrize(("free", "mirrored"), [(116.2, True), (116.3, False)])
@@ -87,6 +91,14 @@ def test_free_shapes_must_be_more_likely_than_chance_makes_them(
     assert asked[:2] == [(1, 100.0), (1, 100.0)]  # the sum and the difference of both hubs
     assert asked[2] == (2, [[1.0, 1.0], [1.0, -1.0]])
     assert asked[3] == pytest.approx(116.27, abs=0.01)
+
+
+def test_where_a_channel_has_the_wrong_sign_shapes_are_free_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found, asked = sensed(monkeypatch, modes(1, 100.0, 3), 0.0, symmetric=False)
+    assert not found.mirrored
+    assert asked == [(2, 100.0), (1, None)]
 
 
 def test_where_ties_take_no_number_there_is_nothing_to_compare(

@@ -11,7 +11,7 @@ import pytest
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 from dbc.finding import Severity
-from identify.pipeline import identify_parameters
+from identify.pipeline import identify, identify_parameters
 
 from .campaigns import by_gate, campaign, with_runs
 
@@ -58,6 +58,28 @@ def test_a_group_whose_clock_jumps_before_the_decay_is_late_in_all_of_it() -> No
 
     found = by_gate(identify_parameters(with_clock(early, {"body_acc_z"})).quality.findings)
     assert "body_acc_z by about 0.1 s" in found["clocks_that_jump"].text
+
+
+def all_jump(at_s: float) -> Session:
+    def change(group: SampleGroup) -> SampleGroup:
+        return replace(group, time_s=group.time_s + JUMP_S * (group.time_s > at_s))
+
+    return with_clock(change, None)
+
+
+def test_clocks_that_all_jump_soon_after_the_bump_are_named_by_what_fits_after_it() -> None:
+    """The bump ends at 1.2 s.  The state variable method takes the decays after the jump, too."""
+    found = identify(all_jump(1.27))
+    assert found.quality.findings[0].code == "clocks_that_jump"
+    assert "all sensors by about 0.1 s in 12 of 12 runs; from there" in found.quality.reasons[0]
+    whole = identify_parameters(campaign("linear", 1)).modal["baseline"].frequencies_hz
+    assert np.allclose(np.sort(found.sensed["baseline"].frequencies_hz)[:3], whole[:3], rtol=0.05)
+
+
+def test_a_jump_that_a_later_start_leaves_out_is_a_late_start() -> None:
+    found = by_gate(identify_parameters(all_jump(1.22)).quality.findings)
+    assert "late_start" in found
+    assert "clocks_that_jump" not in found
 
 
 def test_a_lost_piece_is_no_jump() -> None:

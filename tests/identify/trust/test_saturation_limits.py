@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from daq.channels import Channel, Quantity
-from daq.runs import RunStatus
 from dbc.finding import Severity
 from dbc.samples import Quality
 from identify.decays.decay import ChannelGroup, Record, Recording
@@ -49,13 +48,10 @@ def judged(
     records: list[Record], groups: dict[str, list[Any]] | None = None
 ) -> list[tuple[str, Severity, str]]:
     runs = [
-        SimpleNamespace(
-            label=one.label, status=RunStatus.ACCEPTED, groups=(groups or {}).get(one.label, [])
-        )
+        SimpleNamespace(label=one.label, groups=(groups or {}).get(one.label, []))
         for one in records
     ]
-    yaw = Channel("yaw", Quantity.UNUSED, "rad/s")
-    session: Any = SimpleNamespace(channels=(SENSOR, yaw), runs=runs)
+    session: Any = SimpleNamespace(used_channels=(SENSOR,), accepted=runs)
     return [(f.code, f.severity, f.text) for f in saturation_findings(session, records)]
 
 

@@ -1,0 +1,147 @@
+"""Takes samples that stand out from those on both sides out of a session: spikes.
+
+The motion of a vehicle lasts many samples, so a spike is an error of sensor or bus: a frame of
+zeros after a restart, a bit that flipped.  A single one at rest moves the onset that is seen, and
+one in a decay outweighs the noise of the whole run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.runs import Run, SampleGroup
+from daq.sessions import Session
+
+_LONGEST = 3
+"""Most samples of a spike."""
+_STEEP = 12.0
+"""Least height in units of the usual change from one sample to the next, which is about the noise:
+a lower spike hardly matters in a fit."""
+_STEPS = 6.0
+"""Least height in steps of the converter: one at rest changes by one or two."""
+_CURVED = 6.0
+"""Least height in units of the curvature on either side.  Peaks of motion that is sampled at 20 Hz
+or more do not reach it, neither those of wheels that strike the bump; of 4, some do."""
+_NEAR_S = 0.05
+_NEAR_SAMPLES = 12
+"""Length of a side: the longer of the two."""
+_OTHERS = 10
+"""One in so many samples of a side may belong to other spikes."""
+_MOST = 0.01
+"""Share of the samples above which spikes belong to the signal."""
+_GAP = 1.5
+"""Ratio of the time between the neighbours of a spike to the usual one above which samples are
+missing there: then the motion went on meanwhile."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spike:
+    """Samples of one channel in one run that stand out from those on both sides."""
+
+    channel: str
+    run: str
+    """`channel`, `run`: name and label."""
+    time_s: float
+    """Time of the first of them since the run's t0, s."""
+    value: float
+    """Its value, SI."""
+
+
+def without_spikes(session: Session) -> tuple[Session, tuple[Spike, ...]]:
+    """Return a session whose accepted runs miss (NaN) the samples of spikes, and the spikes."""
+    used = {c.name for c in session.used_channels}
+    found: list[Spike] = []
+
+    def of_group(run: Run, group: SampleGroup) -> SampleGroup:
+        changed: dict[str, NDArray[np.float64]] = {}
+        for name, values in group.values.items():
+            if name not in used:
+                continue
+            known = np.flatnonzero(np.isfinite(values))
+            for part in spikes(group.time_s[known], values[known]):
+                wrong = known[part]
+                changed.setdefault(name, values.copy())[wrong] = np.nan
+                first = wrong[0]
+                found.append(
+                    Spike(name, run.label, float(group.time_s[first]), float(values[first]))
+                )
+        return replace(group, values={**group.values, **changed}) if changed else group
+
+    def of_run(run: Run) -> Run:
+        groups = tuple(of_group(run, group) for group in run.groups)
+        same = all(a is b for a, b in zip(groups, run.groups, strict=True))
+        return run if same else replace(run, groups=groups)
+
+    runs = tuple(of_run(run) if run.is_accepted else run for run in session.runs)
+    return (replace(session, runs=runs) if found else session), tuple(found)
+
+
+def spikes(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> list[slice]:
+    """Return the samples of each spike, none if there are too many to be errors.
+
+    `time_s`, `values`: times and values of one channel, (n,) float64, finite.
+    """
+    if len(values) < 2 * _NEAR_SAMPLES:
+        return []
+    change = np.abs(np.diff(values))
+    least = _STEEP * float(np.partition(change, len(change) // 2)[len(change) // 2])
+    first = np.flatnonzero(change > least) + 1
+    if not len(first):
+        return []
+    least = max(least, _STEPS * float(change[change > 0.0].min()))
+    if change[0] > least:
+        first = np.concatenate([[0], first])
+    # Beyond its ends a record goes on as it went.
+    ends = [3.0 * values[i] - 2.0 * values[j] for i, j in ((1, 2), (-2, -3))]
+    padded = np.concatenate([ends[:1], values, ends[1:]])
+    found: list[slice] = []
+    for samples in range(_LONGEST, 0, -1):
+        begin = first[first + samples <= len(values)]
+        inside = values[begin[:, None] + np.arange(samples)]
+        sides = padded[begin[:, None] + [0, samples + 1]]
+        above = inside.min(axis=1) - sides.max(axis=1)
+        height = np.maximum(above, sides.min(axis=1) - inside.max(axis=1))
+        for b, h in zip(begin[height > least].tolist(), height[height > least], strict=True):
+            one = slice(b, b + samples)
+            if any(one.start < other.stop and other.start < one.stop for other in found):
+                continue
+            if _is_whole(time_s, one) and h > _CURVED * _curvature(time_s, values, one):
+                found.append(one)
+    # A spike beside an end misleads about how the record went on there.
+    starts, stops = {one.start for one in found}, {one.stop for one in found}
+    found = [
+        one
+        for one in found
+        if not (one.start == 0 and one.stop in starts)
+        and not (one.stop == len(values) and one.start in stops)
+    ]
+    most = max(_LONGEST, _MOST * len(values))
+    return found if sum(one.stop - one.start for one in found) <= most else []
+
+
+def _curvature(time_s: NDArray[np.float64], values: NDArray[np.float64], spike: slice) -> float:
+    """Return the larger curvature of the two sides, over the length of the spike."""
+    width = spike.stop - spike.start + 1
+    begin, end = np.searchsorted(
+        time_s, time_s[[spike.start, spike.stop - 1]] + [-_NEAR_S, _NEAR_S]
+    )
+    sides = (
+        values[max(min(int(begin), spike.start - _NEAR_SAMPLES), 0) : spike.start],
+        values[spike.stop : max(int(end), spike.stop + _NEAR_SAMPLES)],
+    )
+    curved = [0.0]
+    for side in sides:
+        bend = np.abs(side[width:-width] - (side[: -2 * width] + side[2 * width :]) / 2.0)
+        if len(bend):
+            curved.append(float(np.sort(bend)[-1 - len(bend) // _OTHERS]))
+    return max(curved)
+
+
+def _is_whole(time_s: NDArray[np.float64], spike: slice) -> bool:
+    """Return True if no samples are missing between a spike and its neighbours."""
+    before, after = max(spike.start - 1, 0), min(spike.stop, len(time_s) - 1)
+    period_s = float(np.median(np.diff(time_s)))
+    return bool(time_s[after] - time_s[before] <= _GAP * (after - before) * period_s)

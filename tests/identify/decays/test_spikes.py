@@ -1,0 +1,158 @@
+"""Samples that stand out from those on both sides are missing, and named; no motion is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.sessions import Session
+from identify.decays.spikes import Spike, spikes, without_spikes
+from identify.decays.usable import usable
+from identify.pipeline import identify_parameters
+from identify.trust.unused import unused_findings
+
+from ..stress import stress_session
+from .test_absurd import NAME, SPOILT, spoilt
+
+Values = NDArray[np.float64]
+TIME_S = np.arange(1000) / 1000.0
+REST = np.where(np.arange(1000) % 2, 9.79, 9.81)
+"""Alternates by 0.02, so that this is the usual change and the curvature over two samples is 0."""
+
+
+def found(values: Values, time_s: Values = TIME_S) -> list[tuple[int, int]]:
+    return [(one.start, one.stop) for one in spikes(time_s, values)]
+
+
+def rest(first: int, values: list[float]) -> Values:
+    spoilt_rest: Values = REST.copy()
+    spoilt_rest[first : first + len(values)] = values
+    return spoilt_rest
+
+
+@pytest.mark.parametrize("first", [0, 1, 2, 37, 500, 997, 998, 999])
+@pytest.mark.parametrize("value", [0.0, 50.0, -49.0])
+def test_a_sample_that_stands_out_is_found_wherever_it_is(first: int, value: float) -> None:
+    assert found(rest(first, [value])) == [(first, first + 1)]
+
+
+@pytest.mark.parametrize("values", [[0.0], [0.0, 0.0], [0.0, -30.0, 1.0]])
+def test_up_to_three_samples_are_a_spike(values: list[float]) -> None:
+    assert found(rest(500, values)) == [(500, 500 + len(values))]
+
+
+def test_four_samples_and_a_step_are_none() -> None:
+    assert found(rest(500, [0.0] * 4)) == []
+    assert found(rest(500, [0.0] * 500)) == []
+
+
+def test_samples_on_both_sides_of_the_others_are_two_spikes() -> None:
+    assert sorted(found(rest(500, [30.0, -30.0]))) == [(500, 501), (501, 502)]
+
+
+@pytest.mark.parametrize(("height", "is_found"), [(0.235, False), (0.245, True)])
+def test_a_spike_is_twelve_usual_changes_high(height: float, is_found: bool) -> None:
+    # Even samples are 9.81 and stand between two of 9.79.
+    assert bool(found(rest(500, [9.79 + height]))) == is_found
+
+
+@pytest.mark.parametrize(("steps", "is_found"), [(5, False), (7, True)])
+def test_a_spike_of_a_resting_potentiometer_is_six_steps_high(steps: int, is_found: bool) -> None:
+    values = np.zeros(1000)
+    values[100], values[500] = 0.001, 0.001 * steps
+    assert bool(found(values)) == is_found
+
+
+@pytest.mark.parametrize(("height", "is_found"), [(5.8, False), (6.2, True)])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_spike_is_six_times_the_curvature_of_the_side_that_moves(
+    height: float, is_found: bool, side: int
+) -> None:
+    # Eight samples a period: over two samples, the curvature of a wave is the wave itself.
+    values = np.where(np.arange(1000) < 500, 0.0, np.cos(np.pi / 4.0 * np.arange(1000)))
+    values += 1e-6 * (-1.0) ** np.arange(1000)
+    values[499] = height  # between 0 and the wave's -1
+    assert bool(found(values[::side])) == is_found
+
+
+@pytest.mark.parametrize(("missing", "is_found"), [(0, True), (1, True), (2, False)])
+def test_a_sample_beside_a_gap_is_none(missing: int, is_found: bool) -> None:
+    time_s = TIME_S.copy()
+    time_s[501:] += missing / 1000.0
+    assert bool(found(rest(500, [0.0]), time_s)) == is_found
+
+
+@pytest.mark.parametrize(("count", "is_found"), [(10, True), (11, False)])
+def test_one_percent_of_the_samples_are_errors_more_are_the_signal(
+    count: int, is_found: bool
+) -> None:
+    values: Values = REST.copy()
+    values[40 : 40 + 80 * count : 80] = 0.0
+    assert len(found(values)) == count * is_found
+
+
+def test_two_spikes_close_together_do_not_hide_each_other() -> None:
+    values: Values = REST.copy()
+    values[[500, 520]] = 0.0, 20.0
+    assert found(values) == [(500, 501), (520, 521)]
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 23])
+def test_a_short_record_has_none(count: int) -> None:
+    assert found(np.arange(float(count)), TIME_S[:count]) == []
+
+
+@pytest.mark.parametrize("stress", ["linear", "lift_off_high"])
+def test_no_motion_is_a_spike_however_coarsely_sampled(stress: str) -> None:
+    session = stress_session(stress, 1)
+    for run in session.runs:
+        for group in run.groups:
+            for name, values in group.values.items():
+                step = 0.002 if name.startswith("travel") else 0.1
+                for every in (1, 2, 4):
+                    time_s, own = group.time_s[::every], values[::every]
+                    assert found(own, time_s) == [], (run.label, name, every)
+                    assert found(np.round(own / step) * step, time_s) == [], (run.label, name)
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Session:
+    return stress_session("linear", 1)
+
+
+def with_zero_at(session: Session, at_s: float) -> Session:
+    def change(values: Values) -> Values:
+        values[round(at_s * 200.0)] = 0.0
+        return values
+
+    return spoilt(session, change)
+
+
+@pytest.mark.parametrize("at_s", [0.05, 0.8, 1.5, 3.0])
+def test_a_zero_costs_its_sample_and_is_named(campaign: Session, at_s: float) -> None:
+    bad = with_zero_at(campaign, at_s)
+    session, known = without_spikes(bad)
+    assert known == (Spike(NAME, SPOILT, known[0].time_s, 0.0),)
+    assert known[0].time_s == pytest.approx(at_s, abs=0.005)
+    run = next(run for run in session.runs if run.label == SPOILT)
+    (left,) = (group.values[NAME] for group in run.groups if NAME in group.values)
+    assert np.flatnonzero(np.isnan(left)).tolist() == [round(at_s * 200.0)]
+    (finding,) = unused_findings(bad, usable(bad))
+    assert finding.code == "spikes"
+    assert f"{NAME} in {SPOILT} at {known[0].time_s:.3f} s (0 m/s2)" in finding.text
+
+
+@pytest.mark.parametrize("at_s", [0.05, 1.5])
+def test_a_zero_changes_no_verdict(campaign: Session, at_s: float) -> None:
+    before = identify_parameters(campaign)
+    after = identify_parameters(with_zero_at(campaign, at_s))
+    assert after.quality.verdict == before.quality.verdict
+    for name, one in before.parameters.items():
+        assert abs(after.parameters[name].value - one.value) < 0.2 * one.std, name
+
+
+def test_a_session_without_spikes_is_not_copied(campaign: Session) -> None:
+    session, known = without_spikes(campaign)
+    assert session is campaign
+    assert known == ()
