@@ -78,3 +78,14 @@ def test_losses_of_longer_ago_than_a_run_and_a_second_are_forgotten() -> None:
     blocks = [(second, second + 1, second + 1) for second in range(9)]
     assert _missing(_counted(*blocks), 0.0, 20.0) == 9 - 2
     assert _missing(_counted(*blocks[:-1]), 0.0, 20.0) == 8 - 1
+
+
+def test_of_a_bus_whose_stamps_stand_still_20_000_blocks_are_kept() -> None:
+    """No block of them grows old; half an hour at ten a second."""
+    samples, losses = RecentSamples(kept_s=4.0), RecentLosses(kept_s=4.0)
+    t_ns = np.array([S])
+    for k in range(20_001):
+        samples.add(S, {"acc": (t_ns, np.array([k]))})
+        losses.add(S, S, Losses(counter_gaps=k))
+    assert samples.between(0, 2 * S)["acc"][1].tolist() == list(range(1, 20_001))
+    assert losses.between(0, 2 * S).counter_gaps == 20_000 - 1
