@@ -40,7 +40,7 @@ from .orders import OrderError, checked_arm, order_event
 from .proposal import left_out_event, proposed
 from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings
-from .status import NO_DISK, NO_QUEUE, NO_STORAGE, Counts, Host, State, build_status, counts_of
+from .status import Counts, Host, State, build_status, counts_of
 
 RESTAMPED = "restamped"
 
@@ -146,10 +146,10 @@ class Recording:
     def look(
         self,
         now: Now,
-        links: Sequence[LinkFacts] = (),
-        disk: DiskStatus = NO_DISK,
-        queue: QueueStatus = NO_QUEUE,
-        storage: StorageStatus = NO_STORAGE,
+        links: Sequence[LinkFacts],
+        disk: DiskStatus,
+        queue: QueueStatus,
+        storage: StorageStatus,
     ) -> tuple[Event, ...]:
         """Process all frames since the last look; also called without frames, for the alarms.
 

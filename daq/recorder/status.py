@@ -23,11 +23,6 @@ from ..runlog.runlog import Change, LoggedStatus, RunLog, next_step
 from ..runs import Excitation, Losses
 from .run_loop import LoopState
 
-NO_DISK = DiskStatus(1 << 62, 0, 0, 0.0)
-NO_QUEUE = QueueStatus(0, 0, 1)
-NO_STORAGE = StorageStatus()
-"""Disk, queue and storage of a recording that has none."""
-
 
 @dataclass(frozen=True, slots=True)
 class Host:

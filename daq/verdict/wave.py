@@ -27,8 +27,8 @@ def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] 
     if record is None:
         return None
     time_s = np.asarray(np.arange(len(record)) * _STEP_S, dtype=np.float64)
-    frequencies = np.asarray(np.geomspace(*_FREQUENCY_HZ, 24), dtype=np.float64)
-    dampings = np.asarray(np.linspace(*_DAMPING, 12), dtype=np.float64)
+    frequencies = np.geomspace(*_FREQUENCY_HZ, 24)
+    dampings = np.linspace(*_DAMPING, 12)
     best = (0.0, 0.0)
     for _ in range(_TURNS):
         misfit = _misfit(record, time_s, frequencies, dampings)
@@ -41,7 +41,7 @@ def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] 
 def _finer(grid: NDArray[np.float64], place: int) -> NDArray[np.float64]:
     """Return nine points between the neighbours of the best one."""
     low, high = grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)]
-    return np.asarray(np.linspace(low, high, 9), dtype=np.float64)
+    return np.linspace(low, high, 9)
 
 
 def _record(signals: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] | None:

@@ -140,7 +140,4 @@ class RealCar:
             )
             for kind in kinds
         ]  # fmt: skip
-        initials = after_bump(driven, bump_s)
-        if not all(np.isfinite(own.motion).all() for own in initials):
-            raise InputError("plan", "the expected car does not stay finite", "check its values")
-        return initials
+        return after_bump(driven, bump_s)

@@ -165,8 +165,9 @@ def _lost(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
         yield Finding(
             "lost_samples",
             Severity.NOTE,
-            f"up to {poor[0].lost_share:.1%} of the samples are missing (limit {LOST_SHARE:.0%}): "
-            f"{listed(s.place for s in poor)}; they cost their information and nothing else",
+            f"up to {100 * poor[0].lost_share:.2g}% of the samples are missing (limit "
+            f"{LOST_SHARE:.0%}): {listed(s.place for s in poor)}; they cost their information and "
+            "nothing else",
         )
 
 

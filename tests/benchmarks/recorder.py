@@ -34,13 +34,12 @@ from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
 from daq.bus.socketcan.reader import SocketCanSource
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
 from daq.clocks import Now
-from daq.control.messages import Live, Status
+from daq.control.messages import DiskStatus, Live, QueueStatus, Status, StorageStatus
 from daq.control.orders import Arm, Until
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.recorder.recorder import Recorder
 from daq.recorder.recording import Recording
-from daq.recorder.status import NO_DISK, NO_QUEUE
 from daq.runs import Event
 from daq.samples.health import HealthState, advance
 from daq.samples.mapping import MappedChannel, map_channels
@@ -56,6 +55,7 @@ ROUNDS = 3
 LOAD_SECONDS = 20.0
 STALL_S = 2.0
 START_NS = 1_800_000_000_000_000_000
+DISK, QUEUE = DiskStatus(10**12, 0, 0, 0.0), QueueStatus(0, 0, 600)
 
 
 class Nowhere:
@@ -294,7 +294,7 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
 
     def step(k: int, block: FrameBatch) -> None:
         recorder.store(block, HopLosses())
-        recorder.look(_now(k), links)
+        recorder.look(_now(k), links, DISK, QUEUE, StorageStatus())
         recorder.live()
 
     whole_us = _us(blocks, step)
@@ -335,7 +335,7 @@ def _watch(
     assert isinstance(health, HealthState)
     decoded = codec.decode(block)
     health = advance(codec.messages, health, decoded)
-    cycle = Cycle(_now(k), block, decoded, health, _links(), HopLosses(), NO_DISK, NO_QUEUE)
+    cycle = Cycle(_now(k), block, decoded, health, _links(), HopLosses(), DISK, QUEUE)
     states[:] = [watch(bench.recorder, codec, mapped, alarms, cycle)[0], health]
 
 

@@ -97,6 +97,7 @@ class Running:
         self._is_watched = is_watched
         self.failure: BaseException | None = None
         self._news = threading.Condition()
+        self._ended = False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
 
@@ -124,12 +125,13 @@ class Running:
         return self.recorder.submit(order, by).result(PATIENCE_S)
 
     def until(self, what: Callable[[Status], bool]) -> Status:
-        """Wait for a status."""
+        """Wait for a status; fail as soon as the recorder has ended without it."""
         deadline_s = time.monotonic() + PATIENCE_S
         with self._news:
             while not (self.published and what(self.published[-1])):
                 left_s = deadline_s - time.monotonic()
                 assert left_s > 0, self.published[-1:]
+                assert not self._ended, self.failure
                 self._news.wait(left_s)
             return self.published[-1]
 
@@ -142,6 +144,10 @@ class Running:
             self.recorder.run(self._stop, self._publish, self._is_watched)
         except BaseException as error:
             self.failure = error
+        finally:
+            with self._news:
+                self._ended = True
+                self._news.notify_all()
 
     def _publish(self, status: Status, live: Live | None) -> None:
         with self._news:

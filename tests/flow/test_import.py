@@ -25,6 +25,7 @@ from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec, shipped_dbc
 from tui.cli import run
 
+from ..daq.recorder.stepped import step
 from .coverage import CAR, START_NS
 
 FOREIGN = {
@@ -91,8 +92,7 @@ def test_a_campaign_as_blf_through_a_foreign_dbc_gives_the_same_samples(
         recorder.carry_out(Arm(Until.COMPLETE), "test", Now(START_NS, 0.0))
         for first in range(0, len(frames), 400):
             now = Now(int(frames.t_ns[first]), (int(frames.t_ns[first]) - START_NS) * 1e-9)
-            recorder.store(frames.select(slice(first, first + 400)), HopLosses())
-            recorder.look(now)
+            step(recorder, frames.select(slice(first, first + 400)), HopLosses(), now)
         paths = journal.paths
     derive(paths, tmp_path / "recorded.h5")
     recorded = daq.read_session(tmp_path / "recorded.h5")

@@ -108,12 +108,14 @@ def channel_turn(values: list[float], quality: int = 0) -> tuple[SignalsWatch, d
         ([-4.0, 0.0, 3.0], 1),
         ([-4.0, 4.0], 2),
         ([np.nan, 4.0], 1),
+        ([np.inf, 3.0], 0),
+        ([-np.inf, 3.0], 0),
     ],
 )
 def test_samples_at_the_end_of_the_range_are_counted(values: list[float], saturated: int) -> None:
     watch, counts = channel_turn(values)
     assert counts.get("saturated", 0) == saturated
-    assert counts.get("not_a_number", 0) == int(np.isnan(values).sum())
+    assert counts.get("not_a_number", 0) == int((~np.isfinite(values)).sum())
     assert watch.overloaded == (USED.channel.name,) * bool(saturated)
 
 

@@ -135,11 +135,12 @@ def test_a_file_of_other_things_says_so() -> None:
 
 
 def test_columns_of_like_names_are_told_apart() -> None:
-    names = ("acc.fl", "acc/fl", "one/acc_fl", "acc_fl", "acc_fl_2")
+    names = ["acc.fl", "acc/fl", "one/acc_fl", "acc_fl", "acc_fl_2"]
+    names += ["hub.acc.fl", "hub_acc.fl", "hub.acc_fl", "hub_acc_fl"]
     found = tables(proposed(("t", "s", T), *((name, "g", around(1.0)) for name in names)))
     assert set(found) == set(names)
     assert {found[name]["corner"] for name in names} == {"FL"}
-    assert len({table["name"] for table in found.values()}) == 5
+    assert len({table["name"] for table in found.values()}) == 9
 
 
 @pytest.mark.parametrize(("bump", "unit"), [(-0.04, "m"), (-40.0, "mm")])

@@ -7,26 +7,34 @@ from collections.abc import Sequence
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
 from daq.clocks import Now
-from daq.control.messages import QueueStatus, SessionStatus, Status
+from daq.control.messages import DiskStatus, QueueStatus, SessionStatus, Status, StorageStatus
 from daq.control.orders import (
     Arm,
     Until,
 )
 from daq.journal.writer import JournalWriter
 from daq.recorder.recording import Recording
-from daq.recorder.status import NO_DISK, NO_STORAGE, Host
+from daq.recorder.status import Host
 from daq.runs import Event
 from dbc import Codec, FrameBatch
 
 from ..small_campaign import START_NS, codes
 
-HOST = Host("id", "folder", "test", NO_DISK, QueueStatus(0, 0, 1), SessionStatus(), NO_STORAGE)
+HOST = Host(
+    "id", "folder", "test", DiskStatus(10**12, 0, 0, 0.0), QueueStatus(0, 0, 1), SessionStatus(),
+    StorageStatus(),
+)  # fmt: skip
 LINK = LinkFacts("can0", 1_000_000, True, "", "", 0.0, 0, SourceLosses())
 
 
 def now(block: FrameBatch | None = None) -> Now:
     t_ns = int(block.t_ns[-1]) if block is not None and len(block) else START_NS
     return Now(t_ns, 100.0 + (t_ns - START_NS) * 1e-9)
+
+
+def look(recording: Recording, now: Now, links: Sequence[LinkFacts] = ()) -> tuple[Event, ...]:
+    """Look at what was stored, on a host that has no trouble."""
+    return recording.look(now, links, HOST.disk, HOST.queue, HOST.storage)
 
 
 def step(
@@ -38,7 +46,7 @@ def step(
 ) -> tuple[Event, ...]:
     """Store one block and look at it."""
     recording.store(batch, hops)
-    return recording.look(now, links)
+    return look(recording, now, links)
 
 
 def feed(recording: Recording, given: Sequence[FrameBatch]) -> list[Event]:

@@ -81,17 +81,3 @@ def test_a_process_that_hangs_is_ended_and_the_next_one_has_its_turn(
             seen.append(under_way.status)
     assert [status.state for status in seen] == [SessionState.BUILDING, SessionState.READY]
     assert second.exists()
-
-
-def test_a_process_is_given_the_longer_the_larger_the_journal_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    journal_of_runs(tmp_path, 160_000)
-    monkeypatch.setattr(derivation, "PATIENCE_S", 0.0)
-    monkeypatch.setattr(derivation, "SLOWEST_BYTES_PER_S", 1.0)  # some hours for this one
-    under_way = Derivation()
-    under_way.begin(tmp_path / "first.h5", segments_in(tmp_path), "one", 7)
-    under_way.poll()
-    state = under_way.status.state
-    under_way.close()
-    assert state is SessionState.BUILDING

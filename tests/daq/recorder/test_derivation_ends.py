@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -24,6 +26,7 @@ class Process:
         self.output = b""
         self.ends_on_request = True
         self.asked: list[str] = []
+        self.waited_s: list[float | None] = []
         self.made.append(self)
 
     def poll(self) -> int | None:
@@ -38,6 +41,7 @@ class Process:
         self.asked.append("kill")
 
     def wait(self, timeout: float | None = None) -> None:
+        self.waited_s.append(timeout)
         if "kill" in self.asked:
             self.returncode = -9
         elif self.returncode is None:
@@ -112,6 +116,7 @@ def test_a_process_that_does_not_end_when_asked_is_killed(
     made[0].ends_on_request = obeys
     derivation.close()
     assert made[0].asked == asked
+    assert made[0].waited_s[0] == 1.0
     assert derivation.status.text == f"ended with code {code}: "
     derivation.poll()
     derivation.close()
@@ -128,6 +133,25 @@ def test_a_process_that_cannot_be_started_is_a_failure_of_its_file_alone(
         text = "No such file or directory"
         assert derivation.status == SessionStatus(FAILED, target, text, "one", 1)
     derivation.close()
+
+
+@pytest.mark.parametrize(("waited_s", "asked"), [(659.999, []), (660.0, ["kill"])])
+def test_a_process_has_ten_minutes_and_a_second_for_each_megabyte(
+    made: list[Process], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    waited_s: float, asked: list[str],
+) -> None:  # fmt: skip
+    """Of two segments of 60 MB together; a third one was deleted to make room."""
+    segments = [tmp_path / name for name in ("s1", "s2", "gone")]
+    for path, size in zip(segments, (20_000_000, 40_000_000), strict=False):
+        path.touch()
+        os.truncate(path, size)
+    clock = iter([0.0, waited_s])
+    monkeypatch.setattr("daq.recorder.derivation.time", SimpleNamespace(monotonic=clock.__next__))
+    derivation = Derivation()
+    derivation.begin(Path("a.h5"), segments, "one", 1)
+    derivation.poll()
+    assert made[0].asked == asked
+    assert derivation.status.state is (FAILED if asked else BUILDING)
 
 
 def test_a_file_that_an_earlier_recorder_built_is_ready() -> None:

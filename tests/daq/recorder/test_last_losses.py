@@ -10,7 +10,7 @@ from daq.journal.folder import segments_in
 from daq.journal.reader import read_journal
 
 from ..quick_bench import quick
-from ..recorder_run import PATIENCE_S, Running, Script, sources
+from ..recorder_run import Running, Script, sources
 
 __all__ = ["quick"]  # a fixture
 
@@ -30,7 +30,7 @@ def test_losses_that_are_counted_as_a_bus_is_closed_are_stored(
 ) -> None:
     source = Counting([])
     with Running(quick, tmp_path, sources(source)) as running:
-        assert source.exhausted.wait(PATIENCE_S)
+        running.until(lambda _: source.exhausted.is_set())
     assert source.closed.is_set()
     assert running.published[-1].losses.bus_dropped == source.asked
     stored = read_journal(segments_in(tmp_path / "journal")).hops

@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from daq.recorder.recent import RecentLosses, RecentSamples
 from daq.runs import Losses
@@ -56,3 +57,35 @@ def test_what_a_pause_of_the_bus_cost_is_not_lost_from_the_run_before_it() -> No
     assert _missing(losses, 1.5, 63.5) == 5 + 60_000
     again = _counted((0, 1, 1), (1, 2, 3), (2, 3.5, 6), (3.4, 3.6, 7), (63, 64, 60_007))
     assert _missing(again, 1.5, 3.0) == 5  # another bus goes on for a while
+
+
+def test_losses_before_a_clock_was_set_back_are_not_those_of_a_run_after_it() -> None:
+    """What the first block after it has lost may be from before it."""
+    losses = _counted((99, 100, 5), (100, 101, 7), (49, 50, 9), (50, 51, 12))
+    assert _missing(losses, 45.0, 60.0) == 12 - 9
+
+
+@pytest.mark.parametrize(("last_s", "missing"), [(100.0, 9), (99.9, 9 - 7)])
+def test_a_bus_that_is_a_second_behind_another_is_no_clock_that_was_set_back(
+    last_s: float, missing: int
+) -> None:
+    losses = _counted((100, 101, 5), (101, 101.5, 7), (99, last_s, 9))
+    assert _missing(losses, 90.0, 102.0) == missing
+
+
+def test_losses_of_longer_ago_than_a_run_and_a_second_are_forgotten() -> None:
+    """Four seconds and one, before the block that came last but one."""
+    blocks = [(second, second + 1, second + 1) for second in range(9)]
+    assert _missing(_counted(*blocks), 0.0, 20.0) == 9 - 2
+    assert _missing(_counted(*blocks[:-1]), 0.0, 20.0) == 8 - 1
+
+
+def test_of_a_bus_whose_stamps_stand_still_20_000_blocks_are_kept() -> None:
+    """No block of them grows old; half an hour at ten a second."""
+    samples, losses = RecentSamples(kept_s=4.0), RecentLosses(kept_s=4.0)
+    t_ns = np.array([S])
+    for k in range(20_001):
+        samples.add(S, {"acc": (t_ns, np.array([k]))})
+        losses.add(S, S, Losses(counter_gaps=k))
+    assert samples.between(0, 2 * S)["acc"][1].tolist() == list(range(1, 20_001))
+    assert losses.between(0, 2 * S).counter_gaps == 20_000 - 1

@@ -254,6 +254,7 @@ def test_the_order_to_shut_down_ends_it_and_later_orders_are_refused(
         running.until(lambda s: s.disk.recorded_frames == 1200)
         running.order(ShutDown())
         running._thread.join(PATIENCE_S)
+        assert not running._thread.is_alive()
     assert script.closed.is_set()
     with pytest.raises(OrderError, match="is ending"):
         running.order(Mark("late"))

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from daq import read_session
-from daq.bench.config import Bench
+from daq.bench.config import Bench, parse_bench
 from daq.control.messages import Phase, SessionState
 from daq.control.orders import (
     Arm,
     Configure,
+    Start,
     Stop,
     Until,
 )
@@ -152,3 +153,18 @@ def test_a_recording_that_was_ended_or_has_another_dbc_is_left_alone(
                 running.order(Stop())
     assert names[0] == names[1]
     assert len(set(names)) == 3
+
+
+def test_after_a_campaign_that_goes_on_over_another_bus_a_new_one_can_be_begun(
+    quick: Bench, tmp_path: Path
+) -> None:
+    """Its own bench.toml names the bus of before; nobody asks for another one by repeating it."""
+    with Running(quick, tmp_path, sources(Script([]))) as running:
+        first = running.until(lambda s: s.recording != "").recording
+    moved = quick.text.replace('channel = "bumpbench"', 'channel = "elsewhere"')
+    assert moved != quick.text
+    bench = replace(parse_bench(moved, "bench.toml", Path(), quick.dbc_text), buses=quick.buses)
+    with Running(bench, tmp_path, sources(Script([]))) as running:
+        assert running.until(lambda s: s.recording != "").recording == first
+        running.order(Start())
+        assert running.until(lambda s: s.recording != first).vehicle == "Ford Granada"

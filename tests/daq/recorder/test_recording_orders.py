@@ -55,6 +55,21 @@ def test_weights_that_change_are_asked_for_when_the_run_is_armed() -> None:
         checked_arm(Arm(), first, back)
 
 
+def test_a_recording_is_not_armed_before_the_weights_are_said_to_be_on(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    runs = tuple(
+        LoggedRun(f"baseline_{kind}_1", BASELINE, kind, 1, 0, LoggedStatus.ACCEPTED)
+        for kind in quick.campaign.excitations
+    )
+    recording = Recording(quick, codec, journal, RunLog(runs))
+    with pytest.raises(OrderError, match="weights on"):
+        recording.carry_out(Arm(), "Ann", now())
+    assert status_of(recording).phase is Phase.IDLE
+    recording.carry_out(Arm(mass_state=ADDED), "Ann", now())
+    assert status_of(recording).phase is Phase.WAITING
+
+
 def test_orders_are_written_down_and_those_that_make_no_sense_refused(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
+import pytest
 
 from daq.bench.campaign import Campaign
 from daq.bench.config import bench_codec, load_bench
@@ -26,6 +28,7 @@ from daq.sim.ecu import campaign_frames
 from daq.verdict import RunMeasure
 from dbc.finding import Finding, Severity
 
+from ..recorder_run import Running, Script, sources
 from ..small_campaign import START_NS, blocks
 from .stepped import step
 
@@ -52,10 +55,16 @@ def record(folder: Path) -> Recording:
     return recording
 
 
-def test_runs_are_measured_anew_as_they_were(tmp_path: Path) -> None:
-    recording = record(tmp_path)
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording]:
+    folder = tmp_path_factory.mktemp("journal")
+    return folder, record(folder)
+
+
+def test_runs_are_measured_anew_as_they_were(recorded: tuple[Path, Recording]) -> None:
+    folder, recording = recorded
     assert [run.status for run in recording.run_log.runs] == [LoggedStatus.ACCEPTED] * 2
-    tail = last_recording(tmp_path)
+    tail = last_recording(folder)
     assert tail is not None
     assert len(tail.segments) > 2
     found: dict[str, RunMeasure] = {}
@@ -70,8 +79,24 @@ def test_runs_are_measured_anew_as_they_were(tmp_path: Path) -> None:
         assert all(np.array_equal(measure.waves[n], before.waves[n]) for n in before.waves)
 
 
-def test_a_journal_that_has_gone_is_no_reason_to_stop(tmp_path: Path) -> None:
-    record(tmp_path)
+def test_a_recorder_that_goes_on_compares_with_the_runs_from_before(
+    recorded: tuple[Path, Recording], tmp_path: Path
+) -> None:
+    folder, before = recorded
+    copytree(folder, tmp_path / "journal")
+    with Running(BENCH, tmp_path, sources(Script([]))) as running:
+        running.until(lambda _: bool(running.recorder._recording.measures))
+        measures = running.recorder._recording.measures
+    assert measures.keys() == {"baseline_bounce_1", "baseline_bounce_2"}
+    assert [m.peak_m_s2 for m in measures.values()] == [
+        before.measures[label].peak_m_s2 for label in measures
+    ]
+
+
+def test_a_journal_that_has_gone_is_no_reason_to_stop(
+    recorded: tuple[Path, Recording], tmp_path: Path
+) -> None:
+    copytree(recorded[0], tmp_path, dirs_exist_ok=True)
     tail = last_recording(tmp_path)
     assert tail is not None
     for path in tail.segments:

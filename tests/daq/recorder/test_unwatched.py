@@ -22,7 +22,7 @@ from dbc import Codec, FrameBatch
 from ..quick_bench import quick, stored
 from ..recorder_run import PATIENCE_S, Running, Script, sources
 from ..small_campaign import PLANNED, blocks, bumps
-from .stepped import LINK, armed, now, runs_of
+from .stepped import LINK, armed, look, now, runs_of
 
 __all__ = ["quick"]  # a fixture
 
@@ -36,9 +36,9 @@ def test_several_blocks_are_looked_at_as_one(
         recording.store(block, HopLosses())
         assert len(recording.recent(10.0)) == min(100 * (k + 1), 10_000)  # the check sees it
         if k % 3 == 2:
-            events += recording.look(now(block), [LINK])
+            events += look(recording, now(block), [LINK])
     assert runs_of(events) == PLANNED
-    assert [e.code for e in recording.look(now(block), [LINK]) if "alarm" not in e.code] == []
+    assert [e.code for e in look(recording, now(block), [LINK]) if "alarm" not in e.code] == []
 
 
 def test_stamps_of_another_epoch_are_reported_by_the_next_look(
@@ -48,7 +48,7 @@ def test_stamps_of_another_epoch_are_reported_by_the_next_look(
     empty = FrameBatch.empty()
     recording.store(empty, HopLosses(restamped=5))
     recording.store(empty, HopLosses(restamped=9))
-    (event,) = (e for e in recording.look(now(), [LINK]) if e.code == "restamped")
+    (event,) = (e for e in look(recording, now(), [LINK]) if e.code == "restamped")
     assert event.value == 9
 
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from daq.bench.config import Bench, bench_codec
 from daq.bus.source import HopLosses
 from daq.clocks import Now
-from daq.control.messages import DiskStatus, QueueStatus, SessionStatus, Status
+from daq.control.messages import DiskStatus, QueueStatus, SessionStatus, Status, StorageStatus
 from daq.control.orders import Arm, Until
 from daq.errors import BusError
 from daq.recorder.recording import Recording
-from daq.recorder.status import NO_STORAGE, Host
+from daq.recorder.status import Host
 from daq.runs import Event
 from daq.sim.bench_source import Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
@@ -27,7 +27,7 @@ HOST = Host(
     DiskStatus(10**12, 0, 0, 0.0),
     QueueStatus(0, 0, 1),
     SessionStatus(),
-    NO_STORAGE,
+    StorageStatus(),
 )
 NO_LOSSES = HopLosses()
 
@@ -67,7 +67,7 @@ def record(
         if len(batch):
             now = Now(int(batch.t_ns[-1]), (int(batch.t_ns[-1]) - START_NS) * 1e-9)
         recorder.store(batch, NO_LOSSES)
-        recorder.look(now)
+        recorder.look(now, (), HOST.disk, HOST.queue, HOST.storage)
         if not armed and len(batch):
             recorder.carry_out(Arm(Until.COMPLETE), "test", now)
             armed = True

@@ -136,6 +136,14 @@ def test_the_time_of_a_second_strike_does_not_depend_on_its_size(size: float) ->
     assert "at +1.20 s" in one(double_bump, {HUB: size * strikes(0.3, 1.2)}).text
 
 
+@pytest.mark.parametrize("size", [1.0, 0.01])
+def test_one_odd_sample_before_a_second_strike_is_not_its_time(size: float) -> None:
+    odd = np.where(np.abs(T_S - 0.8) < 0.0004, 7.0, 0.0)
+    finding = one(double_bump, {HUB: size * (strikes(0.3, 1.2) + odd)})
+    assert not finding.passed
+    assert "at +1.20 s" in finding.text
+
+
 def test_a_wheel_that_lands_is_not_the_time_of_a_second_strike() -> None:
     """It lands 0.28 s after the bump, as hard as it is struck at 1.2 s."""
     landing = np.where((T_S >= 0.28) & (T_S < 0.38), np.sin(80 * np.pi * T_S), 0.0)

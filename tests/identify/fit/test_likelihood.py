@@ -6,10 +6,19 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState, VehicleGeometry
+from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, HubWeight, MassState, VehicleGeometry
 from identify.fit.estimation import generic_vehicles
 from identify.fit.grey_box import GreyBox
-from identify.fit.likelihood import Fit, LinearFit, fit, linearised, residuals
+from identify.fit.likelihood import (
+    FACTS,
+    PRIORS,
+    Fit,
+    LinearFit,
+    fit,
+    linearised,
+    normal_blocks,
+    residuals,
+)
 
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 
@@ -209,3 +218,24 @@ def test_a_fit_ends_when_its_next_step_would_be_too_small() -> None:
     assert usual.iterations == 3
     left = np.abs(usual.eta - exact.eta) / np.sqrt(np.diag(exact.covariance))
     assert np.max(left) < 1e-4
+
+
+@pytest.mark.parametrize("part", [FACTS, PRIORS])
+def test_facts_and_stated_uncertainties_pull_as_their_cost_falls(part: str) -> None:
+    """The gradient is minus half the slope of the cost, here by central differences."""
+    weights = AddedMass((BodyWeight(65.0, 0.1, 0.6, sigma_kg=3.0, position_sigma_m=0.02),))
+    states = (MASS_STATES[0], MassState("added", weights))
+    box = GreyBox((GROUP,), states, None, facts=(Fact("total_mass_kg", 1500.0, 5.0),))
+    assert len(box.corrections) == 3
+    rng = np.random.default_rng(16)
+    eta = box.unknowns(TRUTH) + 0.01 * rng.standard_normal(len(box.unknowns(TRUTH)))
+    up, down = (
+        np.array(
+            [normal_blocks(box, (), {}, eta + step)[part].cost for step in h * np.eye(len(eta))]
+        )
+        for h in (1e-6, -1e-6)
+    )
+    slope = (up - down) / 2e-6
+    found = normal_blocks(box, (), {}, eta)[part].gradient
+    assert np.abs(slope).max() > 0.01
+    assert found == pytest.approx(-slope / 2.0, rel=1e-5, abs=1e-6 * np.abs(slope).max())

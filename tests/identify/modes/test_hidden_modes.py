@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from identify.modes import order_selection
+from identify.modes.modal_likelihood import LikelyModes
 from identify.modes.normal_equations import Ties, gathered
 from identify.modes.order_selection import likely_modes
 from identify.modes.waves import Block
@@ -68,3 +72,24 @@ def test_a_mode_is_sought_where_it_hides_and_not_where_most_moves_or_rustles(fir
     start = [first, 1 - first]
     found = likely_modes(gathered([given]), poles[start], SHAPES[:, start]).poles
     assert found[np.argsort(np.abs(found))] == pytest.approx(poles, rel=0.03)
+
+
+def test_the_search_ends_with_the_first_second_pole_that_only_follows_a_drift(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One mode, 1 % higher in the second run: a second pole fits better, but is a copy of it."""
+    tries: list[int] = []
+    split = order_selection._split
+
+    def counted(blocks: Sequence[Block], modes: LikelyModes) -> order_selection.Start:
+        tries.append(len(modes.poles))
+        return split(blocks, modes)
+
+    monkeypatch.setattr(order_selection, "_split", counted)
+    rng, pole = np.random.default_rng(14), oscillators([2.0], [0.03])
+    runs = [free_decay(f * pole, SHAPES[:, :1], np.ones(1), 40.0, 5.0) for f in (1.0, 1.01)]
+    values = np.hstack([run + 0.01 * rng.standard_normal(run.shape) for run in runs])
+    drifted = Block(np.arange(200) / 40.0, values, np.repeat([0, 1], 3), np.tile(np.arange(3), 2))
+    found = likely_modes(gathered([drifted]), pole, SHAPES[:, :1])
+    assert tries == [1]
+    assert found.poles == pytest.approx(1.005 * pole, rel=3e-3)

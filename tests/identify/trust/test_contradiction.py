@@ -165,6 +165,17 @@ def test_a_statement_is_named_beside_another_of_which_that_leaves_a_thousandth_t
     assert [c.sigmas for c in contradictions(one)] == pytest.approx([10.0, 8.0][:named])
 
 
+@pytest.mark.parametrize(("sigmas", "named"), [(4.0, 0), (-4.0, 0), (4.0625, 1), (-4.0625, 1)])
+def test_four_sigmas_exactly_are_no_contradiction(
+    monkeypatch: pytest.MonkeyPatch, sigmas: float, named: int
+) -> None:
+    monkeypatch.setattr(contradiction, "suspects", lambda _: (("a",), np.eye(1)))
+    monkeypatch.setattr(contradiction, "_stated", lambda _: (np.eye(1), np.array([sigmas])))
+    monkeypatch.setattr(contradiction, "_redundancy", lambda *_: np.eye(1))
+    one: Any = SimpleNamespace(box=None, holds=True, chi2_per_n=1.0)
+    assert len(contradictions(one)) == named
+
+
 @pytest.mark.parametrize(("redundancy", "testable"), [(0.9e-5, False), (1.1e-5, True)])
 def test_several_statements_together_are_tested_of_whose_variance_the_misfit_has_1e_5(
     monkeypatch: pytest.MonkeyPatch, redundancy: float, testable: bool

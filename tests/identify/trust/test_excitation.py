@@ -157,3 +157,17 @@ def test_a_run_drives_by_the_force_that_its_tyres_pass_on() -> None:
     roll = modes_of(model.A).poles[2]
     assert best_run(model, roll, np.full(4, 192e3)) is Excitation.ROLL
     assert best_run(model, roll, np.array([192e3, 1e3, 192e3, 1e3])) is Excitation.BOUNCE
+
+
+@pytest.mark.parametrize(("right", "best"), [(0.48, Excitation.BOUNCE), (0.52, Excitation.ROLL)])
+def test_the_more_familiar_run_is_advised_if_it_drives_a_mode_half_as_much(
+    right: float, best: Excitation
+) -> None:
+    """A bounce lifts both front wheels, and rolls the body by the difference of their forces only.
+
+    Only these pass on a force, the right one a share of the left one's: a bounce drives the roll
+    by 1 - share of what a roll run does, which lifts the left one alone.
+    """
+    model = physical_model(FORD_GRANADA)
+    roll = modes_of(model.A).poles[2]
+    assert best_run(model, roll, 192e3 * np.array([1.0, right, 0.0, 0.0])) is best

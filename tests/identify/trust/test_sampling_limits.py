@@ -74,6 +74,11 @@ def test_a_tenth_of_the_samples_may_be_missing(lost: int, severity: Severity | N
         assert found[0].text.startswith("10% of the samples are missing (limit 10%): HUB")
 
 
+def test_a_single_sample_that_is_missing_is_not_stated_as_none() -> None:
+    (found,) = _lost([losing(1, n=5000)])
+    assert found.text.startswith("up to 0.02% of the samples are missing")
+
+
 def scattered(jitter_s: float, period_s: float) -> _Stretch:
     """Return stamps that are early and late in turn: intervals scatter by 2 j, stamps by sqrt 2 j.
 

@@ -81,6 +81,19 @@ async def test_a_peak_has_as_many_digits_as_its_range_tells(
     assert rows[0][52:].strip() == scale
 
 
+@pytest.mark.parametrize("moved_m", [0.004, -0.004])
+async def test_a_peak_to_either_side_counts_in_the_unit_that_is_shown(moved_m: float) -> None:
+    lanes = Lanes()
+    values = (0.0,) * 39 + (moved_m,)
+    lanes.add(Live(0, 0.1, (Lane("a", values, values),)))
+    chart = LaneChart(ASCII)
+    async with alone(chart, 64, 4) as _:
+        spec = LaneSpec("a", "travel FL", "mm", 1000.0, 2.0, "a")
+        chart.show(lanes, [spec], Window(0, 40, None), ())
+        rows = chart_rows(chart, 4)
+    assert (rows[0][52:].strip(), rows[2][52:].strip()) == ("+5", "4.0 mm")
+
+
 async def test_a_chart_without_room_or_samples_says_so() -> None:
     chart = LaneChart(ASCII)
     lanes = Lanes()
