@@ -30,7 +30,7 @@ def ended_by_signals() -> Iterator[None]:
     def dropped(what: sys.UnraisableHookArgs) -> None:
         for kind, number in ((SystemExit, signal.SIGTERM), (KeyboardInterrupt, signal.SIGINT)):
             if issubclass(what.exc_type, kind):
-                Timer(_AGAIN_S, interrupt_main, (number,)).start()
+                Timer(_AGAIN_S, _again, (number,)).start()
                 return
         hook(what)
 
@@ -41,3 +41,12 @@ def ended_by_signals() -> Iterator[None]:
     finally:
         sys.unraisablehook = hook
         signal.signal(signal.SIGTERM, before)
+
+
+def _again(number: signal.Signals) -> None:
+    """Send a signal to the main thread; it ends a wait there, as the first would have."""
+    thread = main_thread().ident
+    if hasattr(signal, "pthread_kill") and thread is not None:
+        signal.pthread_kill(thread, number)
+    else:  # Windows
+        interrupt_main(number)
