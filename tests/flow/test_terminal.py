@@ -14,6 +14,7 @@ from daq.errors import InputError
 from daq.replay.recorded_source import whole_frames
 from daq.runlog.runlog import LoggedStatus
 from tui.recorders.process import start_replay_recorder
+from tui.terminal.app import BenchApp
 from tui.terminal.state.steps import BenchStep, progress
 
 from .bench_terminal import (
@@ -31,6 +32,12 @@ RECORDING = ["Vehicle", "Check", "Run", "Masses", "Run", "Identify"]
 RESULTS = ["Identify", "Results"]
 
 
+def _has_session_of_all_runs(app: BenchApp) -> bool:
+    """Return True if the last file is built; the one of the runs before may be ready already."""
+    status = app.status
+    return status is not None and status.session.state is SessionState.READY and not status.outdated
+
+
 def campaign_by_space(folder: Path, runs: int, bumps: str) -> Path:
     """Record a campaign, pressing SPACE whenever the screen says so; return the session."""
 
@@ -45,10 +52,7 @@ def campaign_by_space(folder: Path, runs: int, bumps: str) -> Path:
             status = app.status
             assert status is not None
             assert [run.status for run in status.runs].count(LoggedStatus.ACCEPTED) == runs
-            await operator.until(
-                lambda: app.status is not None and app.status.session.state is SessionState.READY,
-                operator.space_if_offered,
-            )
+            await operator.until(lambda: _has_session_of_all_runs(app), operator.space_if_offered)
             assert app.status is not None
             return Path(app.status.session.path)
 
