@@ -28,9 +28,11 @@ from daq.python_can import can
 from tui.cli import run
 from tui.diagnostics import ExitCode
 
+from ..multicast import own_group
+
 PATIENCE_S = 30.0
 END_S = 5.0
-GROUP = "239.74.163.94"
+GROUP = own_group(78)
 FRAMES = 1000
 
 

@@ -31,7 +31,7 @@ from ..daq.wild_bench import NODES
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "sensors.md").read_text("utf-8")
 PATIENCE_S = 300.0
-GROUP = f"239.74.{64 + os.getpid() % 128}.2"
+GROUP = f"239.79.{64 + os.getpid() % 128}.2"
 _BLOCK = re.compile(r"(?:^    .*\n|^\n(?=    ))+", re.MULTILINE)
 _QUESTION = re.compile(r"^\? (.*): (\S+)$", re.MULTILINE)
 _LISTENS_S = 8.0

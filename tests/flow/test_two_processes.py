@@ -20,6 +20,7 @@ from typing import Any
 import pytest
 
 from ..daq.pty_pair import pty_pair
+from ..multicast import own_group
 
 PATIENCE_S = 150
 WRITTEN_S = 25
@@ -79,7 +80,7 @@ def _campaign(transport: str, folder: Path, kinds: str) -> Document | None:
     """
     running: list[subprocess.Popen[str]] = []
     with _first(), pty_pair() as (left, right):
-        group = "239.74.163.77"
+        group = own_group(77)
         sender, receiver = (group, group) if transport == "udp_multicast" else (left, right)
         bench = folder / "bench.toml"
         default = (Path(__file__).parents[2] / "daq" / "bench.toml").read_text()

@@ -25,9 +25,10 @@ from daq.errors import BusError
 from daq.python_can import can
 from dbc.frames import FrameBatch, FrameFlag
 
+from ...multicast import own_group
+
 NOW_NS = 1_800_000_000_123_456_789
-# Two runs of the tests on one machine must not hear each other.
-GROUP, OTHER_GROUP = (f"239.{n}.{os.getpid() >> 8 & 255}.{os.getpid() & 255}" for n in (74, 75))
+GROUP, OTHER_GROUP = own_group(74), own_group(75)
 
 
 class ScriptedBus(can.BusABC):

@@ -11,7 +11,9 @@ from daq.bench.config import BusConfig
 from daq.bus.interfaces import open_bus, open_source
 from daq.bus.socket_drops import SocketDrops
 
-GROUP = "239.74.163.77"
+from ...multicast import own_group
+
+GROUP = own_group(76)
 
 
 def test_what_was_sent_and_not_received_was_dropped() -> None:
