@@ -19,7 +19,7 @@ from ..model.matrices import N_DOF, PhysicalModel, matrices, with_geometry
 from ..modes.modal_model import ModalModel
 from .least_squares import least_squares
 
-MASS_ADVICE = "add weights to the body at three places or more and to each of the four hubs"
+_MASS_ADVICE = "add weights to the body at three places or more and to each of the four hubs"
 _SINGULAR = 1e-9
 _N_GEOMETRY = 4
 _LEAST_SHARE = 1e-3
@@ -243,4 +243,4 @@ def _require_mass_everywhere(delta_M: NDArray[np.float64]) -> None:
     """Raise InputError if some degrees of freedom carry no added mass; name them."""
     bare = massless_motions(delta_M)
     if bare:
-        raise InputError("added mass", f"no mass moves with {', '.join(bare)}", MASS_ADVICE)
+        raise InputError("added mass", f"no mass moves with {', '.join(bare)}", _MASS_ADVICE)
