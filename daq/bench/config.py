@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 
-from dbc import Codec, read_dbc, shipped_dbc
+from dbc import Codec
 
 from ..channels import SI_UNITS, Channel
 from ..errors import InputError
@@ -27,12 +27,13 @@ from ..vehicle import (
 )
 from .bench_tables import BenchFile, ChannelTable, MessageTable, WeightTable
 from .campaign import Campaign
-from .databases import database_codec, stored_databases, stored_text
+from .databases import database_codec, stored_databases
 from .message_rules import MessageRule, SampleSet, TimeRule, check_sets, ruled_codec
+from .named_databases import check_ready_maps, read_named
 from .origin import Origin
 from .procedure import Procedure
 from .ready_maps import PREFIX, ready_map
-from .sensor_tables import read_databases, sensors_of, with_ready_maps
+from .sensor_tables import sensors_of, with_ready_maps
 from .sensors import Sensor, full_name, sensors_codec
 from .toml_file import toml_text, validated
 
@@ -177,11 +178,12 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     starts.  `dbc_text`: the DBC, if it is known already (in a journal); else it is read from the
     path in the file.  Raises InputError as `load_bench`.
     """
-    table = _completed(validated(text, where, BenchFile))
+    stated = validated(text, where, BenchFile)
+    check_ready_maps(stated, text, where)
+    table = _completed(stated)
     sensors = sensors_of(table, where)
     if dbc_text is None:
-        read = read_databases(sensors, folder)
-        dbc_text = stored_text(read) if sensors else _dbc_text(table.dbc, folder)
+        dbc_text = read_named(table, text, where, folder)
     return bench_of(table, text, where, sensors, dbc_text)
 
 
@@ -335,12 +337,6 @@ def _completed(table: BenchFile) -> BenchFile:
             "sample_set": table.sample_set or piece.sample_set,
         }
     )
-
-
-def _dbc_text(name: str, folder: Path) -> str:
-    if name.startswith(PREFIX):
-        return ready_map(name.removeprefix(PREFIX)).dbc_text
-    return read_dbc(folder / name) if name else shipped_dbc()
 
 
 def _rule(table: MessageTable) -> MessageRule:

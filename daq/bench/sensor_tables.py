@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from types import MappingProxyType
-
-from dbc import read_dbc
 
 from ..errors import InputError
 from .bench_tables import BenchFile, BusTable, SensorTable
-from .databases import Database
-from .ready_maps import PREFIX, ready_map
+from .named_databases import database_name
 from .sensor_maps import ready_tables
 from .sensors import Sensor
 
@@ -38,11 +34,6 @@ def sensors_of(table: BenchFile, where: str) -> tuple[Sensor, ...]:
     )
 
 
-def database_name(sensor: SensorTable) -> str:
-    """Return the name of a sensor's database: a path, or ``layout:NAME``."""
-    return f"{PREFIX}{sensor.layout}" if sensor.layout else sensor.dbc
-
-
 def _position(sensor: SensorTable, buses: Sequence[BusTable], where: str) -> int:
     """Return the position of a sensor's bus, which it states by name, channel or position."""
     known = ", ".join(bus.name or bus.channel for bus in buses)
@@ -59,19 +50,6 @@ def _position(sensor: SensorTable, buses: Sequence[BusTable], where: str) -> int
         what = f"sensor {sensor.name} is on bus {sensor.bus}, which matches {len(found)} buses"
         raise InputError(where, what, f"state one of {known}, or its position from 0")
     return found[0]
-
-
-def read_databases(sensors: Sequence[Sensor], folder: Path) -> tuple[Database, ...]:
-    """Return the databases of all sensors, each once; paths are relative to `folder`.
-
-    Raises InputError if one cannot be read.
-    """
-    return tuple(
-        Database(name, ready_map(name.removeprefix(PREFIX)).dbc_text)
-        if name.startswith(PREFIX)
-        else Database(name, read_dbc(folder / name))
-        for name in dict.fromkeys(sensor.database for sensor in sensors)
-    )
 
 
 def with_ready_maps(table: BenchFile) -> BenchFile:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from daq.bench.config import parse_bench
+from daq.bench.config import load_bench, parse_bench
 from daq.bench.mistakes import line_of
 from daq.errors import InputError
 
@@ -90,3 +90,38 @@ def test_the_line_and_the_nearest_name_are_said(text: str, said: str) -> None:
     with pytest.raises(InputError) as reported:
         parse_bench(text, "b.toml", Path())
     assert said in str(reported.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        ('\ndbc = "gone.dbc"', 2, "dbc: {}/gone.dbc: No such file or directory"),
+        ('dbc = "folder"', 1, "dbc: {}/folder: not a file"),
+        ('dbc = "layout:nix"', 1, "dbc: layout:nix: there is no such layout"),
+        (
+            '[[sensor]]\nname = "a"\ndbc = "a.dbc"\n\n[[sensor]]\nname = "b"\ndbc = "gone.dbc"',
+            7,
+            "sensor.1.dbc: {}/gone.dbc: No such file or directory",
+        ),
+        (
+            '[[sensor]]\nname = "a"\nlayout = "nix"',
+            3,
+            "sensor.0.layout: layout:nix: there is no such layout",
+        ),
+        (
+            '[[sensor]]\nname = "a"\ndbc = "layout:nix"',
+            3,
+            "sensor.0.dbc: layout:nix: there is no such layout",
+        ),
+    ],
+)
+def test_a_file_that_the_bench_names_and_that_cannot_be_read_is_named_with_its_line(
+    tmp_path: Path, text: str, line: int, said: str
+) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "a.dbc").write_text('VERSION ""\n', "ascii")
+    bench = tmp_path / "my.toml"
+    bench.write_text(text, "ascii")
+    with pytest.raises(InputError) as caught:
+        load_bench(bench)
+    assert str(caught.value).startswith(f"{bench}:{line}: {said.format(tmp_path)} (")
