@@ -67,7 +67,7 @@ def outcome(bench: Bench, seed: int, car: SimulatedCar = CAR) -> Outcome:
     known = {name: e for name, e in found.parameters.items() if name in truth}
     return Outcome(
         np.array([e.value / truth[name] - 1 for name, e in known.items()]),
-        np.array([e.std / truth[name] for name, e in known.items()]),
+        np.array([e.std / abs(truth[name]) for name, e in known.items()]),
         tuple(known),
         found.quality,
     )
