@@ -22,7 +22,7 @@ from ..model.matrices import delta_mass
 from .unknowns import Element, elements
 
 GRAVITY_M_S2 = 9.80665
-KNEE_M_S = 0.002
+KNEE_M_S = 0.0005
 """Rounding of the damper's knees on the path, m/s: invisible in the data, wide enough for the
 step."""
 

@@ -12,7 +12,7 @@ from .car import Model
 from .priors import weak_priors
 from .problem import Problem
 
-_FASTEST_M_S = 0.8
+_FASTEST_M_S = 1.0
 _SHARP_M_S = 1e-9
 """Rounding of knees where chords are drawn: a knee that is kept does not change then."""
 

@@ -9,7 +9,8 @@ import numpy as np
 
 _SPEEDS_M_S = (0.015, 0.03, 0.045, 0.065, 0.085, 0.11, 0.15, 0.21, 0.3, 0.45)
 _CLOSE_M_S = (
-    0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.095, 0.11, 0.13, 0.155, 0.19, 0.23, 0.3, 0.45
+    0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.095, 0.11, 0.13, 0.155, 0.19, 0.23, 0.3, 0.4,
+    0.55, 0.75,
 )  # fmt: skip
 KNOTS: dict[str, tuple[float, ...]] = {
     "K1": (0.0,),
@@ -17,7 +18,7 @@ KNOTS: dict[str, tuple[float, ...]] = {
     "K5": (-0.3, -0.1, 0.0, 0.1, 0.3),
     "K7": (-0.4, -0.2, -0.08, 0.0, 0.08, 0.2, 0.4),
     "K21": (*(-speed for speed in reversed(_SPEEDS_M_S)), 0.0, *_SPEEDS_M_S),
-    "K33": (*(-speed for speed in reversed(_CLOSE_M_S)), 0.0, *_CLOSE_M_S),
+    "K37": (*(-speed for speed in reversed(_CLOSE_M_S)), 0.0, *_CLOSE_M_S),
 }
 """Speeds of the knees of a damper curve, m/s; negative in rebound."""
 

@@ -34,6 +34,7 @@ from identify.elements.tyre import (
     tyre_push,
     tyre_push_by_load,
 )
+from identify.nonlinear.level import PATH
 
 STEP = 1e-6
 
@@ -188,6 +189,12 @@ def test_on_a_mount_the_force_of_the_damper_bends_it_and_the_rubber_follows() ->
     assert found == pytest.approx(0.45e-3 + 0.024e-3 - 0.1e-3)
     by_speed = slope(lambda r: mount_misfit(r, 1500.0 * r, 0.1e-3, 0.3, 1e-6, 1.2e-4), 0.5)
     assert mount_slope(1500.0, 1e-6, 1.2e-4) == pytest.approx(by_speed, rel=1e-7)
+
+
+def test_a_corner_that_sticks_keeps_its_friction_for_as_long_as_a_decay_lasts() -> None:
+    """At rest 0.9 of the friction over 0.5 mm acts for 3 s: dry friction does not creep."""
+    left = 0.9 + 3.0 * friction_rate(0.0, 0.9, 0.5e-3, 1.0, PATH.turn_m_s, PATH.lag_s)
+    assert 0.84 < left <= 0.9  # a rounding of 0.2 mm/s would leave nothing
 
 
 def test_the_rate_of_friction_by_hand() -> None:

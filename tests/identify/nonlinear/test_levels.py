@@ -43,7 +43,7 @@ def test_steps_of_path_and_tangents(
 @pytest.mark.parametrize(
     ("level", "knee_mm_s", "turn_mm_s", "lag_ms", "loss_ms", "stop_mm", "load_n"),
     [
-        (PATH, 2.0, 0.2, 0.02, 0.12, 0.05, 20.0),  # beside 1 m/s, 0.5 mm, 25 mm and 3 kN
+        (PATH, 0.5, 0.01, 0.02, 0.12, 0.05, 20.0),  # beside 1 m/s, 0.5 mm, 25 mm and 3 kN
         (ROUGH.path, 4.0, 0.5, 0.25, 0.25, 0.1, 60.0),
         (ROUGH.coarse, 10.0, 3.0, 1.2, 0.5, 0.5, 200.0),
         (ROUGH.fine, 5.0, 1.0, 0.5, 0.5, 0.2, 100.0),

@@ -39,7 +39,7 @@ def test_no_segment_is_flatter_than_the_flattest_before(seed: int) -> None:
     """A curve fitted by least squares overshot and fell: on a mount no step was of use then."""
     problem, eta = _problem(seed)
     before = too_flat(problem.model, eta)[0]
-    finer, moved = refined(problem, eta, KNOTS["K33"])
+    finer, moved = refined(problem, eta, KNOTS["K37"])
     after = too_flat(finer.model, moved)[0]
     for old, new in zip(np.split(before, 2), np.split(after, 2), strict=True):
         assert new.max() < old.max() + 1.0  # 1 % of the coefficient, for rounded knees
@@ -47,11 +47,11 @@ def test_no_segment_is_flatter_than_the_flattest_before(seed: int) -> None:
 
 def test_the_new_curve_runs_through_the_old_one_at_the_new_knees() -> None:
     problem, eta = _problem(1)
-    _, moved = refined(problem, eta, KNOTS["K33"])
-    at = np.array(KNOTS["K33"])
-    for old, new in ((eta[-42:-21], moved[-66:-33]), (eta[-21:], moved[-33:])):
+    _, moved = refined(problem, eta, KNOTS["K37"])
+    at = np.array(KNOTS["K37"])
+    for old, new in ((eta[-42:-21], moved[-74:-37]), (eta[-21:], moved[-37:])):
         before = _force(at, old, KNOTS["K21"])
-        after = _force(at, new, KNOTS["K33"])
+        after = _force(at, new, KNOTS["K37"])
         # 0.1 m/s is no new knee, so that the secant about which both turn is not the same.
         lean = (after - before)[at != 0.0] / at[at != 0.0]
         assert np.ptp(lean) < 1e-4

@@ -94,8 +94,8 @@ def test_the_last_stage_and_the_polish_know_curves_by_more_knees(
 ) -> None:
     script = Script([3.0, 2.0, 1.1, 1.0])
     played(script, [attempt("a")], of("damper_knees"))
-    assert [len(one.knots) for one in script.asked] == [3, 3, 21, 33]
-    assert script.asked[-1].knots == KNOTS["K33"]
+    assert [len(one.knots) for one in script.asked] == [3, 3, 21, 37]
+    assert script.asked[-1].knots == KNOTS["K37"]
     straight = Script([3.0, 2.0, 1.1, 1.0])
     played(straight, [attempt("a")], of("friction"))
     assert [len(one.knots) for one in straight.asked] == [3, 3, 3, 3]

@@ -15,7 +15,7 @@ from .cars import model_of
 
 @pytest.mark.parametrize(
     ("name", "slowest", "fastest", "widest"),
-    [("K21", 0.015, 0.45, 0.15), ("K33", 0.01, 0.45, 0.15)],
+    [("K21", 0.015, 0.45, 0.15), ("K37", 0.01, 0.75, 0.2)],
 )
 def test_fine_knees_lie_alike_on_both_sides_and_close_where_a_damper_works(
     name: str, slowest: float, fastest: float, widest: float
