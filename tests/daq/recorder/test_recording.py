@@ -98,7 +98,8 @@ def test_the_status_says_what_is_due_and_what_is_going_on(
 def test_a_dead_bus_ends_a_decay_at_once_with_its_reason(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recording = armed(quick, codec, journal)
+    impatient = replace(quick, recorder=replace(quick.recorder, silent_s=1.0))
+    recording = armed(impatient, codec, journal)
     frames = bumps(codec, 2)
     given = blocks(frames.select(slice(0, 700)))
     feed(recording, given)
@@ -109,7 +110,7 @@ def test_a_dead_bus_ends_a_decay_at_once_with_its_reason(
         turns += 1
         later = Now(now(given[-1]).wall_ns + turns * 100_000_000, heard_s + turns * 0.1)
         events += step(recording, given[-1].select(slice(0, 0)), HopLosses(), later, [LINK])
-    assert turns == 10  # `silent_s` is 1 s
+    assert turns == 10
     (run,) = status_of(recording).runs
     assert (run.label, run.status) == (LABELS[0], LoggedStatus.REJECTED)
     assert [finding.code for finding in run.findings] == ["bus_lost"]
