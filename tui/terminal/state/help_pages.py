@@ -99,6 +99,10 @@ SKETCHES: Mapping[str, str] = MappingProxyType(
             "   recorded   1 2 3     6 7 8 9\n"
             "                    ^ ^ lost: gap in the counter"
         ),
+        "frozen": (
+            "   wheel FL   .-'`-.-'`-.-'`-.\n"
+            "   wheel RR   .-'--------------    <- one value from here on"
+        ),
         "stale": (
             "   wheel FL   .-'`-.-'`-.-'`-.\n"
             "   wheel RR   .-'`-.               <- silent from here on"
