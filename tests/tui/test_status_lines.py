@@ -48,9 +48,7 @@ def test_a_recorder_begins_its_log_with_vehicle_origin_and_folder() -> None:
 def test_the_log_names_the_campaigns() -> None:
     status = a_status()
     assert said(status, replace(status, recording="r2")) == [("campaign of Granada begun", "")]
-    assert said(status, replace(status, recording="")) == [
-        ("between two campaigns, recording goes on", "")
-    ]
+    assert said(status, replace(status, recording="")) == [("campaign of Granada ended", "")]
 
 
 def test_an_alarm_is_logged_when_it_comes_and_when_it_is_over() -> None:

@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from daq import Status
 
 
-BETWEEN = "between two campaigns, recording goes on"
 RECOVER = "the journal has it all: make room if the disk is full, then `bumpbench recover`"
 """Advice where no session file could be built."""
 RECOVER_STORED = "make room, then `bumpbench recover` builds the session of those before"
@@ -22,8 +21,7 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
         origin = "" if status.origin == "real" else f" ({status.origin})"
         yield f"recording {status.vehicle}{origin} into {status.folder}", ""
     elif before.recording != status.recording:
-        now = f"campaign of {status.vehicle} begun" if status.recording else BETWEEN
-        yield now, ""
+        yield f"campaign of {status.vehicle} {'begun' if status.recording else 'ended'}", ""
     known = {(alarm.code, alarm.subject) for alarm in before.alarms} if before else set()
     for alarm in status.alarms:
         if (alarm.code, alarm.subject) not in known:
@@ -50,7 +48,9 @@ def progress_words(status: Status) -> tuple[float, str]:
     """Return the progress of the campaign, as a share and in words."""
     if not status.recording:
         building = status.session.state == "building"
-        return 1.0, "building the session file" if building else BETWEEN
+        if building:
+            return 1.0, "building the session file"
+        return 1.0, "between two campaigns, recording goes on"
     planned = sum(tally.planned for tally in status.tallies)
     done = sum(min(tally.accepted, tally.planned) for tally in status.tallies)
     text = f"{done} of {planned} runs"

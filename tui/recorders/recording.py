@@ -114,7 +114,12 @@ def print_outcome(last: Status, json: bool) -> ExitCode:
     if held := last.disk.held_frames:
         say(f"{last.folder}: {_not_stored(held, last.disk.failed)} ({RECOVER_STORED})")
     lost = held + sum(run.losses.measured for run in session.runs)
-    return ExitCode.DATA_LOST if lost else ExitCode.OK
+    if lost:
+        return ExitCode.DATA_LOST
+    if not session.accepted:
+        say(f"{path}: it has no accepted run (record again, and bump the car as the steps say)")
+        return ExitCode.ANSWER_IS_NO
+    return ExitCode.OK
 
 
 def _not_stored(held: int, failed: str) -> str:
