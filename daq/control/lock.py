@@ -33,7 +33,9 @@ def group_readable() -> Iterator[None]:
 def lone_recorder(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, which is created if it does not exist.
 
-    Meanwhile files and folders are made as by `group_readable`.
+    A folder that was created, and in which nothing else was made, is removed at the end: of a
+    recorder that finds no bus, nothing is left.  Meanwhile files and folders are made as by
+    `group_readable`.
 
     Raises FolderLockedError, with the number of the process, if another process holds the lock.
     Raises InputError if the folder cannot be written to.
@@ -44,6 +46,7 @@ def lone_recorder(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _held(folder: Path, holder: Path) -> Iterator[None]:
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / _LOCK, timeout=0)
@@ -65,6 +68,11 @@ def _held(folder: Path, holder: Path) -> Iterator[None]:
         with suppress(OSError):
             holder.unlink(missing_ok=True)
         lock.release()
+        with suppress(OSError):
+            if made and [each.name for each in folder.iterdir()] == [_LOCK]:
+                (folder / _LOCK).unlink()
+                for each in made:
+                    each.rmdir()
 
 
 def is_locked(folder: Path) -> bool:
