@@ -76,12 +76,13 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
 
         if isinstance(error, BumpbenchError):
             return report(error)
-        if isinstance(error, OSError) and (why := _refused_output()):
-            return report(InputError("stdout", why, "make room, or write to another place"))
         if isinstance(error, PermissionError) and error.filename is not None:
             # Without access to a folder above it, a path cannot even be checked for existence.
             advice = "run it as a user with access, or name another path"
             return report(InputError(os.fsdecode(error.filename), "access is denied", advice))
+        unnamed = isinstance(error, OSError) and error.filename is None
+        if unnamed and (why := _refused_output()):
+            return report(InputError("stdout", why, "make room, or write to another place"))
         raise
     return int(code or ExitCode.OK)
 
