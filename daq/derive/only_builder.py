@@ -1,7 +1,7 @@
 """Lets one process at a time build sessions in a folder.
 
-A killed recorder leaves a builder that goes on to its end, and the next recorder, or `recover`, would
-write to the same temporary files.
+A killed recorder leaves a builder that goes on to its end, and the next recorder, or `recover`,
+would write to the same temporary files.
 """
 
 from __future__ import annotations

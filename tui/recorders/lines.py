@@ -51,9 +51,9 @@ def farewell(status: Status) -> str:
         return f"ended between two campaigns: started again in {folder}, it begins the next one"
     done, planned = _progress(status)
     return (
-        f"ended after {done} of {planned} runs, {status.disk.recorded_frames:,} frames on the disk: "
-        f"started again in {folder}, it continues this campaign; `bumpbench recover {folder}` "
-        "builds its session"
+        f"ended after {done} of {planned} runs, {status.disk.recorded_frames:,} frames on the "
+        f"disk: started again in {folder}, it continues this campaign; `bumpbench recover {folder}`"
+        " builds its session"
     )
 
 
