@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq.silence import longest_gap_s
+from dbc.words import counted
 
 from ..decays.decay import FreeDecay, Record
 from ..fit.estimation import Estimation, generic_vehicles, later_may_hold
@@ -52,7 +53,7 @@ def clock_jump(estimation: Estimation) -> Explanation | None:
     return Explanation(
         "clocks that jump",
         f"{'all sensors' if everywhere else listed(names)} by about {length_s:.2g} s in "
-        f"{sum(map(bool, gaps))} of {len(gaps)} runs; {where} there the decays fit",
+        f"{sum(map(bool, gaps))} of {counted(len(gaps), 'run')}; {where} there the decays fit",
         "correct the times of the samples after the gap, or record again",
         1.0,
         *shift_between(before, alone),

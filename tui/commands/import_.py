@@ -215,6 +215,7 @@ def _parts(
     import numpy as np
 
     from daq.derive import Intake
+    from dbc import counted
 
     intakes: list[Intake] = []
     bumps = frames = 0
@@ -230,7 +231,7 @@ def _parts(
             bumps += intakes[-1].take(wanted, source.hops)
             frames += len(wanted)
             share = (number + source.share) / len(sources)
-            stage(share, f"{frames} frames, {bumps} bumps")
+            stage(share, f"{counted(frames, 'frame')}, {counted(bumps, 'bump')}")
         if fresh and apart:
             intakes.append(Intake(bench, codec))
     return [intake.part() for intake in intakes]
@@ -239,6 +240,7 @@ def _parts(
 def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -> None:
     """Raise InputError for logs without a bump, with the reason if it is known."""
     from daq import InputError
+    from dbc import counted
 
     if any(part.bumps for part in parts):
         return
@@ -246,12 +248,12 @@ def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: i
     frames = sum(source.frames for source in sources)
     unknown = sum(part.unknown_id for part in parts)
     if not parts or unknown == frames:
-        what = f"none of its {frames} frames is in the DBC"
+        what = f"none of its {counted(frames, 'frame')} is in the DBC"
         advice_on_buses = "name the DBC of that bus with --dbc, or another --bus"
         if n_buses > 1:
             advice_on_buses = "the sensors' buses must be those of the log, counted from 0"
         raise InputError(where, what, advice_on_buses)
-    what = f"no bump in {frames} frames, {unknown} of them not in the DBC"
+    what = f"no bump in {counted(frames, 'frame')}, {unknown} of them not in the DBC"
     advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
     raise InputError(where, what, advice)
 
@@ -276,14 +278,17 @@ def _facts(source: Log) -> dict[str, Any]:
 
 def _remarks(sources: Sequence[Log], session: Session, bumps: int, planned: int) -> list[str]:
     """Print remarks on what was imported."""
+    from dbc import plural
+
     remarks = [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
     lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
     remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]
     found = len(session.runs)
     if bumps > found:
-        remarks.append(f"{bumps - found} of {bumps} bumps were left out (see --runs and --skip)")
+        were = plural(bumps - found, "was", "were")
+        remarks.append(f"{bumps - found} of {bumps} bumps {were} left out (see --runs and --skip)")
     if found < planned:
-        remarks.append(f"{found} of {planned} planned runs were found")
+        remarks.append(f"{found} of {planned} planned runs {plural(found, 'was', 'were')} found")
     if session.runs[0].t0_ns < RELATIVE_BEFORE_NS:
         remarks.append("the log has no date: its times count from its own start")
     return remarks

@@ -10,6 +10,8 @@ from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dbc import counted, plural
+
 from ..diagnostics import ExitCode, say
 from ..output import Stage, print_json, progress
 from ..proposal_file import write_proposal
@@ -85,9 +87,10 @@ def import_channels(
     else:
         print_summary(out, session)
     if bumps > found:
-        say(f"{bumps - found} of {bumps} bumps were left out (see --runs and --skip)")
+        were = plural(bumps - found, "was", "were")
+        say(f"{bumps - found} of {bumps} bumps {were} left out (see --runs and --skip)")
     if not known.runs and found < len(steps):
-        say(f"{found} of {len(steps)} planned runs were found")
+        say(f"{found} of {len(steps)} planned runs {plural(found, 'was', 'were')} found")
     asked = open_questions(session.provenance["channel_map"], str(channel_map))
     for remark in (*(f"{f.subject}: {f.text} ({f.advice})" for f in asked), *sign_remarks(session)):
         say(remark)
@@ -121,7 +124,7 @@ def _session(
     about = {"software": f"bumpbench {version('bumpbench')}"}
     bumps = 0
     for number, path in enumerate(files):
-        stage(number / len(files), f"{path.name}, {bumps} bumps")
+        stage(number / len(files), f"{path.name}, {counted(bumps, 'bump')}")
         found = recording(known, read_columns(path, known.columns))
         with path.open("rb") as file:
             digest = file_digest(file, "sha256").hexdigest()
