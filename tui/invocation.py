@@ -8,7 +8,7 @@ from collections.abc import Callable
 from copy import copy
 from functools import cache
 from inspect import getdoc
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.main import get_command
@@ -16,6 +16,9 @@ from typer.models import CommandInfo
 
 from .diagnostics import ExitCode, report, report_usage, say
 from .signals import ended_by_signals
+
+if TYPE_CHECKING:
+    from dbc import BumpbenchError
 
 
 @cache
@@ -76,15 +79,26 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
 
         if isinstance(error, BumpbenchError):
             return report(error)
-        if isinstance(error, PermissionError) and error.filename is not None:
-            # Without access to a folder above it, a path cannot even be checked for existence.
-            advice = "run it as a user with access, or name another path"
-            return report(InputError(os.fsdecode(error.filename), "access is denied", advice))
-        unnamed = isinstance(error, OSError) and error.filename is None
-        if unnamed and (why := _refused_output()):
-            return report(InputError("stdout", why, "make room, or write to another place"))
+        if isinstance(error, OSError):
+            if error.filename is not None:
+                return report(_named(error))
+            if why := _refused_output():
+                return report(InputError("stdout", why, "make room, or write to another place"))
         raise
     return int(code or ExitCode.OK)
+
+
+def _named(error: OSError) -> BumpbenchError:
+    """Return the error of a path that cannot even be checked for existence.
+
+    There is no access to a folder above it, its name is too long, or its links lead in a circle.
+    """
+    from dbc import InputError
+
+    what, advice = error.strerror or str(error), "name another path"
+    if isinstance(error, PermissionError):
+        what, advice = "access is denied", "run it as a user with access, or name another path"
+    return InputError(os.fsdecode(error.filename), what, advice)
 
 
 def _refused_output() -> str:

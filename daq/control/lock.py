@@ -81,9 +81,10 @@ def _names(folder: Path) -> set[str]:
 
 
 def is_locked(folder: Path) -> bool:
-    """Return whether a process holds the lock of a folder."""
-    if not (folder / _LOCK).exists():  # else it would be made here
-        return False
+    """Return whether a process holds the lock of a folder; False if that cannot be known."""
+    with suppress(OSError):  # without access to the folder
+        if not (folder / _LOCK).exists():  # else it would be made here
+            return False
     lock = FileLock(folder / _LOCK, timeout=0)
     try:
         lock.acquire()
@@ -97,6 +98,10 @@ def is_locked(folder: Path) -> bool:
 
 def unreachable_words(folder: Path) -> str:
     """Return a text that the recorder of a folder cannot be reached; empty if none runs."""
+    try:
+        (folder / _LOCK).exists()
+    except OSError as error:
+        return f"its recorder cannot be reached: {error.strerror}"
     if not is_locked(folder):
         return ""
     return f"a recorder ({_holder_of(folder / _HOLDER)}) writes there, but does not answer here"

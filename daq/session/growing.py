@@ -33,6 +33,7 @@ def begin_session(path: Path, session: Session) -> None:
     """
     check_names(session, ())
     _check_room(path, 0)
+    path.open("wb").close()  # HDF5 would report a refusal in its own words
     with h5py.File(path, "w", **_CACHE) as file:
         write_head(file, session)
 

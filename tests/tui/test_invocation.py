@@ -45,6 +45,7 @@ def ends(error: BaseException | None, code: int | None = None) -> int:
         (typer.Abort(), 130, ""),
         (typer.BadParameter("name two sessions"), 2, "name two sessions (bumpbench one --help"),
         (PermissionError(13, "Permission denied", "/root/x"), 2, "/root/x: access is denied"),
+        (OSError(36, "File name too long", b"x/y"), 2, "x/y: File name too long (name another"),
     ],
 )
 def test_each_kind_of_error_has_its_exit_code(

@@ -40,7 +40,7 @@ def display(
     import sys
 
     from daq import InputError
-    from daq.control import control_address, is_running
+    from daq.control import control_address, is_running, unreachable_words
 
     from ..diagnostics import say
 
@@ -58,7 +58,8 @@ def display(
         for line in link_lines(served.link, served.host, served.secret, sys.stderr.isatty()):
             sys.stderr.write(f"{line}\n")
         if not is_running(control_address(folder)):
-            say(f"{folder}: no recorder runs there; the page waits for one (bumpbench record)")
+            why = unreachable_words(folder) or "no recorder runs there"
+            say(f"{folder}: {why}; the page waits for one (bumpbench record)")
 
     run_display(folder, host, operator or getpass.getuser(), control, announce)
     say("the display has ended; the recorder goes on")

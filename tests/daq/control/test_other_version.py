@@ -15,7 +15,7 @@ import zmq
 
 from daq.control.address import Address, control_address, is_running
 from daq.control.client import Client, OrderRefusedError, RecorderGoneError
-from daq.control.lock import is_locked
+from daq.control.lock import is_locked, unreachable_words
 from daq.control.log_copy import LogCopy, LogSource
 from daq.control.messages import (
     LIVE,
@@ -222,6 +222,14 @@ def test_a_socket_whose_folder_cannot_be_made_again_is_reported_once(
 def test_a_place_that_no_lock_can_be_in_is_not_locked(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", "ascii")
     assert not is_locked(tmp_path / "file" / "folder")
+
+
+def test_a_folder_that_cannot_be_looked_into_is_said_to_be(tmp_path: Path) -> None:
+    """As one of another user; here its name is too long."""
+    folder = tmp_path / ("x" * 300)
+    assert not is_locked(folder)
+    assert unreachable_words(folder) == "its recorder cannot be reached: File name too long"
+    assert unreachable_words(tmp_path) == ""
 
 
 RUN = LoggedRun("baseline_roll_1", BASELINE, Excitation.ROLL, 1, 0)

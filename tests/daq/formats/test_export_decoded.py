@@ -279,6 +279,19 @@ def test_files_are_whole_or_absent_and_never_overwritten(
     assert set(tmp_path.iterdir()) == set(first)
 
 
+@pytest.mark.parametrize("form", [ExportFormat.MAT, ExportFormat.PARQUET])
+def test_a_refusal_of_the_system_is_in_its_words(
+    form: ExportFormat, tmp_path: Path, session: Session
+) -> None:
+    """SciPy says `Reader needs file name or open file-like object`.
+
+    The name of the file fits, but not that of the hidden file that is written first.
+    """
+    with pytest.raises(InputError) as caught:
+        export_session(session, tmp_path / f"{'x' * 246}.{form}", form)
+    assert caught.value.what == "cannot be written: File name too long"
+
+
 def test_nowhere_to_write(tmp_path: Path, session: Session) -> None:
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="name another folder"):

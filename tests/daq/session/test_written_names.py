@@ -143,6 +143,13 @@ def test_a_group_without_channels_is_written(tmp_path: Path) -> None:
         assert "signal" not in file["runs/r001_baseline_roll_1/IMU"].attrs
 
 
+def test_a_refusal_of_the_system_is_in_its_words(tmp_path: Path) -> None:
+    """HDF5 has a sentence of its own, with numbers of errors and flags."""
+    with pytest.raises(OSError, match="File name too long") as caught:
+        begin_session(tmp_path / ("x" * 300), SESSION)
+    assert caught.value.strerror == "File name too long"
+
+
 def _free(monkeypatch: pytest.MonkeyPatch, free: int) -> None:
     usage = type("Usage", (), {"free": free})
     monkeypatch.setattr("daq.session.growing.shutil.disk_usage", lambda _: usage)
