@@ -206,6 +206,15 @@ def test_sigterm_keeps_the_rows_and_leaves_no_half_file(
     assert {path.name for path in tmp_path.iterdir()} == {"s", "set", "set.jsonl", "p.html"}
 
 
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_file_whose_name_is_not_utf_8_has_its_row(ending: str, tmp_path: Path) -> None:
+    row = row_of(job_of(str(tmp_path / "a\udcff.h5")))
+    assert row["file"] == str(tmp_path / "a\\udcff.h5")
+    out = tmp_path / f"t.{ending}"
+    write_outputs(out, tmp_path / "p.html", write_journal(tmp_path / "j", [row]))
+    assert b"a\\udcff.h5" in out.read_bytes()
+
+
 def test_a_link_that_leads_nowhere_is_one_session_that_fails(tmp_path: Path) -> None:
     """It hid all others of its folder: "holds no session file"."""
     for name in ("a.h5", "c.h5"):

@@ -85,7 +85,8 @@ def _with_provenance(job: Job, row: dict[str, Cell], seconds: float) -> dict[str
     import scipy
 
     return {
-        "file": job.file,
+        # A table holds UTF-8 only, which the name of a file need not be.
+        "file": job.file.encode("utf-8", "backslashreplace").decode(),
         "sha256": job.sha256,
         **row,
         "seconds": round(seconds, 3),
