@@ -1,7 +1,9 @@
 """Runs `bumpbench`, also as `python -m tui`."""
 
 import gc
+import os
 import signal
+import sys
 
 _UNSEARCHED = 10_000
 """New objects before Python searches for garbage.  With its own 700 it does so 150 times while the
@@ -11,6 +13,7 @@ libraries load and a session is identified, for a fortieth of the time, and find
 def main() -> None:
     """Load the command line and run it; Ctrl-C while it is loaded ends it without a traceback."""
     gc.set_threshold(_UNSEARCHED)
+    _open_missing_streams()
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:  # not where a shell has it ignored
         signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -18,6 +21,21 @@ def main() -> None:
 
     signal.signal(signal.SIGINT, before)
     run()
+
+
+def _open_missing_streams() -> None:
+    """Open the null device for each standard stream without which this process was started.
+
+    Otherwise the next file that is opened has the number of that stream, and gets what is written
+    to it.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is this one
+            mode = "r" if name == "stdin" else "w"
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8"))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Ends of commands."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -55,6 +56,27 @@ def test_ctrl_c_while_the_command_line_is_loaded_is_quiet(before: str, code: int
     command = [sys.executable, "-c", f"{before}\n{_INTERRUPTED}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (code, "")
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(("words", "code"), [(["inspect", "car.h5"], 0), (["inspect", "no"], 2)])
+def test_a_stream_that_is_closed_is_as_the_null_device(
+    closed: str, words: list[str], code: int, tmp_path: Path
+) -> None:
+    """Python prints a traceback, and gives the number of the stream to the next file."""
+    write_session(tmp_path / "car.h5", small_session())
+    script = f'exec "$0" -m tui "$@" {closed}'
+    done = subprocess.run(
+        ["sh", "-c", script, sys.executable, *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+    )
+    assert done.returncode == code
+    assert ("runs" in done.stdout) is (code == 0 and ">&-" not in closed.replace("2>&-", ""))
+    assert len(done.stderr.splitlines()) == (code == 2 and "2>&-" not in closed)
 
 
 @pytest.fixture
