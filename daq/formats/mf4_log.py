@@ -164,7 +164,7 @@ def merged(streams: list[Iterator[FrameBatch]]) -> Iterator[FrameBatch]:
         for following in _next(stream):
             heappush(held, (int(following.t_ns[-1]), next(order), following, stream))
         block = FrameBatch.concatenate(ready)
-        yield block.select(np.argsort(block.t_ns, kind="stable"))
+        yield block.by_time()
 
 
 def _next(stream: Iterator[FrameBatch]) -> list[FrameBatch]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import Operator, RecorderFolder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def display(
-    folder: Annotated[Path, typer.Argument(help="The recorder's folder.")] = Path(),
+    folder: RecorderFolder = Path(),
     host: Annotated[
         str,
         typer.Option(
@@ -27,9 +28,7 @@ def display(
         bool,
         typer.Option("--control", help="Let the page start, reject and pause, for a number."),
     ] = False,
-    operator: Annotated[
-        str, typer.Option(help="Your name or initials, stored with every verdict.")
-    ] = "",
+    operator: Operator = "",
 ) -> int:
     """Show the state of a folder's recorder in one word that fills a screen.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Buses, Force, OldBench, Sensors
+from ..options import Buses, Force, JsonSummary, OldBench, Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,7 +59,7 @@ def import_(
     ] = None,
     out: Annotated[Path, typer.Option(help="Session file to write.")] = Path("session.h5"),
     force: Force = False,
-    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+    json: JsonSummary = False,
 ) -> int:
     """Find the bumps in logs, cut them into runs and write a session.
 
@@ -212,8 +212,6 @@ def _parts(
 
     `buses`: buses whose frames are read; empty: all.
     """
-    import numpy as np
-
     from daq.derive import Intake
 
     intakes: list[Intake] = []
@@ -221,7 +219,7 @@ def _parts(
     for number, source in enumerate(sources):
         fresh = True
         for batch in source:
-            wanted = batch.select(np.isin(batch.bus, sorted(buses))) if buses else batch
+            wanted = batch.on_buses(buses)
             if not len(wanted):
                 continue
             if fresh and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
@@ -258,13 +256,12 @@ def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: i
 
 def _facts(source: Log) -> dict[str, Any]:
     """Return the facts on a log that the session stores."""
-    from hashlib import file_digest
+    from daq import file_sha256
 
     files = []
     for path in source.paths:
-        with path.open("rb") as file:
-            digest = file_digest(file, "sha256").hexdigest()
-        files.append({"name": path.name, "bytes": path.stat().st_size, "sha256": digest})
+        size = path.stat().st_size
+        files.append({"name": path.name, "bytes": size, "sha256": file_sha256(path)})
     return {
         "format": source.format.name,
         "files": files,

@@ -10,12 +10,12 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ..invocation import invoke
+from ..options import RecorderFolder
 from .link import link_lines
 from .run import run_display
 from .served import Served
@@ -25,7 +25,7 @@ commands = typer.Typer(pretty_exceptions_enable=False, rich_markup_mode=None)
 
 @commands.command()
 def attached_display(
-    folder: Annotated[Path, typer.Argument(help="The recorder's folder.")],
+    folder: RecorderFolder,
     host: Annotated[str, typer.Option(help="Address to listen on.")],
     operator: Annotated[str, typer.Option(help="Name stored with every verdict.")],
     control: Annotated[bool, typer.Option("--control", help="Let the page give orders.")] = False,
