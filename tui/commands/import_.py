@@ -176,17 +176,13 @@ def _import_export(path: Path, out: Path, json: bool) -> bool:
     from daq import write_session
     from daq.formats import exported_session
 
-    from ..output import print_json
-    from ..recorders.recording import print_summary, summary
+    from ..recorders.recording import show_session
 
     session = exported_session(path)
     if session is None:
         return False
     write_session(out, session)
-    if json:
-        print_json(summary(out, session))
-    else:
-        print_summary(out, session)
+    show_session(out, session, json)
     return True
 
 
@@ -256,15 +252,11 @@ def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: i
 
 def _facts(source: Log) -> dict[str, Any]:
     """Return the facts on a log that the session stores."""
-    from daq import file_sha256
+    from ..recorders.decoded import file_facts
 
-    files = []
-    for path in source.paths:
-        size = path.stat().st_size
-        files.append({"name": path.name, "bytes": size, "sha256": file_sha256(path)})
     return {
         "format": source.format.name,
-        "files": files,
+        "files": [file_facts(path) for path in source.paths],
         "frames": source.frames,
         "cannot_hold": source.format.lacks,
         "lost": source.loss.text,
@@ -272,15 +264,13 @@ def _facts(source: Log) -> dict[str, Any]:
 
 
 def _remarks(sources: Sequence[Log], session: Session, bumps: int, planned: int) -> list[str]:
-    """Print remarks on what was imported."""
+    """Return remarks on what was imported."""
+    from ..recorders.decoded import left_out_remarks
+
     remarks = [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
     lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
     remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]
-    found = len(session.runs)
-    if bumps > found:
-        remarks.append(f"{bumps - found} of {bumps} bumps were left out (see --runs and --skip)")
-    if found < planned:
-        remarks.append(f"{found} of {planned} planned runs were found")
+    remarks += left_out_remarks(bumps, len(session.runs), planned)
     if session.runs[0].t0_ns < RELATIVE_BEFORE_NS:
         remarks.append("the log has no date: its times count from its own start")
     return remarks

@@ -33,8 +33,7 @@ def redecode(
     from daq.files import refuse_existing
 
     from ..bench import named_once
-    from ..output import print_json
-    from ..recorders.recording import print_summary, summary
+    from ..recorders.recording import show_session
 
     config = named_once(bench, config, "bench.toml")
     if dbc is None and config is None:
@@ -48,10 +47,7 @@ def redecode(
     about = {"redecoded_from_sha256": file_sha256(session)}
     new = redecoded(old, corrected, str(session), about)
     write_session(target, new)
-    if json:
-        print_json(summary(target, new))
-    else:
-        print_summary(target, new)
+    show_session(target, new, json)
     lost = any(run.losses.measured for run in new.runs)
     return ExitCode.DATA_LOST if lost else ExitCode.OK
 
