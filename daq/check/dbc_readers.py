@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-
 from dbc import Codec
 from dbc.finding import Finding, Severity
 from dbc.witness.second_reader import Witness, WitnessReport
@@ -25,15 +23,10 @@ class BenchWitness:
         """Return itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End all processes."""
         for witness in self._witnesses:
-            witness.__exit__(kind, error, trace)
+            witness.__exit__()
 
     def report(self) -> WitnessReport:
         """Wait for all answers and return them as one."""

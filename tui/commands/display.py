@@ -36,7 +36,6 @@ def display(
     given.
     """
     import getpass
-    import sys
 
     from daq import InputError
     from daq.control import control_address, is_running
@@ -44,7 +43,7 @@ def display(
     from ..diagnostics import say
 
     try:
-        from ..display.link import link_lines
+        from ..display.link import print_link
         from ..display.run import run_display
     except ImportError as error:
         raise InputError("display", "aiohttp is not installed", "install bumpbench[web]") from error
@@ -54,8 +53,7 @@ def display(
         raise InputError(str(folder), what, "name the folder that the recorder was started in")
 
     def announce(served: Served, _: Callable[[], object]) -> None:
-        for line in link_lines(served.link, served.host, served.secret, sys.stderr.isatty()):
-            sys.stderr.write(f"{line}\n")
+        print_link(served)
         if not is_running(control_address(folder)):
             say(f"{folder}: no recorder runs there; the page waits for one (bumpbench record)")
 

@@ -16,7 +16,7 @@ import typer
 
 from ..invocation import invoke
 from ..options import RecorderFolder
-from .link import link_lines
+from .link import print_link
 from .run import run_display
 from .served import Served
 
@@ -35,8 +35,7 @@ def attached_display(
 
 
 def _announce(served: Served, end: Callable[[], object]) -> None:
-    for line in link_lines(served.link, served.host, served.secret, sys.stderr.isatty()):
-        sys.stderr.write(f"{line}\n")
+    print_link(served)
     sys.stdout.write(json.dumps(asdict(served)) + "\n")
     sys.stdout.flush()
 

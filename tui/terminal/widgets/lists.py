@@ -213,7 +213,6 @@ def _reasons(status: Status) -> dict[tuple[str, str], str]:
     why: dict[tuple[str, str], dict[str, None]] = {}
     for run in status.runs:
         if run.status is LoggedStatus.REJECTED:
-            failed = next((f.code for f in run.findings if not f.passed), "by hand")
-            kind = (run.mass_state, run.excitation.value)
-            why.setdefault(kind, {})[reason_words(failed)] = None
+            reason = reason_words(run.failed.code) if run.failed else "by hand"
+            why.setdefault((run.mass_state, run.excitation.value), {})[reason] = None
     return {kind: printable(", ".join(codes), 60) for kind, codes in why.items()}
