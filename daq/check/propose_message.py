@@ -94,13 +94,8 @@ def _first(found: Iterable[list[str]]) -> list[str]:
     return next((lines for lines in found if lines), [])
 
 
-def _is_plain(signal: SignalLayout) -> bool:
-    whole = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
-    return whole and not signal.is_signed and not signal.is_multiplexed
-
-
 def _counter(message: MessageLayout, signal: SignalLayout, seen: Seen | None) -> list[str]:
-    if not (_is_plain(signal) and 2 <= signal.length <= 32 and words(signal.name) & _COUNTER):
+    if not (signal.is_plain and 2 <= signal.length <= 32 and words(signal.name) & _COUNTER):
         return []
     name = json.dumps(signal.name)
     if seen is None:
@@ -119,7 +114,7 @@ def _counter(message: MessageLayout, signal: SignalLayout, seen: Seen | None) ->
 
 
 def _checksum(message: MessageLayout, signal: SignalLayout, seen: Seen | None) -> list[str]:
-    byte = signal.length == 8 and signal.low_bit == 0 and _is_plain(signal)
+    byte = signal.length == 8 and signal.low_bit == 0 and signal.is_plain
     if not (byte and words(signal.name) & _CHECKSUM):
         return []
     rules = (
