@@ -57,10 +57,7 @@ def bench_witness(bench: Bench, codec: Codec) -> BenchWitness:
 
 
 def reader_lines(reading: WitnessReport) -> list[Finding]:
-    """Return a FAIL for each difference; one WARN if cantools cannot read the DBC.
-
-    `reading`: the answer of cantools; None gives no line.
-    """
+    """Return a FAIL for each difference; one WARN if cantools cannot read the DBC."""
     if reading.refusal:
         reason = f"values are not compared, because cantools cannot read it: {reading.refusal}"
         advice = "compare some values with the sensors' own tools"
