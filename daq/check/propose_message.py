@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.layout import MessageLayout, SignalLayout
-from dbc.samples import UNUSABLE, Decoded
+from dbc.samples import Decoded
 
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules
 from .guess_map import words
@@ -35,7 +35,7 @@ class Seen:
         samples = self.decoded.samples.get(name)
         if samples is None:
             return np.zeros(0, np.int64), np.zeros(0)
-        usable = ((samples.quality & UNUSABLE) == 0) & np.isfinite(samples.value)
+        usable = samples.usable & np.isfinite(samples.value)
         return samples.t_ns[usable], samples.value[usable]
 
 
