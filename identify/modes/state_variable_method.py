@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dbc.errors import InputError
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 _MIN_SAMPLES = 8
 """Fewer samples cannot show a damped sine and exclude anything else."""
@@ -68,8 +68,7 @@ class DelaySpace:
     """Channels of the records."""
 
     def __post_init__(self) -> None:
-        for name in ("directions", "strength"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "directions", "strength")
 
 
 def checked_records(
