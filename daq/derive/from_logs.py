@@ -11,14 +11,13 @@ import uuid
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
-from datetime import UTC, datetime
 from itertools import count
 from typing import Protocol
 
 import numpy as np
 
 from dbc import Codec
-from dbc.frames import FrameBatch, read_only
+from dbc.frames import FrameBatch
 
 from ..bench.campaign import Campaign, Step
 from ..bench.config import Bench, TriggerConfig, bench_codec
@@ -30,7 +29,7 @@ from ..samples import trigger
 from ..samples.bench_mapping import bench_mapping
 from ..samples.trigger import UNPLANNED
 from ..sessions import Session
-from .build_samples import build_session
+from .build_samples import build_session, utc_text
 
 _SLACK_NS = 2_000_000_000
 """Additional time, ns, for which frames before a run are kept, because some arrive late."""
@@ -132,9 +131,7 @@ class _Shelf:
         self._recent.clear()
         table = np.array(self._blocks, np.int64).reshape(-1, 1 + len(fields(HopLosses)))
         t_ns = np.maximum.accumulate(table[:, 0])
-        return FrameBatch.concatenate(self._kept), HopCounts(
-            read_only(t_ns), read_only(table[:, 1:])
-        )
+        return FrameBatch.concatenate(self._kept), HopCounts(t_ns, table[:, 1:])
 
     def _keep(self, frames: FrameBatch) -> None:
         wanted = frames.within(self._windows)  # one block may hold many bumps
@@ -263,13 +260,17 @@ def session_from_parts(
     about = {
         # The same logs give the same uuid, however often they are imported.
         "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
-        "created": datetime.fromtimestamp(first_ns * 1e-9, UTC).isoformat(timespec="seconds"),
+        "created": utc_text(first_ns),
         "frames_sha256": digest.hexdigest(),
         "dbc": bench.dbc_text,
         "bench_toml": bench.text,
         **provenance,
     }
-    sessions = [
-        build_session(bench, codec, part.frames, part.events, part.hops, about) for part in parts
-    ]
+    return joined(
+        [build_session(bench, codec, part.frames, part.events, part.hops, about) for part in parts]
+    )
+
+
+def joined(sessions: Sequence[Session]) -> Session:
+    """Return the runs of several sessions of one bench as one session."""
     return replace(sessions[0], runs=tuple(run for one in sessions for run in one.runs))

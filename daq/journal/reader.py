@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, read_only
+from dbc.frames import FrameBatch
 
 from ..bus.source import HopLosses
 from ..errors import InputError
@@ -108,7 +108,7 @@ class _HopTable:
 
     def counts(self) -> HopCounts:
         table = np.array(self._rows, np.int64).reshape(-1, 5)
-        return HopCounts(read_only(table[:, 0]), read_only(table[:, 1:]))
+        return HopCounts(table[:, 0], table[:, 1:])
 
 
 class JournalReader:
