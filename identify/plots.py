@@ -90,13 +90,7 @@ def modes(result: Identification, mass_state: str = "baseline") -> Figure:
         raise InputError("plot", f"no mass state {mass_state}", f"choose {', '.join(result.modal)}")
     model = result.modal[mass_state]
     shapes = (
-        shape_of(
-            name,
-            mode_text(known),
-            mode.frequency_hz,
-            mode.shape,
-            result.geometry,
-        )
+        shape_of(name, mode_text(known), mode.frequency_hz, mode.shape, result.geometry)
         for name, mode, known in zip(
             result.mode_names[mass_state], model.modes, result.modes[mass_state], strict=True
         )

@@ -38,8 +38,7 @@ DisplayAt = Annotated[
     ),
 ]
 DisplayControl = Annotated[
-    bool,
-    typer.Option("--display-control", help="Let the display start, reject and pause."),
+    bool, typer.Option("--display-control", help="Let the display start, reject and pause.")
 ]
 OldBench = Annotated[Path | None, typer.Option("--config", hidden=True)]
 OldPlanBench = Annotated[Path | None, typer.Option("--bench", hidden=True)]

@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING
 from daq.vehicle import parameter_unit
 from identify.document import survival_lines, unit_text
 from identify.numbers import NOT_DETERMINED
-from identify.report import (
-    ends_text,
-    half_text,
-    largest_share,
-    number,
-    plain,
-    rounded,
-    value_text,
-)
+from identify.report import ends_text, half_text, largest_share, number, plain, rounded, value_text
 
 from .output import print_line, print_table
 

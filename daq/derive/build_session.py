@@ -37,13 +37,7 @@ from ..runs import Losses, Run, RunOutline, RunStatus
 from ..samples.bench_mapping import mapped_channels
 from ..session import add_run, begin_session, finish_session
 from ..sessions import Session
-from .build_samples import (
-    check_runs,
-    decided_run,
-    frames_digest,
-    journal_provenance,
-    measured_run,
-)
+from .build_samples import check_runs, decided_run, frames_digest, journal_provenance, measured_run
 from .finished import keep_finished
 from .grown import (
     Grown,
@@ -118,11 +112,7 @@ def derive(
             "check folder, rights and free space; the journal still holds everything",
         ) from error
     note_built(
-        segments[0].parent,
-        recording.head.identity,
-        recording.next_number,
-        target,
-        run_log.revision,
+        segments[0].parent, recording.head.identity, recording.next_number, target, run_log.revision
     )
     if recording.ended and run_log.runs and target.name == recording.session_name:
         keep_finished(target)

@@ -94,10 +94,5 @@ def good_frames(
         t_ns, can_id, flags = t_ns[good], can_id[good], flags[good]
         bus, length, data = bus[good], length[good], data[good]
     return FrameBatch(
-        t_ns,
-        can_id.astype(np.uint32),
-        flags,
-        bus.astype(np.uint8),
-        length.astype(np.uint8),
-        data,
+        t_ns, can_id.astype(np.uint32), flags, bus.astype(np.uint8), length.astype(np.uint8), data
     )

@@ -12,17 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .assemble import flags_of, good_frames, possible_ids
-from .text import (
-    Index,
-    Lines,
-    Mask,
-    Parsed,
-    character,
-    cut_lines,
-    integers,
-    is_word,
-    spaced_bytes,
-)
+from .text import Index, Lines, Mask, Parsed, character, cut_lines, integers, is_word, spaced_bytes
 
 LACKS = "error frames, and CAN FD"
 _DATE = re.compile(rb"START DATE AND TIME (\d+):(\d+):(\d+) (\d+):(\d+):(\d+):(\d+)")

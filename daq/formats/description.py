@@ -292,10 +292,7 @@ def _state(state: MassState) -> StateDescription:
 
 def _mass_state(state: StateDescription) -> MassState:
     body, hubs = iter(state.body), iter(state.hubs)
-    if (sum(state.order), len(state.order)) != (
-        len(state.body),
-        len(state.body) + len(state.hubs),
-    ):
+    if (sum(state.order), len(state.order)) != (len(state.body), len(state.body) + len(state.hubs)):
         raise ValueError(f"the weights of {state.name} are incomplete")
     weights = tuple(next(body) if on_body else next(hubs) for on_body in state.order)
     return MassState(state.name, AddedMass(weights, np.array(state.matrix, np.float64)))

@@ -204,8 +204,4 @@ def _set_group(
 
 def timekeeping(bench: Bench, codec: Codec) -> Timekeeping:
     """Return the sources of the samples' times on a bench."""
-    return Timekeeping(
-        codec.by_name,
-        sensor_clocks(codec, bench.message_rules),
-        bench.sample_sets,
-    )
+    return Timekeeping(codec.by_name, sensor_clocks(codec, bench.message_rules), bench.sample_sets)

@@ -152,11 +152,7 @@ def _channel_groups(plan: Plan) -> tuple[dict[ChannelGroup, float], tuple[Channe
 
 
 def _start(
-    at: Evaluated,
-    eta: NDArray[np.float64],
-    state: MassState,
-    excitation: Excitation,
-    bump_s: float,
+    at: Evaluated, eta: NDArray[np.float64], state: MassState, excitation: Excitation, bump_s: float
 ) -> NDArray[np.float64]:
     """Return the state, (14,), of the vehicle after a bump of 1 m."""
     model = loaded_model(at.box.full(eta.astype(complex)).real, state.added)

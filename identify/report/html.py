@@ -35,10 +35,7 @@ def drawings(pictures: Iterable[Picture], executor: Executor) -> dict[str, Futur
     return {picture.key: executor.submit(drawing, picture) for picture in pictures}
 
 
-def html_of(
-    report: Report,
-    begun: Mapping[str, Future[Markup]] = MappingProxyType({}),
-) -> str:
+def html_of(report: Report, begun: Mapping[str, Future[Markup]] = MappingProxyType({})) -> str:
     """Typeset a report as HTML.
 
     `report`: what is shown; its document goes into the page as data, and numbers in the tables name

@@ -101,10 +101,7 @@ def _mode_cells(document: Document, state: str, i: int) -> tuple[Cell, ...]:
 
 def _sensed(document: Document, state: str) -> Table:
     rows = [
-        (
-            Cell(f"{i + 1}"),
-            *(Cell(text, f"sensed_modes/{state}/{i}") for text in _with_sigma(mode)),
-        )
+        (Cell(f"{i + 1}"), *(Cell(text, f"sensed_modes/{state}/{i}") for text in _with_sigma(mode)))
         for i, mode in enumerate(document["sensed_modes"][state])
     ]
     return Table(
@@ -127,13 +124,7 @@ def _with_sigma(mode: SensedModeEntry) -> Iterator[str]:
 
 def _cars(result: Identification, state: str) -> MovingCars:
     shapes = tuple(
-        shape_of(
-            f"{i + 1} {name}",
-            mode_text(mode),
-            mode.frequency.value,
-            shape,
-            result.geometry,
-        )
+        shape_of(f"{i + 1} {name}", mode_text(mode), mode.frequency.value, shape, result.geometry)
         for i, (name, mode, shape) in enumerate(
             zip(
                 result.mode_names[state],

@@ -128,10 +128,7 @@ def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
         "chain_unfiltered": ("chain, unfiltered", [a.unfiltered for a in attempts]),
         "likelihood": ("likelihood", [a.likelihood for a in attempts]),
     }
-    columns = [
-        Column("parameter", "parameter"),
-        Column("paper_percent", "paper", ".3f"),
-    ]
+    columns = [Column("parameter", "parameter"), Column("paper_percent", "paper", ".3f")]
     cells = [printed]
     series = [Dots("paper, printed", printed, 0)]
     notes = []

@@ -237,11 +237,7 @@ def _refuse_silence(buses: Sequence[BusConfig], frames: FrameBatch, seconds: flo
 
 
 def _databases(
-    target: Path,
-    config: Path | None,
-    known: Bench,
-    layouts: Sequence[str],
-    dbcs: Sequence[Path],
+    target: Path, config: Path | None, known: Bench, layouts: Sequence[str], dbcs: Sequence[Path]
 ) -> list[Database]:
     """Return the named databases, else that of a bench, with paths relative to `target`."""
     import os
@@ -334,12 +330,7 @@ def _print_document(report: CheckReport) -> None:
         for line in report.lines
     ]
     print_json(
-        {
-            "verdict": report.word,
-            "seconds": report.seconds,
-            "frames": report.frames,
-            "lines": lines,
-        }
+        {"verdict": report.word, "seconds": report.seconds, "frames": report.frames, "lines": lines}
     )
 
 

@@ -25,8 +25,7 @@ def display(
         ),
     ] = "here",
     control: Annotated[
-        bool,
-        typer.Option("--control", help="Let the page start, reject and pause, for a number."),
+        bool, typer.Option("--control", help="Let the page start, reject and pause, for a number.")
     ] = False,
     operator: Operator = "",
 ) -> int:

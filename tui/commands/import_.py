@@ -38,8 +38,7 @@ def import_(
         typer.Option(help="A log of one run, as baseline:bounce:FILE; repeatable."),
     ] = None,
     runs: Annotated[
-        str | None,
-        typer.Option(help="Kinds of the bumps in order: baseline:bounce,added:roll,..."),
+        str | None, typer.Option(help="Kinds of the bumps in order: baseline:bounce,added:roll,...")
     ] = None,
     skip: Annotated[
         int, typer.Option(min=0, help="Number of bumps to leave out at the beginning.")

@@ -17,8 +17,7 @@ def record(
     interface: Interface = None,
     channel: InterfaceChannel = None,
     keep_on: Annotated[
-        bool,
-        typer.Option("--keep-on", help="Go on after a complete campaign: run as a daemon."),
+        bool, typer.Option("--keep-on", help="Go on after a complete campaign: run as a daemon.")
     ] = False,
     idle: Annotated[
         bool, typer.Option("--idle", help="Arm nothing: a terminal gives the orders.")

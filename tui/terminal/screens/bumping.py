@@ -8,17 +8,7 @@ from typing import ClassVar
 from textual.binding import Binding, BindingType
 
 from daq import Status
-from daq.control import (
-    Accept,
-    Acknowledge,
-    Choose,
-    LeaveOut,
-    Pause,
-    Phase,
-    Redo,
-    Reject,
-    Undo,
-)
+from daq.control import Accept, Acknowledge, Choose, LeaveOut, Pause, Phase, Redo, Reject, Undo
 from daq.runlog import LoggedRun, LoggedStatus
 
 from ..state.lane_view import lane_specs, window
