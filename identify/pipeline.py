@@ -166,11 +166,14 @@ def _parameters(
     if not (estimation.holds or signs or jump):
         wrong = wrong_channel(estimation)
     if not (estimation.holds or signs or wrong):  # else no car explains the decays
-        if later_may_hold(estimation, vehicles):
+        linear = estimation
+        if later_may_hold(linear, vehicles):
             progress(0.5, "fitting again")
-            estimation = later_estimate(estimation, vehicles)
-        elif real := explained_by_elements(session, estimation, partial(progress, 0.2)):
-            estimation, forces, box = real.estimation, real.forces, real.estimation.box
+            estimation = later_estimate(linear, vehicles)
+        if not estimation.holds:
+            real = explained_by_elements(session, linear, partial(progress, 0.2))
+            if real:
+                estimation, forces, box = real.estimation, real.forces, real.estimation.box
     fit = estimation.fit
     fitted(estimation, without_jump(estimation) if jump else estimation.decays, signs)
     full = box.full(fit.eta.astype(complex)).real

@@ -33,7 +33,7 @@ def explained_by_elements(
     that explain it equally well.
 
     `session`: with the elements that `[vehicle.structure]` forces or forbids.  `linear`: a linear
-    fit that does not hold, and would not hold from a later start.  `log`: receives a line for each
+    fit that does not hold, nor does one from a later start.  `log`: receives a line for each
     stage of the fit.
     """
     longest_s = max(float(r.time_s[-1]) for d in linear.decays for r in d.recordings)
