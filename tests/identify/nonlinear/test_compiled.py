@@ -68,6 +68,8 @@ def test_another_formula_gives_another_result_although_its_kernel_is_the_same(
         return float(done.stdout)
 
     once = result()
+    kept = package / "nonlinear" / "__pycache__"
+    assert [path.name.split("-")[0] for path in kept.glob("*.nbi")] == ["kernels.curve"]
     hinge = package / "elements" / "hinge.py"
     text = hinge.read_text("utf-8")
     head, tail = text.split("def hinge(", 1)
