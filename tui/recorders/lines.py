@@ -44,6 +44,19 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
         yield f"session {session.path}: {session.text} ({RECOVER})", ""
 
 
+def farewell(status: Status) -> str:
+    """Return what a daemon that has ended leaves behind, and how to go on."""
+    folder = status.folder
+    if not status.recording:
+        return f"ended between two campaigns: started again in {folder}, it begins the next one"
+    done, planned = _progress(status)
+    return (
+        f"ended after {done} of {planned} runs, {status.disk.recorded_frames:,} frames on the "
+        f"disk: started again in {folder}, it continues this campaign; `bumpbench recover {folder}`"
+        " builds its session"
+    )
+
+
 def progress_words(status: Status) -> tuple[float, str]:
     """Return the progress of the campaign, as a share and in words."""
     if not status.recording:
@@ -51,8 +64,7 @@ def progress_words(status: Status) -> tuple[float, str]:
         if building:
             return 1.0, "building the session file"
         return 1.0, "between two campaigns, recording goes on"
-    planned = sum(tally.planned for tally in status.tallies)
-    done = sum(min(tally.accepted, tally.planned) for tally in status.tallies)
+    done, planned = _progress(status)
     text = f"{done} of {planned} runs"
     if status.session.state == "building" and status.due is None:
         text = "building the session file"
@@ -68,6 +80,12 @@ def progress_words(status: Status) -> tuple[float, str]:
     if status.losses.measured:
         text += f", {status.losses.measured} frames lost"
     return (done / planned if planned else 0.0), text
+
+
+def _progress(status: Status) -> tuple[int, int]:
+    """Return the number of accepted runs, without those beyond the plan, and of planned runs."""
+    done = sum(min(tally.accepted, tally.planned) for tally in status.tallies)
+    return done, sum(tally.planned for tally in status.tallies)
 
 
 def status_lines(status: Status) -> Iterator[str]:

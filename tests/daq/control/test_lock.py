@@ -59,10 +59,15 @@ def test_of_a_folder_in_which_nothing_was_made_nothing_is_left(tmp_path: Path) -
     assert [path.name for path in tmp_path.rglob("*")] == ["today", "note"]
 
 
-def test_a_folder_that_was_there_or_is_used_stays(tmp_path: Path) -> None:
+def test_a_lock_stays_where_it_was_or_where_something_was_made(tmp_path: Path) -> None:
+    (tmp_path / "note").touch()
     with lone_recorder(tmp_path):
         pass
-    assert [path.name for path in tmp_path.iterdir()] == ["recorder.lock"]
+    assert [path.name for path in tmp_path.iterdir()] == ["note"]
+    (tmp_path / "recorder.lock").touch()
+    with lone_recorder(tmp_path):
+        pass
+    assert (tmp_path / "recorder.lock").exists()
     with lone_recorder(tmp_path / "today"):
         (tmp_path / "today" / "journal").mkdir()
     assert {path.name for path in (tmp_path / "today").iterdir()} == {"recorder.lock", "journal"}
