@@ -120,6 +120,11 @@ class Event:
     text: str = ""
 
 
+def run_label(mass_state: str, excitation: Excitation, repeat: int) -> str:
+    """Return `baseline_bounce_1` and the like."""
+    return f"{mass_state}_{excitation}_{repeat}"
+
+
 @dataclass(frozen=True, slots=True)
 class RunOutline:
     """A run without its samples and frames, for tables."""
@@ -170,7 +175,7 @@ class Run:
     @property
     def label(self) -> str:
         """`baseline_bounce_1` and the like."""
-        return f"{self.mass_state}_{self.excitation}_{self.repeat}"
+        return run_label(self.mass_state, self.excitation, self.repeat)
 
     @property
     def is_accepted(self) -> bool:

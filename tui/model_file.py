@@ -14,7 +14,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.files import make_room, write_bytes
+from daq.files import write_named
 from dbc import InputError
 
 from .endings import require_ending
@@ -53,12 +53,7 @@ def write_model(result: Identification, path: Path) -> None:
         raise InputError(
             str(path), f"not written: {why}", "see the result of identify for the session"
         )
-    make_room(path)
-    try:
-        write_bytes(path, MODEL_WRITERS[path.suffix.lower()](result))
-    except OSError as error:
-        what = f"cannot be written: {error.strerror}"
-        raise InputError(str(path), what, "choose another place") from error
+    write_named(path, MODEL_WRITERS[path.suffix.lower()](result))
 
 
 def state_space(result: Identification, state: str) -> StateSpace:

@@ -120,8 +120,7 @@ def _ruled(message: MessageLayout, rule: MessageRule) -> MessageLayout:
 def _plain(message: MessageLayout, key: str, name: str) -> SignalLayout:
     """Return a signal that is an unsigned whole number in every frame."""
     signal = _signal(message, key, name, CORRECT_MESSAGE)
-    whole = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
-    if not whole or signal.is_signed or signal.is_multiplexed:
+    if not signal.is_plain:
         what = f"{name} is not a plain unsigned number"
         raise InputError(f"message {message.name}", what, CORRECT_MESSAGE)
     return signal

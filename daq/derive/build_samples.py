@@ -102,8 +102,7 @@ def build_session(
     check_runs(bench, events, run_log)
     runs = []
     for logged in run_log.runs:
-        start_ns, stop_ns = run_window(bench, logged)
-        own = frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns))
+        own = frames.within([bench.trigger.window_ns(logged.t_ns)])
         measured = measured_run(bench, codec, mapped, logged, own, events, hops)
         runs.append(decided_run(logged, measured))
     return Session(
@@ -127,12 +126,6 @@ def check_runs(bench: Bench, events: Sequence[Event], run_log: RunLog) -> None:
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
 
 
-def run_window(bench: Bench, run: LoggedRun) -> tuple[int, int]:
-    """Return the time window of a run's frames, start <= t < stop, ns."""
-    trigger_s = bench.trigger
-    return run.t_ns - round(trigger_s.pre_s * 1e9), run.t_ns + round(trigger_s.post_s * 1e9)
-
-
 def measured_run(
     bench: Bench,
     codec: Codec,
@@ -146,7 +139,7 @@ def measured_run(
 
     `frames`: frames in its window.  `events`: all events; those in its window are kept.
     """
-    start_ns, stop_ns = run_window(bench, run)
+    start_ns, stop_ns = bench.trigger.window_ns(run.t_ns)
     own = [event for event in events if start_ns <= event.t_ns <= stop_ns]
     decoded = codec.decode(frames)
     groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)

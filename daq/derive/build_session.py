@@ -44,7 +44,6 @@ from .build_samples import (
     frames_digest,
     journal_provenance,
     measured_run,
-    run_window,
 )
 from .finished import keep_finished
 from .grown import (
@@ -155,7 +154,7 @@ def _read(
     bench: Bench, infos: Sequence[SegmentInfo], runs: Sequence[LoggedRun], *, trusting: bool
 ) -> _Found:
     """Read the frames of runs: from all segments or, if trusted, only from those near the runs."""
-    windows = [run_window(bench, run) for run in runs]
+    windows = [bench.trigger.window_ns(run.t_ns) for run in runs]
     first, last = 0, len(infos)
     if trusting:
         start_ns = min((start for start, _ in windows), default=0)
@@ -201,7 +200,7 @@ def _write(
             begin_session(file, session)
         for logged, frames in zip(found.runs, found.frames, strict=True):
             # A run that has not ended may get more frames, so its present state is not kept.
-            if file != part and run_window(bench, logged)[1] > recording.t_ns:
+            if file != part and bench.trigger.window_ns(logged.t_ns)[1] > recording.t_ns:
                 file = _copied(target, part, grown, rows, recording, bench)
             run = measured_run(bench, codec, mapped, logged, frames, recording.events, found.hops)
             add_run(file, len(rows) + 1, run, session)
@@ -248,7 +247,7 @@ def _without_data(bench: Bench, logged: LoggedRun, row: GrownRun) -> Run:
         mass_state=logged.mass_state,
         excitation=logged.excitation,
         repeat=logged.repeat,
-        t0_ns=run_window(bench, logged)[0],
+        t0_ns=bench.trigger.window_ns(logged.t_ns)[0],
         bump_s=bench.bump_s,
         groups=(),
         status=RunStatus.ACCEPTED,

@@ -45,7 +45,7 @@ def read_journal(
         hops.add(block, block.t_ns)
         events += block.events
         if block.stored:
-            kept = block.frames if spans is None else _within(block.frames, spans)
+            kept = block.frames if spans is None else block.frames.within(spans)
             if len(kept):
                 frames.append(kept)
     return JournalContents(
@@ -75,23 +75,13 @@ def read_windows(
         touched = np.flatnonzero((starts_ns <= t_ns.max()) & (t_ns.min() < stops_ns)).tolist()
         frames = block.frames if touched else FrameBatch.empty()  # most frames are in no window
         for k in touched:
-            start_ns, stop_ns = windows[k]
-            pieces[k].append(frames.select((t_ns >= start_ns) & (t_ns < stop_ns)))
+            pieces[k].append(frames.within([windows[k]]))
     none = FrameBatch.empty()
     contents = JournalContents(reader.head, none, tuple(events), hops.counts(), reader.lost)
     joined = []
     while pieces:  # joined one after another, so that not all of them are in memory twice
         joined.append(FrameBatch.concatenate(pieces.pop(0)))
     return contents, tuple(joined)
-
-
-def _within(frames: FrameBatch, spans: Sequence[tuple[int, int]]) -> FrameBatch:
-    first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
-    wanted: NDArray[np.bool_] = np.zeros(len(frames), bool)
-    for start_ns, stop_ns in spans:
-        if start_ns <= last_ns and first_ns < stop_ns:
-            wanted |= (frames.t_ns >= start_ns) & (frames.t_ns < stop_ns)
-    return frames.select(wanted)
 
 
 class _HopTable:

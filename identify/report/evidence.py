@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..document import Document, unit_text
+from ..estimate_text import half_percent
 from ..identification import Identification
 from ..trust.excitation import SNR_LIMIT_DB
 from .blocks import Block, Cell, Picture, Section, Table, cited
@@ -166,7 +167,7 @@ def closed_form_section(document: Document) -> Section:
             "good: it is the less precise of the two.",
             ClosedFormPanel(
                 tuple(names),
-                np.array([(e["high"] - e["low"]) / 2 / abs(e["value"]) * 100 for e in estimates]),
+                np.array([half_percent(e) for e in estimates]),
                 np.array(apart),
             ),
         ),

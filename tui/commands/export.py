@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say
-from ..options import Buses, Force, Sensors
+from ..options import Buses, Force, Sensors, SessionFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +33,7 @@ class Format(StrEnum):
 
 
 def export(
-    session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
+    session: SessionFile,
     form: Annotated[
         Format | None, typer.Option("--format", help="Format; default: by the suffix of --out.")
     ] = None,
