@@ -139,11 +139,11 @@ def test_a_hold_counts_its_samples_from_the_first_of_them() -> None:
     recording = Recording(ChannelGroup("g", (channel,)), np.arange(50) / 100.0, values[:, None])
     (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (recording,)), 0.05, 0.1)
     assert (hold.channel, hold.run, hold.kind) == ("travel", "baseline_bounce_1", "baseline_bounce")
-    assert (hold.longest.held, hold.longest.constant) == (10, False)
+    assert (hold.longest.last - hold.longest.first, hold.longest.constant) == (9, False)
     assert hold.longest.held_s == pytest.approx(0.09)
     level = Recording(recording.group, recording.time_s, np.full((50, 1), 3.0))
     (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (level,)), 0.05, 0.1)
-    assert (hold.longest.held, hold.longest.constant) == (50, True)
+    assert (hold.longest.last - hold.longest.first, hold.longest.constant) == (49, True)
 
 
 @pytest.mark.parametrize(
