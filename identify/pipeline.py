@@ -110,12 +110,10 @@ def identify(
     progress(0.8, "modes")
     results = {name: modes() for name, modes in finding.items()}
     sensed = {name: result for name, result in results.items() if result is not None}
-    full = found.estimation.box.full(found.estimation.fit.eta.astype(complex)).real
-    geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
     states = [state for state in session.mass_states if state.name in found.modal]
     found = replace(found, sensed={name: modes.model for name, modes in sensed.items()})
     try:
-        chain = _closed_form(sensed, states, geometry, session.vehicle.geometry)
+        chain = _closed_form(sensed, states, found.geometry, session.vehicle.geometry)
     except InputError as error:
         return replace(found, closed_form_reason=str(error))
     return replace(
@@ -176,7 +174,7 @@ def _parameters(
                 estimation, forces, box = real.estimation, real.forces, real.estimation.box
     fit = estimation.fit
     fitted(estimation, without_jump(estimation) if jump else estimation.decays, signs)
-    full = box.full(fit.eta.astype(complex)).real
+    full = estimation.full
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
     physical = {state.name: loaded_model(full, state.added) for state in states}

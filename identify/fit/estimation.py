@@ -109,6 +109,11 @@ class Estimation:
         return self.nonlinear or LinearEngine(self.box)
 
     @property
+    def full(self) -> NDArray[np.float64]:
+        """Full parameters at the optimum, (28,)."""
+        return self.box.full(self.fit.eta.astype(complex)).real
+
+    @property
     def freedom(self) -> float:
         """Degrees of freedom of the residuals, not reduced by the shared unknowns."""
         return sum(sum(r.freedom.values()) for r in self.residuals)

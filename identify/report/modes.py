@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from daq.vehicle import VehicleGeometry
-
 from ..document import Document, SensedModeEntry
 from ..fit.uncertainty import ModeEstimate
 from ..identification import Identification
@@ -128,15 +126,13 @@ def _with_sigma(mode: SensedModeEntry) -> Iterator[str]:
 
 
 def _cars(result: Identification, state: str) -> MovingCars:
-    lengths = [result.parameters[name].value for name in ("a", "b", "t_f", "t_r")]
-    geometry = VehicleGeometry(*lengths)
     shapes = tuple(
         shape_of(
             f"{i + 1} {name}",
             mode_text(mode),
             mode.frequency.value,
             shape,
-            geometry,
+            result.geometry,
         )
         for i, (name, mode, shape) in enumerate(
             zip(

@@ -103,7 +103,7 @@ def _wide(estimation: Estimation) -> tuple[Finding, ...]:
 
 
 def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
-    full = estimation.box.full(estimation.fit.eta.astype(complex))
+    full = estimation.full.astype(complex)
     values = derived_quantities(full)
     odd = []
     for name, (low, high) in _PLAUSIBLE.items():

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from daq.channels import Channel, Quantity
-from daq.vehicle import Corner, VehicleGeometry
+from daq.vehicle import RICHEST, Corner, VehicleGeometry
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.decays.stuck import _holds
 from identify.fit.estimation import Estimation
@@ -21,7 +21,7 @@ from identify.model.matrices import full_matrices, travel_rows
 from identify.trust import cause_texts, contradiction, nonlinear_effects, swaps
 from identify.trust.consistency import _size
 from identify.trust.contradiction import contradictions
-from identify.trust.linear_effects import RICHEST, gains, lateness, structural
+from identify.trust.linear_effects import gains, lateness, structural
 from identify.trust.nonlinear_effects import _speeds, suspension_forces
 from identify.trust.refit import Explanation
 from identify.trust.sampling import _by_arrival, _Stretch
