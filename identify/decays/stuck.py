@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daq.median import median
 from daq.samples.converter import is_stuck, share_changed
 
 from .decay import Record
@@ -70,7 +71,7 @@ def _starts_s(records: Sequence[Record]) -> list[float]:
     """Return the start of each decay, s; where a stuck channel hides it, that of the other runs."""
     starts = [decay_start_s(r) if onset_s(r) is not None else np.nan for r in records]
     known = [start for start in starts if np.isfinite(start)]
-    usual = float(np.median(known)) if known else -np.inf
+    usual = median(known) if known else -np.inf
     return [
         start if np.isfinite(start) else max(usual, record.start_s)
         for record, start in zip(records, starts, strict=True)
