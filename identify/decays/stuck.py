@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daq.median import median
 from daq.samples.hold import FROZEN_S, Hold, longest_hold
 
 from .decay import Record
@@ -60,7 +61,7 @@ def _starts_s(records: Sequence[Record]) -> list[tuple[float, float]]:
         for record, onset in zip(records, onsets, strict=True)
     ]
     known = [start for start in starts if np.isfinite(start)]
-    usual = float(np.median(known)) if known else -np.inf
+    usual = median(known) if known else -np.inf
     return [
         (start, start) if onset is None else (onset, start)
         for record, onset, given in zip(records, onsets, starts, strict=True)
