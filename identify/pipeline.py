@@ -19,13 +19,8 @@ from dbc.finding import Finding
 
 from .decays.decay import FreeDecay, Record
 from .decays.usable import usable
-from .fit.estimation import (
-    Estimation,
-    first_estimate,
-    generic_vehicles,
-    later_estimate,
-    later_may_hold,
-)
+from .fit.estimation import Estimation, first_estimate, later_estimate, later_may_hold
+from .fit.generic_vehicles import generic_vehicles
 from .fit.grey_box import GreyBox
 from .fit.uncertainty import (
     correlation,

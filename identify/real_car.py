@@ -9,7 +9,8 @@ import numpy as np
 
 from daq.sessions import Session
 
-from .fit.estimation import Estimation, generic_vehicles
+from .fit.estimation import Estimation
+from .fit.generic_vehicles import generic_vehicles
 from .trust.cause_ranking import Suspect, rank_causes
 from .trust.consistency import one_run_is_wrong
 from .trust.misfit import CHI2_LIMIT

@@ -11,7 +11,8 @@ from daq.median import median
 from daq.silence import longest_gap_s
 
 from ..decays.decay import FreeDecay, Record
-from ..fit.estimation import Estimation, generic_vehicles, later_may_hold
+from ..fit.estimation import Estimation, later_may_hold
+from ..fit.generic_vehicles import generic_vehicles
 from ..fit.likelihood import HOLD
 from .format import listed
 from .refit import Explanation, as_described, refit, shift_between
