@@ -16,6 +16,7 @@ from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 from dbc.finding import Finding
+from dbc.words import counted
 
 from .decays.decay import FreeDecay, Record
 from .decays.usable import usable
@@ -256,7 +257,7 @@ def _closed_form(
     if len(states) != 2:
         raise InputError(
             "closed form",
-            f"the session has {len(states)} mass state{'s' if len(states) > 1 else ''}",
+            f"the session has {counted(len(states), 'mass state')}",
             "record two, without and with weights",
         )
     for state in states:

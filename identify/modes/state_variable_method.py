@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from daq.median import median
 from dbc.errors import InputError
 from dbc.frames import read_only
+from dbc.words import counted
 
 _MIN_SAMPLES = 8
 """Fewer samples cannot show a damped sine and exclude anything else."""
@@ -111,7 +112,7 @@ def checked_records(
         if len(decay) < _MIN_SAMPLES:
             raise InputError(
                 _WHERE,
-                f"record {number} has {len(decay)} samples",
+                f"record {number} has {counted(len(decay), 'sample')}",
                 f"give at least {_MIN_SAMPLES}, better some periods of the slowest mode",
             )
         if not np.all(np.isfinite(decay)):

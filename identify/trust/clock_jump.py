@@ -9,6 +9,7 @@ import numpy as np
 
 from daq.median import median
 from daq.silence import longest_gap_s
+from dbc.words import counted
 
 from ..decays.decay import FreeDecay, Record
 from ..fit.estimation import Estimation, later_may_hold
@@ -54,7 +55,7 @@ def clock_jump(estimation: Estimation) -> Explanation | None:
     return Explanation(
         "clocks that jump",
         f"{'all sensors' if everywhere else listed(names)} by about {length_s:.2g} s in "
-        f"{sum(map(bool, gaps))} of {len(gaps)} runs; {where} there the decays fit",
+        f"{sum(map(bool, gaps))} of {counted(len(gaps), 'run')}; {where} there the decays fit",
         "correct the times of the samples after the gap, or record again",
         1.0,
         *shift_between(before, alone),

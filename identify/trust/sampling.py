@@ -18,6 +18,7 @@ from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 from daq.silence import WHEEL_MOTION_S, longest_gap_s
 from dbc.finding import Finding, Severity
+from dbc.words import counted
 
 from ..decays.decay import Record, Recording
 from ..decays.onset import decay_start_s
@@ -242,7 +243,7 @@ def _losses(runs: Sequence[Run]) -> Iterator[Finding]:
         yield Finding(
             "frame_losses",
             Severity.NOTE,
-            f"the recorder counted {total} frames lost or unusable: "
+            f"the recorder counted {counted(total, 'frame')} lost or unusable: "
             f"{listed(f'{run.losses.measured} in {run.label}' for run in lossy)}; they cost their "
             "information only, check bus load and wiring if there are many",
         )
