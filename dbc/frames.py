@@ -34,6 +34,12 @@ def read_only(values: NDArray[_T]) -> NDArray[_T]:
     return view
 
 
+def freeze_arrays(record: object, *names: str) -> None:
+    """Make arrays of a frozen dataclass read-only, in its `__post_init__`."""
+    for name in names:
+        object.__setattr__(record, name, read_only(getattr(record, name)))
+
+
 FD_LENGTHS = read_only(np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], np.uint8))
 """Number of payload bytes of each data length code, 0 to 15 (ISO 11898-1); a classic frame has at
 most 8."""

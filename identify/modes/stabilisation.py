@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from daq.median import median
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from .modal_model import mac
 from .state_variable_method import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
@@ -44,8 +44,7 @@ class StabilisationDiagram:
     """True if pole and shape recur at the next ranks, shape (n,)."""
 
     def __post_init__(self) -> None:
-        for name in ("rank", "poles", "shapes", "stable"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "rank", "poles", "shapes", "stable")
 
     @property
     def stable_sets(self) -> list[Poles]:

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from daq.median import median
 from dbc.errors import InputError
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 from dbc.words import counted
 
 _MIN_SAMPLES = 8
@@ -70,8 +70,7 @@ class DelaySpace:
     """Channels of the records."""
 
     def __post_init__(self) -> None:
-        for name in ("directions", "strength"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "directions", "strength")
 
 
 def checked_records(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from ..model import exponential_sums
 from ..model.exponential_sums import Series, series_of
@@ -38,8 +38,7 @@ class Block:
     def __post_init__(self) -> None:
         level = self.values.mean(axis=0) if self.free_level else 0.0
         object.__setattr__(self, "deviations", self.values - level)
-        for name in ("time_s", "values", "run", "channel", "deviations"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "time_s", "values", "run", "channel", "deviations")
 
 
 def even_blocks(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Block, ...]:
