@@ -13,5 +13,5 @@ def median(values: ArrayLike) -> float:
     """Return the median of at least one number, NaN if one of them is NaN."""
     ordered = np.sort(values, axis=None)
     n = len(ordered)
-    low, high, last = ordered[[(n - 1) // 2, n // 2, -1]].tolist()  # NaN is sorted to the end
+    low, high, last = map(float, ordered[[(n - 1) // 2, n // 2, -1]])  # NaN is the last
     return (low + high) / 2.0 if last == last else last

@@ -145,10 +145,10 @@ def linearised_at(estimation: Estimation) -> Linearised:
     """Return the linear model at the optimum, the channels weighted by their noise."""
     if estimation not in _LINEARISED:
         fit, noise, box = estimation.fit, estimation.noise, estimation.box
-        if isinstance(fit, LinearFit):
+        if isinstance(fit, LinearFit) and fit.linearised.decays is estimation.decays:
             found = fit.linearised
             if estimation.sigma != noise:
-                found = with_noise(found, estimation.decays, noise)
+                found = with_noise(found, noise)
         else:
             own = fit.eta[: len(box.prior_sigma)]  # sizes of elements follow in a nonlinear fit
             found = linearised(box, estimation.decays, noise, own)
@@ -327,7 +327,7 @@ def _from(
     if not rest:
         for _ in range(2):  # the noise and the fit settle together
             sigma = floored(_residual_noise(left), decays)
-            fine = refit(box, decays, sigma, fine)
+            fine = refit(box, sigma, fine)
             left = residuals_of(fine.linearised, decays, sigma)
     return Estimation(box, records, fine, decays, sigma, rest, left, _chi2_per_n(box, left, sigma))
 
@@ -346,7 +346,7 @@ def _reweighted(best: Estimation) -> Estimation:
         total = counts[name] * level**2 + squares
         pooled[name] = float(np.sqrt(total / (counts[name] + freedom)))
     sigma = floored(pooled, best.decays)
-    fine = refit(best.box, best.decays, sigma, best.fit)
+    fine = refit(best.box, sigma, best.fit)
     left = residuals_of(fine.linearised, best.decays, sigma)
     chi2 = _chi2_per_n(best.box, left, best.noise)
     return replace(best, fit=fine, sigma=sigma, residuals=left, chi2_per_n=chi2)

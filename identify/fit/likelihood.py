@@ -45,10 +45,12 @@ PRIORS = "stated uncertainties"
 class Linearised:
     """The model at one point of the unknowns, and what each decay contributes to a step from it."""
 
+    decays: tuple[FreeDecay, ...]
+    """The decays."""
     points: Mapping[str, Evaluated]
     """The model of each mass state."""
     layout: Sequence[Alike]
-    """The decays, laid out."""
+    """`decays`, laid out."""
     linear: tuple[LinearPart, ...]
     """The linear part of each decay, fitted."""
     blocks: dict[str, NormalBlock]
@@ -165,12 +167,10 @@ def fit(
     return LinearFit(eta, covariance, here.cost, information, iterations, converged, there)
 
 
-def refit(
-    box: GreyBox, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], found: LinearFit
-) -> LinearFit:
-    """Fit the same decays once more, from their optimum, for another noise."""
-    there = with_noise(found.linearised, decays, sigma)
-    return fit(box, decays, sigma, found.eta, there=there)
+def refit(box: GreyBox, sigma: Mapping[str, float], found: LinearFit) -> LinearFit:
+    """Fit the decays of a fit once more, from its optimum, for another noise."""
+    there = with_noise(found.linearised, sigma)
+    return fit(box, there.decays, sigma, found.eta, there=there)
 
 
 def normal_blocks(
@@ -202,12 +202,10 @@ def linearised(
     }
     points = evaluate_each(box, eta, {decay.mass_state for decay in decays}, sigma)
     layout = layout or laid_out(decays)
-    return _linearised(points, decays, layout, products_of(points, decays, layout), both)
+    return _linearised(decays, points, layout, products_of(points, decays, layout), both)
 
 
-def with_noise(
-    there: Linearised, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float]
-) -> Linearised:
+def with_noise(there: Linearised, sigma: Mapping[str, float]) -> Linearised:
     """Return the model at the same unknowns, the channels of its decays weighted by another noise.
 
     It takes half of the time of `linearised`: the motion and its products with the samples stay.
@@ -215,19 +213,19 @@ def with_noise(
     points = {name: at.with_noise(sigma) for name, at in there.points.items()}
     seen = [linear.products for linear in there.linear]
     both = {name: there.blocks[name] for name in (FACTS, PRIORS)}
-    return _linearised(points, decays, there.layout, seen, both)
+    return _linearised(there.decays, points, there.layout, seen, both)
 
 
 def _linearised(
-    points: Mapping[str, Evaluated],
     decays: tuple[FreeDecay, ...],
+    points: Mapping[str, Evaluated],
     layout: Sequence[Alike],
     seen: Sequence[Sequence[Products]],
     both: dict[str, NormalBlock],
 ) -> Linearised:
     pairs = blocks_of(points, decays, seen)
     blocks = {decay.label: block for decay, (block, _) in zip(decays, pairs, strict=True)}
-    return Linearised(points, layout, tuple(linear for _, linear in pairs), both | blocks)
+    return Linearised(decays, points, layout, tuple(linear for _, linear in pairs), both | blocks)
 
 
 def _sum(parts: Mapping[str, NormalBlock]) -> NormalBlock:

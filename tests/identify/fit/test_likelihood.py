@@ -66,7 +66,7 @@ def test_other_noise_needs_no_other_products() -> None:
     best = fit(BOX, decays, sigma, BOX.unknowns(CAR))
     other = {name: level * (1.0 + 0.2 * i) for i, (name, level) in enumerate(sigma.items())}
     same, anew = (
-        with_noise(best.linearised, decays, other),
+        with_noise(best.linearised, other),
         linearised(BOX, decays, other, best.eta),
     )
     assert same.blocks.keys() == anew.blocks.keys()
@@ -74,7 +74,7 @@ def test_other_noise_needs_no_other_products() -> None:
         assert same.blocks[label].cost == block.cost
         np.testing.assert_array_equal(same.blocks[label].information, block.information)
         np.testing.assert_array_equal(same.blocks[label].gradient, block.gradient)
-    again, found = refit(BOX, decays, other, best), fit(BOX, decays, other, best.eta)
+    again, found = refit(BOX, other, best), fit(BOX, decays, other, best.eta)
     np.testing.assert_array_equal(again.eta, found.eta)
     assert again.cost == found.cost != best.cost
 

@@ -13,8 +13,8 @@ from scipy.linalg import expm
 
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner, VehicleGeometry
-from identify.decays.decay import ChannelGroup, Record, Recording
-from identify.decays.stuck import _holds
+from identify.decays.decay import ChannelGroup, Recording
+from identify.decays.stuck import _Column
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.model.matrices import full_matrices, travel_rows
@@ -134,15 +134,16 @@ def test_more_than_half_of_the_samples_are_stamped_on_arrival(
 
 def test_a_hold_counts_its_samples_from_the_first_of_them() -> None:
     """Ten samples of one value at the start of a decay of 100 samples a second, then motion."""
-    channel = Channel("travel", Quantity.SUSPENSION_TRAVEL, "m", corner=Corner.FRONT_LEFT)
     values = np.concatenate([np.arange(10.0), np.full(10, 20.0), np.arange(30.0, 60.0)])
-    recording = Recording(ChannelGroup("g", (channel,)), np.arange(50) / 100.0, values[:, None])
-    (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (recording,)), 0.1)
-    assert (hold.held, hold.kind, hold.constant) == (10, "baseline_bounce", False)
-    assert hold.held_s == pytest.approx(0.09)
-    level = Recording(recording.group, recording.time_s, np.full((50, 1), 3.0))
-    (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (level,)), 0.1)
-    assert (hold.held, hold.constant) == (50, True)
+    time_s = np.arange(50) / 100.0
+    one = _Column("travel", "baseline_bounce_1", "baseline_bounce", 0.1, time_s, values)
+    held_s, held = one.longest_hold
+    assert (round(held_s, 9), held) == (0.09, 10)
+    assert not one.is_constant
+    level = replace(one, values=np.full(50, 3.0))
+    held_s, held = level.longest_hold
+    assert (round(held_s, 9), held) == (0.49, 50)
+    assert level.is_constant
 
 
 @pytest.mark.parametrize(
