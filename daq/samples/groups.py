@@ -205,7 +205,7 @@ def _set_group(
 def timekeeping(bench: Bench, codec: Codec) -> Timekeeping:
     """Return the sources of the samples' times on a bench."""
     return Timekeeping(
-        {message.name: message for message in codec.messages},
+        codec.by_name,
         sensor_clocks(codec, bench.message_rules),
         bench.sample_sets,
     )

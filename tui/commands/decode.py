@@ -171,11 +171,10 @@ def _rows(codec: Codec, decoded: Decoded, described: _Described | None) -> list[
         for message in codec.messages
         for signal in message.signals
     }
-    layouts = {message.name: message for message in codec.messages}
     times, lines = [], []
     for name, samples in decoded.samples.items():
         message, _, signal = name.rpartition(".")
-        place = described.place(layouts[message]) if described else ""
+        place = described.place(codec.by_name[message]) if described else ""
         shown = message.rpartition(".")[2] if described else message
         present = ~np.isnan(samples.value)
         stamps = samples.t_ns[present]
