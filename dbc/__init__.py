@@ -31,5 +31,7 @@ if TYPE_CHECKING:
     from .samples import Samples as Samples
     from .units import SiUnit as SiUnit
     from .units import to_si as to_si
+    from .words import counted as counted
+    from .words import plural as plural
 else:
     __all__, __dir__, __getattr__ = lazy(__name__)

@@ -32,6 +32,7 @@ from .reader.lint import (
 )
 from .reader.networks import MARK, network_names, one_network
 from .reader.source import Source
+from .words import counted
 
 
 def shipped_dbc() -> str:
@@ -191,7 +192,8 @@ def _compile(document: Document, source: Source) -> Codec:
             notes.append(odd(*_place(source, block, message.name, None), TOO_LONG))
         shared = overlaps(message)
         if shared:
-            more = f" (and {len(shared) - 1} more signals)" if len(shared) > 1 else ""
+            rest = len(shared) - 1
+            more = f" (and {counted(rest, 'more signal')})" if rest else ""
             what = f"overlaps {shared[0][1]}{more}"
             notes.append(odd(*_place(source, block, message.name, shared[0][0]), what))
     if not kept:
@@ -230,7 +232,8 @@ def _refusal(source: Source, findings: list[Finding]) -> InputError:
     if not findings:
         return InputError(source.name, "the DBC has no messages", PICK_DBC)
     first = findings[0]
-    more = f", and {len(findings) - 1} more faults" if len(findings) > 1 else ""
+    rest = len(findings) - 1
+    more = f", and {counted(rest, 'more fault')}" if rest else ""
     what = f"{first.text}{more}"
     if first.subject == "the text":
         what = f"not a valid DBC: {first.text.removeprefix('the text ')}{more}"

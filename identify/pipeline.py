@@ -16,16 +16,12 @@ from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 from dbc.finding import Finding
+from dbc.words import counted
 
 from .decays.decay import FreeDecay, Record
 from .decays.usable import usable
-from .fit.estimation import (
-    Estimation,
-    first_estimate,
-    generic_vehicles,
-    later_estimate,
-    later_may_hold,
-)
+from .fit.estimation import Estimation, first_estimate, later_estimate, later_may_hold
+from .fit.generic_vehicles import generic_vehicles
 from .fit.grey_box import GreyBox
 from .fit.uncertainty import (
     correlation,
@@ -164,11 +160,14 @@ def _parameters(
     if not (estimation.holds or signs or jump):
         wrong = wrong_channel(estimation)
     if not (estimation.holds or signs or wrong):  # else no car explains the decays
-        if later_may_hold(estimation, vehicles):
+        linear = estimation
+        if later_may_hold(linear, vehicles):
             progress(0.5, "fitting again")
-            estimation = later_estimate(estimation, vehicles)
-        elif real := explained_by_elements(session, estimation, partial(progress, 0.2)):
-            estimation, forces, box = real.estimation, real.forces, real.estimation.box
+            estimation = later_estimate(linear, vehicles)
+        if not estimation.holds:
+            real = explained_by_elements(session, linear, partial(progress, 0.2))
+            if real:
+                estimation, forces, box = real.estimation, real.forces, real.estimation.box
     fit = estimation.fit
     fitted(estimation, without_jump(estimation) if jump else estimation.decays, signs)
     full = estimation.full
@@ -258,7 +257,7 @@ def _closed_form(
     if len(states) != 2:
         raise InputError(
             "closed form",
-            f"the session has {len(states)} mass state{'s' if len(states) > 1 else ''}",
+            f"the session has {counted(len(states), 'mass state')}",
             "record two, without and with weights",
         )
     for state in states:

@@ -63,8 +63,7 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
     except (BrokenPipeError, SystemExit) as error:  # the parser turns the first into the second
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             raise
-        # The reader of our stdout has gone, so the command may end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()  # its reader has gone, so the command may end
         return ExitCode.OK
     except Exception as error:
         if isinstance(error, (ImportError, AttributeError)):
@@ -81,5 +80,26 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
             # Without access to a folder above it, a path cannot even be checked for existence.
             advice = "run it as a user with access, or name another path"
             return report(InputError(os.fsdecode(error.filename), "access is denied", advice))
+        unnamed = isinstance(error, OSError) and error.filename is None
+        if unnamed and (why := _refused_output()):
+            return report(InputError("stdout", why, "make room, or write to another place"))
         raise
     return int(code or ExitCode.OK)
+
+
+def _refused_output() -> str:
+    """Return why stdout takes nothing more, and discard the rest; empty if it takes an empty line.
+
+    An error of a full disk does not name its file.
+    """
+    try:
+        sys.stdout.write("\n")
+        sys.stdout.flush()
+    except OSError as error:
+        _discard_output()
+        return error.strerror or str(error)
+    return ""
+
+
+def _discard_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

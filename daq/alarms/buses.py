@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
+from dbc.words import counted
 
 from ..bus.error_frames import ControllerState, ErrorTally, tally_error_frames
 from ..bus.source import LinkFacts, SourceLosses
@@ -226,7 +227,8 @@ def bus_symptoms(
         errors = sum(cycle[2] for cycle in watch.recent)
         waited = f"{now_s - watch.good_s:.1f} s"
         if errors:
-            text = f"{errors} error frames in the last second and no good frame for {waited}"
+            frames = counted(errors, "error frame")
+            text = f"{frames} in the last second and no good frame for {waited}"
             found.append(fault("check_bitrate", name, text))
         else:
             found.append(fault("bus_silent", name, f"no frame for {waited}"))
@@ -234,10 +236,11 @@ def bus_symptoms(
         text = f"load {status.load:.0%} of {link.bitrate / 1e3:g} kbit/s"
         found.append(fault("bus_full", name, text))
     if watch.controller is ControllerState.PASSIVE:
-        counted = (
-            f"{watch.tx_errors} transmit and {watch.rx_errors} receive errors counted"
+        text = (
+            f"{watch.tx_errors} transmit and "
+            f"{counted(watch.rx_errors or 0, 'receive error')} counted"
             if watch.tx_errors is not None
             else watch.error_text
         )
-        found.append(fault("error_passive", name, counted))
+        found.append(fault("error_passive", name, text))
     return found

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from dbc.finding import Finding
+from dbc.words import counted
 
 from ..bench.config import RecorderConfig
 from ..control.messages import Alarm, DiskStatus, QueueStatus, Status, StorageStatus
@@ -32,7 +33,8 @@ def host_symptoms(
     """Return the symptoms of the recorder itself."""
     found = _not_recording(storage)
     if disk.failed:
-        held = f"; {disk.held_frames} frames are held in memory" if disk.held_frames else ""
+        frames = counted(disk.held_frames, "frame is", "frames are")
+        held = f"; {frames} held in memory" if disk.held_frames else ""
         found.append(fault("journal_failed", "", f"{disk.failed}{held}"))
     if disk.warning:
         found.append(fault("journal_warning", "", disk.warning))

@@ -13,6 +13,7 @@ from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.layout import MessageLayout
 from dbc.samples import Decoded, Quality
+from dbc.words import counted
 
 from ..samples.health import HealthState
 from .inputs import Count, Key, fault
@@ -124,7 +125,7 @@ def advance_messages(
         known[layout.name] = _seen(known.get(layout.name), layout, bus, frames, now_s)
         if length != layout.length:
             earlier = counts.get(("wrong_length", layout.name), Count(0)).number
-            lengths = f"{length} bytes; the DBC says {layout.length}"
+            lengths = f"{counted(length, 'byte')}; the DBC says {layout.length}"
             counts["wrong_length", layout.name] = Count(earlier + frames, lengths)
     for key, stranger in watch.strangers.items():
         if now_s - stranger.seen_s > _FORGET_S and strangers[key] is stranger:
@@ -276,7 +277,7 @@ def _stranger_symptoms(
         shown = ", ".join(f"{_id_text(k)} ({e.rate_hz:.0f} Hz)" for k, e in on_bus[:_SHOWN_IDS])
         more = f" and {len(on_bus) - _SHOWN_IDS} more" if len(on_bus) > _SHOWN_IDS else ""
         name = names[bus] if bus < len(names) else str(bus)
-        what = "1 identifier is" if len(on_bus) == 1 else f"{len(on_bus)} identifiers are"
+        what = counted(len(on_bus), "identifier is", "identifiers are")
         text = f"{what} not in the DBC: {shown}{more}"
         found.append(fault("unknown_id", name, text))
     return found

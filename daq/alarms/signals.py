@@ -11,6 +11,7 @@ import numpy as np
 
 from dbc.finding import Finding
 from dbc.samples import UNUSABLE, Decoded, Quality, Samples
+from dbc.words import counted
 
 from ..channels import LARGEST, Quantity
 from ..samples.converter import is_fine, is_stuck
@@ -183,7 +184,8 @@ def signal_symptoms(watch: SignalsWatch) -> list[Finding]:
         still_s = (each.until_ns - each.since_ns) * 1e-9
         if not is_stuck(each.samples):
             continue
-        observation = f"{each.samples} samples in a row are {each.value:.6g}"
+        samples = counted(each.samples, "sample is", "samples in a row are")
+        observation = f"{samples} {each.value:.6g}"
         if each.moving >= _STUCK_MOVING_TURNS:
             found.append(fault("stuck", name, f"{observation} while others move"))
         elif watch.limits[name].is_fine and still_s >= _STUCK_S:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
+from dbc.words import counted
 
 
 class ErrorClass(IntFlag):
@@ -138,7 +139,7 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
     classes = ErrorClass(can_id & 0x1FFFFFFF & sum(ErrorClass))
     arbitration, controller, violation, location, wires, _, tx, rx = data[:8].ljust(8, b"\0")
     controller *= ErrorClass.CONTROLLER in classes
-    counted = ErrorClass.COUNTERS in classes or bool(
+    is_counted = ErrorClass.COUNTERS in classes or bool(
         classes & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF) and (tx or rx)
     )
     details = {
@@ -152,13 +153,13 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
         for bit, text in _CLASSES.items()
         if bit in classes
     ]
-    if counted:
-        parts.append(f"{tx} transmit and {rx} receive errors counted")
+    if is_counted:
+        parts.append(f"{tx} transmit and {counted(rx, 'receive error')} counted")
     return ErrorFrame(
         classes,
-        _state(classes, controller, max(tx, rx) if counted else None),
-        tx if counted else None,
-        rx if counted else None,
+        _state(classes, controller, max(tx, rx) if is_counted else None),
+        tx if is_counted else None,
+        rx if is_counted else None,
         bool(controller & _RX_OVERFLOW),
         ", ".join(parts) or "unknown error",
     )
@@ -192,11 +193,11 @@ def tally_error_frames(frames: FrameBatch) -> ErrorTally:
     controller = np.where(classes & ErrorClass.CONTROLLER, frames.data[:, 1], 0)
     off = (classes & ErrorClass.BUS_OFF) != 0
     changed = (classes & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF)) != 0
-    counted = (classes & ErrorClass.COUNTERS) != 0
-    counted |= changed & (frames.data[:, 6:8].any(axis=1))
+    is_counted = (classes & ErrorClass.COUNTERS) != 0
+    is_counted |= changed & (frames.data[:, 6:8].any(axis=1))
     named = (controller & sum(_STATES)) != 0
-    has_state = off | named | counted | ((classes & ErrorClass.RESTARTED) != 0)
-    state_row, counted_row = _last(has_state), _last(counted)
+    has_state = off | named | is_counted | ((classes & ErrorClass.RESTARTED) != 0)
+    state_row, counted_row = _last(has_state), _last(is_counted)
     with_state, numbers = (
         describe_error_frame(int(classes[row]), frames.data[row].tobytes())
         for row in (state_row, counted_row)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dbc.finding import Finding, Severity
 from dbc.layout import MessageLayout
 from dbc.samples import Decoded
+from dbc.words import counted
 
 from ..bench.config import BusConfig
 from .frame_checks import Arrivals, FrameTable, id_text
@@ -34,7 +35,7 @@ def check_traffic(
             bitrate = buses[min(bus, len(buses) - 1)].bitrate
             lines += _load_lines(name, table.seconds, frames, bits, bitrate)
     if decoded.counts.error_frames:
-        reason = f"{decoded.counts.error_frames} error frames"
+        reason = counted(decoded.counts.error_frames, "error frame")
         advice = "check termination (60 ohm between the wires), bit rate and plugs"
         lines += about("bus", [warn("error_frames", reason, advice)])
     if table.unknown:
@@ -50,7 +51,8 @@ def _load_lines(
         advice = "check the bus's plug, power and bit rate"
         return about(subject, [fail("silent", f"no frame in {seconds:.2f} s", advice)])
     load = bits / (bitrate * seconds) if seconds > 0 else 0.0
-    reason = f"{frames} frames in {seconds:.2f} s, about {100 * load:.0f} % of the bit rate"
+    many = counted(frames, "frame")
+    reason = f"{many} in {seconds:.2f} s, about {100 * load:.0f} % of the bit rate"
     heavy = load > _LOAD_WARN
     advice = "a full bus delays and loses frames: lower the rates or use two buses" if heavy else ""
     figures = {"frames": frames, "seconds": seconds, "load": load}
@@ -61,7 +63,7 @@ def _load_lines(
 def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]) -> Finding:
     shown = ", ".join(f"{id_text(a)} ({a.rate_hz:.0f} Hz)" for a in unknown[:_SHOWN_IDS])
     more = f" and {len(unknown) - _SHOWN_IDS} more" if len(unknown) > _SHOWN_IDS else ""
-    what = "1 identifier is" if len(unknown) == 1 else f"{len(unknown)} identifiers are"
+    what = counted(len(unknown), "identifier is", "identifiers are")
     reason = f"{what} not in the DBC: {shown}{more}"
     advice = "foreign devices, or the DBC of another bus"
     by_id = {m.can_id: m for m in messages}

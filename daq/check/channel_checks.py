@@ -18,6 +18,7 @@ from dbc.finding import Finding, Severity
 from dbc.layout import SignalLayout
 from dbc.samples import Decoded, Quality, Samples
 from dbc.units import G_M_S2, to_si
+from dbc.words import counted, plural
 
 from ..channels import ON_BODY, Channel, Quantity
 from ..samples.converter import is_fine, is_stuck
@@ -166,8 +167,9 @@ def _calibration_lines(channel: Channel, days: int, today: date) -> list[Finding
         reason = f"calibrated on {channel.calibrated}, which is in the future{which}"
         return [warn("calibration", reason, "correct calibrated, or the clock of this computer")]
     if age > days:
-        reason = f"calibrated on {channel.calibrated}, {age} days ago{which}"
-        return [warn("calibration", reason, f"have it calibrated; the limit is {days} days")]
+        reason = f"calibrated on {channel.calibrated}, {counted(age, 'day')} ago{which}"
+        advice = f"have it calibrated; the limit is {counted(days, 'day')}"
+        return [warn("calibration", reason, advice)]
     return []
 
 
@@ -186,18 +188,18 @@ def _validity_lines(
         count = int(np.sum((samples.quality & bit) != 0))
         if count:
             verdict = Severity.ERROR if count > n / 2 else Severity.WARNING
-            reason = f"{count} of {n} samples are unusable: {why}"
+            reason = f"{count} of {n} samples {plural(count, 'is', 'are')} unusable: {why}"
             found.append(judged("unusable", verdict, reason, "see its message"))
     usable = samples.usable
     odd = int(np.sum(usable & ~np.isfinite(value)))
     if odd:
-        reason = f"{odd} of {n} samples are not numbers"
+        reason = f"{odd} of {n} samples {plural(odd, 'is no number', 'are not numbers')}"
         found.append(fail("no_number", reason, "check the DBC's type"))
     outside = int(np.sum(usable & ((samples.quality & Quality.OUT_OF_RANGE) != 0)))
     if outside:
         verdict = Severity.ERROR if outside > n / 2 else Severity.WARNING
         limits = f"{signal.minimum:g} to {signal.maximum:g} {signal.unit}"
-        reason = f"{outside} of {n} samples are outside {limits}"
+        reason = f"{outside} of {n} samples {plural(outside, 'is', 'are')} outside {limits}"
         advice = "check the sensor, or the range and factor in the DBC"
         found.append(judged("out_of_range", verdict, reason, advice))
     if not signal.is_float and signal.length > 1:
@@ -206,7 +208,10 @@ def _validity_lines(
         # Many unsigned signals are zero at rest, and a constant signal is reported elsewhere.
         if at_end and np.ptp(samples.value[usable]) > 0:
             verdict = Severity.ERROR if at_end > n / 100 else Severity.WARNING
-            reason = f"{at_end} of {n} samples are at the end of its range ({low:g} to {high:g})"
+            reason = (
+                f"{at_end} of {n} samples {plural(at_end, 'is', 'are')} at the end of its range "
+                f"({low:g} to {high:g})"
+            )
             advice = "it saturates, or reports that it has no value"
             found.append(judged("overload", verdict, reason, advice))
     return found

@@ -15,6 +15,7 @@ import numpy as np
 from dbc import Codec
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
+from dbc.words import plural
 
 from ..bench.config import Bench
 from ..bench.message_rules import SampleSet
@@ -141,7 +142,7 @@ def _set_lines(sample_set: SampleSet, group: SampleGroup) -> list[Finding]:
     figures = {"samples": n, "incomplete": missing, "rate_hz": rate}
     if missing > _INCOMPLETE_SHARE * n + 2:  # the first and the last set may be incomplete
         verdict = Severity.ERROR if missing > n / 2 else Severity.WARNING
-        reason = f"{missing} of {n} samples lack a frame"
+        reason = f"{missing} of {n} samples {plural(missing, 'lacks', 'lack')} a frame"
         advice = f"are {', '.join(sample_set.messages)} sent at one rate, in one burst?"
         return about(subject, [judged("sample_set", verdict, reason, advice)], figures)
     reason = f"{n} samples at {rate:.1f} Hz"

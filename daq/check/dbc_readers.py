@@ -5,6 +5,7 @@ from __future__ import annotations
 from dbc import Codec
 from dbc.finding import Finding, Severity
 from dbc.witness.second_reader import Witness, WitnessReport
+from dbc.words import counted
 
 from ..bench.config import Bench
 from ..bench.databases import database_codec, database_text, stored_databases
@@ -69,5 +70,5 @@ def reader_lines(reading: WitnessReport) -> list[Finding]:
         ]
     if not reading.compared:
         return []
-    reason = f"our reader and cantools read its {reading.compared} messages in use alike"
+    reason = f"our reader and cantools read its {counted(reading.compared, 'message')} in use alike"
     return [Finding("readers", Severity.NOTE, reason, "DBC")]

@@ -15,6 +15,7 @@ from pathlib import PurePath
 from dbc.codec import Codec
 from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout
+from dbc.words import counted, plural
 
 from ..bench.databases import Database, database_codec, file_and_bus
 from ..bench.sensors import Sensor
@@ -65,9 +66,12 @@ def find_sensors(
     claimed: set[tuple[int, int, bool]] = set()
     for (name, bus), keys in own.items():
         claimed |= keys
-        ask = f"is it this bus of the file? {len(keys)} messages of another one also come"
+        many = "messages of another one also come"
+        also = counted(len(keys), "message of another one also comes", many)
+        ask = f"is it this bus of the file? {also}"
         surely = not any(b == bus and _one_file(n, name) for n, b in own)
-        why = f"{len(keys)} of its messages come there" if surely else ask
+        come = plural(len(keys), "comes", "come")
+        why = f"{len(keys)} of its messages {come} there" if surely else ask
         present.append((name, bus, 0, why, surely))
     for name, codec in codecs.items():
         for bus, offset in _offsets(codec.messages, traffic, claimed):

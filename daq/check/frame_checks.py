@@ -14,6 +14,7 @@ from dbc.frames import FrameBatch, FrameFlag
 from dbc.identifiers import Identifiers
 from dbc.layout import MessageLayout
 from dbc.samples import Decoded, Quality
+from dbc.words import counted, plural
 
 from ..bench.message_rules import CORRECT_MESSAGE
 from ..bus.wire_bits import wire_bits
@@ -256,7 +257,8 @@ def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded
     n, bad = len(quality), int(np.sum((quality & Quality.CRC_BAD) != 0))
     if not bad:
         return []
-    reason = f"{bad} of {n} frames have a wrong checksum ({message.crc_rule})"
+    have = plural(bad, "has", "have")
+    reason = f"{bad} of {n} frames {have} a wrong checksum ({message.crc_rule})"
     others = fitting_rules(arrivals, message.signal(message.crc).first_byte, message.length)
     if others:
         return [fail("checksum", reason, f"state crc_rule = {others[0]!r}, which matches")]
@@ -296,7 +298,10 @@ def _counter_lines(
         return [fail("counter", reason, "correct counter_modulus")]
     if counter.missing:
         verdict = Severity.ERROR if counter.missing > _LOST_FAIL * n else Severity.WARNING
-        reason = f"{counter.missing} frames are missing according to the counter {name} (of {n})"
+        reason = (
+            f"{counted(counter.missing, 'frame is', 'frames are')} missing "
+            f"according to the counter {name} (of {n})"
+        )
         advice = "frames are lost on the way, or the counter counts something else"
         found.append(judged("counter", verdict, reason, advice))
     if counter.restarts:

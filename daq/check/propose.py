@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from dbc.errors import printable
 from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout
+from dbc.words import counted
 
 from ..bench.config import BusConfig
 from ..bench.databases import Database
@@ -153,7 +154,8 @@ def _pushed(
     }
     pushes, number = find_pushes({n: trace for n, trace in traces.items() if n in moved})
     if pushes is None:
-        line = f"{number} pushes were found instead of one on each of four corners: repeat them"
+        were = counted(number, "push was", "pushes were")
+        line = f"{were} found instead of one on each of four corners: repeat them"
         return None, [Question(line)]
     return Push(pushes, traces), []
 

@@ -33,6 +33,8 @@ def group_readable() -> Iterator[None]:
 def lone_recorder(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, which is created if it does not exist.
 
+    If nothing else was made in the folder, a lock file that was not there before is removed at the
+    end, and so is a folder that was not: of a recorder that finds no bus, nothing is left.
     Meanwhile files and folders are made as by `group_readable`.
 
     Raises FolderLockedError, with the number of the process, if another process holds the lock.
@@ -44,8 +46,10 @@ def lone_recorder(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _held(folder: Path, holder: Path) -> Iterator[None]:
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        before = _names(folder)
         lock = FileLock(folder / _LOCK, timeout=0)
         lock.acquire()
     except Timeout as error:
@@ -64,11 +68,22 @@ def _held(folder: Path, holder: Path) -> Iterator[None]:
     finally:
         with suppress(OSError):
             holder.unlink(missing_ok=True)
+        with suppress(OSError):
+            if _names(folder) - before == {_LOCK}:
+                (folder / _LOCK).unlink()  # still held: the file of no other recorder
+                for each in made:
+                    each.rmdir()
         lock.release()
+
+
+def _names(folder: Path) -> set[str]:
+    return {each.name for each in folder.iterdir()}
 
 
 def is_locked(folder: Path) -> bool:
     """Return whether a process holds the lock of a folder."""
+    if not (folder / _LOCK).exists():  # else it would be made here
+        return False
     lock = FileLock(folder / _LOCK, timeout=0)
     try:
         lock.acquire()
@@ -82,7 +97,7 @@ def is_locked(folder: Path) -> bool:
 
 def unreachable_words(folder: Path) -> str:
     """Return a text that the recorder of a folder cannot be reached; empty if none runs."""
-    if not (folder / _LOCK).exists() or not is_locked(folder):
+    if not is_locked(folder):
         return ""
     return f"a recorder ({_holder_of(folder / _HOLDER)}) writes there, but does not answer here"
 

@@ -6,6 +6,8 @@ import os
 
 from sdnotify import SystemdNotifier
 
+from dbc.words import counted
+
 from .heartbeat import Heartbeats, standstill
 from .messages import BusState, Status
 
@@ -71,11 +73,11 @@ def status_line(status: Status) -> str:
     free = status.disk.free_bytes
     room = f"{free / 1e9:.0f} GB" if free >= 1e9 else f"{free / 1e6:.0f} MB"
     parts = [
-        f"{healthy}/{len(status.buses)} buses",
+        f"{healthy}/{counted(len(status.buses), 'bus', 'buses')}",
         f"{rate:,.0f} frames/s",
         f"lag {status.disk.lag_s * 1e3:.0f} ms",
         f"{room} free",
     ]
     if status.losses.measured:
-        parts.append(f"{status.losses.measured:,} frames lost")
+        parts.append(f"{counted(status.losses.measured, 'frame')} lost")
     return ", ".join(parts)

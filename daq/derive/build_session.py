@@ -23,6 +23,7 @@ from typing import TextIO
 from dbc.frames import FrameBatch
 
 from ..bench.config import Bench, bench_codec, parse_bench
+from ..control.lock import is_locked
 from ..errors import BumpbenchError, InputError, printable
 from ..files import rewritten, sync_file
 from ..garbage import loaded_is_kept
@@ -48,6 +49,7 @@ from .grown import (
     load_grown,
     note_grown,
 )
+from .only_builder import only_builder
 from .replaceable import refuse_less
 
 NICENESS = 10
@@ -80,9 +82,18 @@ def derive(
     `replacing`: False to refuse to replace one that has more than is left in the journal, and any
     other file.  `growing`: True to keep the measured runs for the next call, until the recording
     has ended; then segments that report to be complete are trusted, and only those of new runs are
-    read.  The session file is the same, byte for byte.  Raises InputError if the segments cannot be
-    read or do not belong together, or the file cannot be written.
+    read.  The session file is the same, byte for byte.  Waits for another process that builds in
+    the same folder.  Raises InputError if the segments cannot be read or do not belong together, or
+    the file cannot be written.
     """
+    with only_builder(target.parent):
+        derived = _derive(segments, target, growing=growing, replacing=replacing)
+        if not growing and not is_locked(target.parent):
+            forget_grown(target, file=True)  # of a recorder that was killed
+    return derived
+
+
+def _derive(segments: Sequence[Path], target: Path, *, growing: bool, replacing: bool) -> Derived:
     infos = scanned(segments)
     recording = state_of(infos)
     run_log = fold(recording.events)

@@ -17,6 +17,7 @@ from dbc.errors import printable
 from dbc.frames import FrameBatch
 from dbc.samples import Quality
 from dbc.units import to_si
+from dbc.words import counted
 
 from ..bench.campaign import Step
 from ..bench.channel_map import ChannelMap, Clock, GivenRun
@@ -108,7 +109,10 @@ def _times(
         advice = "state column or rate_hz in [time], or time_column or rate_hz of the channel"
         raise InputError(f"channel {channel.name}", what, advice)
     if len(time_s) != n:
-        what = f"has {n} values, and its clock {printable(name, 100)} {len(time_s)} times"
+        what = (
+            f"has {counted(n, 'value')}, and its clock {printable(name, 100)} "
+            f"{counted(len(time_s), 'time')}"
+        )
         raise InputError(f"channel {channel.name}", what, "name the column of its times")
     return f"{column.clock} {name}" if clock.rate_hz else name, time_s, zero_ns
 
@@ -242,7 +246,7 @@ def given_run(channel_map: ChannelMap, found: Recording, given: GivenRun) -> Run
 
 def _shortcomings(name: str, time_s: NDArray[np.float64], length_s: float) -> list[str]:
     if len(time_s) < 2:
-        return [f"{name} has {len(time_s)} samples"]
+        return [f"{name} has {counted(len(time_s), 'sample')}"]
     edge_s = EDGE_S + 2.0 * float(np.median(np.diff(time_s)))
     if time_s[0] <= edge_s and time_s[-1] >= length_s - edge_s:
         return []

@@ -20,6 +20,7 @@ from ..journal.scan import SegmentInfo
 from ..runlog.runlog import LoggedRun
 from ..runs import RunOutline
 from .build_samples import NOT_OF_A_RUN
+from .only_builder import only_builder
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +109,16 @@ def forget_grown(target: Path, *, file: bool = False) -> None:
 def forget_others(folder: Path, kept: Collection[Path]) -> None:
     """Delete the growing files in a folder except those of some session files.
 
-    A killed recorder leaves one if its campaign is not resumed.
+    A killed recorder leaves one if its campaign is not resumed.  While its builder still runs,
+    nothing is deleted.
     """
-    names = {growing_path(target).name for target in kept}
-    for path in folder.glob(".session_*.h5.growing*"):
-        if path.name.removesuffix(".json") not in names:
-            with suppress(OSError):
-                path.unlink()
+    growing = [growing_path(target) for target in kept]
+    names = {path.name for file in growing for path in (file, _note(file))}
+    with only_builder(folder, wait=False) as alone:
+        for path in folder.glob("*.session_*.h5.growing*") if alone else ():
+            if path.name not in names:
+                with suppress(OSError):
+                    path.unlink()
 
 
 def _note(growing: Path) -> Path:

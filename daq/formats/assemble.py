@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, FrameFlag
+from dbc.words import counted
 
 from .losses import Ledger
 
@@ -37,7 +38,10 @@ def count_impossible_ids(
         first = wrong[0]
         bits, when = 29 if long[first] else 11, np.datetime64(int(t_ns[first]), "ns")
         what = f"0x{int(can_id[first]):X} with {bits} bits at {when}Z"
-        note = f"{len(wrong)} frames have an impossible identifier, the first {what}"
+        note = (
+            f"{counted(len(wrong), 'frame has', 'frames have')} an impossible "
+            f"identifier, the first {what}"
+        )
         ledger.garbled(len(wrong), note)
     return fits
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
+from dbc.words import counted
 
 from .assemble import count_impossible_ids, flags_of, good_frames
 from .losses import Ledger
@@ -94,7 +95,9 @@ def find_objects(data: bytes, ledger: Ledger) -> tuple[Index, int]:
         lost += len(data) - used - 32
         used = len(data) - 32
     if lost:
-        ledger.cut(lost, f"{lost} bytes between objects are not objects")
+        many = "bytes between objects are not objects"
+        note = counted(lost, "byte between objects is no object", many)
+        ledger.cut(lost, note)
     return at[whole], used
 
 
@@ -152,7 +155,9 @@ def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBat
         batches.append(good_frames(fits, t_ns[rows], can_id, flags, bus, length, payload))
         places.append(rows[fits])
         if torn:
-            ledger.garbled(torn, f"{torn} objects of type {kinds[0]} are not frames")
+            of = f"of type {kinds[0]}"
+            many = f"objects {of} are not frames"
+            ledger.garbled(torn, counted(torn, f"object {of} is not a frame", many))
     frames = FrameBatch.concatenate(batches)
     if len(batches) > 1:
         frames = frames.select(np.argsort(np.concatenate(places)))

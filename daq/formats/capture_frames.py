@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
+from dbc.words import counted
 
 from .assemble import count_impossible_ids, flags_of, good_frames
 from .losses import Ledger
@@ -117,7 +118,8 @@ class FrameCutter:
         can_id = word & 0x1FFF_FFFF
         good = (size >= 8 + np.where(remote, 0, length)) & (length <= np.where(fd, 64, 8))
         if bad := len(good) - int(good.sum()):
-            self._ledger.garbled(bad, f"{bad} packets are not CAN frames")
+            note = counted(bad, "packet is not a CAN frame", "packets are not CAN frames")
+            self._ledger.garbled(bad, note)
         good &= count_impossible_ids(can_id, extended | error, t_ns, good, self._ledger)
         shown = np.where(good & ~remote, length, 0)
         width = 8 if shown.max(initial=0) <= 8 else 64

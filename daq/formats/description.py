@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from dbc.frames import FrameBatch
+from dbc.words import counted
 
 from ..channels import Channel
 from ..errors import InputError
@@ -239,7 +240,9 @@ def _group(run: RunDescription, about: GroupDescription, columns: Columns) -> Sa
     time_s, t_ns, values = columns
     n = len(time_s)
     if n != about.samples or n > _MAX_SAMPLES:
-        raise ValueError(f"{run.label}/{about.name} has {n} samples, not {about.samples}")
+        raise ValueError(
+            f"{run.label}/{about.name} has {counted(n, 'sample')}, not {about.samples}"
+        )
     if not np.isfinite(time_s).all() or not (np.diff(time_s) > 0.0).all():
         raise ValueError(f"the times of {run.label}/{about.name} do not increase")
     quality = np.zeros(n, np.uint8)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from dbc.frames import FrameBatch, read_only
+from dbc.words import counted
 
 from ..bench.config import bench_codec, parse_bench
 from ..errors import InputError
@@ -69,7 +70,7 @@ def _part(whole: FrameBatch, span: FrameSpan | None, path: Path) -> FrameBatch:
     if span is None:
         return FrameBatch.empty()
     if not 0 <= span.first <= span.first + span.count <= len(whole) or not span.count:
-        what = f"has {len(whole)} frames; its description is of another log"
+        what = f"has {counted(len(whole), 'frame')}; its description is of another log"
         raise InputError(str(path), what, "import it as a log, with its bench.toml")
     run_frames = whole.select(slice(span.first, span.first + span.count))
     off_ns = span.t_ns - int(run_frames.t_ns[0])

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dbc.errors import InputError
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
+from dbc.words import counted
 
 from .assemble import count_impossible_ids, good_frames, interleaved
 from .losses import Ledger
@@ -108,7 +109,8 @@ def _frames(
     t_ns, timed = _stamps(block, start_ns)
     good = block.found & timed & (length >= 0) & (length <= np.where(fd, 64, 8))
     if bad := n - int(good.sum()):
-        ledger.garbled(bad, f"{bad} records of {group.kind} are not frames")
+        many = f"records of {group.kind} are not frames"
+        ledger.garbled(bad, counted(bad, f"record of {group.kind} is not a frame", many))
     long = flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
     good &= count_impossible_ids(can_id, long, t_ns, good, ledger)
     shown = np.where(remote, 0, length)

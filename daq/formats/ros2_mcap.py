@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dbc.errors import InputError
 from dbc.frames import FrameBatch
+from dbc.words import counted
 
 from .assemble import count_impossible_ids, flags_of, good_frames, interleaved
 from .losses import Ledger
@@ -32,6 +33,7 @@ _SPAN = struct.Struct("<QQQL")
 _STAMP_BYTES = 16
 """Number of bytes before the name of the frame of reference: encapsulation, time, length of the
 name."""
+_NOT_FRAMES = "message is not a CAN frame", "messages are not CAN frames"
 _TAIL_BYTES = {CLASSIC: 16, FLEXIBLE: 12}
 """Number of bytes from the identifier, without the payload of an FD frame."""
 
@@ -188,7 +190,7 @@ def _frames(
     # CDR aligns a number to its size, counted from the end of the four-byte encapsulation.
     at = _STAMP_BYTES + name_bytes + -name_bytes % 4
     if at + _TAIL_BYTES[kind] > size:
-        ledger.garbled(n, f"{n} messages are not CAN frames")
+        ledger.garbled(n, counted(n, *_NOT_FRAMES))
         return FrameBatch.empty(), np.zeros(n, bool)
     rows = text[start[:, None] + np.arange(at + _TAIL_BYTES[kind])]
     good = rows[:, 1] & 1 == 1  # little-endian
@@ -212,7 +214,7 @@ def _frames(
     shown = np.where(remote, 0, length)
     data[np.arange(data.shape[1]) >= shown[:, None]] = 0
     if bad := n - int(good.sum()):
-        ledger.garbled(bad, f"{bad} messages are not CAN frames")
+        ledger.garbled(bad, counted(bad, *_NOT_FRAMES))
     good &= count_impossible_ids(can_id, extended | error, t_ns, good, ledger)
     flags = flags_of(n, extended=extended, remote=remote, error=error, fd=fd)
     return good_frames(good, t_ns, can_id, flags, np.full(n, bus), length, data), good

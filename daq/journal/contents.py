@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, freeze_arrays
+from dbc.words import counted
 
 from ..bus.source import HopLosses
 from ..runs import Event
@@ -54,7 +55,8 @@ class JournalLoss:
     def text(self) -> str:
         """The notes on one line, only the first if there are many; empty if there are none."""
         more = len(self.notes) - _NOTES
-        return "; ".join((*self.notes[:_NOTES], *((f"{more} more notes",) if more > 0 else ())))
+        rest = (counted(more, "more note"),) if more > 0 else ()
+        return "; ".join((*self.notes[:_NOTES], *rest))
 
 
 @dataclass(frozen=True, slots=True)

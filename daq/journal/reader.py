@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
+from dbc.words import counted, plural
 
 from ..bus.source import HopLosses
 from ..errors import InputError
@@ -157,12 +158,12 @@ class JournalReader:
         for name, first, stop in self._missing:
             missing = stop - first - overlap(first, stop, gaps)
             if missing > 0:
-                note = f"{name}: {missing} blocks missing before it"
+                note = f"{name}: {counted(missing, 'block')} missing before it"
                 lost = _plus(lost, JournalLoss(blocks_missing=missing, notes=(note,)))
         for code, gap in self._gaps:
             text = f"{gap.file}: {gap.frames}" if gap.file else f"{gap.frames}"
             dropped = 0 if code == RETENTION else gap.frames
-            note = f"{text} frames {_GAP_TEXTS[code]}"
+            note = f"{text} {plural(gap.frames, 'frame')} {_GAP_TEXTS[code]}"
             lost = _plus(lost, JournalLoss(frames_dropped=dropped, notes=(note,)))
         return lost
 
@@ -223,7 +224,7 @@ class JournalReader:
             note = f"{path.name}: not closed"
             self._lost = _plus(self._lost, JournalLoss(segments_unclosed=1, notes=(note,)))
             if cut := segment.bytes_cut:
-                note = f"{path.name}: last {cut} bytes {segment.file.why_stopped}"
+                note = f"{path.name}: last {counted(cut, 'byte')} {segment.file.why_stopped}"
                 self._open.append(JournalLoss(bytes_cut=cut, notes=(note,)))
 
     def _settle(self) -> None:

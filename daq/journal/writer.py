@@ -19,6 +19,7 @@ from typing import Self
 
 from dbc.errors import BumpbenchError
 from dbc.frames import FrameBatch
+from dbc.words import counted
 
 from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses
@@ -345,7 +346,7 @@ class JournalWriter:
             self._retention.forget(path)
         frames = sum(gap.frames for gap in gone.values())
         self._recorded -= frames
-        self._warn(f"{text}: {frames} recorded frames are lost")
+        self._warn(f"{text}: {counted(frames, 'recorded frame is', 'recorded frames are')} lost")
         gaps = [gap_event(FILE_GONE, self._t_ns, gap) for gap in gone.values()]
         if self._open_next() and gaps:
             self.append_events(gaps)

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from dbc.words import counted
+
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..clocks import Now
 from ..errors import BumpbenchError
@@ -77,7 +79,8 @@ class OpenRecording:
             self.recording.cut(why)
         if not self.writer.begin(_head(bench, self.head.software, now, campaign=campaign)):
             disk = self.writer.status
-            why_not = f"the disk refuses ({disk.failed}): {disk.held_frames} frames wait in memory"
+            wait = counted(disk.held_frames, "frame waits", "frames wait")
+            why_not = f"the disk refuses ({disk.failed}): {wait} in memory"
             raise OrderError(f"{why_not}; make room first")
         self.writer.limits = bench.recorder
         head, ledger = self.writer.head, self.writer.ledger

@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from dbc.frames import FrameBatch
+from dbc.words import counted, plural
 
 from ..bench.config import Bench, bench_codec
 from ..bus.link import Link, OpenSource
@@ -300,7 +301,8 @@ class Recorder:
             self._begun = found
         else:
             tail, bench = found
-            self._begun = f"it was interrupted, and continues after {tail.frames:,} frames"
+            frames = plural(tail.frames, "frame")
+            self._begun = f"it was interrupted, and continues after {tail.frames:,} {frames}"
             STEADY_CLOCK.begin(tail.t_ns)
             opened = self._open_journal(bench, now, tail)
             forget_others(self._folder, [opened.session])
@@ -389,6 +391,9 @@ class Recorder:
         writer = self._opened.writer
         writer.close(ended=not self._opened.campaign)
         if held := writer.status.held_frames:
-            _log.error("%d frames were in memory, and the disk did not take them", held)
+            were = counted(held, "frame was", "frames were")
+            _log.error(
+                "%s in memory, and the disk did not take %s", were, plural(held, "it", "them")
+            )
         self._derivation.poll()
         self._publish(publish)

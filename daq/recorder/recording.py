@@ -37,7 +37,7 @@ from .frame_store import FrameStore
 from .judging import UNJUDGED, Judge
 from .live import LiveRing
 from .orders import OrderError, checked_arm, order_event
-from .proposal import left_out_event, proposed
+from .proposal import Compared, compared, left_out_event, proposed
 from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings
 from .status import Counts, Host, State, build_status, counts_of
@@ -86,7 +86,7 @@ class Recording:
         self._judge = Judge(bench, codec, self.measures)
         self._trigger = trigger.TriggerState()
         self._counted: tuple[RunLog, Counts] | None = None
-        self._compared: tuple[tuple[RunLog, int], tuple[LeftOut, ...]] | None = None
+        self._compared: tuple[tuple[RunLog | None, int], Compared] = (None, 0), {}
         self._alarms = reconfigured(self._alarms)
         # It is complete if it was killed after the last run, or now plans fewer runs.
         self._loop = run_loop.decided(self._loop, self._surroundings(self._t_ns))
@@ -261,9 +261,10 @@ class Recording:
     def _proposed(self) -> tuple[LeftOut, ...]:
         # After a restart the measures arrive later than the runs.
         known = self._run_log, len(self.measures)
-        if self._compared is None or self._compared[0] != known:
-            self._compared = known, proposed(self._bench, self._run_log, self.measures)
-        return self._compared[1]
+        if self._compared[0] != known:
+            before = self._compared[1]
+            self._compared = known, compared(self._bench, self._run_log, self.measures, before)
+        return proposed(self._compared[1])
 
     def _configured(self, text: str) -> Bench:
         if self.running:

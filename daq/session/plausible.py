@@ -11,6 +11,7 @@ import numpy as np
 from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.samples import UNUSABLE
+from dbc.words import counted
 
 from ..channels import SI_UNITS, Channel, Quantity
 from ..runs import Run, RunStatus, SampleGroup
@@ -119,8 +120,9 @@ def _samples(
             yield warning(where, f"time and t_ns are up to {apart_s:.3g} s apart")
     usable = (group.quality & UNUSABLE) == 0
     for name, values in group.values.items():
-        if np.any(np.isinf(values)):
-            yield error(f"{where}/{name}", f"{np.isinf(values).sum()} values are infinite")
+        if endless := int(np.isinf(values).sum()):
+            what = counted(endless, "value is infinite", "values are infinite")
+            yield error(f"{where}/{name}", what)
         largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
         limit = _LARGEST.get(channels[name].quantity, np.inf)
         if largest > limit:

@@ -11,6 +11,7 @@ from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..channels import TIME_DERIVATIVE, Quantity
 from . import motion, traffic
+from .frozen import frozen
 from .pattern import mirrored, patterns, struck, wrong_mode
 from .repeats import levels, not_repeatable, roughness, waves
 from .strikes import Pattern
@@ -22,6 +23,7 @@ _CHECKS = (
     traffic.stale,
     traffic.lost_frames,
     traffic.overload,
+    frozen,
     motion.not_at_rest,
     motion.too_weak,
     motion.double_bump,

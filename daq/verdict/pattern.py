@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +25,6 @@ ones through body and anti-roll bars, and the struck ones differ by a third at m
 MIRRORED = 1.25
 """Ratio of the likeness to the other side or axle to that of the one due, from which it is the
 other."""
-_FROZEN = "check these sensors, then the wheels before the boards, and bump again"
 _AXLES_S = 2.5
 """Time from the front axle until the rear axle has met a board at walking pace, s."""
 
@@ -80,8 +78,7 @@ def _of_wheels(bench: Bench, four: tuple[Trace, ...], by: str, quick: bool) -> P
     best = max(like, key=lambda wheels: like[wheels])
     kind = next((kind.words for kind in kinds_of(best, planned)), "no kind of bump")
     words = f"{kind}: {in_words(best)}"
-    frozen = tuple(trace.channel.name for trace in four if not np.ptp(trace.value))
-    return Pattern(shares_of(size), likeness_of(like, planned), words, by, PURITY, like, frozen)
+    return Pattern(shares_of(size), likeness_of(like, planned), words, by, PURITY, like)
 
 
 def struck(due: Excitation, found: Pattern) -> Wheels | None:
@@ -116,9 +113,4 @@ def wrong_mode(due: Excitation, found: Pattern) -> Iterator[Finding]:
         f"looks like {found.words}, not {due.words} ({like:.0%} {due.words}, at least {limit:.0%}; "
         f"by the {found.by}: {shares})"
     )
-    failed = finding("wrong_mode", False, like, limit, "", text)
-    if found.frozen:  # its wheel only seems to be at rest
-        names, shows = ", ".join(found.frozen), "shows" if len(found.frozen) == 1 else "show"
-        text = f"{names} {shows} one value all the time, and so the bump {text}"
-        failed = replace(failed, text=text, advice=_FROZEN)
-    yield failed
+    yield finding("wrong_mode", False, like, limit, "", text)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dbc.finding import Finding
 from dbc.frames import read_only
+from dbc.words import counted
 
 from ..channels import Quantity
 from .window import RunMeasure, Trace, kin
@@ -93,7 +94,8 @@ def not_repeatable(
         same = [_repeats(signals, measured, other) for other in accepted]
         like = sum(same) + sum(_repeats(signals, measured, other) for other in unlike)
         if like >= len(same) - sum(same):
-            text = f"like {like} of {len(accepted) + len(unlike)} runs, but not the accepted ones"
+            runs = counted(len(accepted) + len(unlike), "run")
+            text = f"like {like} of {runs}, but not the accepted ones"
             found = [finding("not_repeatable", True, like, len(same) - sum(same), "", text)]
     yield from found
 

@@ -60,8 +60,6 @@ class Pattern(NamedTuple):
     """Least likeness to the kind that is due."""
     strikes: Mapping[Wheels, float] = MappingProxyType({})
     """Likeness to a strike of these wheels, 0..1."""
-    frozen: tuple[str, ...] = ()
-    """Names of the channels among them that show one value in the whole run."""
 
 
 def in_words(wheels: Wheels) -> str:

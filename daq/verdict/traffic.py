@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.finding import Finding
+from dbc.words import counted, plural
 
 from ..bench.config import Bench
 from ..channels import Channel, Quantity
@@ -42,13 +43,14 @@ def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterat
     gap_s, limit_s = silence[worst].length_s, silence[worst].limit_s
     silent = [name for name, found in silence.items() if found.is_stale]
     if not silent:
-        text = f"all {len(silence)} messages came; longest silence {gap_s * 1e3:.0f} ms ({worst})"
+        who = f"all {len(silence)} messages" if len(silence) > 1 else "the one message"
+        text = f"{who} came; longest silence {gap_s * 1e3:.0f} ms ({worst})"
         yield finding("stale", True, gap_s, limit_s, "s", text)
         return
     who = ", ".join(silent)
     if len(silent) == len(silence) > 1:
         who = f"all {len(silence)} messages"
-    were = "was" if len(silent) == 1 else "were"
+    were = plural(len(silent), "was", "were")
     came = _silences(bench, window, {name: _came(name, bench, window) for name in silent})
     mute = not any(found.is_stale for found in came.values())
     what = "without a usable value" if mute else "silent"
@@ -112,7 +114,7 @@ def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     lost = window.losses.measured
     came = sum(len(t_ns) for t_ns in _messages(bench.channels, window).values())
     share = lost / max(lost + came, 1)
-    text = f"{lost} frames lost or unusable, {share:.1%} (limit {LOST_SHARE:.0%})"
+    text = f"{counted(lost, 'frame')} lost or unusable, {share:.1%} (limit {LOST_SHARE:.0%})"
     gap_s, limit_s, name = _early_gap(window, signals)
     if gap_s > limit_s and share <= LOST_SHARE:
         text = (
@@ -157,8 +159,8 @@ def overload(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Ite
     late = {name: times[times > free_s] for name, times in cut.items() if (times > free_s).any()}
     for name, times in late.items():
         text = (
-            f"{name} was at the end of its range in {len(times)} samples after the bump, the last "
-            f"at +{times[-1]:.2f} s"
+            f"{name} was at the end of its range in {counted(len(times), 'sample')} "
+            f"after the bump, the last at +{times[-1]:.2f} s"
         )
         yield finding("overload", False, len(times), 0.0, "", text, name)
     if not late:

@@ -40,6 +40,12 @@ WORDS: Mapping[str, Words] = MappingProxyType(
             "off, and the true motion was larger. On the bump itself this is harmless.",
             "use a lower bump or a sensor with a wider range",
         ),
+        "frozen": Words(
+            "sensor frozen",
+            "A sensor showed one value while the car moved. The identification leaves such a run "
+            'out. If it stays frozen, state quantity = "unused" for it in bench.toml.',
+            "switch the sensor off and on, check its linkage, then bump again",
+        ),
         "not_at_rest": Words(
             "not at rest before",
             "The car still moved when the bump came. The motion before mixes with the one after.",

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..extract import compile_reader
 from ..layout import MessageLayout, SignalLayout
+from ..words import counted
 
 ROUNDING = 1e-12
 """Largest difference of two values, relative to |raw * factor| + |offset|: a few float64
@@ -46,10 +47,10 @@ def message_differences(
     cantools (`child.answer`); None if it has no such message.
     """
     if theirs is None:
-        return [Difference(message.name, None, f"{message.length} bytes", "no such message")]
+        return [Difference(message.name, None, counted(message.length, "byte"), "no such message")]
     if theirs["length"] != message.length:
-        ours, other = f"{message.length} bytes", f"{theirs['length']} bytes"
-        return [Difference(message.name, None, ours, other)]
+        lengths = counted(message.length, "byte"), counted(theirs["length"], "byte")
+        return [Difference(message.name, None, *lengths)]
     signals: dict[str, Any] = theirs["signals"]
     found = [_signal_difference(message, s, payloads, signals.get(s.name)) for s in message.signals]
     own = {signal.name for signal in message.signals}

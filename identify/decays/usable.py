@@ -9,6 +9,7 @@ import numpy as np
 
 from daq.channels import Channel, Quantity
 from daq.runs import Run, RunStatus
+from daq.samples.hold import FROZEN_S
 from daq.sessions import Session
 from daq.silence import Silence, longest_silence
 
@@ -16,7 +17,7 @@ from .absurd import readable_session
 from .decay import Record, record_of
 from .onset import decay_start_s, is_still
 from .spikes import Spike, without_spikes
-from .stuck import FROZEN_S, Hold, frozen
+from .stuck import ChannelHold, frozen
 
 _LEAST_S = 0.2
 """Least length of a decay, s: two periods of the wheels.  Shorter ones of a car with friction are
@@ -66,7 +67,7 @@ def usable(session: Session) -> Usable:
     records = [
         record_of(run, session.channels) if run.is_accepted else None for run in session.runs
     ]
-    held: dict[str, list[Hold]] = {}
+    held: dict[str, list[ChannelHold]] = {}
     for hold in frozen([record for record in records if record and record.recordings]):
         held.setdefault(hold.run, []).append(hold)
     shown = [name for own in silences for name in own]
@@ -175,12 +176,12 @@ def _silent(silences: _Silences, usual: Sequence[str]) -> Iterator[str]:
         yield f"{', '.join(names)} sent nothing {span}"
 
 
-def _held(holds: Sequence[Hold], usual: Sequence[str]) -> Iterator[str]:
+def _held(holds: Sequence[ChannelHold], usual: Sequence[str]) -> Iterator[str]:
     """Yield a line for each time for which channels held their values."""
     together: dict[str, list[str]] = {}
     for hold in holds:
         if hold.channel not in usual:
-            together.setdefault(f"{hold.held_s:.2f} s", []).append(hold.channel)
+            together.setdefault(f"{hold.longest.held_s:.2f} s", []).append(hold.channel)
     for length, names in together.items():
         yield f"{', '.join(names)} held one value for {length} (limit {FROZEN_S:.2f} s)"
 

@@ -19,8 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from daq.median import median
 from dbc.errors import InputError
 from dbc.frames import freeze_arrays
+from dbc.words import counted
 
 _MIN_SAMPLES = 8
 """Fewer samples cannot show a damped sine and exclude anything else."""
@@ -109,7 +111,7 @@ def checked_records(
         if len(decay) < _MIN_SAMPLES:
             raise InputError(
                 _WHERE,
-                f"record {number} has {len(decay)} samples",
+                f"record {number} has {counted(len(decay), 'sample')}",
                 f"give at least {_MIN_SAMPLES}, better some periods of the slowest mode",
             )
         if not np.all(np.isfinite(decay)):
@@ -135,7 +137,7 @@ def noise_levels(decays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     for channel in range(decays[0].shape[1]):
         alone = [decay[:, channel : channel + 1] for decay in long]
         squares = np.linalg.eigvalsh(_products(alone, Delays(blocks, 1)), "U")
-        levels.append(max(np.median(squares), _NOISY**2 * squares[-1]) ** 0.5)
+        levels.append(max(median(squares), _NOISY**2 * squares[-1]) ** 0.5)
     return np.array(levels)
 
 

@@ -46,7 +46,7 @@ def even_blocks(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[
     lengths = np.array([len(decay) for decay in decays])
     n_channels = decays[0].shape[1]
     blocks = []
-    for length in np.unique(lengths):
+    for length in sorted(set(lengths.tolist())):
         runs = np.flatnonzero(lengths == length).tolist()
         blocks.append(
             Block(

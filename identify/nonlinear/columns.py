@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from .compiled import kernel
 from .forcing import linearise
-from .kernels import LOOSE, bends
+from .kernels import bends
 from .lanes import LANES, mean4, mean7, node_slopes, plus4, plus7, read4, read7, write4, write7
 
 STATE_ROWS, FORCING_ROWS = 29, 15
@@ -65,7 +66,7 @@ def _forced(q, v, z, e, node, forcing, j):
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", fastmath=LOOSE)
+@kernel
 def rk4(count, block, first, middle, last, f_first, f_middle, f_last, h, out):
     """Write a block of columns one step later, and its accelerations at the start of the step."""
     begin, half, end = node_slopes(first), node_slopes(middle), node_slopes(last)
@@ -96,7 +97,7 @@ def rk4(count, block, first, middle, last, f_first, f_middle, f_last, h, out):
         write7(out, 22, j, a1)
 
 
-@njit(cache=True, error_model="numpy", fastmath=LOOSE)
+@kernel
 def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, sparse, body,
              starts, lengths, fine, levels, count, trace):  # fmt: skip
     """Integrate the tangents along a path into `trace`, (n + 1, blocks, rows), from its first."""
@@ -136,7 +137,7 @@ def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, sparse, 
             forcing[2, n], 0.0, trace[m + 1, n])  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", fastmath=LOOSE)
+@kernel
 def add_sampled(trace, count, before, weights, order, first, motions, shares, out):
     """Add the tangents of some channels, (n, channels, columns), at given times to `out`.
 

@@ -20,6 +20,7 @@ from .problem import Problem
 from .refine import refined
 from .run import Run
 from .score import gain_of
+from .stops import begin_stops
 from .unknowns import KNOTS
 
 _ROUGH_SHARE = 2e-3
@@ -28,15 +29,6 @@ _FIRST_FRICTION_N = 15.0
 _LATE = {"damper_mounts": 0.3, "static_friction": 0.2}
 """Groups that join where their gain is large enough, with the start of their sizes: a compliance of
 0.3e-6 m/N, beyond the local minimum at zero; static friction a fifth above the sliding one."""
-_STOOD_IN = ("k_2", "k_3")
-"""Unknowns that imitate an axle's stop while it is missing.  They begin again at zero when it
-joins: from a spring stiffened as much as the missing stop required, the search did not return in 40
-steps; from zero it needs 4 to 8."""
-_GAPS_M = (0.012, 0.018, 0.025, 0.033, 0.042)
-"""Gaps, m, at which a bump stop is tried: the cost of a stop that is not touched has no slope by
-its gap."""
-_LARGEST_RATE = 1.5
-"""Rate, 1e5 N/m, that a bump stop begins with at most."""
 _LAST_KNOTS, _POLISHED_KNOTS = "K21", "K37"
 """Knees of the last stage and of the polish: real curves bend between those of the stages before.
 What 21 knees leave moves tyres and wheels by up to 0.7 standard deviations where scales and a tape
@@ -166,7 +158,7 @@ def _stages(
     for k, stage in enumerate(STAGES[1:], start=1):
         more = chosen + tuple(name for name in stage if allowed(name))
         starts = [(more, best.eta)]
-        if "bump_stops" in more and (begun := _begin_stops(problem, best, log)) is not None:
+        if "bump_stops" in more and (begun := begin_stops(best, log)) is not None:
             starts.insert(0, (more, begun))
         last = k == len(STAGES) - 1
         if last and _promises("damper_mounts", problem, best, allowed, log):
@@ -317,31 +309,3 @@ def _joined(model: Model, eta: NDArray[np.float64], name: str) -> NDArray[np.flo
     result = eta.copy()
     result[_sizes(model, name)] = _LATE[name]
     return result
-
-
-def _begin_stops(problem: Problem, best: Optimum, log: Log) -> NDArray[np.float64] | None:
-    """Return the unknowns with each axle's bump stop where it would lower the cost most.
-
-    None where none would.
-    """
-    model = problem.model
-    n = sum(run.freedom for run in problem.runs)
-    rates = np.array([model.names.index(f"k_b{axle}") for axle in "fr"])
-    gaps = [model.names.index(f"g_b{axle}") for axle in "fr"]
-    result = best.eta.copy()
-    most = np.full(2, 2.0 * np.log(n) * max(1.0, best.cost / n))
-    for gap in _GAPS_M:
-        tried = best.eta.copy()
-        tried[gaps] = np.log(gap)
-        gains, sizes = gain_of(problem, best, tried, rates)
-        for axle in (0, 1):
-            if sizes[axle] > 0.0 and gains[axle] > most[axle]:
-                most[axle] = gains[axle]
-                result[gaps[axle]] = np.log(gap)
-                result[rates[axle]] = min(sizes[axle], _LARGEST_RATE)
-                stood_in = [model.names.index(f"{kind}{'fr'[axle]}") for kind in _STOOD_IN]
-                result[stood_in] = 0.0
-    begun = [f"{1e3 * np.exp(result[g]):.0f} mm" for g, r in zip(gaps, rates, strict=True)
-             if result[r] != 0.0]  # fmt: skip
-    log(f"bump_stops: begin at {', '.join(begun) or 'nothing'}")
-    return result if begun else None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dbc.words import counted
+
 from ..fit.cross_validation import Prediction
 from .blocks import Block, Cell, Picture, Section, Table, cited
 from .panels import PredictionPanel
@@ -17,7 +19,7 @@ def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
         "The vehicle is fitted on all other runs and must then predict the one that was left out; "
         "only the initial state and the sensors' offsets are the run's own. For a linear car what "
         "remains is noise; friction, a hot damper or a lifted wheel are not predicted. "
-        f"Here {good} of {known} runs are predicted down to the noise."
+        f"Here {good} of {counted(known, 'run is', 'runs are')} predicted down to the noise."
     )
     if known < len(predictions):
         lead += f" For {len(predictions) - known} the others do not determine the vehicle."

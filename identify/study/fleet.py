@@ -11,6 +11,8 @@ from math import inf, isfinite, nan
 
 import numpy as np
 
+from dbc.words import counted
+
 from ..identification import Identification
 from ..nonlinear.forces import Forces
 from ..trust.finding import Verdict
@@ -198,16 +200,15 @@ def _median(values: Sequence[float]) -> float:
 
 def _notes(cases: Sequence[FleetCase]) -> list[str]:
     of = fractions(cases)
-    lines = [
-        f"{100 * of['usable']:.0f} % of {len(cases)} cars end ok or doubtful,"
-        f" {100 * of['ok']:.0f} % ok"
-    ]
+    end = counted(len(cases), "car ends", "cars end")
+    lines = [f"{100 * of['usable']:.0f} % of {end} ok or doubtful, {100 * of['ok']:.0f} % ok"]
     if isfinite(of["good"]):
         lines.append(
             f"of these {100 * of['good']:.0f} % have all masses, inertias, stiffnesses and lengths"
             f" within {GOOD_PERCENT:g} %, {100 * of['fair']:.0f} % within {FAIR_PERCENT:g} %"
         )
-    lines.append(f"{of['false_ok']:.0f} cars are called ok with an error above {FAIR_PERCENT:g} %")
+    wrong = counted(round(of["false_ok"]), "car is", "cars are")
+    lines.append(f"{wrong} called ok with an error above {FAIR_PERCENT:g} %")
     for verdict in (Verdict.OK, Verdict.DOUBTFUL):
         held = of[f"coverage_{verdict.value}"]
         if isfinite(held):

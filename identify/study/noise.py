@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.frames import freeze_arrays
+from dbc.words import counted
 
-from ..fit.estimation import estimate, generic_vehicles
+from ..fit.estimation import estimate
+from ..fit.generic_vehicles import generic_vehicles
 from ..fit.likelihood import fit
 from ..fit.uncertainty import COVERAGE_95, Estimate, estimates
 from .campaign import BUMP, Campaign, box_of, noise_levels, records_of, require_noise
@@ -111,7 +113,7 @@ def noise_study(
     cells = np.array([rms, stated, bound[:n], rms / bound[:n], covered]).T
     likely = _likely_coverage(len(kept))
     return Study(
-        title=f"Noise study: {len(outcomes)} campaigns at {campaign.noise_db:g} dB,"
+        title=f"Noise study: {counted(len(outcomes), 'campaign')} at {campaign.noise_db:g} dB,"
         f" {campaign.rate_hz:g} Hz, {', '.join(campaign.cases)}",
         columns=(
             Column("parameter", "parameter"),

@@ -17,6 +17,7 @@ from daq.channels import paper_channels
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.errors import InputError
 from dbc.frames import freeze_arrays
+from dbc.words import counted
 
 from ..decays.decay import Record
 from ..model.matrices import N_DOF
@@ -145,10 +146,11 @@ def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
         ]
         cells += [median, worst]
         series.append(Dots(label, median, hue, worst))
-        notes.append(f"{label}: no answer in {len(size) - len(answered)} of {len(size)} campaigns.")
+        of = counted(len(size), "campaign")
+        notes.append(f"{label}: no answer in {len(size) - len(answered)} of {of}.")
     return Study(
         title=f"Table 3, size of the errors in % at {campaign.noise_db:g} dB,"
-        f" {campaign.rate_hz:g} Hz, geometry measured, {len(attempts)} campaigns",
+        f" {campaign.rate_hz:g} Hz, geometry measured, {counted(len(attempts), 'campaign')}",
         columns=tuple(columns),
         rows=tuple(
             (name, *values) for name, values in zip(names, np.array(cells).T.tolist(), strict=True)

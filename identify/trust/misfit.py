@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from dbc.finding import Finding, Severity
+from dbc.words import counted
 
 from ..decays.onset import onset_s
 from ..fit.estimation import Estimation
@@ -43,7 +44,8 @@ def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
     findings = []
     if not estimation.fit.converged:
         advice = _UNSETTLED[bool(estimation.nonlinear)]
-        text = f"the fit did not converge in {estimation.fit.iterations} iterations: {advice}"
+        steps = estimation.fit.iterations
+        text = f"the fit did not converge in {counted(steps, 'iteration')}: {advice}"
         # The nonlinear fit ends near its optimum even if it has not converged.
         severity = Severity.WARNING if estimation.nonlinear else Severity.ERROR
         findings.append(Finding("convergence", severity, text))

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.median import median
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 from daq.silence import WHEEL_MOTION_S, longest_gap_s
 from dbc.finding import Finding, Severity
+from dbc.words import counted
 
 from ..decays.decay import Record, Recording
 from ..decays.onset import decay_start_s
@@ -118,10 +120,8 @@ def _stretches(runs: Sequence[Run], records: Sequence[Record]) -> list[_Stretch]
                 found.append((place, _names(recording), time, own))
     periods: dict[tuple[str, ...], list[float]] = {}
     for _, names, time, _ in found:
-        periods.setdefault(names, []).append(float(np.median(np.diff(time))))
-    return [
-        _Stretch(place, t, float(np.median(periods[names])), own) for place, names, t, own in found
-    ]
+        periods.setdefault(names, []).append(median(np.diff(time)))
+    return [_Stretch(place, t, median(periods[names]), own) for place, names, t, own in found]
 
 
 def _by_arrival(run: Run, group: SampleGroup) -> bool:
@@ -243,7 +243,7 @@ def _losses(runs: Sequence[Run]) -> Iterator[Finding]:
         yield Finding(
             "frame_losses",
             Severity.NOTE,
-            f"the recorder counted {total} frames lost or unusable: "
+            f"the recorder counted {counted(total, 'frame')} lost or unusable: "
             f"{listed(f'{run.losses.measured} in {run.label}' for run in lossy)}; they cost their "
             "information only, check bus load and wiring if there are many",
         )

@@ -10,6 +10,7 @@ from daq.samples.converter import flat_tops
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
 from dbc.samples import Quality
+from dbc.words import counted
 
 from ..decays.decay import Record
 from ..decays.onset import GUARD_S, decay_start_s
@@ -102,15 +103,15 @@ def _out_of_range(outside: list[tuple[str, int, bool]]) -> Iterator[Finding]:
         yield Finding(
             "out_of_range",
             Severity.WARNING,
-            f"{max(n for _, n in decay)} samples outside the range that the DBC states, in the "
-            f"free decay: {listed(place for place, _ in decay)}; a saturated sensor or a wrong "
-            "DBC: check scale and range of the message, use a lower bump",
+            f"{counted(max(n for _, n in decay), 'sample')} outside the range that the DBC states, "
+            f"in the free decay: {listed(place for place, _ in decay)}; a saturated sensor or a "
+            "wrong DBC: check scale and range of the message, use a lower bump",
         )
     elif outside:
         yield Finding(
             "out_of_range",
             Severity.NOTE,
-            f"{max(n for _, n, _ in outside)} samples outside the range that the DBC states, on "
-            f"the bump only: {listed(place for place, _, _ in outside)}; harmless, for only the "
-            "decay after it is fitted",
+            f"{counted(max(n for _, n, _ in outside), 'sample')} outside the range that the DBC "
+            f"states, on the bump only: {listed(place for place, _, _ in outside)}; harmless, for "
+            "only the decay after it is fitted",
         )

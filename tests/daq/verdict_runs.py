@@ -284,6 +284,19 @@ def _swinging(setting: Setting, seed: int) -> RunWindow:
     return replace(window, channels=channels)
 
 
+def _frozen(setting: Setting, seed: int) -> RunWindow:
+    """One sensor of a wheel, or of the body's acceleration, shows one value from some time on."""
+    window = good(setting, seed)
+    rng = np.random.default_rng([seed, 6])
+    angular = ("pitch", "roll")
+    name = str(rng.choice([n for n in sorted(window.channels) if not n.startswith(angular)]))
+    t_ns, value = window.channels[name]
+    since_s = rng.choice([-1.0, rng.uniform(0.0, 0.5)])
+    last = int(np.searchsorted((t_ns - window.bump_ns) * 1e-9, since_s))
+    held = np.where(np.arange(len(value)) >= last, value[last], value)
+    return replace(window, channels={**window.channels, name: (t_ns, held)})
+
+
 def _higher(setting: Setting, seed: int) -> RunWindow:
     return good(setting, seed, 0.5)
 
@@ -301,6 +314,7 @@ SPOILERS: Mapping[str, Spoiler] = {
     "stale": _stale,
     "lost_frames": _lost,
     "overload": _overload,
+    "frozen": _frozen,
     "not_at_rest": _restless,
     "too_weak": _weak,
     "double_bump": _double,

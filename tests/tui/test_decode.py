@@ -165,7 +165,7 @@ def test_a_frame_that_is_too_short_has_no_line_for_the_signal_that_it_lacks(
     assert run(["decode", str(log), "--dbc", str(dbc)]) == 0
     out, err = capsys.readouterr()
     assert out.splitlines()[1:] == ['0.000000001,Motor,speed,0,"1,min"']
-    assert "of 1 frames not all were decoded: 1 wrong_length" in err
+    assert "of 1 frame not all were decoded: 1 wrong_length" in err
 
 
 BENCH = """

@@ -8,8 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import typer
 
 from daq import write_session
+from tui.invocation import invoke
 from tui.jobs.start import ignoring_interrupts, sigterm_deferred
 from tui.signals import ended_by_signals
 
@@ -187,3 +189,34 @@ def test_what_is_loaded_is_hardly_searched_for_garbage() -> None:
         "try:\n    main()\nfinally:\n    assert 5_000 < gc.get_threshold()[0] < 50_000"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["plan", "--json"]])
+def test_a_stdout_without_room_is_named_in_one_line(arguments: list[str]) -> None:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "tui", *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (
+        2,
+        "bumpbench: error: stdout: No space left on device (make room, or write to another "
+        "place)\n",
+    )
+
+
+def test_an_error_of_another_file_is_not_taken_for_one_of_stdout(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    commands = typer.Typer()
+
+    @commands.command()
+    def fails() -> None:
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        invoke([], commands)
+    assert "stdout" not in capsys.readouterr().err

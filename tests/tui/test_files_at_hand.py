@@ -157,7 +157,7 @@ def test_a_replay_says_what_was_sent_and_what_could_not_be(
     out, err = said(capsys, "replay", str(log), *UDP, code=0)
     assert out == f"sent {len(frames)} frames of {log}\n"
     assert err == (
-        "bumpbench: 1 error frames were not sent: a controller cannot send one on request\n"
+        "bumpbench: 1 error frame was not sent: a controller cannot send one on request\n"
     )
     assert len(wire) == len(frames)
     wire.clear()

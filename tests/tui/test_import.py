@@ -138,7 +138,7 @@ def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
     shown = stages["import"]
     counts = [line for line in shown if "frames" in line[1]]
     assert counts[-1] == (1.0, "4800 frames, 4 bumps")
-    assert (0.5, "700 frames, 1 bumps") in counts
+    assert (0.5, "700 frames, 1 bump") in counts
     assert shown[len(counts) :] == [
         (1.0, "reading the logs' hashes"),
         (1.0, "writing the session"),

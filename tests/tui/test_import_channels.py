@@ -100,7 +100,7 @@ def test_a_file_a_run(recorded: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert run(["import", *one, "--out", str(recorded / "s.h5"), "--json"]) == 0
     said = capsys.readouterr()
     assert [one["label"] for one in json.loads(said.out)["runs"]] == ["added_roll_1"]
-    assert "1 of 2 bumps were left out" in said.err
+    assert "1 of 2 bumps was left out" in said.err
 
 
 def test_what_does_not_go_together_is_refused(
@@ -152,7 +152,7 @@ def test_bumps_are_left_out_at_the_beginning_and_named_in_the_order_given(
     document = json.loads(said.out)
     assert [one["label"] for one in document["runs"]] == ["added_pitch_1"]
     assert (document["bumps"], document["planned"]) == (2, 1)
-    assert "1 of 2 bumps were left out" in said.err
+    assert "1 of 2 bumps was left out" in said.err
     assert "planned runs were found" not in said.err
     (only,) = daq.read_session(recorded / "s.h5").runs
     assert run([*words, "--skip", "2"]) == 2

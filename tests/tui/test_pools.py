@@ -46,7 +46,7 @@ class Pool:
 def pools(monkeypatch: pytest.MonkeyPatch) -> list[Pool]:
     made: list[Pool] = []
     monkeypatch.setattr(Pool, "made", made, raising=False)
-    monkeypatch.setattr(executors, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(executors, "Pool", Pool)
     return made
 
 
@@ -60,6 +60,19 @@ def test_workers_make_room_for_fresh_ones_after_two_hundred_items_each(pools: li
     assert [pool.workers for pool in pools] == [2, 2]
     assert pools[0].shut == [{"wait": False}], "what it has begun it finishes"
     assert pools[1].shut == [{"cancel_futures": True}]
+
+
+def test_no_worker_to_be_had_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise OSError("AF_UNIX path too long")
+
+    monkeypatch.setattr("multiprocessing.context.ForkServerProcess._Popen", refused)
+    with pytest.raises(InputError) as caught, Processes(1) as crew:
+        crew.submit(abs, -3)
+    assert str(caught.value) == (
+        "processes: no process can be started (AF_UNIX path too long) (end other programs, and try "
+        "again)"
+    )
 
 
 def test_a_pool_that_has_died_is_replaced_and_counts_anew(pools: list[Pool]) -> None:

@@ -16,6 +16,7 @@ from daq.bench.config import default_bench_text, parse_bench
 from daq.bench.origin import Origin
 from daq.control.messages import Alarm, SessionState, SessionStatus, Setup
 from daq.errors import InputError
+from daq.runs import Losses, RunStatus
 from tui.cli import run
 from tui.commands.tui import _starter, _wanted
 from tui.recorders.daemon import Lifetime, _Daemon, _Signals
@@ -227,7 +228,15 @@ def test_what_was_recorded_is_printed_or_why_there_is_nothing(
     earlier = replace(gone, session=SessionStatus(SessionState.READY, str(path)))
     assert print_outcome(earlier, json=False) == 3
     assert f"bumpbench: /var/lib/bumpbench: {lost}" in capsys.readouterr().err
-    assert print_outcome(replace(earlier, disk=a_status().disk), json=False) == 0
+    empty = replace(earlier, disk=a_status().disk)
+    assert print_outcome(empty, json=False) == 1
+    assert capsys.readouterr().err == (
+        f"bumpbench: {path}: it has no accepted run (record again, and bump the car as the steps "
+        "say)\n"
+    )
+    run = replace(small_session().runs[0], losses=Losses(), status=RunStatus.ACCEPTED, reasons=())
+    write_session(path, replace(small_session(), runs=(run,)))
+    assert print_outcome(empty, json=False) == 0
     write_session(path, small_session())
     there = replace(a_status(), session=SessionStatus(SessionState.READY, str(path)))
     assert recorded_session(there)[0] == path

@@ -101,11 +101,17 @@ def test_a_demonstration_that_is_refused_is_exit_1(tmp_path: Path, recorded: lis
 
 
 @pytest.mark.parametrize(
-    ("words", "arm", "keep_on", "code"),
-    [([], True, False, 3), (["--idle"], False, False, 3), (["--keep-on"], True, True, 0)],
+    ("words", "held", "arm", "keep_on", "code"),
+    [
+        ([], 0, True, False, 3),
+        (["--idle"], 0, False, False, 3),
+        (["--keep-on"], 0, True, True, 0),
+        (["--keep-on"], 7, True, True, 3),
+    ],
 )
 def test_a_recorder_arms_unless_it_is_idle_and_ends_with_a_summary_unless_it_goes_on(
     words: list[str],
+    held: int,
     arm: bool,
     keep_on: bool,
     code: int,
@@ -121,7 +127,8 @@ def test_a_recorder_arms_unless_it_is_idle_and_ends_with_a_summary_unless_it_goe
     def record(*given: Any) -> Status:
         recorded.extend(given)
         path = str(tmp_path / "session_0001.h5")
-        return replace(a_status(), session=SessionStatus(SessionState.READY, path))
+        last = replace(a_status(), session=SessionStatus(SessionState.READY, path))
+        return replace(last, disk=replace(last.disk, held_frames=held))
 
     monkeypatch.setattr("tui.recorders.recording.record_campaign", record)
     opened: list[int] = []

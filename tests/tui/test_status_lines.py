@@ -20,7 +20,7 @@ from daq.control.messages import (
 )
 from daq.runlog.runlog import LoggedRun, LoggedStatus
 from daq.runs import Excitation, Losses
-from tui.recorders.lines import news, progress_words, status_lines
+from tui.recorders.lines import farewell, news, progress_words, status_lines
 
 from ..daq.a_status import a_status
 
@@ -48,9 +48,19 @@ def test_a_recorder_begins_its_log_with_vehicle_origin_and_folder() -> None:
 def test_the_log_names_the_campaigns() -> None:
     status = a_status()
     assert said(status, replace(status, recording="r2")) == [("campaign of Granada begun", "")]
-    assert said(status, replace(status, recording="")) == [
-        ("between two campaigns, recording goes on", "")
-    ]
+    assert said(status, replace(status, recording="")) == [("campaign of Granada ended", "")]
+
+
+def test_a_daemon_ends_its_log_with_what_it_has_and_how_to_go_on() -> None:
+    status = replace(a_status(), folder="today", tallies=TALLIES)
+    status = replace(status, disk=replace(status.disk, recorded_frames=12345))
+    assert farewell(status) == (
+        "ended after 3 of 4 runs, 12,345 frames on the disk: started again in today, it continues "
+        "this campaign; `bumpbench recover today` builds its session"
+    )
+    assert farewell(replace(status, recording="")) == (
+        "ended between two campaigns: started again in today, it begins the next one"
+    )
 
 
 def test_an_alarm_is_logged_when_it_comes_and_when_it_is_over() -> None:

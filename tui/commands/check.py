@@ -298,6 +298,7 @@ def _frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> Fr
 
 def _print_report(report: CheckReport) -> None:
     from daq.check import WORDS
+    from dbc import counted
 
     from ..output import print_labelled, print_line
 
@@ -311,7 +312,8 @@ def _print_report(report: CheckReport) -> None:
         ]
     )
     counts = [f"{sum(x.severity is s for x in report.lines)} {word}" for s, word in WORDS.items()]
-    print_line(f"{report.word}: {', '.join(counts)}; {report.frames} frames")
+    frames = counted(report.frames, "frame")
+    print_line(f"{report.word}: {', '.join(counts)}; {frames}")
 
 
 def _print_document(report: CheckReport) -> None:

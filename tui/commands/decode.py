@@ -44,6 +44,7 @@ def decode(
     from dataclasses import asdict
 
     from daq import InputError, read_log
+    from dbc import counted
 
     from ..bench import log_and_bench, named_once
     from ..diagnostics import say, say_left_out
@@ -74,13 +75,13 @@ def decode(
             header = ""
     if not samples:
         names = ", ".join(map(str, dbc or [])) or config or "the shipped DBC"
-        what = f"none of its {totals['frames']} frames is in {names}"
+        what = f"none of its {counted(totals['frames'], 'frame')} is in {names}"
         raise InputError(str(log), what, "name the DBC of that bus with --dbc")
     if json:
         print_json({"log": str(log), **totals, "samples": samples})
     lost = [f"{number} {name}" for name, number in totals.items() if name != "frames" and number]
     if lost:
-        say(f"of {totals['frames']} frames not all were decoded: {', '.join(lost)}")
+        say(f"of {counted(totals['frames'], 'frame')} not all were decoded: {', '.join(lost)}")
     if source.loss.any:
         say(f"{log} is not whole: {source.loss.text}")
     return ExitCode.DATA_LOST if source.loss.any else ExitCode.OK

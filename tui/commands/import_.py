@@ -208,6 +208,7 @@ def _parts(
     `buses`: buses whose frames are read; empty: all.
     """
     from daq.derive import Intake
+    from dbc import counted
 
     intakes: list[Intake] = []
     bumps = frames = 0
@@ -223,7 +224,7 @@ def _parts(
             bumps += intakes[-1].take(wanted, source.hops)
             frames += len(wanted)
             share = (number + source.share) / len(sources)
-            stage(share, f"{frames} frames, {bumps} bumps")
+            stage(share, f"{counted(frames, 'frame')}, {counted(bumps, 'bump')}")
         if fresh and apart:
             intakes.append(Intake(bench, codec))
     return [intake.part() for intake in intakes]
@@ -232,6 +233,7 @@ def _parts(
 def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -> None:
     """Raise InputError for logs without a bump, with the reason if it is known."""
     from daq import InputError
+    from dbc import counted
 
     if any(part.bumps for part in parts):
         return
@@ -239,12 +241,12 @@ def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: i
     frames = sum(source.frames for source in sources)
     unknown = sum(part.unknown_id for part in parts)
     if not parts or unknown == frames:
-        what = f"none of its {frames} frames is in the DBC"
+        what = f"none of its {counted(frames, 'frame')} is in the DBC"
         advice_on_buses = "name the DBC of that bus with --dbc, or another --bus"
         if n_buses > 1:
             advice_on_buses = "the sensors' buses must be those of the log, counted from 0"
         raise InputError(where, what, advice_on_buses)
-    what = f"no bump in {frames} frames, {unknown} of them not in the DBC"
+    what = f"no bump in {counted(frames, 'frame')}, {unknown} of them not in the DBC"
     advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
     raise InputError(where, what, advice)
 

@@ -63,4 +63,6 @@ def record(
     ):
         source = open_source if keep_on else OpenedAtStart(described, open_source)
         last = record_campaign(described, source, out, lifetime, lines, stage)
-    return ExitCode.OK if keep_on else print_outcome(last, json)
+    if keep_on:
+        return ExitCode.DATA_LOST if last.disk.held_frames else ExitCode.OK
+    return print_outcome(last, json)

@@ -39,7 +39,7 @@ def replay(
     from daq import read_foreign_session, read_log
     from daq.bus import open_buses
     from daq.replay import play, recorded_frames
-    from dbc import FrameBatch
+    from dbc import FrameBatch, counted
 
     from ..bench import log_and_bench, named_once, shared_bench
     from ..diagnostics import say
@@ -61,16 +61,17 @@ def replay(
     sent = 0
     with open_buses(described.buses) as (wire, *more), progress("replay") as stage:
         for sent in play(wanted(), wire, None if fast else speed, *more):
-            stage(log.share if log else 0.0, f"{sent} frames")
+            stage(log.share if log else 0.0, counted(sent, "frame"))
     left_out = read - sent
     lost = log.loss if log else None
     if json:
         document = {"source": str(source), "sent": sent, "error_frames": left_out}
         print_json({**document, "lost": lost.text if lost else ""})
     else:
-        print_line(f"sent {sent} frames of {source}")
+        print_line(f"sent {counted(sent, 'frame')} of {source}")
     if left_out:
-        say(f"{left_out} error frames were not sent: a controller cannot send one on request")
+        were = counted(left_out, "error frame was", "error frames were")
+        say(f"{were} not sent: a controller cannot send one on request")
     if lost and lost.any:
         say(f"{source} is not whole: {lost.text}")
         return ExitCode.DATA_LOST

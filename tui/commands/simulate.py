@@ -40,6 +40,7 @@ def simulate(
     from daq.bus import open_buses
     from daq.replay import play
     from daq.sim import campaign_frames, named_car, present_parameters
+    from dbc import counted
     from identify.report import number
 
     from ..bench import shared_bench
@@ -70,7 +71,7 @@ def simulate(
         print_json({"truth": truth, "frames": sent})
     else:
         rows = [[name, number(value)] for name, value in truth.items()]
-        print_table(f"Simulated {sent} frames of this car", ["parameter", "truth"], rows)
+        print_table(f"Simulated {counted(sent, 'frame')} of this car", ["parameter", "truth"], rows)
 
 
 def _push(bench: Bench, car: SimulatedCar, seed: int, rest_s: float) -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 COLLECTOR_RESTS_S = 2.0
 """Time from the start of the command to its first screen on a slow machine, s; if the collector ran
 meanwhile, the screen would come 0.1 s later."""
-FAULTS = ("double-bump", "overload", "lost-frames", "weak", "wrong-mode", "unplug")
+FAULTS = ("double-bump", "overload", "frozen", "lost-frames", "weak", "wrong-mode", "unplug")
 
 
 def tui(
@@ -34,7 +34,8 @@ def tui(
     fault: Annotated[
         str | None,
         typer.Option(
-            help="Fault of --demo: double-bump, overload, lost-frames, weak, wrong-mode, unplug."
+            help="Fault of --demo: double-bump, overload, frozen, lost-frames, weak, wrong-mode, "
+            "unplug."
         ),
     ] = None,
     speed: Annotated[

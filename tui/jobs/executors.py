@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from importlib.metadata import version
@@ -16,6 +16,7 @@ from multiprocessing import active_children
 from time import monotonic
 from typing import Any, Protocol, Self, TypeVar
 
+from .pool import Pool
 from .start import end_with_parent, ignoring_interrupts, preloaded, sigterm_deferred
 
 Item = TypeVar("Item")
@@ -141,8 +142,8 @@ class Processes:
                 worker.terminate()
         self._pool.shutdown(cancel_futures=True)
 
-    def _open(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self._workers, preloaded(("identify",)), end_with_parent)
+    def _open(self) -> Pool:
+        return Pool(self._workers, preloaded(("identify",)), end_with_parent)
 
     def _renew(self) -> None:
         self._pool.shutdown(wait=False)  # it finishes the items that it has begun

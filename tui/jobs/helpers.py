@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from multiprocessing import active_children
 from threading import Thread
-from typing import ParamSpec, TypeVar
 
+from .pool import Pool
 from .start import end_with_parent, ignoring_interrupts, preloaded
 
 _HELPERS = 2
 """Number of helpers: one works while the parent works, both while the parent waits."""
-P = ParamSpec("P")
-Result = TypeVar("Result")
 
 
 @contextmanager
@@ -30,7 +28,7 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
     """
     from dbc import InputError
 
-    with _Helpers(_HELPERS, preloaded(modules), _made_ready) as pool:
+    with Pool(_HELPERS, preloaded(modules), _made_ready) as pool:
 
         def start() -> None:
             with ignoring_interrupts(), suppress(InputError):  # a use raises it again
@@ -52,22 +50,6 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
         finally:
             starting.join()
             pool.shutdown(cancel_futures=True)
-
-
-class _Helpers(ProcessPoolExecutor):
-    """Reports in one line that no process can be started."""
-
-    def submit(
-        self, fn: Callable[P, Result], /, *args: P.args, **kwargs: P.kwargs
-    ) -> Future[Result]:
-        """Hand over one piece of work."""
-        from dbc import InputError
-
-        try:
-            return super().submit(fn, *args, **kwargs)
-        except (OSError, EOFError) as error:
-            what = f"no process can be started ({error})"
-            raise InputError("helpers", what, "end other programs, and try again") from error
 
 
 def _made_ready() -> None:

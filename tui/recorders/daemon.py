@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..output import Stage
-from .lines import news, progress_words
+from .lines import farewell, news, progress_words
 from .log import Log
 
 if TYPE_CHECKING:
@@ -159,6 +159,8 @@ class _Daemon:
         if self._failure:
             raise self._failure
         assert self._status is not None, "the recorder publishes its last status"
+        if self._lifetime.keep_on:
+            self._log.line(farewell(self._status))
         return self._status
 
     def _write(self) -> None:

@@ -9,6 +9,8 @@ from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dbc import counted, plural
+
 from ..diagnostics import ExitCode, say
 from ..output import Stage, print_json, progress
 from ..proposal_file import write_proposal
@@ -101,9 +103,10 @@ def left_out_remarks(bumps: int, found: int, planned: int) -> list[str]:
     """Return remarks on bumps that are not runs, and on planned runs without a bump."""
     remarks = []
     if bumps > found:
-        remarks.append(f"{bumps - found} of {bumps} bumps were left out (see --runs and --skip)")
+        were = plural(bumps - found, "was", "were")
+        remarks.append(f"{bumps - found} of {bumps} bumps {were} left out (see --runs and --skip)")
     if found < planned:
-        remarks.append(f"{found} of {planned} planned runs were found")
+        remarks.append(f"{found} of {planned} planned runs {plural(found, 'was', 'were')} found")
     return remarks
 
 
@@ -134,7 +137,7 @@ def _session(
     about = {"software": f"bumpbench {version('bumpbench')}"}
     bumps = 0
     for number, path in enumerate(files):
-        stage(number / len(files), f"{path.name}, {bumps} bumps")
+        stage(number / len(files), f"{path.name}, {counted(bumps, 'bump')}")
         found = recording(known, read_columns(path, known.columns))
         about[f"source_{number + 1}"] = dumps({"format": "channels", "files": [file_facts(path)]})
         if known.runs:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from dbc import counted, plural
+
 if TYPE_CHECKING:
     from daq import Status
 
 
-BETWEEN = "between two campaigns, recording goes on"
 RECOVER = "the journal has it all: make room if the disk is full, then `bumpbench recover`"
 """Advice where no session file could be built."""
 RECOVER_STORED = "make room, then `bumpbench recover` builds the session of those before"
@@ -22,8 +23,7 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
         origin = "" if status.origin == "real" else f" ({status.origin})"
         yield f"recording {status.vehicle}{origin} into {status.folder}", ""
     elif before.recording != status.recording:
-        now = f"campaign of {status.vehicle} begun" if status.recording else BETWEEN
-        yield now, ""
+        yield f"campaign of {status.vehicle} {'begun' if status.recording else 'ended'}", ""
     known = {(alarm.code, alarm.subject) for alarm in before.alarms} if before else set()
     for alarm in status.alarms:
         if (alarm.code, alarm.subject) not in known:
@@ -46,14 +46,29 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
         yield f"session {session.path}: {session.text} ({RECOVER})", ""
 
 
+def farewell(status: Status) -> str:
+    """Return what a daemon that has ended leaves behind, and how to go on."""
+    folder = status.folder
+    if not status.recording:
+        return f"ended between two campaigns: started again in {folder}, it begins the next one"
+    done, planned = _progress(status)
+    frames = status.disk.recorded_frames
+    return (
+        f"ended after {done} of {counted(planned, 'run')}, {frames:,} {plural(frames, 'frame')} on "
+        f"the disk: started again in {folder}, it continues this campaign; "
+        f"`bumpbench recover {folder}` builds its session"
+    )
+
+
 def progress_words(status: Status) -> tuple[float, str]:
     """Return the progress of the campaign, as a share and in words."""
     if not status.recording:
         building = status.session.state == "building"
-        return 1.0, "building the session file" if building else BETWEEN
-    planned = sum(tally.planned for tally in status.tallies)
-    done = sum(min(tally.accepted, tally.planned) for tally in status.tallies)
-    text = f"{done} of {planned} runs"
+        if building:
+            return 1.0, "building the session file"
+        return 1.0, "between two campaigns, recording goes on"
+    done, planned = _progress(status)
+    text = f"{done} of {counted(planned, 'run')}"
     if status.session.state == "building" and status.due is None:
         text = "building the session file"
     elif status.due:
@@ -64,10 +79,16 @@ def progress_words(status: Status) -> tuple[float, str]:
     if not frames:
         text += ", no frame yet"
     elif status.losses.unknown_id == frames:
-        text += f", none of {frames} frames is in the DBC"
+        text += f", none of {counted(frames, 'frame')} is in the DBC"
     if status.losses.measured:
-        text += f", {status.losses.measured} frames lost"
+        text += f", {counted(status.losses.measured, 'frame')} lost"
     return (done / planned if planned else 0.0), text
+
+
+def _progress(status: Status) -> tuple[int, int]:
+    """Return the number of accepted runs, without those beyond the plan, and of planned runs."""
+    done = sum(min(tally.accepted, tally.planned) for tally in status.tallies)
+    return done, sum(tally.planned for tally in status.tallies)
 
 
 def status_lines(status: Status) -> Iterator[str]:
@@ -83,15 +104,17 @@ def status_lines(status: Status) -> Iterator[str]:
     for bus in status.buses:
         yield (
             f"bus {bus.name}: {bus.state}, {bus.frames_per_s:,.0f} frames/s, load {bus.load:.0%},"
-            f" {bus.frames:,} frames, {bus.error_frames:,} error frames, reopened {bus.reopened}"
+            f" {bus.frames:,} {plural(bus.frames, 'frame')}, {bus.error_frames:,} error"
+            f" {plural(bus.error_frames, 'frame')}, reopened {bus.reopened}"
         )
     yield _storage_line(status)
     queue, disk = status.queue, status.disk
     yield (
-        f"{disk.recorded_frames:,} frames on the disk; journal {disk.journal_bytes / 1e6:,.0f} MB;"
+        f"{disk.recorded_frames:,} {plural(disk.recorded_frames, 'frame')} on the disk;"
+        f" journal {disk.journal_bytes / 1e6:,.0f} MB;"
         f" queue {queue.blocks} of {queue.room} blocks, at most {queue.high}"
     )
-    yield f"in control: {status.controller or 'no terminal'}; {status.viewers} viewers"
+    yield f"in control: {status.controller or 'no terminal'}; {counted(status.viewers, 'viewer')}"
     for alarm in status.alarms:
         subject = f" {alarm.subject}" if alarm.subject else ""
         yield f"ALARM {alarm.code}{subject}: {alarm.text} ({alarm.advice})"
@@ -104,7 +127,8 @@ def status_lines(status: Status) -> Iterator[str]:
 def _storage_line(status: Status) -> str:
     """Return a line that says whether received frames are stored."""
     storage = status.storage
-    counts = f"{storage.stored_frames:,} of {storage.received_frames:,} frames stored"
+    frames = plural(storage.received_frames, "frame")
+    counts = f"{storage.stored_frames:,} of {storage.received_frames:,} {frames} stored"
     if any(alarm.code == "not_recording" for alarm in status.alarms):
         return f"NOT RECORDING for {storage.late_s:.1f} s: {counts} since the start"
     return f"recording: {counts} since the start"

@@ -13,6 +13,8 @@ from collections import deque
 from contextlib import suppress
 from pathlib import Path
 
+from dbc import counted
+
 BURST, PER_S = 5, 60.0
 """Largest number of lines with one key in a period, and the period, s; further lines are only
 counted."""
@@ -117,7 +119,7 @@ class Log:
                     (wall_s, text), dropped = self._lines.popleft(), self._dropped
                     self._dropped = 0
                 if dropped:
-                    text = f"{dropped} lines of log dropped; {text}"
+                    text = f"{counted(dropped, 'line')} of log dropped; {text}"
                 stamp = "" if self._path is None else f"{_utc(wall_s)} "
                 with suppress(OSError):  # no reader is left
                     self._rotate()

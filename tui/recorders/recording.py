@@ -7,6 +7,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dbc import counted
+
 from ..diagnostics import ExitCode, say, say_left_out
 from ..output import Stage, print_json, print_line, print_table
 from .daemon import Lifetime, run_recorder
@@ -111,11 +113,17 @@ def print_outcome(last: Status, json: bool) -> ExitCode:
     if held := last.disk.held_frames:
         say(f"{last.folder}: {_not_stored(held, last.disk.failed)} ({RECOVER_STORED})")
     lost = held + sum(run.losses.measured for run in session.runs)
-    return ExitCode.DATA_LOST if lost else ExitCode.OK
+    if lost:
+        return ExitCode.DATA_LOST
+    if not session.accepted:
+        say(f"{path}: it has no accepted run (record again, and bump the car as the steps say)")
+        return ExitCode.ANSWER_IS_NO
+    return ExitCode.OK
 
 
 def _not_stored(held: int, failed: str) -> str:
-    return f"{held} frames at the end were not stored: {failed}"
+    were = counted(held, "frame at the end was", "frames at the end were")
+    return f"{were} not stored: {failed}"
 
 
 def show_session(path: Path, session: Session, json: bool) -> None:
@@ -164,7 +172,7 @@ def print_outline(path: Path, vehicle: str, runs: Sequence[RunOutline]) -> None:
             [run.label, str(run.status), f"{run.length_s:.1f}", f"{run.frames}", losses or "none"]
         )
     columns = ["run", "status", "length s", "frames", "losses"]
-    print_table(f"{vehicle}: {len(runs)} runs", columns, rows)
+    print_table(f"{vehicle}: {counted(len(runs), 'run')}", columns, rows)
     for run in runs:
         for reason in run.reasons:
             print_line(f"  {run.label}: {reason}")

@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 
 from dbc.frames import FrameBatch, FrameFlag
+from dbc.words import counted
 
 from ...python_can import can
 from .raw_frames import has
@@ -35,7 +36,8 @@ def write_blf(frames: FrameBatch, path: Path) -> tuple[str, ...]:
         writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
     errors = has(frames, FrameFlag.ERROR)
     sent = errors & has(frames, FrameFlag.TRANSMITTED)
-    return (f"BLF does not store who sent {sent.sum()} error frames",) if sent.any() else ()
+    n = int(sent.sum())
+    return (f"BLF does not store who sent {counted(n, 'error frame')}",) if n else ()
 
 
 def write_asc(frames: FrameBatch, path: Path) -> tuple[str, ...]:
@@ -55,7 +57,8 @@ def write_asc(frames: FrameBatch, path: Path) -> tuple[str, ...]:
     notes = ["ASC rounds times to 1 µs"] if (frames.t_ns % _NS_PER_US).any() else []
     errors = has(frames, FrameFlag.ERROR)
     if errors.any():
-        notes.append(f"ASC keeps only the times of {errors.sum()} error frames")
+        kept = counted(int(errors.sum()), "error frame")
+        notes.append(f"ASC keeps only the times of {kept}")
     return tuple(notes)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, FrameFlag
+from dbc.words import counted
 
 from ...errors import InputError
 from ...sessions import Session
@@ -57,7 +58,8 @@ def _first_of_each(frames: FrameBatch) -> NDArray[np.intp]:
 def frames_left_out(session: Session) -> tuple[str, ...]:
     """Return the note on raw frames for a format that holds only decoded channels."""
     count = sum(len(run.frames) for run in session.runs)
-    return (f"{count} raw frames are left out: use mf4, blf, asc or log",) if count else ()
+    frames = counted(count, "raw frame is", "raw frames are")
+    return (f"{frames} left out: use mf4, blf, asc or log",) if count else ()
 
 
 def has(frames: FrameBatch, flag: FrameFlag) -> NDArray[np.bool_]:

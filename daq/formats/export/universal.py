@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.words import counted, plural
+
 from ...channels import TIME_DERIVATIVE, Channel
 from ...errors import printable
 from ...runs import Run, SampleGroup
@@ -71,7 +73,10 @@ def write_uff(session: Session, modes: Sequence[ModeShapes], path: Path) -> tupl
             if nodes is not None:
                 stream.writelines(_modes(state, nodes, session.vehicle.name))
     if missing:
-        notes.append(f"{missing} missing samples are left out: their records are not equidistant")
+        notes.append(
+            f"{counted(missing, 'missing sample is', 'missing samples are')} left out: "
+            f"{plural(missing, 'its record is', 'their records are')} not equidistant"
+        )
     return (*notes, *frames_left_out(session))
 
 

@@ -151,7 +151,7 @@ def test_no_four_pushes_are_asked_for_again() -> None:
     rest, pushes = rest_and_pushes()
     first = pushes.select(pushes.t_ns < pushes.t_ns[0] + 3_000_000_000)
     proposed = propose_sensors(DATABASES, (), rest, first)
-    assert proposed.questions[0].startswith("1 pushes were found instead of one on each")
+    assert proposed.questions[0].startswith("1 push was found instead of one on each")
 
 
 @pytest.mark.parametrize(("offset", "is_found"), [(0x7F, True), (0x80, False)])

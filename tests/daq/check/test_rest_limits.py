@@ -189,7 +189,7 @@ def test_samples_outside_the_range_of_the_dbc_are_counted(out: int, verdict: Sev
     quality[300:] = Quality.CRC_BAD | Quality.OUT_OF_RANGE  # not usable, so not out of range
     lines = checked(channel(Quantity.SUSPENSION_TRAVEL, "RAW.v"), still(0.0), quality)
     assert found(lines) == {"unusable": WARN, "out_of_range": verdict}
-    text = f"{out} of 320 samples are outside -30 to 30 m"
+    text = f"{out} of 320 samples {'is' if out == 1 else 'are'} outside -30 to 30 m"
     assert text in [line.text for line in lines]
 
 
@@ -198,7 +198,7 @@ def test_samples_that_are_no_number_fail() -> None:
     value[3] = np.nan
     lines = checked(channel(Quantity.SUSPENSION_TRAVEL), value)
     assert found(lines) == {"no_number": FAIL}
-    assert lines[0].text == "1 of 320 samples are not numbers"
+    assert lines[0].text == "1 of 320 samples is no number"
     quality = np.zeros(320, np.uint8)
     quality[3] = Quality.SENTINEL
     lines = checked(channel(Quantity.SUSPENSION_TRAVEL), value, quality)

@@ -48,3 +48,26 @@ def test_a_folder_is_locked_while_a_recorder_is_there(tmp_path: Path) -> None:
     with lone_recorder(tmp_path):
         assert is_locked(tmp_path)
     assert not is_locked(tmp_path)
+
+
+def test_of_a_folder_in_which_nothing_was_made_nothing_is_left(tmp_path: Path) -> None:
+    with lone_recorder(tmp_path / "today" / "car"):
+        assert is_locked(tmp_path / "today" / "car")
+    assert list(tmp_path.iterdir()) == []
+    with lone_recorder(tmp_path / "today" / "car"):
+        (tmp_path / "today" / "note").touch()
+    assert [path.name for path in tmp_path.rglob("*")] == ["today", "note"]
+
+
+def test_a_lock_stays_where_it_was_or_where_something_was_made(tmp_path: Path) -> None:
+    (tmp_path / "note").touch()
+    with lone_recorder(tmp_path):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["note"]
+    (tmp_path / "recorder.lock").touch()
+    with lone_recorder(tmp_path):
+        pass
+    assert (tmp_path / "recorder.lock").exists()
+    with lone_recorder(tmp_path / "today"):
+        (tmp_path / "today" / "journal").mkdir()
+    assert {path.name for path in (tmp_path / "today").iterdir()} == {"recorder.lock", "journal"}

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from filelock import FileLock
 
 from daq import read_session
 from daq.bus.source import HopLosses
 from daq.derive import build_session
 from daq.derive.build_session import Derived, derive
 from daq.derive.grown import forget_others, growing_path
+from daq.derive.only_builder import only_builder
 from daq.errors import InputError
 from daq.journal.folder import is_unbroken, scanned
 from daq.journal.format import JournalHead, head_record
@@ -221,6 +223,36 @@ def test_a_session_of_a_recording_that_has_ended_leaves_nothing_beside_it(
     assert campaign.target.read_bytes() == campaign.at_once()
 
 
+def test_recover_deletes_the_growing_file_of_a_killed_recorder(campaign: Campaign) -> None:
+    campaign.run()
+    campaign.grow()
+    with FileLock(campaign.target.with_name("recorder.lock")):
+        derive(campaign.writer.paths, campaign.target)
+    assert growing_path(campaign.target).exists(), "a recorder that runs needs it"
+    built = campaign.target.read_bytes()
+    derive(campaign.writer.paths, campaign.target)
+    assert list(campaign.target.parent.glob(".*")) == []
+    assert campaign.target.read_bytes() == built
+
+
+def test_no_other_process_builds_in_the_same_folder_meanwhile(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone: list[bool] = []
+
+    def noted(infos: Any) -> Any:
+        with only_builder(campaign.target.parent, wait=False) as free:
+            alone.append(free)
+        return scanned(infos)
+
+    monkeypatch.setattr(build_session, "scanned", noted)
+    campaign.run()
+    campaign.grow()
+    with only_builder(campaign.target.parent, wait=False) as free:
+        alone.append(free)
+    assert alone == [False, True]
+
+
 def test_only_the_segments_of_new_runs_are_read_if_the_journal_is_whole(
     campaign: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -275,8 +307,12 @@ def replace_times(frames: FrameBatch, seconds: int) -> FrameBatch:
 
 def test_a_recorder_deletes_growing_files_that_no_campaign_needs(tmp_path: Path) -> None:
     names = [f".session_000{n}.h5.growing{end}" for n in (1, 2) for end in ("", ".json")]
-    for name in (*names, "session_0001.h5", ".session_0001.h5.tmp"):
+    partial = [f"..session_000{n}.h5.growing.json.tmp" for n in (1, 2)]
+    for name in (*names, *partial, "session_0001.h5", ".session_0001.h5.tmp"):
         (tmp_path / name).touch()
+    with only_builder(tmp_path):
+        forget_others(tmp_path, [])
+    assert len(list(tmp_path.iterdir())) == 8, "the builder of a killed recorder writes to one"
     forget_others(tmp_path, [tmp_path / "session_0002.h5"])
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {*names[2:], "session_0001.h5", ".session_0001.h5.tmp"}

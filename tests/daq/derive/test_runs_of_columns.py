@@ -211,7 +211,7 @@ def test_a_run_without_samples_is_rejected_and_says_of_what() -> None:
         (),
     )
     one = given_run(_map(), _found(), GivenRun(STEP, 2.0, 2.05))
-    assert one.reasons == ("table has 1 samples",)
+    assert one.reasons == ("table has 1 sample",)
     two = given_run(_map(), _found(), GivenRun(STEP, 2.0, 2.15))
     assert two.status is RunStatus.ACCEPTED
     file = _file(

@@ -239,7 +239,7 @@ def test_the_note_of_an_older_version_without_a_revision_is_read(tmp_path: Path)
 def test_the_first_twenty_notes_are_given_and_the_others_counted() -> None:
     notes = tuple(f"n{k}" for k in range(21))
     assert JournalLoss(notes=notes[:20]).text == "; ".join(notes[:20])
-    assert JournalLoss(notes=notes).text == "; ".join(notes[:20]) + "; 1 more notes"
+    assert JournalLoss(notes=notes).text == "; ".join(notes[:20]) + "; 1 more note"
 
 
 def test_each_kind_of_loss_is_a_loss() -> None:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from daq.bench.config import Bench
+from daq.bench.config import Bench, bench_codec
 from daq.bumps import Wheels
-from daq.control.orders import Accept, LeaveOut, Redo, Undo
+from daq.control.orders import Accept, LeaveOut, Note, Redo, Reject, Undo
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
 from daq.recorder.orders import OrderError
-from daq.recorder.proposal import proposed
 from daq.recorder.recording import Recording
 from daq.runlog.entries import verdict_entry
 from daq.runlog.fold import fold
@@ -21,6 +21,7 @@ from daq.runlog.runlog import Code, LoggedStatus
 from daq.runs import Event
 from daq.vehicle import Corner
 from daq.verdict import RunMeasure
+from daq.verdict.consistent import left_out
 from dbc import Codec
 
 from .stepped import now, status_of
@@ -91,7 +92,32 @@ def test_runs_of_the_other_side_are_compared_among_themselves(recording: Recordi
     for label in LABELS:
         wheels = right if label in ODD else left
         recording.measures[label] = replace(recording.measures[label], wheels=wheels)
-    assert proposed(recording.bench, recording.run_log, recording.measures) == ()
+    assert status_of(recording).proposed == ()
+
+
+def test_only_the_kind_that_has_changed_is_compared_again(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The comparison of hundreds of runs takes a tenth of a second, in the writer's thread."""
+    compared: list[list[str]] = []
+
+    def noted(channels: Any, bump_s: float, measures: Any, planned: int) -> dict[str, str]:
+        compared.append(list(measures))
+        return left_out(channels, bump_s, measures, planned)
+
+    monkeypatch.setattr("daq.recorder.proposal.left_out", noted)
+    bounces, rolls = LABELS[:4], LABELS[4:]
+    both = status_of(recording).proposed
+    assert compared == [bounces, rolls]
+    recording.carry_out(Note("wet floor"), "Ann", now())
+    assert status_of(recording).proposed == both
+    assert len(compared) == 2
+    recording.carry_out(Reject(ODD[1], "slipped"), "Ann", now())
+    assert [run.label for run in status_of(recording).proposed] == [ODD[0]]
+    assert compared[2:] == [rolls[:3]]
+    recording.adopt(recording.bench, bench_codec(recording.bench))
+    assert [run.label for run in status_of(recording).proposed] == [ODD[0]]
+    assert compared[3:] == [bounces, rolls[:3]], "with another bench all are"
 
 
 def test_what_is_measured_after_a_restart_is_compared_then(recording: Recording) -> None:

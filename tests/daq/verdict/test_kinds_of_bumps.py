@@ -345,28 +345,3 @@ def test_a_push_of_the_right_sill_is_told_from_one_of_the_left() -> None:
         records = corners(Quantity.SUSPENSION_TRAVEL, "m", shapes)
         (pattern,) = found(records, Method.PUSH)
         assert struck(ROLL, pattern) == Wheels(wheels)
-
-
-@pytest.mark.parametrize(
-    ("least", "begins", "advises"),
-    [
-        (
-            0.0,
-            "hub_acceleration_RL, hub_acceleration_RR show one value all the time, and so the bump "
-            "looks like pitch: front wheels only, not bounce (50% bounce",
-            "check these sensors",
-        ),
-        (1e-6, "looks like pitch: front wheels only, not bounce (50% bounce", "check which wheels"),
-    ],
-)
-def test_a_frozen_sensor_is_named_before_the_bump_that_it_imitates(
-    least: float, begins: str, advises: str
-) -> None:
-    (pattern,) = found(hubs((1.0, 1.0, least, least)))
-    (finding,) = wrong_mode(BOUNCE, pattern)
-    assert not finding.passed
-    assert finding.text.startswith(begins)
-    assert finding.advice.startswith(advises)
-    (right,) = wrong_mode(PITCH, pattern)  # wheels that were not due to be struck may be at rest
-    assert right.passed
-    assert "one value" not in right.text

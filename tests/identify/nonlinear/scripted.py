@@ -50,6 +50,8 @@ class Script:
     converged: bool = True
     sizes: dict[str, float] = field(default_factory=dict)
     """Unknowns that each fit sets."""
+    compressions: tuple[float, float] = (0.05, 0.04)
+    """Largest compression of the front and the rear suspensions, m, on the path of each run."""
 
     def fit(
         self,
@@ -75,10 +77,15 @@ class Script:
         for name, value in self.sizes.items():
             eta[names.index(name)] = value
         cost = end * 100.0 * len(problem.runs)
+        states = np.zeros((3, 22))
+        states[1, [3, 6]] = self.compressions  # front left and rear right
+        states[2, 3:7] = -0.09  # rebound
+        path = SimpleNamespace(states=states)
         there = SimpleNamespace(
             problem=problem,
             initials=tuple(f"{own}'" for own in initials),
-            predicted=tuple(SimpleNamespace(cost=cost) for _ in problem.runs),
+            cars=(SimpleNamespace(corner=np.zeros((4, 22))),) * len(problem.runs),
+            predicted=tuple(SimpleNamespace(cost=cost, path=path) for _ in problem.runs),
         )
         return SimpleNamespace(
             point=there, eta=eta, cost=cost, iterations=1, decrement=0.1,
@@ -108,6 +115,7 @@ def play(
 
     monkeypatch.setattr("identify.nonlinear.release.fit", script.fit)
     monkeypatch.setattr("identify.nonlinear.release.gain_of", gain_of)
+    monkeypatch.setattr("identify.nonlinear.stops.gain_of", gain_of)
     monkeypatch.setattr(
         "identify.nonlinear.release.initial_states_of",
         lambda model, eta, decays, sigma: tuple(f"own {i}" for i in range(len(decays))),

@@ -124,6 +124,6 @@ def test_a_fleet_that_is_refused_says_so() -> None:
     refused = FleetCase("1 city", "refused", nan, nan, "", 0, 0, 3.0, ("friction",), ("chi2",))
     study = fleet_study("one car", [refused])
     assert study.rows[0][:2] == ("1 city", "refused")
-    assert study.notes[0] == "0 % of 1 cars end ok or doubtful, 0 % ok"
+    assert study.notes[0] == "0 % of 1 car ends ok or doubtful, 0 % ok"
     assert "median 3.0 CPU s for the refused ones" in study.notes
     assert not [note for note in study.notes if "nan" in note]

@@ -174,7 +174,7 @@ def test_a_fleet_has_a_row_for_each_car_and_remarks_on_all() -> None:
         "75 % of 4 cars end ok or doubtful, 50 % ok",
         "of these 33 % have all masses, inertias, stiffnesses and lengths within 3 %, 67 % within "
         "5 %",
-        "1 cars are called ok with an error above 5 %",
+        "1 car is called ok with an error above 5 %",
         "95 % intervals hold 96.2 % for ok",
         "95 % intervals hold 76.9 % for doubtful",
         "50.0 % of the force elements with an effect above its 95 % interval are named; of the "

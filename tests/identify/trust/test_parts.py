@@ -137,12 +137,13 @@ def test_a_hold_counts_its_samples_from_the_first_of_them() -> None:
     channel = Channel("travel", Quantity.SUSPENSION_TRAVEL, "m", corner=Corner.FRONT_LEFT)
     values = np.concatenate([np.arange(10.0), np.full(10, 20.0), np.arange(30.0, 60.0)])
     recording = Recording(ChannelGroup("g", (channel,)), np.arange(50) / 100.0, values[:, None])
-    (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (recording,)), 0.1)
-    assert (hold.held, hold.kind, hold.constant) == (10, "baseline_bounce", False)
-    assert hold.held_s == pytest.approx(0.09)
+    (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (recording,)), 0.05, 0.1)
+    assert (hold.channel, hold.run, hold.kind) == ("travel", "baseline_bounce_1", "baseline_bounce")
+    assert (hold.longest.last - hold.longest.first, hold.longest.constant) == (9, False)
+    assert hold.longest.held_s == pytest.approx(0.09)
     level = Recording(recording.group, recording.time_s, np.full((50, 1), 3.0))
-    (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (level,)), 0.1)
-    assert (hold.held, hold.constant) == (50, True)
+    (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (level,)), 0.05, 0.1)
+    assert (hold.longest.last - hold.longest.first, hold.longest.constant) == (49, True)
 
 
 @pytest.mark.parametrize(

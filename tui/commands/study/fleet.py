@@ -35,6 +35,7 @@ def fleet(
     """Identify plausible cars with friction, damper curves, stops."""
     from functools import partial
 
+    from dbc import counted
     from identify.study import fleet_study, fractions
 
     from ...jobs.fleet import identified_car
@@ -45,7 +46,8 @@ def fleet(
     with progress("fleet") as stage:
         cases = map_items(work, range(cars), workers, stage, "study", scheduler)
     way = "scales and tape measure" if facts else "added mass"
-    result = fleet_study(f"{cars} plausible cars, {sensors.value} sensors, {way}", cases)
+    title = f"{counted(cars, 'plausible car')}, {sensors.value} sensors, {way}"
+    result = fleet_study(title, cases)
     if json:
         print_json({**document(result), "summary": fractions(cases)})
     else:

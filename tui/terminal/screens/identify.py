@@ -14,6 +14,7 @@ from daq import Status
 from daq.control import Build, SessionState
 from daq.errors import printable
 from daq.runlog import LoggedStatus
+from dbc import counted
 
 from ...jobs.lines import Done, IdentifyTask, Trouble
 from ...jobs.outcome import Outcome, parse_outcome
@@ -141,7 +142,8 @@ class IdentifyScreen(WorkScreen):
         accepted = sum(run.status is LoggedStatus.ACCEPTED for run in status.runs)
         rejected = sum(run.status is LoggedStatus.REJECTED for run in status.runs)
         lines = [
-            f"{printable(status.vehicle, 60)}: {accepted} runs accepted, {rejected} rejected (kept)"
+            f"{printable(status.vehicle, 60)}: {counted(accepted, 'run')} accepted, "
+            f"{rejected} rejected (kept)"
         ]
         glyphs = self.bench_app.glyphs
         for t in status.tallies:

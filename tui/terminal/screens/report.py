@@ -12,6 +12,7 @@ from textual.binding import Binding, BindingType
 from daq import Status
 from daq.control import Mark, SessionState, Start
 from daq.errors import printable
+from dbc import plural
 
 from ...jobs.lines import ReportTask
 from ...jobs.session_list import report_of, size_text
@@ -158,5 +159,5 @@ class ReportScreen(WorkScreen):
                 for t in status.tallies
             ]
             frames, journal = status.disk.recorded_frames, printable(status.folder)
-            lines.append(f"  {frames:,} raw frames in the journal in {journal}")
+            lines.append(f"  {frames:,} raw {plural(frames, 'frame')} in the journal in {journal}")
         return [*lines, "", f"{glyphs.now} W = next vehicle   S = sessions   R = write again"]

@@ -99,6 +99,10 @@ SKETCHES: Mapping[str, str] = MappingProxyType(
    recorded   1 2 3     6 7 8 9
                     ^ ^ lost: gap in the counter
 """,
+        "frozen": r"""
+   wheel FL   .-'`-.-'`-.-'`-.
+   wheel RR   .-'--------------    <- one value from here on
+""",
         "stale": r"""
    wheel FL   .-'`-.-'`-.-'`-.
    wheel RR   .-'`-.               <- silent from here on

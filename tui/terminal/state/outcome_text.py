@@ -9,6 +9,7 @@ from math import isfinite
 from textwrap import wrap
 
 from daq.errors import printable
+from dbc import counted
 
 from ...jobs.outcome import Estimated, Outcome, RunOutcome, StateOutcome
 from .glyphs import Glyphs, GlyphSet
@@ -31,7 +32,7 @@ def mark(verdict: str, glyphs: Glyphs) -> str:
 def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> list[str]:
     """Return the verdict in words, then its gravest reasons with advice, at most `most` lines."""
     word = outcome.verdict.upper()
-    runs = f"{outcome.used} of {len(outcome.runs)} runs used"
+    runs = f"{outcome.used} of {counted(len(outcome.runs), 'run')} used"
     fit = f"   chi2/n {outcome.chi2_per_n:.3f}" if isfinite(outcome.chi2_per_n) else ""
     head = f"{mark(outcome.verdict, glyphs)} {word}  {outcome.headline}"
     tail = f"{runs}{fit}"
@@ -46,7 +47,8 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> li
         lines += wrap(outcome.meaning, width - 2, initial_indent="  ", subsequent_indent="  ")
     if len(lines) > most:
         hidden = len(lines) - most + 1
-        lines = [*lines[: most - 1], f"  ... {hidden} more lines: Tab to Findings"]
+        more = counted(hidden, "more line")
+        lines = [*lines[: most - 1], f"  ... {more}: Tab to Findings"]
     return lines
 
 
