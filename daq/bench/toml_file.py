@@ -21,9 +21,12 @@ _AnyTable = TypeVar("_AnyTable", bound=Table)
 def toml_text(path: Path, advice: str) -> str:
     """Return the text of a file.
 
-    Raises InputError, with `advice`, if it cannot be read, is too large or not UTF-8.
+    Raises InputError, with `advice`, if it cannot be read, is no file, is too large or not UTF-8.
     """
     try:
+        if path.exists() and not path.is_file():  # a FIFO waits for ever, a device never ends
+            what = "is a directory" if path.is_dir() else "is not a regular file"
+            raise InputError(str(path), what, advice)
         if path.stat().st_size > MAX_CONFIG_BYTES:
             raise InputError(str(path), "is larger than 1 MB", advice)
         return path.read_text("utf-8-sig")

@@ -46,6 +46,8 @@ def exported_session(path: Path) -> Session | None:
     InputError if it is damaged, or a library is missing.
     """
     try:
+        if path.exists() and not path.is_file():  # a FIFO would wait for ever
+            return None
         with path.open("rb") as file:
             head = file.read(128)
     except OSError:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
+from threading import Thread
 
 import h5py
 import numpy as np
@@ -148,3 +150,37 @@ def test_output_below_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path)
     out = tmp_path / "bus.log" / "out.h5"
     assert run(["import", str(tmp_path / "bus.log"), "--out", str(out)]) == 2
     _one_line(capsys, "")
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("a.log", ["import"]),
+        ("a.toml", ["check"]),
+        ("a.toml", ["record"]),
+        ("a.toml", ["simulate"]),
+        ("a.toml", ["plan", "--bench"]),
+    ],
+)
+def test_a_fifo_is_named_and_never_opened(
+    name: str, command: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Opening one waits until something is written to it."""
+    fifo = tmp_path / name
+    os.mkfifo(fifo)
+    writer = Thread(target=lambda: fifo.write_bytes(b"# a bench\n"), daemon=True)
+    writer.start()
+    assert run([*command, str(fifo)]) == 2
+    _one_line(capsys, f"{name}: is not a regular file")
+    assert writer.is_alive(), "a reader came"
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    writer.join()
+    os.close(reader)
+
+
+@pytest.mark.parametrize(("name", "kind"), [(".", "is a directory"), ("/dev/null", "is not a")])
+def test_what_is_no_file_is_no_bench(
+    name: str, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["plan", "--bench", name]) == 2
+    _one_line(capsys, f"{name}: {kind}")
