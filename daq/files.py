@@ -60,6 +60,18 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
         part.write_bytes(data)
 
 
+def write_named(path: Path, data: bytes) -> None:
+    """Write a file that a user names, and its folder; an older one stays complete until then.
+
+    Raises InputError if it cannot be written.
+    """
+    make_room(path)
+    try:
+        write_bytes(path, data)
+    except OSError as error:
+        raise InputError(str(path), error.strerror or str(error), "name another file") from error
+
+
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits."""
     with path.open("rb") as file:

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, read_only
+from dbc.frames import FrameBatch, freeze_arrays, read_only
 
 BASELINE = "baseline"
 ADDED = "added"
@@ -62,9 +62,7 @@ class SampleGroup:
         for name, shape in columns.items():
             if shape != (n,):
                 raise ValueError(f"group {self.name}: {name} has shape {shape}, not ({n},)")
-        object.__setattr__(self, "time_s", read_only(self.time_s))
-        object.__setattr__(self, "t_ns", read_only(self.t_ns))
-        object.__setattr__(self, "quality", read_only(self.quality))
+        freeze_arrays(self, "time_s", "t_ns", "quality")
         frozen = {name: read_only(column) for name, column in self.values.items()}
         object.__setattr__(self, "values", MappingProxyType(frozen))
 
@@ -120,6 +118,11 @@ class Event:
     text: str = ""
 
 
+def run_label(mass_state: str, excitation: Excitation, repeat: int) -> str:
+    """Return `baseline_bounce_1` and the like."""
+    return f"{mass_state}_{excitation}_{repeat}"
+
+
 @dataclass(frozen=True, slots=True)
 class RunOutline:
     """A run without its samples and frames, for tables."""
@@ -170,7 +173,7 @@ class Run:
     @property
     def label(self) -> str:
         """`baseline_bounce_1` and the like."""
-        return f"{self.mass_state}_{self.excitation}_{self.repeat}"
+        return run_label(self.mass_state, self.excitation, self.repeat)
 
     @property
     def is_accepted(self) -> bool:

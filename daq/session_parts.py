@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
-import numpy as np
-
 from .errors import InputError
 from .runs import Run
 from .sessions import Session
@@ -36,7 +34,5 @@ def _part(run: Run, channels: Collection[str], buses: Collection[int]) -> Run:
         replace(group, values={n: v for n, v in group.values.items() if n in channels})
         for group in run.groups
     )
-    frames = run.frames
-    if buses:
-        frames = frames.select(np.isin(frames.bus, sorted(buses)))
+    frames = run.frames.on_buses(buses)
     return replace(run, groups=tuple(group for group in groups if group.values), frames=frames)

@@ -55,8 +55,7 @@ def to_xarray(runs: Sequence[Run], channels: Sequence[Channel], vehicle: str) ->
         nodes[f"/{run.label}"] = xarray.Dataset(attrs=_about(run))
         for group in run.groups:
             nodes[f"/{run.label}/{group.name}"] = xarray.Dataset(
-                _variables(group, channels),
-                {"time": ("time", group.time_s, {"units": "s"})},
+                _variables(group, channels), {"time": ("time", group.time_s, {"units": "s"})}
             )
     tree: xr.DataTree = xarray.DataTree.from_dict(nodes)
     return tree

@@ -41,6 +41,11 @@ class Session:
         """The channels that measure a quantity of the vehicle."""
         return tuple(c for c in self.channels if c.quantity is not Quantity.UNUSED)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """SI unit of each channel, by its name."""
+        return {channel.name: channel.unit for channel in self.channels}
+
     def _repr_html_(self) -> str:
         """Return the HTML that a notebook shows."""
         return _html(self)

@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from math import isfinite
+from typing import Any
+
+
+def json_in_html(document: Mapping[str, object], **form: Any) -> str:
+    """Write a document so that no text in it can end the HTML element that holds it.
+
+    `form`: how `json.dumps` lays it out.
+    """
+    text = json.dumps(strict(document), allow_nan=False, **form)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def strict(value: object) -> object:

@@ -201,6 +201,8 @@ class Structure:
     """True if the CG may lie to the left or right of the middle of the car."""
 
 
+RICHEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
+"""Structure with every parameter that the model can have."""
 _CORNER_KINDS = ("m_u", "k_s", "k_t", "c_s")
 _UNITS = {
     "m": "kg",

@@ -27,7 +27,8 @@ class Codec:
     """Messages and signals of the database that cannot be used, and why."""
     notes: tuple[Finding, ...] = ()
     """Oddities of the database that do no harm."""
-    _by_name: dict[str, MessageLayout] = field(init=False, repr=False, compare=False)
+    by_name: Mapping[str, MessageLayout] = field(init=False, repr=False, compare=False)
+    """The messages by their names."""
     _by_id: dict[tuple[int | None, int, bool], MessageLayout] = field(
         init=False, repr=False, compare=False
     )
@@ -36,7 +37,7 @@ class Codec:
 
     def __post_init__(self) -> None:
         by_id = {(m.bus, m.can_id, m.is_extended): m for m in self.messages}
-        object.__setattr__(self, "_by_name", {m.name: m for m in self.messages})
+        object.__setattr__(self, "by_name", {m.name: m for m in self.messages})
         object.__setattr__(self, "_by_id", by_id)
         object.__setattr__(self, "_readers", tuple(map(compile_message, self.messages)))
         object.__setattr__(self, "_identifiers", Identifiers.of(self.messages))
@@ -49,9 +50,9 @@ class Codec:
         KeyError
             If the DBC has none.
         """
-        if name not in self._by_name:
+        if name not in self.by_name:
             raise KeyError(f"the DBC has no message {name}")
-        return self._by_name[name]
+        return self.by_name[name]
 
     def find(self, can_id: int, is_extended: bool, bus: int = 0) -> MessageLayout | None:
         """Return the message that frames with this identifier carry on a bus, or None."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import Self, TypeVar
@@ -32,6 +32,12 @@ def read_only(values: NDArray[_T]) -> NDArray[_T]:
     view = values.view()
     view.setflags(write=False)
     return view
+
+
+def freeze_arrays(record: object, *names: str) -> None:
+    """Make arrays of a frozen dataclass read-only, in its `__post_init__`."""
+    for name in names:
+        object.__setattr__(record, name, read_only(getattr(record, name)))
 
 
 FD_LENGTHS = read_only(np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], np.uint8))
@@ -89,6 +95,25 @@ class FrameBatch:
             self.length[index],
             self.data[index],
         )
+
+    def by_time(self) -> Self:
+        """Return the frames in order of time; those of one time keep theirs."""
+        return self.select(np.argsort(self.t_ns, kind="stable"))
+
+    def within(self, spans: Iterable[tuple[int, int]]) -> Self:
+        """Return the frames in any of these spans of time, start <= t < stop, ns."""
+        if not len(self):
+            return self
+        first_ns, last_ns = int(self.t_ns.min()), int(self.t_ns.max())
+        wanted = np.zeros(len(self), bool)
+        for start_ns, stop_ns in spans:
+            if start_ns <= last_ns and first_ns < stop_ns:
+                wanted |= (self.t_ns >= start_ns) & (self.t_ns < stop_ns)
+        return self.select(wanted)
+
+    def on_buses(self, buses: Collection[int]) -> Self:
+        """Return the frames of some buses; of all if none is named."""
+        return self.select(np.isin(self.bus, sorted(buses))) if buses else self
 
     @classmethod
     def empty(cls) -> Self:

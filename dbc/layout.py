@@ -54,6 +54,12 @@ class SignalLayout:
         return self.selector is not None
 
     @property
+    def is_plain(self) -> bool:
+        """True if its value is the raw number, unsigned and whole, and in every frame."""
+        as_it_is = (self.factor, self.offset) == (1, 0) and not self.is_float
+        return as_it_is and not self.is_signed and not self.is_multiplexed
+
+    @property
     def first_byte(self) -> int:
         """The lowest byte of the payload that holds a bit of the signal."""
         return self.start // 8

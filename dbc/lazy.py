@@ -18,9 +18,7 @@ from importlib import import_module
 from pathlib import Path
 
 
-def lazy(
-    package: str,
-) -> tuple[list[str], Callable[[], list[str]], Callable[[str], object]]:
+def lazy(package: str) -> tuple[list[str], Callable[[], list[str]], Callable[[str], object]]:
     """Return `__all__`, `__dir__` and `__getattr__` of the package that calls this.
 
     A name is looked up in its file at each access, so that a replacement there is seen here.

@@ -44,6 +44,11 @@ class Samples:
     quality: NDArray[np.uint8]
     """Bits of `Quality`, shape (n,)."""
 
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Mask of the samples that may enter a computation, shape (n,)."""
+        return np.asarray((self.quality & UNUSABLE) == 0)
+
 
 @dataclass(frozen=True, slots=True)
 class DecodeCounts:

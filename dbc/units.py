@@ -22,50 +22,30 @@ class SiUnit:
 
 
 _DEGREE = math.pi / 180
-_TABLE: dict[str, tuple[float, float, str]] = {
-    "": (1.0, 0.0, "1"),
-    "1": (1.0, 0.0, "1"),
-    "-": (1.0, 0.0, "1"),
-    "%": (0.01, 0.0, "1"),
-    "m/s2": (1.0, 0.0, "m/s2"),
-    "mm/s2": (1e-3, 0.0, "m/s2"),
-    "g": (G_M_S2, 0.0, "m/s2"),
-    "mg": (G_M_S2 * 1e-3, 0.0, "m/s2"),
-    "rad/s": (1.0, 0.0, "rad/s"),
-    "mrad/s": (1e-3, 0.0, "rad/s"),
-    "deg/s": (_DEGREE, 0.0, "rad/s"),
-    "rad/s2": (1.0, 0.0, "rad/s2"),
-    "deg/s2": (_DEGREE, 0.0, "rad/s2"),
-    "rad": (1.0, 0.0, "rad"),
-    "deg": (_DEGREE, 0.0, "rad"),
-    "m": (1.0, 0.0, "m"),
-    "cm": (1e-2, 0.0, "m"),
-    "mm": (1e-3, 0.0, "m"),
-    "um": (1e-6, 0.0, "m"),
-    "in": (0.0254, 0.0, "m"),
-    "m/s": (1.0, 0.0, "m/s"),
-    "mm/s": (1e-3, 0.0, "m/s"),
-    "km/h": (1 / 3.6, 0.0, "m/s"),
-    "kph": (1 / 3.6, 0.0, "m/s"),
-    "s": (1.0, 0.0, "s"),
-    "ms": (1e-3, 0.0, "s"),
-    "us": (1e-6, 0.0, "s"),
-    "ns": (1e-9, 0.0, "s"),
-    "Hz": (1.0, 0.0, "Hz"),
-    "kHz": (1e3, 0.0, "Hz"),
-    "N": (1.0, 0.0, "N"),
-    "kN": (1e3, 0.0, "N"),
-    "kg": (1.0, 0.0, "kg"),
-    "V": (1.0, 0.0, "V"),
-    "mV": (1e-3, 0.0, "V"),
-    "A": (1.0, 0.0, "A"),
-    "mA": (1e-3, 0.0, "A"),
-    "bar": (1e5, 0.0, "Pa"),
-    "kPa": (1e3, 0.0, "Pa"),
-    "Pa": (1.0, 0.0, "Pa"),
-    "K": (1.0, 0.0, "K"),
-    "degC": (1.0, 273.15, "K"),
+_FACTORS: dict[str, dict[str, float]] = {
+    "1": {"": 1.0, "1": 1.0, "-": 1.0, "%": 0.01},
+    "m/s2": {"m/s2": 1.0, "mm/s2": 1e-3, "g": G_M_S2, "mg": G_M_S2 * 1e-3},
+    "rad/s": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEGREE},
+    "rad/s2": {"rad/s2": 1.0, "deg/s2": _DEGREE},
+    "rad": {"rad": 1.0, "deg": _DEGREE},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "kph": 1 / 3.6},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "Hz": {"Hz": 1.0, "kHz": 1e3},
+    "N": {"N": 1.0, "kN": 1e3},
+    "kg": {"kg": 1.0},
+    "V": {"V": 1.0, "mV": 1e-3},
+    "A": {"A": 1.0, "mA": 1e-3},
+    "Pa": {"Pa": 1.0, "kPa": 1e3, "bar": 1e5},
+    "K": {"K": 1.0},
 }
+"""Factors of the known units, by their SI unit."""
+_KNOWN = {
+    unit: SiUnit(factor, 0.0, si)
+    for si, factors in _FACTORS.items()
+    for unit, factor in factors.items()
+}
+_KNOWN["degC"] = SiUnit(1.0, 273.15, "K")
 
 # Different characters that editors write for the same sign.
 _SPELLINGS = (
@@ -84,82 +64,30 @@ _SPELLINGS = (
     ("\u03bc", "u"),  # Greek mu
     ("\u00b5", "u"),  # micro sign
 )
-_WORDS = {
-    "m/s/s": "m/s2",
-    "m/sec2": "m/s2",
-    "mps2": "m/s2",
-    "G": "g",
-    "gn": "g",
-    "g0": "g",
-    "deg/sec": "deg/s",
-    "dps": "deg/s",
-    "degree/s": "deg/s",
-    "degrees/s": "deg/s",
-    "deg/s/s": "deg/s2",
-    "rad/sec": "rad/s",
-    "rad/s/s": "rad/s2",
-    "degree": "deg",
-    "degrees": "deg",
-    "sec": "s",
-    "km/hour": "km/h",
-    "Kph": "kph",
-    "inch": "in",
-    "m.s-2": "m/s2",
-    "meter/s2": "m/s2",
-    "meters/s2": "m/s2",
-    "m/s^2": "m/s2",
-    "rad.s-1": "rad/s",
-    "rad.s-2": "rad/s2",
-    "radians/s": "rad/s",
-    "radian/s": "rad/s",
-    "deg.s-1": "deg/s",
-    "deg.s-2": "deg/s2",
-    "Deg": "deg",
-    "Deg/s": "deg/s",
-    "Degrees": "deg",
-    "DPS": "deg/s",
-    "degree/sec": "deg/s",
-    "degrees/sec": "deg/s",
-    "degree/second": "deg/s",
-    "degrees/second": "deg/s",
-    "radian": "rad",
-    "radians": "rad",
-    "meter": "m",
-    "meters": "m",
-    "Meter": "m",
-    "Meters": "m",
-    "millimeter": "mm",
-    "millimeters": "mm",
-    "millimetre": "mm",
-    "centimeter": "cm",
-    "m/sec": "m/s",
-    "meter/s": "m/s",
-    "meters/s": "m/s",
-    "meters/sec": "m/s",
-    "second": "s",
-    "seconds": "s",
-    "millisecond": "ms",
-    "milliseconds": "ms",
-    "Unit_MeterPerSeconSquar": "m/s2",
-    "Unit_MeterPerSecondSquared": "m/s2",
-    "Unit_MeterPerSquareSecond": "m/s2",
-    "Unit_ForceOfGravi": "g",
-    "Unit_DegreOfArcPerSecon": "deg/s",
-    "Unit_DegreeOfArcPerSecond": "deg/s",
-    "Unit_DegreOfArc": "deg",
-    "Unit_Meter": "m",
-    "Unit_Centimeter": "cm",
-    "Unit_MilliMeter": "mm",
-    "Unit_MeterPerSecon": "m/s",
-    "Unit_MeterPerSecond": "m/s",
-    "Unit_Secon": "s",
-    "Unit_MilliSecon": "ms",
-    "Unit_None": "",
-    "none": "",
-    "None": "",
-    "n/a": "",
+_OTHERS = {
+    "": "none None n/a Unit_None",
+    "m/s2": """m/s/s m/sec2 mps2 m.s-2 meter/s2 meters/s2 m/s^2 Unit_MeterPerSeconSquar
+        Unit_MeterPerSecondSquared Unit_MeterPerSquareSecond""",
+    "g": "G gn g0 Unit_ForceOfGravi",
+    "rad/s": "rad/sec rad.s-1 radian/s radians/s",
+    "deg/s": """deg/sec deg.s-1 dps DPS Deg/s degree/s degrees/s degree/sec degrees/sec
+        degree/second degrees/second Unit_DegreOfArcPerSecon Unit_DegreeOfArcPerSecond""",
+    "rad/s2": "rad/s/s rad.s-2",
+    "deg/s2": "deg/s/s deg.s-2",
+    "rad": "radian radians",
+    "deg": "degree degrees Deg Degrees Unit_DegreOfArc",
+    "m": "meter meters Meter Meters Unit_Meter",
+    "cm": "centimeter Unit_Centimeter",
+    "mm": "millimeter millimeters millimetre Unit_MilliMeter",
+    "in": "inch",
+    "m/s": "m/sec meter/s meters/s meters/sec Unit_MeterPerSecon Unit_MeterPerSecond",
+    "km/h": "km/hour",
+    "kph": "Kph",
+    "s": "sec second seconds Unit_Secon",
+    "ms": "millisecond milliseconds Unit_MilliSecon",
 }
 """Other spellings of these units in public databases."""
+_WORDS = {word: unit for unit, words in _OTHERS.items() for word in words.split()}
 
 
 def to_si(unit: str) -> SiUnit:
@@ -183,12 +111,12 @@ def to_si(unit: str) -> SiUnit:
         If the table does not hold the unit.
     """
     spelled = _respell(_remedy(unit))
-    known = _TABLE.get(_WORDS.get(spelled, spelled))
+    known = _KNOWN.get(_WORDS.get(spelled, spelled))
     if known is None:
         raise InputError(
             f"unit {unit!r}", "not known", "write it in the DBC as m/s2, g, deg/s, rad/s, mm or m"
         )
-    return SiUnit(*known)
+    return known
 
 
 def _remedy(unit: str) -> str:

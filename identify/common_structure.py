@@ -38,8 +38,8 @@ def with_common_structure(estimations: Sequence[Estimation]) -> tuple[Estimation
 
 def _refitted(estimation: Estimation, structure: Structure) -> Estimation:
     box = estimation.box.with_structure(structure)
-    full = estimation.box.full(estimation.fit.eta.astype(complex)).real
-    found = fit(box, estimation.decays, estimation.sigma, box.unknowns_of(full))
+    start = box.unknowns_of(estimation.full)
+    found = fit(box, estimation.decays, estimation.sigma, start)
     chi2 = estimation.chi2_per_n
     if estimation.freedom > 0.0:
         chi2 += (found.cost - estimation.fit.cost) / estimation.freedom

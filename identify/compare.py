@@ -6,8 +6,8 @@ joint fit of all sessions (`identify.change`), which is far more precise.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from math import erfc, sqrt
 from typing import Any
 
@@ -143,14 +143,14 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
         if not result.parameters:
             reason = result.quality.reasons[0] if result.quality.reasons else "no fit"
             raise InputError(label, f"not identified: {reason}", "leave it out")
-    parameters = _in_all([_parameters(result) for result in results])
+    parameters = _in_all([result.parameters for result in results])
     modes = _in_all([_modes(result) for result in results])
     forces = _in_all([_forces(result) for result in results])
     rows = {**parameters, **forces, **modes}
     pairs = [(e[0], other) for e in rows.values() for other in e[1:]]
     plain = [_difference(*pair) for pair in pairs]
-    found = iter(_holm([d.p for d in plain]))
-    each = iter(Difference(d.value, d.std, d.z, d.p, next(found)) for d in plain)
+    found = _holm([d.p for d in plain])
+    each = iter(replace(d, significant=yes) for d, yes in zip(plain, found, strict=True))
     differences = {name: tuple(next(each) for _ in e[1:]) for name, e in rows.items()}
     trends = _trends(rows) if len(results) > 2 else {}
     compared = {
@@ -185,13 +185,8 @@ def _apart(results: Sequence[Identification]) -> tuple[str, ...]:
     )
 
 
-def _parameters(result: Identification) -> dict[str, Estimate]:
-    return {n: e for n, e in result.parameters.items() if e.std > 0.0 and e.determined}
-
-
-def _forces(result: Identification) -> dict[str, Estimate]:
-    found = force_quantities(result.forces) if result.forces else {}
-    return {n: e for n, e in found.items() if e.std > 0.0 and e.determined}
+def _forces(result: Identification) -> Mapping[str, Estimate]:
+    return force_quantities(result.forces) if result.forces else {}
 
 
 def _open(results: Sequence[Identification]) -> tuple[str, ...]:
@@ -206,12 +201,19 @@ def _modes(result: Identification) -> dict[str, Estimate]:
         for name, mode in zip(result.mode_names[state], modes, strict=True):
             found[f"{state}: {name}, frequency"] = mode.frequency
             found[f"{state}: {name}, damping ratio"] = mode.damping_ratio
-    return {n: e for n, e in found.items() if e.std > 0.0 and e.determined}
+    return found
 
 
-def _in_all(found: Sequence[dict[str, Estimate]]) -> dict[str, tuple[Estimate, ...]]:
-    names = [name for name in found[0] if all(name in other for other in found)]
-    return {name: tuple(one[name] for one in found) for name in names}
+def _in_all(found: Sequence[Mapping[str, Estimate]]) -> dict[str, tuple[Estimate, ...]]:
+    """Return the quantities that every session identified, with the estimates of all sessions."""
+    first, *others = (
+        {name: e for name, e in one.items() if e.std > 0.0 and e.determined} for one in found
+    )
+    return {
+        name: (e, *(other[name] for other in others))
+        for name, e in first.items()
+        if all(name in other for other in others)
+    }
 
 
 def _difference(first: Estimate, other: Estimate) -> Difference:
@@ -234,11 +236,9 @@ def _trends(rows: dict[str, tuple[Estimate, ...]]) -> dict[str, Trend]:
         plain.append(Trend(slope, slope_std, p, chi2, freedom, constant_p, False, False))
     drifts, varies = _holm([t.slope_p for t in plain]), _holm([t.constant_p for t in plain])
     return {
-        name: Trend(
-            t.slope, t.slope_std, t.slope_p, t.chi2, t.freedom, t.constant_p, drift, vary
-        )
-        for name, t, drift, vary in zip(rows, plain, drifts, varies, strict=True)
-    }  # fmt: skip
+        name: replace(trend, drifts=drift, varies=vary)
+        for name, trend, drift, vary in zip(rows, plain, drifts, varies, strict=True)
+    }
 
 
 def _line(

@@ -8,6 +8,7 @@ from math import isfinite
 from daq.html_tables import html_line, html_table
 
 from .document import Document, EstimateEntry, ModeEntry, unit_text
+from .estimate_text import ends_text, value_text
 from .numbers import interval, rounded
 
 
@@ -44,8 +45,7 @@ def document_html(document: Document) -> str:
 
 def _texts(e: EstimateEntry) -> tuple[str, str]:
     """Return a value and its interval as text."""
-    ends = interval(e["value"], e["low"], e["high"])
-    return rounded(e["value"], e["low"], e["high"])[0], ends if e["std"] else "given"
+    return value_text(e), ends_text(e) if e["std"] else "given"
 
 
 def _mode_texts(mode: ModeEntry) -> Iterator[str]:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from daq.vehicle import VehicleGeometry
+
 from .document import (
     Document,
     estimate_entries,
@@ -88,6 +90,11 @@ class Identification:
     """The fit itself, with its decays; None where no fit was possible."""
     vehicle: str = ""
     """Name of the vehicle, as the session states it."""
+
+    @property
+    def geometry(self) -> VehicleGeometry:
+        """Estimated places of the wheels; only where a fit was possible."""
+        return VehicleGeometry(*(self.parameters[name].value for name in ("a", "b", "t_f", "t_r")))
 
     def document(self) -> Document:
         """Return the JSON document, from which every printed form is made."""

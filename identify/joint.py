@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from .fit.estimation import Estimation
 from .fit.varpro import pseudo_inverse
@@ -37,8 +37,7 @@ class Likelihood:
     """Best values of the session's own unknowns at the point, shape (q,)."""
 
     def __post_init__(self) -> None:
-        for name in ("information", "target", "own"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "information", "target", "own")
 
 
 def likelihood_at_optimum(estimation: Estimation, elements: Sequence[str] = ()) -> Likelihood:

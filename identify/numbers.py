@@ -58,6 +58,11 @@ def plus_minus(value: float, half: float) -> str:
     return text if text.startswith("-") or not isfinite(value) else f"+{text}"
 
 
+def signed(value: float, half: float) -> str:
+    """Write a difference with its sign, to the place of half of its interval."""
+    return plus_minus(value, half).partition(" ± ")[0]
+
+
 def plus_minus_percent(value: float, half: float, of: float) -> str:
     """Write a difference as a share of a value; nothing where that is zero."""
     return f"{plus_minus(value / abs(of) * 100.0, half / abs(of) * 100.0)} %" if of else ""

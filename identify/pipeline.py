@@ -20,13 +20,8 @@ from dbc.words import counted
 
 from .decays.decay import FreeDecay, Record
 from .decays.usable import usable
-from .fit.estimation import (
-    Estimation,
-    first_estimate,
-    generic_vehicles,
-    later_estimate,
-    later_may_hold,
-)
+from .fit.estimation import Estimation, first_estimate, later_estimate, later_may_hold
+from .fit.generic_vehicles import generic_vehicles
 from .fit.grey_box import GreyBox
 from .fit.uncertainty import (
     correlation,
@@ -111,12 +106,10 @@ def identify(
     progress(0.8, "modes")
     results = {name: modes() for name, modes in finding.items()}
     sensed = {name: result for name, result in results.items() if result is not None}
-    full = found.estimation.box.full(found.estimation.fit.eta.astype(complex)).real
-    geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
     states = [state for state in session.mass_states if state.name in found.modal]
     found = replace(found, sensed={name: modes.model for name, modes in sensed.items()})
     try:
-        chain = _closed_form(sensed, states, geometry, session.vehicle.geometry)
+        chain = _closed_form(sensed, states, found.geometry, session.vehicle.geometry)
     except InputError as error:
         return replace(found, closed_form_reason=str(error))
     return replace(
@@ -167,14 +160,17 @@ def _parameters(
     if not (estimation.holds or signs or jump):
         wrong = wrong_channel(estimation)
     if not (estimation.holds or signs or wrong):  # else no car explains the decays
-        if later_may_hold(estimation, vehicles):
+        linear = estimation
+        if later_may_hold(linear, vehicles):
             progress(0.5, "fitting again")
-            estimation = later_estimate(estimation, vehicles)
-        elif real := explained_by_elements(session, estimation, partial(progress, 0.2)):
-            estimation, forces, box = real.estimation, real.forces, real.estimation.box
+            estimation = later_estimate(linear, vehicles)
+        if not estimation.holds:
+            real = explained_by_elements(session, linear, partial(progress, 0.2))
+            if real:
+                estimation, forces, box = real.estimation, real.forces, real.estimation.box
     fit = estimation.fit
     fitted(estimation, without_jump(estimation) if jump else estimation.decays, signs)
-    full = box.full(fit.eta.astype(complex)).real
+    full = estimation.full
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
     physical = {state.name: loaded_model(full, state.added) for state in states}

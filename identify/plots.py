@@ -9,7 +9,6 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from daq.vehicle import VehicleGeometry
 from dbc.errors import InputError
 
 from .identification import Identification
@@ -89,17 +88,9 @@ def modes(result: Identification, mass_state: str = "baseline") -> Figure:
     """
     if mass_state not in _fitted(result).modal:
         raise InputError("plot", f"no mass state {mass_state}", f"choose {', '.join(result.modal)}")
-    lengths = (result.parameters[name].value for name in ("a", "b", "t_f", "t_r"))
-    geometry = VehicleGeometry(*lengths)
     model = result.modal[mass_state]
     shapes = (
-        shape_of(
-            name,
-            mode_text(known),
-            mode.frequency_hz,
-            mode.shape,
-            geometry,
-        )
+        shape_of(name, mode_text(known), mode.frequency_hz, mode.shape, result.geometry)
         for name, mode, known in zip(
             result.mode_names[mass_state], model.modes, result.modes[mass_state], strict=True
         )

@@ -9,7 +9,8 @@ import numpy as np
 
 from daq.sessions import Session
 
-from .fit.estimation import Estimation, generic_vehicles
+from .fit.estimation import Estimation
+from .fit.generic_vehicles import generic_vehicles
 from .trust.cause_ranking import Suspect, rank_causes
 from .trust.consistency import one_run_is_wrong
 from .trust.misfit import CHI2_LIMIT
@@ -33,7 +34,7 @@ def explained_by_elements(
     that explain it equally well.
 
     `session`: with the elements that `[vehicle.structure]` forces or forbids.  `linear`: a linear
-    fit that does not hold, and would not hold from a later start.  `log`: receives a line for each
+    fit that does not hold, nor does one from a later start.  `log`: receives a line for each
     stage of the fit.
     """
     longest_s = max(float(r.time_s[-1]) for d in linear.decays for r in d.recordings)

@@ -14,13 +14,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.vehicle import Structure
+from daq.vehicle import RICHEST
 
 from .fit.estimation import Estimation
 from .fit.grey_box import GreyBox
 from .joint import Likelihood, likelihood_at
-
-_WIDEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
 
 
 def wide_likelihoods(
@@ -45,7 +43,7 @@ def _wide_likelihood(
     estimation: Estimation, at: NDArray[np.float64], own: NDArray[np.float64]
 ) -> Likelihood:
     narrow = estimation.box
-    box = narrow.with_structure(_WIDEST)
+    box = narrow.with_structure(RICHEST)
     full = narrow.full(np.concatenate([at, own]).astype(complex)).real
     eta = box.unknowns_of(full)[: len(box.parameters)]
     share = likelihood_at(replace(estimation, box=box), eta, own)

@@ -7,7 +7,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from daq.files import make_room, write_bytes
+from daq.files import write_named
 from dbc import InputError
 
 from .endings import require_ending
@@ -35,14 +35,7 @@ def write_damper_table(document: Document, path: Path) -> None:
     if forces is None:
         what = "not written: the linear model explains the decays, so there is no damper curve"
         raise InputError(str(path), what, "take c_sf and c_sr, or bump higher")
-    data = DAMPER_WRITERS[path.suffix.lower()](forces)
-    make_room(path)
-    try:
-        write_bytes(path, data)
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be written: {error.strerror}", "choose another place"
-        ) from error
+    write_named(path, DAMPER_WRITERS[path.suffix.lower()](forces))
 
 
 def _columns(damper: DamperEntry) -> Columns:

@@ -14,7 +14,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.files import make_room, write_bytes
+from daq.files import write_named
 from dbc import InputError
 
 from .endings import require_ending
@@ -53,12 +53,7 @@ def write_model(result: Identification, path: Path) -> None:
         raise InputError(
             str(path), f"not written: {why}", "see the result of identify for the session"
         )
-    make_room(path)
-    try:
-        write_bytes(path, MODEL_WRITERS[path.suffix.lower()](result))
-    except OSError as error:
-        what = f"cannot be written: {error.strerror}"
-        raise InputError(str(path), what, "choose another place") from error
+    write_named(path, MODEL_WRITERS[path.suffix.lower()](result))
 
 
 def state_space(result: Identification, state: str) -> StateSpace:
@@ -121,9 +116,13 @@ def _matlab(result: Identification) -> bytes:
             "inputs": np.array(space.inputs, dtype=object),
             "outputs": np.array(space.outputs, dtype=object),
         }
-    parameters = {name: one.value for name, one in result.parameters.items()}
     data = BytesIO()
-    content = {**states, **names, "parameters": parameters, "covariance": covariance(result)}
+    content = {
+        **states,
+        **names,
+        "parameters": {name: one.value for name, one in result.parameters.items()},
+        "covariance": result.document()["covariance"]["matrix"],
+    }
     savemat(data, content, long_field_names=True, oned_as="column")
     return data.getvalue()
 
@@ -174,18 +173,13 @@ def _quoted(text: str) -> str:
 def _json(result: Identification) -> bytes:
     from daq.vehicle import DOF
 
+    whole = result.document()
     document = {
         "degrees_of_freedom": list(DOF),
-        "mass_states": {
-            state: {"M": model.M.tolist(), "C": model.C.tolist(), "K": model.K.tolist()}
-            for state, model in result.physical.items()
-        },
+        "mass_states": whole["matrices"],
         "parameters": {name: one.value for name, one in result.parameters.items()},
-        "covariance": {
-            "names": list(result.correlation.names),
-            "matrix": covariance(result).tolist(),
-        },
-        "verdict": str(result.quality.verdict),
+        "covariance": whole["covariance"],
+        "verdict": whole["verdict"],
         "provenance": {
             name: text
             for name, text in result.provenance.items()
@@ -193,14 +187,6 @@ def _json(result: Identification) -> bytes:
         },
     }
     return (json.dumps(document, indent=1) + "\n").encode()
-
-
-def covariance(result: Identification) -> Any:
-    """Return the covariance of the errors of the parameters, in the order of the correlation."""
-    import numpy as np
-
-    sigma = np.array([result.parameters[name].std for name in result.correlation.names])
-    return result.correlation.matrix * np.outer(sigma, sigma)
 
 
 MODEL_WRITERS: dict[str, Callable[[Identification], bytes]] = {

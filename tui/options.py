@@ -38,8 +38,7 @@ DisplayAt = Annotated[
     ),
 ]
 DisplayControl = Annotated[
-    bool,
-    typer.Option("--display-control", help="Let the display start, reject and pause."),
+    bool, typer.Option("--display-control", help="Let the display start, reject and pause.")
 ]
 OldBench = Annotated[Path | None, typer.Option("--config", hidden=True)]
 OldPlanBench = Annotated[Path | None, typer.Option("--bench", hidden=True)]
@@ -51,3 +50,14 @@ Force = Annotated[
 """The explicit word of `daq.files.refuse_existing`."""
 
 BenchFile = Annotated[Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")]
+RecorderFolder = Annotated[Path, typer.Argument(help="The recorder's folder.")]
+SessionFile = Annotated[Path, typer.Argument(help="Session file (HDF5).")]
+
+Interface = Annotated[str | None, typer.Option(help="python-can interface.")]
+InterfaceChannel = Annotated[str | None, typer.Option(help="Channel of that interface.")]
+Fast = Annotated[bool, typer.Option(help="Send as fast as the bus takes the frames.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")]
+Operator = Annotated[str, typer.Option(help="Your name or initials, stored with every verdict.")]
+
+JsonSummary = Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")]
+JsonResult = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

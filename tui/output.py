@@ -75,7 +75,8 @@ def console() -> Console:
     from rich.console import Console
 
     # A file has no width, so lines are not folded there.
-    return Console(file=sys.stdout, width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    width = None if sys.stdout.isatty() else _FILE_WIDTH
+    return Console(file=sys.stdout, width=width, emoji=False)
 
 
 class Stage(Protocol):

@@ -16,14 +16,9 @@ def write_proposal(proposal: Proposal, target: Path) -> None:
 
     Raises InputError if the file cannot be written.
     """
-    from daq import InputError
-    from daq.files import make_room, write_text
+    from daq.files import write_named
 
-    make_room(target)
-    try:
-        write_text(target, proposal.text)
-    except OSError as error:
-        raise InputError(str(target), error.strerror or str(error), "name another file") from error
+    write_named(target, proposal.text.encode())
     say(f"wrote {target}: read it, and fill in what is marked")
     for question in proposal.questions:
         say(f"? {question}")

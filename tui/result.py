@@ -7,16 +7,9 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from daq.vehicle import parameter_unit
-from identify.document import survival_lines
+from identify.document import survival_lines, unit_text
 from identify.numbers import NOT_DETERMINED
-from identify.report import (
-    half_width_percent,
-    interval,
-    largest_share,
-    number,
-    plain,
-    rounded,
-)
+from identify.report import ends_text, half_text, largest_share, number, plain, rounded, value_text
 
 from .output import print_line, print_table
 
@@ -61,7 +54,7 @@ def _print_beside_truth(
     columns = ["parameter", "truth", "estimate", "95 % interval", "error", "unit"]
     rows = []
     for name, e in parameters.items():
-        row = [_value(e), _interval(e), _error(e, truth.get(name, 0.0)), e["unit"]]
+        row = [value_text(e), _interval(e), _error(e, truth.get(name, 0.0)), e["unit"]]
         rows.append([name, number(truth.get(name, 0.0)), *row])
     absent = [name for name in truth if name not in parameters]
     rows += [[name, number(truth[name]), "-", "", "", parameter_unit(name)] for name in absent]
@@ -80,9 +73,7 @@ def _print_estimates(
 ) -> None:
     rows = []
     for name, e in estimates.items():
-        share = half_width_percent(e["value"], e["low"], e["high"])
-        unit = "" if e["unit"] == "1" else e["unit"]
-        row = [name, _value(e), _interval(e), share, unit]
+        row = [name, value_text(e), _interval(e), half_text(e), unit_text(e["unit"])]
         rows.append([*row, rests_on.get(name, "")] if rests_on else row)
     columns = [what, "estimate", "95 % interval", "±", "unit"]
     print_table(title, [*columns, "mostly from"] if rests_on else columns, rows)
@@ -93,7 +84,7 @@ def _print_forces(forces: ForcesEntry) -> None:
     from identify.report import damper_columns, damper_rows, element_answer  # with a report's nouns
 
     rows = [
-        [f"{axle} {plain(name)}", _value(e), _interval(e), e["unit"].removeprefix("1")]
+        [f"{axle} {plain(name)}", value_text(e), _interval(e), e["unit"].removeprefix("1")]
         for axle, one in forces["axles"].items()
         for name, e in one["elements"].items()
     ]
@@ -113,11 +104,7 @@ def _print_forces(forces: ForcesEntry) -> None:
 
 
 def _interval(e: EstimateEntry) -> str:
-    return interval(e["value"], e["low"], e["high"]) if e["std"] else "given"
-
-
-def _value(e: EstimateEntry) -> str:
-    return rounded(e["value"], e["low"], e["high"])[0]
+    return ends_text(e) if e["std"] else "given"
 
 
 def _mode(mode: ModeEntry) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..runs import ADDED, BASELINE, Excitation
+from ..runs import ADDED, BASELINE, Excitation, run_label
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,7 @@ class Step:
     @property
     def label(self) -> str:
         """`baseline_bounce_1` and the like."""
-        return f"{self.mass_state}_{self.excitation}_{self.repeat}"
+        return run_label(self.mass_state, self.excitation, self.repeat)
 
 
 @dataclass(frozen=True, slots=True)

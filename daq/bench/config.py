@@ -70,6 +70,10 @@ class TriggerConfig:
     rest_s: float
     """Time below `level` before the next bump is armed, s."""
 
+    def window_ns(self, bump_ns: int) -> tuple[int, int]:
+        """Return the span of the run of a bump, start <= t < stop, ns."""
+        return bump_ns - round(self.pre_s * 1e9), bump_ns + round(self.post_s * 1e9)
+
 
 @dataclass(frozen=True, slots=True)
 class RecorderConfig:

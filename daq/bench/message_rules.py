@@ -120,8 +120,7 @@ def _ruled(message: MessageLayout, rule: MessageRule) -> MessageLayout:
 def _plain(message: MessageLayout, key: str, name: str) -> SignalLayout:
     """Return a signal that is an unsigned whole number in every frame."""
     signal = _signal(message, key, name, CORRECT_MESSAGE)
-    whole = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
-    if not whole or signal.is_signed or signal.is_multiplexed:
+    if not signal.is_plain:
         what = f"{name} is not a plain unsigned number"
         raise InputError(f"message {message.name}", what, CORRECT_MESSAGE)
     return signal
@@ -141,11 +140,10 @@ def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, Se
 
     Raises InputError if a time signal is missing, is not a time, or has no wrap.
     """
-    messages = {message.name: message for message in codec.messages}
     return {
-        rule.name: _clock(messages[rule.name], rule.time)
+        rule.name: _clock(codec.by_name[rule.name], rule.time)
         for rule in rules
-        if rule.time is not None and rule.name in messages
+        if rule.time is not None and rule.name in codec.by_name
     }
 
 
@@ -156,10 +154,8 @@ def timed_messages(codec: Codec, rules: Sequence[MessageRule]) -> frozenset[str]
 
 
 def _clock(message: MessageLayout, time: TimeRule) -> SensorClock:
-    signal, where = (
-        _signal(message, "time_signal", time.signal, CORRECT_MESSAGE),
-        f"message {message.name}",
-    )
+    signal = _signal(message, "time_signal", time.signal, CORRECT_MESSAGE)
+    where = f"message {message.name}"
     try:
         si = to_si(time.unit or signal.unit)
     except InputError as error:
@@ -183,7 +179,7 @@ def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[Sample
     Raises InputError if a message or the binding signal is missing, a message is in two sets, or
     the signal is neither a counter nor a time stamp.
     """
-    messages = {message.name: message for message in codec.messages}
+    messages = codec.by_name
     clocks = sensor_clocks(codec, rules)
     owner: dict[str, str] = {}
     for sample_set in sets:

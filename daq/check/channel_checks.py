@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dbc.errors import InputError
 from dbc.finding import Finding, Severity
 from dbc.layout import SignalLayout
-from dbc.samples import UNUSABLE, Decoded, Quality, Samples
+from dbc.samples import Decoded, Quality, Samples
 from dbc.units import G_M_S2, to_si
 from dbc.words import counted, plural
 
@@ -190,7 +190,7 @@ def _validity_lines(
             verdict = Severity.ERROR if count > n / 2 else Severity.WARNING
             reason = f"{count} of {n} samples {plural(count, 'is', 'are')} unusable: {why}"
             found.append(judged("unusable", verdict, reason, "see its message"))
-    usable = (samples.quality & UNUSABLE) == 0
+    usable = samples.usable
     odd = int(np.sum(usable & ~np.isfinite(value)))
     if odd:
         reason = f"{odd} of {n} samples {plural(odd, 'is no number', 'are not numbers')}"
@@ -350,7 +350,7 @@ def _siblings(mapped: MappedChannel, keeping: Timekeeping, decoded: Decoded) -> 
                 si = to_si(signal.unit)
             except InputError:
                 continue
-            value = samples.value[(samples.quality & UNUSABLE) == 0]
+            value = samples.value[samples.usable]
             if si.unit == "m/s2" and len(value):
                 found[name] = si.factor * float(np.median(value)) / G_M_S2
     return found

@@ -79,9 +79,10 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     groups = sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))
     lines = pauses + check_traffic(codec.messages, table, decoded, bench.buses)
     lines += check_messages(mapped, keeping, table, decoded)
+    by_name = {group.name: group for group in groups}
     for each in bench.sample_sets:
-        if _is_used(each, groups):
-            lines += _set_lines(each, groups)
+        if each.name in by_name:
+            lines += _set_lines(each, by_name[each.name])
     if not trigger_channels(bench.channels, bench.procedure.method):
         advice = "add a hub_acceleration or a body_acceleration"
         reason = "no channel can trigger"
@@ -133,12 +134,7 @@ def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:
     return frames.select(slice(int(first[k]), int(last[k]) + 1)), lines
 
 
-def _is_used(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> bool:
-    return any(group.name == sample_set.name for group in groups)
-
-
-def _set_lines(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> list[Finding]:
-    group = next(group for group in groups if group.name == sample_set.name)
+def _set_lines(sample_set: SampleSet, group: SampleGroup) -> list[Finding]:
     subject = f"sample set {group.name}"
     n = len(group.time_s)
     missing = int(np.sum(np.isnan(np.array(list(group.values.values()))).any(axis=0)))

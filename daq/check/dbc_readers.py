@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-
 from dbc import Codec
 from dbc.finding import Finding, Severity
 from dbc.witness.second_reader import Witness, WitnessReport
@@ -26,15 +24,10 @@ class BenchWitness:
         """Return itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End all processes."""
         for witness in self._witnesses:
-            witness.__exit__(kind, error, trace)
+            witness.__exit__()
 
     def report(self) -> WitnessReport:
         """Wait for all answers and return them as one."""
@@ -65,10 +58,7 @@ def bench_witness(bench: Bench, codec: Codec) -> BenchWitness:
 
 
 def reader_lines(reading: WitnessReport) -> list[Finding]:
-    """Return a FAIL for each difference; one WARN if cantools cannot read the DBC.
-
-    `reading`: the answer of cantools; None gives no line.
-    """
+    """Return a FAIL for each difference; one WARN if cantools cannot read the DBC."""
     if reading.refusal:
         reason = f"values are not compared, because cantools cannot read it: {reading.refusal}"
         advice = "compare some values with the sensors' own tools"

@@ -13,7 +13,7 @@ from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.identifiers import Identifiers
 from dbc.layout import MessageLayout
-from dbc.samples import UNUSABLE, Decoded, Quality
+from dbc.samples import Decoded, Quality
 from dbc.words import counted, plural
 
 from ..bench.message_rules import CORRECT_MESSAGE
@@ -284,7 +284,7 @@ def _counter_lines(
     assert message.counter is not None  # ensured by health.advance
     name = message.counter.signal
     samples = decoded[f"{message.name}.{name}"]
-    value = samples.value[(samples.quality & UNUSABLE) == 0]
+    value = samples.value[samples.usable]
     if len(value) > 10 and np.all(value == value[0]):
         reason = f"the counter {name} does not change from {value[0]:.0f}"
         return [fail("counter", reason, "the sensor hangs, or this is not a counter")]
@@ -315,7 +315,7 @@ def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded)
     if clock is None:
         return []
     samples = decoded[clock.signal]
-    good = (samples.quality & UNUSABLE) == 0
+    good = samples.usable
     stamp_s, t_s = samples.value[good] * clock.factor, samples.t_ns[good] * 1e-9
     if len(t_s) < 10 or t_s[-1] - t_s[0] <= 0:
         return []

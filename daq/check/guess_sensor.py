@@ -22,15 +22,7 @@ from ..signal_names import sensor_of
 from ..vehicle import Corner
 from .candidates import Candidate, candidates
 from .guess_hubs import hubs, without_gravity
-from .guess_map import (
-    NO_UNIT,
-    Asked,
-    Guess,
-    guess_quantity,
-    is_body,
-    unit_by_gravity,
-    unit_by_peak,
-)
+from .guess_map import NO_UNIT, Asked, Guess, guess_quantity, is_body, unit_by_gravity, unit_by_peak
 from .mounting import AXES, Mounting, axis_of, mounting, pushed_corner, up_axis
 from .propose_message import Seen
 from .push_test import ORDER
@@ -75,10 +67,7 @@ def _alone(signal: Candidate, length_unit: str) -> Guess | None:
     """
     unit = ""
     if signal.layout.unit in NO_UNIT:
-        by_kind = {
-            "m/s2": unit_by_gravity(abs(signal.level or 0.0)) or "m/s2",
-            "m": length_unit,
-        }
+        by_kind = {"m/s2": unit_by_gravity(abs(signal.level or 0.0)) or "m/s2", "m": length_unit}
         unit = by_kind.get(signal.kind, "deg/s")
     layout = replace(signal.layout, unit=unit) if unit else signal.layout
     guess = guess_quantity(signal.message, layout, signal.comment, signal.level)
@@ -139,10 +128,7 @@ def _turns(
 
 
 def _accelerations(
-    accelerations: Mapping[str, Candidate],
-    gravity: Mapping[str, float],
-    how: Mounting,
-    unit: str,
+    accelerations: Mapping[str, Candidate], gravity: Mapping[str, float], how: Mounting, unit: str
 ) -> dict[str, Guess]:
     vertical, sign = axis_of(how.up)
     found = {}
@@ -163,10 +149,7 @@ def _accelerations(
 def _rates(rates: Mapping[str, Candidate], how: Mounting, were_pushes: bool) -> dict[str, Guess]:
     up, _ = axis_of(how.up)
     forward, _ = axis_of(how.forward)
-    directions = {
-        Quantity.ROLL_RATE: how.forward,
-        Quantity.PITCH_RATE: how.left,
-    }
+    directions = {Quantity.ROLL_RATE: how.forward, Quantity.PITCH_RATE: how.left}
     found = {}
     for axis, signal in rates.items():
         unit = "" if to_si(signal.layout.unit).unit != "1" else "deg/s"

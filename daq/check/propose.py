@@ -90,7 +90,8 @@ def propose_sensors(
     is_list = len(databases) > 1 or len(found) != 1 or found[0].sensor.id_offset != 0 or n_buses > 1
     codec = sensors_codec([f.sensor for f in found], databases, n_buses)
     if not is_list:
-        codec = replace(codec, messages=tuple(map(_without_sensor, codec.messages)))
+        plain = tuple(replace(m, name=signal_of(m.name)) for m in codec.messages)
+        codec = replace(codec, messages=plain)
     seen = push = None
     if frames is not None and present:
         seen = Seen(frame_table(codec.messages, frames).known, codec.decode(frames))
@@ -128,10 +129,6 @@ def _ours(found: Sequence[FoundSensor], answers: Answers) -> tuple[FoundSensor, 
         for f, text in answered
         if text != NO
     )
-
-
-def _without_sensor(message: MessageLayout) -> MessageLayout:
-    return replace(message, name=signal_of(message.name))
 
 
 def _comments(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.layout import MessageLayout, SignalLayout
-from dbc.samples import UNUSABLE, Decoded
+from dbc.samples import Decoded
 
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules
 from .guess_map import words
@@ -35,7 +35,7 @@ class Seen:
         samples = self.decoded.samples.get(name)
         if samples is None:
             return np.zeros(0, np.int64), np.zeros(0)
-        usable = ((samples.quality & UNUSABLE) == 0) & np.isfinite(samples.value)
+        usable = samples.usable & np.isfinite(samples.value)
         return samples.t_ns[usable], samples.value[usable]
 
 
@@ -94,13 +94,8 @@ def _first(found: Iterable[list[str]]) -> list[str]:
     return next((lines for lines in found if lines), [])
 
 
-def _is_plain(signal: SignalLayout) -> bool:
-    whole = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
-    return whole and not signal.is_signed and not signal.is_multiplexed
-
-
 def _counter(message: MessageLayout, signal: SignalLayout, seen: Seen | None) -> list[str]:
-    if not (_is_plain(signal) and 2 <= signal.length <= 32 and words(signal.name) & _COUNTER):
+    if not (signal.is_plain and 2 <= signal.length <= 32 and words(signal.name) & _COUNTER):
         return []
     name = json.dumps(signal.name)
     if seen is None:
@@ -119,7 +114,7 @@ def _counter(message: MessageLayout, signal: SignalLayout, seen: Seen | None) ->
 
 
 def _checksum(message: MessageLayout, signal: SignalLayout, seen: Seen | None) -> list[str]:
-    byte = signal.length == 8 and signal.low_bit == 0 and _is_plain(signal)
+    byte = signal.length == 8 and signal.low_bit == 0 and signal.is_plain
     if not (byte and words(signal.name) & _CHECKSUM):
         return []
     rules = (

@@ -36,7 +36,7 @@ NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.
 they occur."""
 _TEXT_BYTES = 160
 """Length of an event's text in a session file, bytes."""
-_EDGE_S = 0.05
+EDGE_S = 0.05
 """A run is incomplete if its first or last sample lies further inside its window than this, s."""
 
 
@@ -51,13 +51,18 @@ def journal_provenance(
     return {
         # The same recording gives the same uuid, however often its session is built.
         "uuid": str(uuid.UUID(head.recording or digest[:32])),
-        "created": datetime.fromtimestamp(head.wall_ns * 1e-9, UTC).isoformat(timespec="seconds"),
+        "created": utc_text(head.wall_ns),
         "software": head.software,
         "origin": str(head.origin),
         "frames_sha256": digest,
         "journal_losses": loss or "none",
         **_remarks(run_log),
     }
+
+
+def utc_text(t_ns: int) -> str:
+    """Return a time, ns since 1970, as ISO 8601 in whole seconds."""
+    return datetime.fromtimestamp(t_ns * 1e-9, UTC).isoformat(timespec="seconds")
 
 
 def frames_digest(run: Run) -> str:
@@ -102,8 +107,7 @@ def build_session(
     check_runs(bench, events, run_log)
     runs = []
     for logged in run_log.runs:
-        start_ns, stop_ns = run_window(bench, logged)
-        own = frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns))
+        own = frames.within([bench.trigger.window_ns(logged.t_ns)])
         measured = measured_run(bench, codec, mapped, logged, own, events, hops)
         runs.append(decided_run(logged, measured))
     return Session(
@@ -127,12 +131,6 @@ def check_runs(bench: Bench, events: Sequence[Event], run_log: RunLog) -> None:
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
 
 
-def run_window(bench: Bench, run: LoggedRun) -> tuple[int, int]:
-    """Return the time window of a run's frames, start <= t < stop, ns."""
-    trigger_s = bench.trigger
-    return run.t_ns - round(trigger_s.pre_s * 1e9), run.t_ns + round(trigger_s.post_s * 1e9)
-
-
 def measured_run(
     bench: Bench,
     codec: Codec,
@@ -146,7 +144,7 @@ def measured_run(
 
     `frames`: frames in its window.  `events`: all events; those in its window are kept.
     """
-    start_ns, stop_ns = run_window(bench, run)
+    start_ns, stop_ns = bench.trigger.window_ns(run.t_ns)
     own = [event for event in events if start_ns <= event.t_ns <= stop_ns]
     decoded = codec.decode(frames)
     groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
@@ -190,14 +188,14 @@ def _shortcomings(
     """Return the reasons for which a run certainly cannot be used, found without identification."""
     length_s = (stop_ns - start_ns) * 1e-9
     end_s = (int(own.t_ns.max()) - start_ns) * 1e-9 if len(own) else 0.0
-    if end_s < length_s - _EDGE_S:
+    if end_s < length_s - EDGE_S:
         return (f"the recording ended {length_s - end_s:.2f} s before the run did",)
     group_of = {name: group for group in groups for name in group.values}
     reasons: dict[str, None] = {}  # used as an ordered set: channels share messages
     for m in mapped:
         if m.channel.quantity is Quantity.UNUSED:
             continue
-        group, edge_s = group_of.get(m.channel.name), _EDGE_S + 2 * (m.message.cycle_s or 0.0)
+        group, edge_s = group_of.get(m.channel.name), EDGE_S + 2 * (m.message.cycle_s or 0.0)
         if group is None:
             reasons[f"no frame of {m.message.name} ({m.message.can_id:#x}) was received"] = None
         elif group.time_s[0] > edge_s or group.time_s[-1] < length_s - edge_s:

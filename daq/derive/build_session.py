@@ -38,14 +38,7 @@ from ..runs import Losses, Run, RunOutline, RunStatus
 from ..samples.bench_mapping import mapped_channels
 from ..session import add_run, begin_session, finish_session
 from ..sessions import Session
-from .build_samples import (
-    check_runs,
-    decided_run,
-    frames_digest,
-    journal_provenance,
-    measured_run,
-    run_window,
-)
+from .build_samples import check_runs, decided_run, frames_digest, journal_provenance, measured_run
 from .finished import keep_finished
 from .grown import (
     Grown,
@@ -130,11 +123,7 @@ def _derive(segments: Sequence[Path], target: Path, *, growing: bool, replacing:
             "check folder, rights and free space; the journal still holds everything",
         ) from error
     note_built(
-        segments[0].parent,
-        recording.head.identity,
-        recording.next_number,
-        target,
-        run_log.revision,
+        segments[0].parent, recording.head.identity, recording.next_number, target, run_log.revision
     )
     if recording.ended and run_log.runs and target.name == recording.session_name:
         keep_finished(target)
@@ -155,7 +144,7 @@ def _read(
     bench: Bench, infos: Sequence[SegmentInfo], runs: Sequence[LoggedRun], *, trusting: bool
 ) -> _Found:
     """Read the frames of runs: from all segments or, if trusted, only from those near the runs."""
-    windows = [run_window(bench, run) for run in runs]
+    windows = [bench.trigger.window_ns(run.t_ns) for run in runs]
     first, last = 0, len(infos)
     if trusting:
         start_ns = min((start for start, _ in windows), default=0)
@@ -201,7 +190,7 @@ def _write(
             begin_session(file, session)
         for logged, frames in zip(found.runs, found.frames, strict=True):
             # A run that has not ended may get more frames, so its present state is not kept.
-            if file != part and run_window(bench, logged)[1] > recording.t_ns:
+            if file != part and bench.trigger.window_ns(logged.t_ns)[1] > recording.t_ns:
                 file = _copied(target, part, grown, rows, recording, bench)
             run = measured_run(bench, codec, mapped, logged, frames, recording.events, found.hops)
             add_run(file, len(rows) + 1, run, session)
@@ -248,7 +237,7 @@ def _without_data(bench: Bench, logged: LoggedRun, row: GrownRun) -> Run:
         mass_state=logged.mass_state,
         excitation=logged.excitation,
         repeat=logged.repeat,
-        t0_ns=run_window(bench, logged)[0],
+        t0_ns=bench.trigger.window_ns(logged.t_ns)[0],
         bump_s=bench.bump_s,
         groups=(),
         status=RunStatus.ACCEPTED,

@@ -9,7 +9,6 @@ import hashlib
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +30,13 @@ from ..samples.columns import Column, Columns
 from ..samples.groups import group_names
 from ..samples.mapping import channel_values, si_unit
 from ..sessions import Session
+from .build_samples import EDGE_S, utc_text
 
 _SINCE_1970_S = 1e8
 """Time, s, above which times count from 1970: no recording lasts three years."""
 _ALIKE = 0.9
 """Least share of rows in which both of two columns have values if they were sampled together."""
 _BLOCK_NS = 1_000_000_000
-_EDGE_S = 0.05
-"""A run is incomplete if its first or last sample lies further inside its window than this, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,7 +247,7 @@ def given_run(channel_map: ChannelMap, found: Recording, given: GivenRun) -> Run
 def _shortcomings(name: str, time_s: NDArray[np.float64], length_s: float) -> list[str]:
     if len(time_s) < 2:
         return [f"{name} has {counted(len(time_s), 'sample')}"]
-    edge_s = _EDGE_S + 2.0 * float(np.median(np.diff(time_s)))
+    edge_s = EDGE_S + 2.0 * float(np.median(np.diff(time_s)))
     if time_s[0] <= edge_s and time_s[-1] >= length_s - edge_s:
         return []
     return [f"{name} reaches only from {time_s[0]:.2f} to {time_s[-1]:.2f} s of {length_s:.2f} s"]
@@ -272,11 +270,10 @@ def session_from_columns(
             digest.update(group.time_s.tobytes())
             for value in group.values.values():
                 digest.update(value.tobytes())
-    created = datetime.fromtimestamp(runs[0].t0_ns * 1e-9 if runs else 0.0, UTC)
     about = {
         # The same files give the same uuid, however often they are imported.
         "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
-        "created": created.isoformat(timespec="seconds"),
+        "created": utc_text(runs[0].t0_ns if runs else 0),
         "channel_map": channel_map.bench.text,
         **provenance,
     }

@@ -11,17 +11,16 @@ import uuid
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
-from datetime import UTC, datetime
 from itertools import count
 from typing import Protocol
 
 import numpy as np
 
 from dbc import Codec
-from dbc.frames import FrameBatch, read_only
+from dbc.frames import FrameBatch
 
 from ..bench.campaign import Campaign, Step
-from ..bench.config import Bench, bench_codec
+from ..bench.config import Bench, TriggerConfig, bench_codec
 from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.contents import HopCounts
@@ -30,7 +29,7 @@ from ..samples import trigger
 from ..samples.bench_mapping import bench_mapping
 from ..samples.trigger import UNPLANNED
 from ..sessions import Session
-from .build_samples import build_session
+from .build_samples import build_session, utc_text
 
 _SLACK_NS = 2_000_000_000
 """Additional time, ns, for which frames before a run are kept, because some arrive late."""
@@ -67,7 +66,7 @@ class Intake:
         self._bench, self._codec = bench, codec
         mapped, triggers = bench_mapping(bench, codec)
         self._feeds = tuple(m for m in mapped if m.channel.name in triggers)
-        self._shelf = _Shelf(round(bench.trigger.pre_s * 1e9), round(bench.trigger.post_s * 1e9))
+        self._shelf = _Shelf(bench.trigger)
         self._trigger = trigger.TriggerState()
         self._unknown_id = 0
         self._end_ns: int | None = None
@@ -102,9 +101,9 @@ class Intake:
 class _Shelf:
     """A buffer of frames: keeps those around a bump and drops the others."""
 
-    def __init__(self, pre_ns: int, post_ns: int) -> None:
+    def __init__(self, config: TriggerConfig) -> None:
         self.events: list[Event] = []
-        self._pre_ns, self._post_ns = pre_ns, post_ns
+        self._config = config
         self._recent: list[FrameBatch] = []
         self._kept: list[FrameBatch] = []
         self._windows: list[tuple[int, int]] = []
@@ -116,7 +115,7 @@ class _Shelf:
         self._recent.append(frames)
         # The bumps of this block are found after it was added.  The first of them may need the
         # frames before the block, however long the block is.
-        horizon_ns = int(frames.t_ns.min()) - self._pre_ns - _SLACK_NS
+        horizon_ns = self._config.window_ns(int(frames.t_ns.min()))[0] - _SLACK_NS
         while self._recent and int(self._recent[0].t_ns.max()) < horizon_ns:
             self._keep(self._recent.pop(0))
 
@@ -124,7 +123,7 @@ class _Shelf:
         self.events += events
         for event in events:
             if event.code == trigger.BUMP:
-                self._windows.append((event.t_ns - self._pre_ns, event.t_ns + self._post_ns))
+                self._windows.append(self._config.window_ns(event.t_ns))
 
     def contents(self) -> tuple[FrameBatch, HopCounts]:
         for frames in self._recent:
@@ -132,18 +131,12 @@ class _Shelf:
         self._recent.clear()
         table = np.array(self._blocks, np.int64).reshape(-1, 1 + len(fields(HopLosses)))
         t_ns = np.maximum.accumulate(table[:, 0])
-        return FrameBatch.concatenate(self._kept), HopCounts(
-            read_only(t_ns), read_only(table[:, 1:])
-        )
+        return FrameBatch.concatenate(self._kept), HopCounts(t_ns, table[:, 1:])
 
     def _keep(self, frames: FrameBatch) -> None:
-        wanted = np.zeros(len(frames), bool)
-        first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
-        for start_ns, stop_ns in self._windows:  # one block may hold many bumps
-            if start_ns <= last_ns and first_ns < stop_ns:
-                wanted |= (frames.t_ns >= start_ns) & (frames.t_ns < stop_ns)
-        if wanted.any():
-            self._kept.append(frames.select(wanted))
+        wanted = frames.within(self._windows)  # one block may hold many bumps
+        if len(wanted):
+            self._kept.append(wanted)
 
 
 def parse_runs(text: str) -> tuple[Step, ...]:
@@ -267,13 +260,17 @@ def session_from_parts(
     about = {
         # The same logs give the same uuid, however often they are imported.
         "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
-        "created": datetime.fromtimestamp(first_ns * 1e-9, UTC).isoformat(timespec="seconds"),
+        "created": utc_text(first_ns),
         "frames_sha256": digest.hexdigest(),
         "dbc": bench.dbc_text,
         "bench_toml": bench.text,
         **provenance,
     }
-    sessions = [
-        build_session(bench, codec, part.frames, part.events, part.hops, about) for part in parts
-    ]
+    return joined(
+        [build_session(bench, codec, part.frames, part.events, part.hops, about) for part in parts]
+    )
+
+
+def joined(sessions: Sequence[Session]) -> Session:
+    """Return the runs of several sessions of one bench as one session."""
     return replace(sessions[0], runs=tuple(run for one in sessions for run in one.runs))

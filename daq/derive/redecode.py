@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from dbc.frames import read_only
-
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..bus.source import HopLosses
@@ -20,7 +18,7 @@ from ..runs import Event, Run, RunStatus
 from ..samples import trigger
 from ..sessions import Session
 from .build_samples import build_session
-from .from_logs import with_steps
+from .from_logs import joined, with_steps
 
 
 def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[str, str]) -> Session:
@@ -76,7 +74,7 @@ def _built(session: Session, bench: Bench) -> Session:
         build_session(bench, codec, run.frames, [_bump(session, run)], _hops(run), {})
         for run in session.runs
     ]
-    return replace(built[0], runs=tuple(run for one in built for run in one.runs))
+    return joined(built)
 
 
 def _bump(session: Session, run: Run) -> Event:
@@ -93,4 +91,4 @@ def _hops(run: Run) -> HopCounts:
         run.losses.bus_dropped, run.losses.bus_garbled, queue_dropped=run.losses.queue_dropped
     )
     end_ns = np.array([int(run.frames.t_ns.max())])
-    return HopCounts(read_only(end_ns), read_only(np.array([astuple(lost)], np.int64)))
+    return HopCounts(end_ns, np.array([astuple(lost)], np.int64))

@@ -13,9 +13,9 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
+from dbc.frames import FD_LENGTHS, FrameBatch
 
-from .assemble import good_frames, possible_ids
+from .assemble import flags_of, good_frames, interleaved, possible_ids
 from .text import (
     Index,
     Lines,
@@ -66,10 +66,7 @@ class AscParser:
             bad.append(lines.number[torn])
             batches.append(frames)
             places.append(rows)
-        present = [batch for batch in batches if len(batch)]
-        frames = FrameBatch.concatenate(present)
-        if len(present) > 1:
-            frames = frames.select(np.argsort(np.concatenate(places), kind="stable"))
+        frames = interleaved([batch for batch in batches if len(batch)], places)
         return Parsed(frames, np.sort(np.concatenate(bad)), header)
 
     def _header(self, lines: Lines, rows: Index) -> tuple[NDArray[np.int64], bool]:
@@ -112,7 +109,7 @@ def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _
 
     remote = letter == ord("r")
     can_id, extended, good = _identifiers(lines, rows, 2, base)
-    dlc, has_dlc = integers(lines.text, *_token_or_none(lines, rows, 5), base, longest=2)
+    dlc, has_dlc = integers(lines.text, *lines.token_or_none(5, rows), base, longest=2)
     good &= remote | has_dlc  # before version 8.5 a remote frame had no DLC
     dlc = np.where(has_dlc, dlc, 0)
     # A DLC of 9 to 15 means 8 bytes.  Some loggers write FD frames in this form, with a length;
@@ -125,8 +122,7 @@ def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _
     good &= lines.count[rows] >= 6 * ~remote + size
     size = np.where(good, size, 0)
     data, whole = spaced_bytes(lines, lines.first[rows] + 6, size, base)
-    flags = extended * np.uint16(FrameFlag.EXTENDED) | remote * np.uint16(FrameFlag.REMOTE)
-    flags |= sent * np.uint16(FrameFlag.TRANSMITTED) | fd * np.uint16(FrameFlag.FD)
+    flags = flags_of(len(rows), extended=extended, remote=remote, fd=fd, sent=sent)
     good &= whole
     frames = good_frames(good, t_ns[rows], can_id, flags, _bus(bus), length, data)
     return rows[good], frames, rows[~good]
@@ -139,11 +135,11 @@ def _coded_length(lines: Lines, rows: Index, places: Index, base: int) -> Index:
     """
     length = np.zeros(len(rows), np.intp)
     rows = rows[places]
-    code, good = integers(lines.text, *_token_or_none(lines, rows, 5), 10, longest=2)
+    code, good = integers(lines.text, *lines.token_or_none(5, rows), 10, longest=2)
     size = FD_LENGTHS[np.clip(code, 0, 15)].astype(np.intp)
     good &= (code < 16) & (lines.count[rows] >= 6 + size)
     size = np.where(good, size, 0)
-    _, more = integers(lines.text, *_token_or_none(lines, rows, 6 + size), base, longest=2)
+    _, more = integers(lines.text, *lines.token_or_none(6 + size, rows), base, longest=2)
     _, whole = spaced_bytes(lines, lines.first[rows] + 6, size, base)
     length[places] = np.where(good & whole & ~more, size, 0)
     return length
@@ -161,12 +157,12 @@ def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found
     error = is_word(lines, *lines.token(4, rows), b"errorframe")
     can_id, extended, has_id = _identifiers(lines, rows, 4, base)
     # There may be a symbolic name between the identifier and the bits BRS and ESI.
-    _, unnamed = integers(lines.text, *_token_or_none(lines, rows, 5), 10, longest=1)
+    _, unnamed = integers(lines.text, *lines.token_or_none(5, rows), 10, longest=1)
     at = np.where(unnamed, 5, 6)
-    brs, has_brs = integers(lines.text, *_token_or_none(lines, rows, at), 2, longest=1)
-    esi, has_esi = integers(lines.text, *_token_or_none(lines, rows, at + 1), 2, longest=1)
-    dlc, has_dlc = integers(lines.text, *_token_or_none(lines, rows, at + 2), 16, longest=2)
-    length, has_length = integers(lines.text, *_token_or_none(lines, rows, at + 3), 10, longest=2)
+    brs, has_brs = integers(lines.text, *lines.token_or_none(at, rows), 2, longest=1)
+    esi, has_esi = integers(lines.text, *lines.token_or_none(at + 1, rows), 2, longest=1)
+    dlc, has_dlc = integers(lines.text, *lines.token_or_none(at + 2, rows), 16, longest=2)
+    length, has_length = integers(lines.text, *lines.token_or_none(at + 3, rows), 10, longest=2)
     good &= error | (has_id & has_brs & has_esi & has_dlc & has_length & (length <= 64))
     size = np.where(good & ~error, length, 0)
     good &= error | (lines.count[rows] >= at + 4 + size)
@@ -175,23 +171,22 @@ def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found
     # After the payload: duration, bits on the wire, flags.  Bit 12 is FDF: without it, the frame is
     # a classic one in the long form, and bit 4 marks a remote frame.  Some loggers never set bit
     # 12; such a frame is FD if it has properties that only FD has.
-    bits, has_bits = integers(lines.text, *_token_or_none(lines, rows, at + 6 + size), 16)
+    bits, has_bits = integers(lines.text, *lines.token_or_none(at + 6 + size, rows), 16)
     fdf = ~has_bits | (bits & 0x1000 != 0)
     remote = ~error & ~fdf & (bits & 0x10 != 0) & (length == 0)
     fd = ~error & ~remote & (fdf | (length > 8) | (brs == 1) | (esi == 1))
     asked = np.minimum(dlc, 8)
     good &= error | fd | (length <= 8)
-    flags = np.zeros(len(rows), np.uint16)
-    for bit, mark in (
-        (FrameFlag.EXTENDED, extended & ~error),
-        (FrameFlag.REMOTE, remote),
-        (FrameFlag.ERROR, error),
-        (FrameFlag.FD, fd),
-        (FrameFlag.BITRATE_SWITCH, fd & (brs == 1)),
-        (FrameFlag.ERROR_STATE, fd & (esi == 1)),
-        (FrameFlag.TRANSMITTED, sent),
-    ):
-        flags |= mark * np.uint16(bit)
+    flags = flags_of(
+        len(rows),
+        extended=extended & ~error,
+        remote=remote,
+        error=error,
+        fd=fd,
+        bitrate_switch=fd & (brs == 1),
+        error_state=fd & (esi == 1),
+        sent=sent,
+    )
     length, can_id = np.where(remote, asked, size), np.where(error, 0, can_id)
     good &= whole
     frames = good_frames(good, t_ns[rows], can_id, flags, _bus(bus), length, data)
@@ -205,7 +200,7 @@ def _error(lines: Lines, rows: Index, t_ns: NDArray[np.int64]) -> _Found:
     matching = is_bus & is_word(lines, *lines.token(2, rows), b"errorframe")
     rows, bus = rows[matching], bus[matching]
     n = len(rows)
-    flags, nothing = np.full(n, FrameFlag.ERROR, np.uint16), np.zeros(n, np.int64)
+    flags, nothing = flags_of(n, error=True), np.zeros(n, np.int64)
     data, good = np.zeros((n, 8), np.uint8), np.ones(n, bool)
     frames = good_frames(good, t_ns[rows], nothing, flags, _bus(bus), nothing, data)
     return rows, frames, rows[:0]
@@ -220,13 +215,6 @@ def _identifiers(
     can_id, good = integers(lines.text, start, end - extended, base, longest=9)
     good &= possible_ids(can_id, extended)
     return np.where(good, can_id, 0), extended, good
-
-
-def _token_or_none(lines: Lines, rows: Index, place: int | Index) -> tuple[Index, Index]:
-    """Return start and end of a token, which is empty in lines with fewer tokens."""
-    index = np.minimum(lines.first[rows] + place, max(len(lines.start) - 1, 0))
-    start, end = lines.start[index], lines.end[index]
-    return start, np.where(lines.count[rows] > place, end, start)
 
 
 def _bus(channel: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch
+from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import counted
 
 from .losses import Ledger
+
+Marks = NDArray[np.bool_] | bool
 
 
 def possible_ids(can_id: NDArray[np.int64], long: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -43,6 +46,40 @@ def count_impossible_ids(
     return fits
 
 
+def flags_of(
+    n: int,
+    *,
+    extended: Marks = False,
+    remote: Marks = False,
+    error: Marks = False,
+    fd: Marks = False,
+    bitrate_switch: Marks = False,
+    error_state: Marks = False,
+    sent: Marks = False,
+) -> NDArray[np.uint16]:
+    """Return the bits of `FrameFlag` of n frames; a property that is not given has no frame."""
+    flags = np.zeros(n, np.uint16)
+    for bit, marks in (
+        (FrameFlag.EXTENDED, extended),
+        (FrameFlag.REMOTE, remote),
+        (FrameFlag.ERROR, error),
+        (FrameFlag.FD, fd),
+        (FrameFlag.BITRATE_SWITCH, bitrate_switch),
+        (FrameFlag.ERROR_STATE, error_state),
+        (FrameFlag.TRANSMITTED, sent),
+    ):
+        flags |= marks * np.uint16(bit)
+    return flags
+
+
+def interleaved(batches: Sequence[FrameBatch], places: Sequence[NDArray[Any]]) -> FrameBatch:
+    """Return the frames of several batches in the order of their places in the log."""
+    joined = FrameBatch.concatenate(batches)
+    if len(batches) < 2:
+        return joined
+    return joined.select(np.argsort(np.concatenate(places), kind="stable"))
+
+
 def good_frames(
     good: NDArray[np.bool_],
     t_ns: NDArray[np.int64],
@@ -61,10 +98,5 @@ def good_frames(
         t_ns, can_id, flags = t_ns[good], can_id[good], flags[good]
         bus, length, data = bus[good], length[good], data[good]
     return FrameBatch(
-        t_ns,
-        can_id.astype(np.uint32),
-        flags,
-        bus.astype(np.uint8),
-        length.astype(np.uint8),
-        data,
+        t_ns, can_id.astype(np.uint32), flags, bus.astype(np.uint8), length.astype(np.uint8), data
     )

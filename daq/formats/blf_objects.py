@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import counted
 
-from .assemble import count_impossible_ids, good_frames
+from .assemble import count_impossible_ids, flags_of, good_frames
 from .losses import Ledger
 from .text import Index, Mask
 
@@ -168,66 +168,61 @@ _Fields = tuple[NDArray[np.int64], NDArray[np.uint16], Index, Index, int]
 """Identifier, flags, stated length, number of bytes that follow and where they begin."""
 
 
-def _identifier(record: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
+def _identifier(record: NDArray[np.void]) -> tuple[NDArray[np.int64], Mask]:
+    """Return identifiers, and a mask of the extended ones."""
     raw = record["can_id"].astype(np.int64)
-    return raw & 0x1FFF_FFFF, (raw >> 31).astype(np.uint16) * np.uint16(FrameFlag.EXTENDED)
-
-
-def _marks(*marks: tuple[FrameFlag, Mask]) -> NDArray[np.uint16]:
-    total = np.zeros(len(marks[0][1]), np.uint16)
-    for bit, mark in marks:
-        total |= mark * np.uint16(bit)
-    return total
+    return raw & 0x1FFF_FFFF, raw >> 31 != 0
 
 
 def _classic(record: NDArray[np.void], *_: Index) -> _Fields:
-    can_id, flags = _identifier(record)
-    remote = record["flags"] & 0x80 != 0
-    flags |= _marks(
-        (FrameFlag.REMOTE, remote), (FrameFlag.TRANSMITTED, record["flags"] & 0x01 != 0)
-    )
+    can_id, extended = _identifier(record)
+    remote, sent = record["flags"] & 0x80 != 0, record["flags"] & 0x01 != 0
+    flags = flags_of(len(record), extended=extended, remote=remote, sent=sent)
     length = np.minimum(record["dlc"], 8).astype(np.intp)
     return can_id, flags, length, np.where(remote, 0, length), 8
 
 
 def _error_ext(record: NDArray[np.void], *_: Index) -> _Fields:
-    can_id, flags = _identifier(record)
+    can_id, extended = _identifier(record)
     length = np.minimum(record["dlc"], 8).astype(np.intp)
-    return can_id, flags | np.uint16(FrameFlag.ERROR), length, length, 24
+    return can_id, flags_of(len(record), extended=extended, error=True), length, length, 24
 
 
 def _error(record: NDArray[np.void], *_: Index) -> _Fields:
     nothing = np.zeros(len(record), np.int64)
-    flags = np.full(len(record), FrameFlag.ERROR, np.uint16)
-    return nothing, flags, nothing, nothing, 0
+    return nothing, flags_of(len(record), error=True), nothing, nothing, 0
 
 
 def _fd(record: NDArray[np.void], *_: Index) -> _Fields:
-    can_id, flags = _identifier(record)
+    can_id, extended = _identifier(record)
     fd = record["fd"] & 1 != 0
     remote = ~fd & (record["flags"] & 0x80 != 0)
-    flags |= _marks(
-        (FrameFlag.REMOTE, remote),
-        (FrameFlag.TRANSMITTED, record["flags"] & 0x01 != 0),
-        (FrameFlag.FD, fd),
-        (FrameFlag.BITRATE_SWITCH, fd & (record["fd"] & 2 != 0)),
-        (FrameFlag.ERROR_STATE, fd & (record["fd"] & 4 != 0)),
+    flags = flags_of(
+        len(record),
+        extended=extended,
+        remote=remote,
+        fd=fd,
+        bitrate_switch=fd & (record["fd"] & 2 != 0),
+        error_state=fd & (record["fd"] & 4 != 0),
+        sent=record["flags"] & 0x01 != 0,
     )
     length = _length(record["dlc"], fd)
     return can_id, flags, length, np.where(remote, 0, np.minimum(length, record["valid"])), 20
 
 
 def _fd_64(record: NDArray[np.void], whole: Index, header: Index) -> _Fields:
-    can_id, flags = _identifier(record)
+    can_id, extended = _identifier(record)
     bits = record["flags"]
     fd = bits & 0x1000 != 0
     remote = ~fd & (bits & 0x10 != 0)
-    flags |= _marks(
-        (FrameFlag.REMOTE, remote),
-        (FrameFlag.TRANSMITTED, record["direction"] != 0),
-        (FrameFlag.FD, fd),
-        (FrameFlag.BITRATE_SWITCH, fd & (bits & 0x2000 != 0)),
-        (FrameFlag.ERROR_STATE, fd & (bits & 0x4000 != 0)),
+    flags = flags_of(
+        len(record),
+        extended=extended,
+        remote=remote,
+        fd=fd,
+        bitrate_switch=fd & (bits & 0x2000 != 0),
+        error_state=fd & (bits & 0x4000 != 0),
+        sent=record["direction"] != 0,
     )
     length = _length(record["dlc"], fd)
     # More bytes may be stated as valid than exist: the missing ones are zero.  Data that may follow

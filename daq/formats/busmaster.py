@@ -11,20 +11,8 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameFlag
-
-from .assemble import good_frames, possible_ids
-from .text import (
-    Index,
-    Lines,
-    Mask,
-    Parsed,
-    character,
-    cut_lines,
-    integers,
-    is_word,
-    spaced_bytes,
-)
+from .assemble import flags_of, good_frames, possible_ids
+from .text import Index, Lines, Mask, Parsed, character, cut_lines, integers, is_word, spaced_bytes
 
 LACKS = "error frames, and CAN FD"
 _DATE = re.compile(rb"START DATE AND TIME (\d+):(\d+):(\d+) (\d+):(\d+):(\d+):(\d+)")
@@ -68,8 +56,7 @@ class BusmasterParser:
         size = np.where(good, size, 0)
         data, whole = spaced_bytes(lines, lines.first[rows] + 6, size, self._base)
         good &= whole
-        flags = extended * np.uint16(FrameFlag.EXTENDED) | remote * np.uint16(FrameFlag.REMOTE)
-        flags |= sent * np.uint16(FrameFlag.TRANSMITTED)
+        flags = flags_of(len(rows), extended=extended, remote=remote, sent=sent)
         frames = good_frames(good, t_ns, can_id, flags, np.maximum(bus, 1) - 1, length, data)
         short = lines.number[~starred & (lines.count < 6)]
         bad = np.sort(np.concatenate([short, lines.number[rows[~good]]]))

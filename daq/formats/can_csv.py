@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameFlag
-
-from .assemble import good_frames, possible_ids
+from .assemble import flags_of, good_frames, possible_ids
 from .text import Index, Lines, Mask, Parsed, cut_lines, decimals, integers
 
 LACKS = "CAN FD (with its bits BRS and ESI), bus and direction"
@@ -42,10 +40,8 @@ def parse_csv(block: bytes) -> Parsed:
     size = np.where(good & ~remote, length, 0)
     data, is_data = _base64(lines, rows, size)
     good &= is_data
-    flags = extended * np.uint16(FrameFlag.EXTENDED) | remote * np.uint16(FrameFlag.REMOTE)
-    flags |= error * np.uint16(FrameFlag.ERROR)
-    # The file does not state FD, but no classic frame is longer.
-    flags |= (length > 8) * np.uint16(FrameFlag.FD)
+    fd = length > 8  # not stated, but no classic frame is longer
+    flags = flags_of(len(rows), extended=extended, remote=remote, error=error, fd=fd)
     bus = np.zeros(len(rows), np.uint8)
     frames = good_frames(good, t_ns, can_id, flags, bus, length, data)
     torn = lines.number[~whole][1:] if header else lines.number[~whole]
@@ -69,8 +65,7 @@ def _stamps(lines: Lines, rows: Index) -> tuple[NDArray[np.int64], Mask]:
 def _base64(lines: Lines, rows: Index, size: Index) -> tuple[NDArray[np.uint8], Mask]:
     """Return payloads, (n, 8) or (n, 64), and a mask of those with the right text length."""
     width = 8 if size.max(initial=0) <= 8 else 64
-    index = np.minimum(lines.first[rows] + 6, max(len(lines.start) - 1, 0))
-    start, end = lines.start[index], lines.end[index]
+    start, end = lines.token_or_none(6, rows)
     end = np.where(lines.count[rows] == 7, end, start)
     groups = -(-width // 3)
     value = _SIXTY_FOUR[lines.text[start[:, None] + np.arange(4 * groups)]].astype(np.uint32)

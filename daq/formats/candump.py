@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dbc.frames import FrameFlag
-
-from .assemble import good_frames
-from .text import Index, Lines, Parsed, character, cut_lines, decimals, integers, packed_bytes
+from .assemble import flags_of, good_frames
+from .text import Index, Lines, Mask, Parsed, character, cut_lines, decimals, integers, packed_bytes
 
 LACKS = ""
 _ERROR_BIT = 0x2000_0000
@@ -24,11 +22,8 @@ def parse_candump(block: bytes) -> Parsed:
 
     start, end = lines.token(2, rows)
     hash_at = _hash_at(lines, start, end)
-    can_id, has_id = integers(lines.text, start, hash_at, 16, longest=8)
-    error = can_id & _ERROR_BIT != 0
-    extended = (hash_at - start > 3) & ~error
-    good &= has_id & (can_id < np.where(error, 2 * _ERROR_BIT, _ERROR_BIT))
-    good &= extended | error | (can_id < 1 << 11)
+    can_id, extended, error, has_id = identifiers(lines, start, hash_at)
+    good &= has_id
 
     after = character(lines, hash_at + 1)
     fd, remote = after == ord("#"), after == ord("r")
@@ -45,19 +40,18 @@ def parse_candump(block: bytes) -> Parsed:
     data, is_hex = packed_bytes(lines.text, data_at, size)
     good &= is_hex
 
-    flags = np.zeros(len(rows), np.uint16)
-    for bit, mark in (
-        (FrameFlag.EXTENDED, extended),
-        (FrameFlag.REMOTE, remote),
-        (FrameFlag.ERROR, error),
-        (FrameFlag.FD, fd),
-        (FrameFlag.BITRATE_SWITCH, fd & (bits & _BRS != 0)),
-        (FrameFlag.ERROR_STATE, fd & (bits & _ESI != 0)),
-        (FrameFlag.TRANSMITTED, _transmitted(lines, rows)),
-    ):
-        flags |= mark * np.uint16(bit)
-    can_id = can_id & (_ERROR_BIT - 1)
-    frames = good_frames(good, t_ns, can_id, flags, _bus(lines, rows), length, data)
+    flags = flags_of(
+        len(rows),
+        extended=extended,
+        remote=remote,
+        error=error,
+        fd=fd,
+        bitrate_switch=fd & (bits & _BRS != 0),
+        error_state=fd & (bits & _ESI != 0),
+        sent=_transmitted(lines, rows),
+    )
+    bus = bus_numbers(lines, *lines.token(1, rows))
+    frames = good_frames(good, t_ns, can_id, flags, bus, length, data)
     bad = np.concatenate([lines.number[lines.count < 3], lines.number[rows[~good]]])
     return Parsed(frames, np.sort(bad))
 
@@ -70,15 +64,24 @@ def _hash_at(lines: Lines, start: Index, end: Index) -> Index:
     return at
 
 
-def _transmitted(lines: Lines, rows: Index) -> Index:
+def _transmitted(lines: Lines, rows: Index) -> Mask:
     last = lines.start[lines.first[rows] + np.minimum(lines.count[rows], 4) - 1]
     return np.asarray((lines.count[rows] > 3) & (character(lines, last) == ord("t")))
 
 
-def _bus(lines: Lines, rows: Index) -> Index:
-    """Return the number at the end of the interface's name: 1 for vcan1, 0 if there is none."""
-    start, end = lines.token(1, rows)
-    bus = np.zeros(len(rows), np.int64)
+def identifiers(lines: Lines, start: Index, end: Index) -> tuple[Index, Mask, Mask, Mask]:
+    """Return identifiers, masks of extended and error frames, and a mask of valid identifiers."""
+    word, good = integers(lines.text, start, end, 16, longest=8)
+    error = word & _ERROR_BIT != 0
+    extended = (end - start > 3) & ~error
+    good &= word < np.where(error, 2 * _ERROR_BIT, _ERROR_BIT)
+    good &= extended | error | (word < 1 << 11)
+    return word & (_ERROR_BIT - 1), extended, error, good
+
+
+def bus_numbers(lines: Lines, start: Index, end: Index) -> Index:
+    """Return the number at the end of an interface's name: 1 for vcan1, 0 if there is none."""
+    bus = np.zeros(len(start), np.int64)
     for digits in (1, 2, 3):
         value, is_number = integers(lines.text, np.maximum(end - digits, start), end, 10)
         bus = np.where(is_number & (value < 256), value, bus)

@@ -12,15 +12,13 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameFlag
-
-from .assemble import good_frames
+from .assemble import flags_of, good_frames
+from .candump import bus_numbers, identifiers
 from .text import Index, Lines, Mask, Parsed, character, cut_lines, decimals, integers, spaced_bytes
 
 LACKS = ""
 UNTIMED = re.compile(rb"\s*\w+\s+(?:[RT]X\s+\S\s+\S\s+)?[0-9A-F]{3,8}\s+\[\d+\]\s")
 """A line of a screen without times."""
-_ERROR_BIT = 0x2000_0000
 _FURTHEST = 7
 """Number of the length's token in a line with a date, the direction and its two marks."""
 _SINCE_S = 10_000_000
@@ -44,18 +42,14 @@ class ConsoleParser:
         name = 1 + dated
         good &= place >= name + 2
 
-        start, end = _token(lines, rows, place)
+        start, end = lines.token(place, rows)
         width = end - start - 2
         length, has_length = integers(lines.text, start + 1, end - 1, 10, longest=2)
         fd = width == 2
-        start, end = _token(lines, rows, place - 1)
-        can_id, has_id = integers(lines.text, start, end, 16, longest=8)
-        error = can_id & _ERROR_BIT != 0
-        extended = (end - start > 3) & ~error
+        start, end = lines.token(place - 1, rows)
+        can_id, extended, error, has_id = identifiers(lines, start, end)
         good &= has_id & has_length & (length <= np.where(fd, 64, 8))
-        good &= can_id < np.where(error, 2 * _ERROR_BIT, _ERROR_BIT)
-        good &= extended | error | (can_id < 1 << 11)
-        start, _ = _token(lines, rows, np.minimum(place + 1, lines.count[rows] - 1))
+        start, _ = lines.token(np.minimum(place + 1, lines.count[rows] - 1), rows)
         remote = (lines.count[rows] > place + 1) & (character(lines, start) == ord("r"))
         good &= remote | (lines.count[rows] > place + length)
         size = np.where(good & ~remote, length, 0)
@@ -63,20 +57,19 @@ class ConsoleParser:
         good &= is_hex
 
         marked = place >= name + 5  # RX or TX, B and E or -
-        marks = [_first(lines, rows, np.where(marked, name + n, name)) for n in (1, 2, 3)]
-        flags = np.zeros(len(rows), np.uint16)
-        for bit, mark in (
-            (FrameFlag.EXTENDED, extended),
-            (FrameFlag.REMOTE, remote),
-            (FrameFlag.ERROR, error),
-            (FrameFlag.FD, fd),
-            (FrameFlag.BITRATE_SWITCH, marked & fd & (marks[1] == ord("b"))),
-            (FrameFlag.ERROR_STATE, marked & fd & (marks[2] == ord("e"))),
-            (FrameFlag.TRANSMITTED, marked & (marks[0] == ord("t"))),
-        ):
-            flags |= mark * np.uint16(bit)
-        can_id = can_id & (_ERROR_BIT - 1)
-        bus = _bus(lines, rows, name)
+        starts = [lines.token(np.where(marked, name + n, name), rows)[0] for n in (1, 2, 3)]
+        way, brs, esi = (character(lines, start) for start in starts)
+        flags = flags_of(
+            len(rows),
+            extended=extended,
+            remote=remote,
+            error=error,
+            fd=fd,
+            bitrate_switch=marked & fd & (brs == ord("b")),
+            error_state=marked & fd & (esi == ord("e")),
+            sent=marked & (way == ord("t")),
+        )
+        bus = bus_numbers(lines, *lines.token(name, rows))
         frames = good_frames(good, t_ns, can_id, flags, bus, length, data)
         bad = np.concatenate([lines.number[at < 3], lines.number[rows[~good]]])
         return Parsed(frames, np.sort(bad))
@@ -115,27 +108,8 @@ def _length_at(lines: Lines) -> Index:
     rows = np.arange(len(lines.first))
     found = np.zeros(len(rows), np.intp)
     for place in range(_FURTHEST, 0, -1):
-        start, end = _token(lines, rows, np.minimum(place, lines.count - 1))
+        start, end = lines.token(np.minimum(place, lines.count - 1), rows)
         has_length = (lines.count > place) & (lines.text[start] == ord("["))
         has_length &= lines.text[end - 1] == ord("]")
         found = np.where(has_length, place, found)
     return found
-
-
-def _token(lines: Lines, rows: Index, place: Index) -> tuple[Index, Index]:
-    index = lines.first[rows] + place
-    return lines.start[index], lines.end[index]
-
-
-def _first(lines: Lines, rows: Index, place: Index) -> NDArray[np.uint8]:
-    return character(lines, _token(lines, rows, place)[0])
-
-
-def _bus(lines: Lines, rows: Index, place: Index) -> Index:
-    """Return the number at the end of the interface's name: 1 for vcan1, 0 if there is none."""
-    start, end = _token(lines, rows, place)
-    bus = np.zeros(len(rows), np.int64)
-    for digits in (1, 2, 3):
-        value, is_number = integers(lines.text, np.maximum(end - digits, start), end, 10)
-        bus = np.where(is_number & (value < 256), value, bus)
-    return bus

@@ -17,12 +17,7 @@ from .losses import Ledger
 from .unpacked import Readable
 
 LACKS = ""
-PCAP_MAGIC = (
-    b"\xa1\xb2\xc3\xd4",
-    b"\xd4\xc3\xb2\xa1",
-    b"\xa1\xb2\x3c\x4d",
-    b"\x4d\x3c\xb2\xa1",
-)
+PCAP_MAGIC = (b"\xa1\xb2\xc3\xd4", b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\x4d\x3c\xb2\xa1")
 PCAPNG_MAGIC = b"\x0a\x0d\x0d\x0a"
 BLOCK_BYTES = 1 << 18
 _MAX_PACKET_BYTES = 1 << 20

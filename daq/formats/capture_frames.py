@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import FrameBatch
 from dbc.words import counted
 
-from .assemble import count_impossible_ids, good_frames
+from .assemble import count_impossible_ids, flags_of, good_frames
 from .losses import Ledger
 
 SOCKET_CAN, COOKED, COOKED_2 = 227, 113, 276
@@ -125,17 +125,16 @@ class FrameCutter:
         width = 8 if shown.max(initial=0) <= 8 else 64
         index = (start[:, None] + 8 + np.arange(width)).clip(max=len(text) - 1)
         data = np.where(np.arange(width) < shown[:, None], text[index], 0).astype(np.uint8)
-        flags = np.zeros(len(start), np.uint16)
-        for bit, mark in (
-            (FrameFlag.EXTENDED, extended),
-            (FrameFlag.REMOTE, remote),
-            (FrameFlag.ERROR, error),
-            (FrameFlag.FD, fd),
-            (FrameFlag.BITRATE_SWITCH, fd & (bits & _BRS != 0)),
-            (FrameFlag.ERROR_STATE, fd & (bits & _ESI != 0)),
-            (FrameFlag.TRANSMITTED, sent),
-        ):
-            flags |= mark * np.uint16(bit)
+        flags = flags_of(
+            len(start),
+            extended=extended,
+            remote=remote,
+            error=error,
+            fd=fd,
+            bitrate_switch=fd & (bits & _BRS != 0),
+            error_state=fd & (bits & _ESI != 0),
+            sent=sent,
+        )
         return good_frames(good, t_ns, can_id, flags, bus, length, data)
 
     def _bus(self, index: int) -> int:

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dbc.frames import FrameFlag
-
-from .assemble import good_frames, possible_ids
+from .assemble import flags_of, good_frames, possible_ids
 from .text import Parsed, character, cut_lines, decimals, integers, spaced_bytes
 
 LACKS = "remote and error frames, and CAN FD"
@@ -47,7 +45,7 @@ def parse_crtd(block: bytes) -> Parsed:
     good &= length <= 8
     data, is_hex = spaced_bytes(lines, lines.first[rows] + 3, np.where(good, length, 0), 16)
     good &= is_hex
-    flags = extended * np.uint16(FrameFlag.EXTENDED) | sent * np.uint16(FrameFlag.TRANSMITTED)
+    flags = flags_of(len(rows), extended=extended, sent=sent)
     frames = good_frames(good, t_ns, can_id, flags, np.maximum(bus, 1) - 1, length, data)
     bad = np.sort(np.concatenate([other, lines.number[rows[~good]]]))
     return Parsed(frames, bad, header=bool(comment.any()))

@@ -21,7 +21,7 @@ from dbc.words import counted
 
 from ..channels import Channel
 from ..errors import InputError
-from ..runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
+from ..runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup, run_label
 from ..sessions import Session
 from ..vehicle import (
     AddedMass,
@@ -90,7 +90,7 @@ class RunDescription:
     @property
     def label(self) -> str:
         """`baseline_bounce_1` and the like."""
-        return f"{self.mass_state}_{self.excitation}_{self.repeat}"
+        return run_label(self.mass_state, self.excitation, self.repeat)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,11 +145,12 @@ def describe(
     session: Session,
     files: Mapping[tuple[str, str], str] | None = None,
     spans: Mapping[str, FrameSpan] | None = None,
+    style: tuple[str, str] = (",", "."),
 ) -> Description:
     """Return the description of a session.
 
     `files`: the file of each run and group, if each has its own.  `spans`: the frames of each run,
-    if the samples are in a log.
+    if the samples are in a log.  `style`: separator and decimal mark, if the samples are text.
     """
     vehicle = session.vehicle
     return Description(
@@ -161,12 +162,18 @@ def describe(
         tuple(_state(state) for state in session.mass_states),
         tuple(_run(run, files or {}, (spans or {}).get(run.label)) for run in session.runs),
         dict(session.provenance),
+        style,
     )
 
 
 def text_of(description: Description) -> str:
     """Return a description as JSON."""
     return json.dumps(_plain(asdict(description)), indent=1)
+
+
+def session_text(session: Session) -> str:
+    """Return the description of a session as JSON."""
+    return text_of(describe(session))
 
 
 def description_of(text: str | bytes, where: str) -> Description:
@@ -288,10 +295,7 @@ def _state(state: MassState) -> StateDescription:
 
 def _mass_state(state: StateDescription) -> MassState:
     body, hubs = iter(state.body), iter(state.hubs)
-    if (sum(state.order), len(state.order)) != (
-        len(state.body),
-        len(state.body) + len(state.hubs),
-    ):
+    if (sum(state.order), len(state.order)) != (len(state.body), len(state.body) + len(state.hubs)):
         raise ValueError(f"the weights of {state.name} are incomplete")
     weights = tuple(next(body) if on_body else next(hubs) for on_body in state.order)
     return MassState(state.name, AddedMass(weights, np.array(state.matrix, np.float64)))

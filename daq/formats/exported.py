@@ -20,7 +20,14 @@ from ..errors import BumpbenchError, InputError
 from ..optional import optional
 from ..sessions import Session
 from . import description
-from .description import Columns, GroupDescription, RunDescription, description_of, session_of
+from .description import (
+    Columns,
+    Description,
+    GroupDescription,
+    RunDescription,
+    description_of,
+    session_of,
+)
 from .export.csv_files import CsvStyle, read_csv
 from .exported_log import read_exported_log
 from .exported_mat import read_exported_mat
@@ -142,13 +149,11 @@ def _floats(column: Any) -> NDArray[np.float64]:
 
 
 def _uff(path: Path) -> Session:
-    sidecar = description.sidecar_of(path)
-    return read_exported_uff(path, description_of(_bounded(sidecar), str(sidecar)))
+    return read_exported_uff(path, _described(description.sidecar_of(path)))
 
 
 def _log(path: Path) -> Session:
-    sidecar = description.sidecar_of(path)
-    return read_exported_log(path, description_of(_bounded(sidecar), str(sidecar)))
+    return read_exported_log(path, _described(description.sidecar_of(path)))
 
 
 def _is_described(path: Path) -> bool:
@@ -156,7 +161,7 @@ def _is_described(path: Path) -> bool:
 
 
 def _csv(path: Path) -> Session | None:
-    about = description_of(_bounded(path), str(path))
+    about = _described(path)
     style = CsvStyle(*about.style)
 
     def samples(run: RunDescription, group: GroupDescription) -> Columns:
@@ -168,10 +173,11 @@ def _csv(path: Path) -> Session | None:
     return session_of(about, samples, str(path))
 
 
-def _bounded(path: Path) -> bytes:
-    if path.stat().st_size > _MAX_SIDECAR_BYTES:
-        raise InputError(str(path), "is larger than any description", "check what it is")
-    return path.read_bytes()
+def _described(sidecar: Path) -> Description:
+    """Return the description in a file next to an export."""
+    if sidecar.stat().st_size > _MAX_SIDECAR_BYTES:
+        raise InputError(str(sidecar), "is larger than any description", "check what it is")
+    return description_of(sidecar.read_bytes(), str(sidecar))
 
 
 _Reader = tuple[Callable[[Path, bytes], bool], Callable[[Path], Session | None]]

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dbc.frames import FrameFlag
-
-from .assemble import good_frames
+from .assemble import flags_of, good_frames
 from .text import Parsed, cut_lines, integers, is_word, spaced_bytes
 
 LACKS = "remote and error frames, and of CAN FD all but the longer payloads"
@@ -41,8 +39,7 @@ def parse_gvret(block: bytes) -> Parsed:
     good &= lines.count[rows] >= 5 + directed + length
     data, is_hex = spaced_bytes(lines, first + 2, np.where(good, length, 0), 16)
     good &= is_hex
-    flags = extended * np.uint16(FrameFlag.EXTENDED) | sent * np.uint16(FrameFlag.TRANSMITTED)
-    flags |= (length > 8) * np.uint16(FrameFlag.FD)
+    flags = flags_of(len(rows), extended=extended, fd=length > 8, sent=sent)
     t_ns = np.where(good, t_us, 0) * 1000
     frames = good_frames(good, t_ns, can_id, flags, bus, length, data)
     torn = lines.number[~whole][1:] if header else lines.number[~whole]

@@ -14,7 +14,7 @@ from dbc.errors import InputError
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import counted
 
-from .assemble import count_impossible_ids, good_frames
+from .assemble import count_impossible_ids, good_frames, interleaved
 from .losses import Ledger
 from .mdf4_blocks import BlockFile
 from .mdf4_layout import DataGroup, data_groups, start_ns
@@ -81,10 +81,7 @@ def _frames_of(
             frames, good = _frames(block, start_ns, ledger)
             batches.append(frames)
             orders.append(block.order[good])
-        frames = FrameBatch.concatenate(batches)
-        if len(mixed) > 1:
-            frames = frames.select(np.argsort(np.concatenate(orders), kind="stable"))
-        yield frames
+        yield interleaved(batches, orders)
 
 
 def _frames(
@@ -166,7 +163,7 @@ def merged(streams: list[Iterator[FrameBatch]]) -> Iterator[FrameBatch]:
         for following in _next(stream):
             heappush(held, (int(following.t_ns[-1]), next(order), following, stream))
         block = FrameBatch.concatenate(ready)
-        yield block.select(np.argsort(block.t_ns, kind="stable"))
+        yield block.by_time()
 
 
 def _next(stream: Iterator[FrameBatch]) -> list[FrameBatch]:

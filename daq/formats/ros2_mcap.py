@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import InputError
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import FrameBatch
 from dbc.words import counted
 
-from .assemble import count_impossible_ids, good_frames
+from .assemble import count_impossible_ids, flags_of, good_frames, interleaved
 from .losses import Ledger
 from .unpacked import Readable
 
@@ -157,10 +157,7 @@ class _Topics:
             )
             batches.append(frames)
             places.append(table[good, 1])
-        joined = FrameBatch.concatenate(batches)
-        if len(batches) > 1:
-            joined = joined.select(np.argsort(np.concatenate(places), kind="stable"))
-        return joined
+        return interleaved(batches, places)
 
     def _learn(self, kind: int, record: bytes) -> None:
         try:
@@ -219,14 +216,7 @@ def _frames(
     if bad := n - int(good.sum()):
         ledger.garbled(bad, counted(bad, *_NOT_FRAMES))
     good &= count_impossible_ids(can_id, extended | error, t_ns, good, ledger)
-    flags = np.zeros(n, np.uint16)
-    for bit, mark in (
-        (FrameFlag.EXTENDED, extended),
-        (FrameFlag.REMOTE, remote),
-        (FrameFlag.ERROR, error),
-        (FrameFlag.FD, fd),
-    ):
-        flags |= mark * np.uint16(bit)
+    flags = flags_of(n, extended=extended, remote=remote, error=error, fd=fd)
     return good_frames(good, t_ns, can_id, flags, np.full(n, bus), length, data), good
 
 

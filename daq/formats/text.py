@@ -48,10 +48,16 @@ class Lines:
     number: Index
     """Number of each line in the block, from 0; empty lines count."""
 
-    def token(self, place: int, rows: Index) -> tuple[Index, Index]:
+    def token(self, place: int | Index, rows: Index) -> tuple[Index, Index]:
         """Return start and end of the token at a place in lines with enough tokens."""
         index = self.first[rows] + place
         return self.start[index], self.end[index]
+
+    def token_or_none(self, place: int | Index, rows: Index) -> tuple[Index, Index]:
+        """Return start and end of a token, which is empty in lines with fewer tokens."""
+        index = np.minimum(self.first[rows] + place, max(len(self.start) - 1, 0))
+        start, end = self.start[index], self.end[index]
+        return start, np.where(self.count[rows] > place, end, start)
 
     def line(self, row: int) -> bytes:
         """Return the text of a line, from its first token to its last."""

@@ -118,9 +118,8 @@ class TrcParser:
             length = np.where(fd, FD_LENGTHS[np.minimum(length, 15)], np.minimum(length, 8))
         good &= has_length & (length <= np.where(fd, 64, 8))
         data_at = columns.index("D")
-        follows = np.minimum(lines.first[rows] + data_at, max(len(lines.start) - 1, 0))
-        asked = is_word(lines, lines.start[follows], lines.end[follows], b"rtr")
-        flags |= (asked & (lines.count[rows] > data_at)) * np.uint16(FrameFlag.REMOTE)
+        asked = is_word(lines, *lines.token_or_none(data_at, rows), b"rtr")
+        flags |= asked * np.uint16(FrameFlag.REMOTE)
         size = np.where(good & (flags & FrameFlag.REMOTE == 0), length, 0)
         good &= lines.count[rows] >= data_at + size
         size = np.where(good, size, 0)

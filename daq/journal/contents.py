@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch
+from dbc.frames import FrameBatch, freeze_arrays
 from dbc.words import counted
 
 from ..bus.source import HopLosses
@@ -89,6 +89,9 @@ class HopCounts:
     """Latest time stamp up to the block, ns, shape (m,); never decreases."""
     counts: NDArray[np.int64]
     """The fields of `HopLosses`, shape (m, 4)."""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, "t_ns", "counts")
 
     def between(self, start_ns: int, stop_ns: int) -> HopLosses:
         """Return the losses of all blocks that overlap a span of time, start <= t <= stop.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, read_only
+from dbc.frames import FrameBatch
 from dbc.words import counted, plural
 
 from ..bus.source import HopLosses
@@ -46,7 +46,7 @@ def read_journal(
         hops.add(block, block.t_ns)
         events += block.events
         if block.stored:
-            kept = block.frames if spans is None else _within(block.frames, spans)
+            kept = block.frames if spans is None else block.frames.within(spans)
             if len(kept):
                 frames.append(kept)
     return JournalContents(
@@ -76,23 +76,13 @@ def read_windows(
         touched = np.flatnonzero((starts_ns <= t_ns.max()) & (t_ns.min() < stops_ns)).tolist()
         frames = block.frames if touched else FrameBatch.empty()  # most frames are in no window
         for k in touched:
-            start_ns, stop_ns = windows[k]
-            pieces[k].append(frames.select((t_ns >= start_ns) & (t_ns < stop_ns)))
+            pieces[k].append(frames.within([windows[k]]))
     none = FrameBatch.empty()
     contents = JournalContents(reader.head, none, tuple(events), hops.counts(), reader.lost)
     joined = []
     while pieces:  # joined one after another, so that not all of them are in memory twice
         joined.append(FrameBatch.concatenate(pieces.pop(0)))
     return contents, tuple(joined)
-
-
-def _within(frames: FrameBatch, spans: Sequence[tuple[int, int]]) -> FrameBatch:
-    first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
-    wanted: NDArray[np.bool_] = np.zeros(len(frames), bool)
-    for start_ns, stop_ns in spans:
-        if start_ns <= last_ns and first_ns < stop_ns:
-            wanted |= (frames.t_ns >= start_ns) & (frames.t_ns < stop_ns)
-    return frames.select(wanted)
 
 
 class _HopTable:
@@ -119,7 +109,7 @@ class _HopTable:
 
     def counts(self) -> HopCounts:
         table = np.array(self._rows, np.int64).reshape(-1, 5)
-        return HopCounts(read_only(table[:, 0]), read_only(table[:, 1:]))
+        return HopCounts(table[:, 0], table[:, 1:])
 
 
 class JournalReader:

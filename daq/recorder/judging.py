@@ -61,8 +61,7 @@ class Judge:
 
     def verdict(self, step: Step, bump_ns: int, run_log: RunLog) -> tuple[Finding, ...]:
         """Judge the run of a step."""
-        start_ns = bump_ns - round(self._bench.trigger.pre_s * 1e9)
-        stop_ns = bump_ns + round(self._bench.trigger.post_s * 1e9)
+        start_ns, stop_ns = self._bench.trigger.window_ns(bump_ns)
         lost = self._losses.between(start_ns, stop_ns)
         samples = self._samples.between(start_ns, stop_ns)
         saturated = tuple(name for name, t_ns in self._saturated.items() if t_ns >= bump_ns)
@@ -81,7 +80,7 @@ class Judge:
         before_bump_ns, seen_ns, left = self._left
         if before_bump_ns == bump_ns and 0 <= t_ns - seen_ns < LOOK_NS:
             return left
-        start_ns = bump_ns - round(self._bench.trigger.pre_s * 1e9)
+        start_ns, _ = self._bench.trigger.window_ns(bump_ns)
         columns = dict(self._samples.between(start_ns, t_ns + 1))
         left = peak_left(self._bench.channels, bump_ns, columns, t_ns)
         self._left = (bump_ns, t_ns, left)

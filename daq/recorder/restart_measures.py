@@ -54,18 +54,13 @@ def remeasured(tail: JournalTail, bench: Bench, codec: Codec) -> Mapping[str, Ru
     Raises OSError or InputError if the journal cannot be read, or contradicts the bench.
     """
     runs = [run for run in fold(tail.events).runs if is_accepted(run) or is_only_unlike(run)]
-    spans = [_span(bench, run) for run in runs]
+    spans = [bench.trigger.window_ns(run.t_ns) for run in runs]
     paths = _overlapping(tail.segments, spans)
     if not paths:
         return {}
     frames = read_journal(paths, spans).frames
     mapped = mapped_channels(bench, codec)
     return {run.label: _measure(bench, codec, mapped, run, frames) for run in runs}
-
-
-def _span(bench: Bench, run: LoggedRun) -> tuple[int, int]:
-    trigger = bench.trigger
-    return run.t_ns - round(trigger.pre_s * 1e9), run.t_ns + round(trigger.post_s * 1e9)
 
 
 def _overlapping(paths: Sequence[Path], spans: Sequence[tuple[int, int]]) -> list[Path]:
@@ -84,8 +79,7 @@ def _measure(
     run: LoggedRun,
     frames: FrameBatch,
 ) -> RunMeasure:
-    start_ns, stop_ns = _span(bench, run)
-    decoded = codec.decode(frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns)))
+    decoded = codec.decode(frames.within([bench.trigger.window_ns(run.t_ns)]))
     columns = {
         m.channel.name: (samples.t_ns, m.values(samples))
         for m in mapped

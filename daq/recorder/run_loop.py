@@ -164,7 +164,7 @@ def like_rejects(runs: tuple[LoggedRun, ...]) -> str:
 def _failing(run: LoggedRun) -> str:
     if run.status is not LoggedStatus.REJECTED or run.by:
         return ""
-    return next((finding.code for finding in run.findings if not finding.passed), "")
+    return run.failed.code if run.failed else ""
 
 
 def _after(state: LoopState, now: Surroundings) -> LoopState:

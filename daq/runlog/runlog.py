@@ -71,6 +71,11 @@ class LoggedRun:
     """That person's reason."""
 
     @property
+    def failed(self) -> StoredFinding | None:
+        """The first finding that did not pass; None if all did."""
+        return next((finding for finding in self.findings if not finding.passed), None)
+
+    @property
     def reasons(self) -> tuple[str, ...]:
         """The reasons of its rejection, in words; empty if it is not rejected."""
         if self.status is not LoggedStatus.REJECTED:

@@ -86,11 +86,7 @@ def arrival_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
 
 
 def sensor_times(
-    counter: NDArray[np.int64],
-    modulus: int,
-    t_ns: NDArray[np.int64],
-    cycle_s: float,
-    t0_ns: int,
+    counter: NDArray[np.int64], modulus: int, t_ns: NDArray[np.int64], cycle_s: float, t0_ns: int
 ) -> SensorTimes:
     """Return the times at which the samples were taken, up to the smallest transmission delay.
 

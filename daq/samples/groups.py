@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dbc.codec import Codec
 from dbc.layout import MessageLayout
-from dbc.samples import UNUSABLE, Decoded, Quality, Samples
+from dbc.samples import Decoded, Quality, Samples
 
 from ..bench.config import Bench
 from ..bench.message_rules import SampleSet, SensorClock, sensor_clocks
@@ -82,7 +82,7 @@ def group_names(names: Sequence[str]) -> dict[str, str]:
 
 def _has_carrier(sample_set: SampleSet, decoded: Decoded) -> bool:
     carrier = decoded.samples.get(".".join(sample_set.carrier))
-    return carrier is not None and bool(np.any((carrier.quality & UNUSABLE) == 0))
+    return carrier is not None and bool(np.any(carrier.usable))
 
 
 def _message_group(
@@ -124,7 +124,7 @@ def _own_times(
 
 
 def _good(samples: Samples) -> NDArray[np.intp]:
-    return np.flatnonzero((samples.quality & UNUSABLE) == 0)
+    return np.flatnonzero(samples.usable)
 
 
 def _between(
@@ -204,8 +204,4 @@ def _set_group(
 
 def timekeeping(bench: Bench, codec: Codec) -> Timekeeping:
     """Return the sources of the samples' times on a bench."""
-    return Timekeeping(
-        {message.name: message for message in codec.messages},
-        sensor_clocks(codec, bench.message_rules),
-        bench.sample_sets,
-    )
+    return Timekeeping(codec.by_name, sensor_clocks(codec, bench.message_rules), bench.sample_sets)

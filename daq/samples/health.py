@@ -17,7 +17,7 @@ from types import MappingProxyType
 import numpy as np
 
 from dbc.layout import MessageLayout
-from dbc.samples import UNUSABLE, DecodeCounts, Decoded
+from dbc.samples import DecodeCounts, Decoded
 
 from ..runs import Losses
 from .counter import counter_steps
@@ -83,7 +83,7 @@ def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Deco
 def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decoded) -> CounterHealth:
     assert message.counter is not None  # ensured by the caller
     samples = decoded[f"{message.name}.{message.counter.signal}"]
-    good = (samples.quality & UNUSABLE) == 0
+    good = samples.usable
     unreadable = len(good) - int(np.count_nonzero(good))
     if unreadable == len(good):
         return (

@@ -19,20 +19,36 @@ a saturated top."""
 _MOVING_S = 0.5  # after this time, a coarse sensor may stay at one step of its converter
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Hold:
-    """Longest hold of one value by one channel in one run, and the usual rate of its changes."""
+    """Longest hold of one value by one channel in one run."""
 
+    time_s: NDArray[np.float64]
+    value: NDArray[np.float64]
+    """`time_s`, `value`: samples of the channel, (n,)."""
+    rest_s: float
+    start_s: float
+    """`rest_s`, `start_s`: end of the rest before the bump and start of the decay, s."""
+    first: int
+    last: int
+    """`first`, `last`: its first and last sample."""
     held_s: float
-    """Length of the longest hold that begins in the first half second of the decay, s."""
-    held: int
-    """Its number of samples."""
-    rest_rate: float
-    decay_rate: float
-    """`rest_rate`, `decay_rate`: share of samples that differ from the one before, at rest before
-    the bump and in the decay; NaN where there are too few samples."""
-    constant: bool
-    """True if it has one value in the whole run."""
+    """Its length, s; 0 if none begins in the first half second of the decay or reaches into it."""
+
+    @property
+    def rest_rate(self) -> float:
+        """Share of samples at rest that differ from the one before; NaN if there are too few."""
+        return share_changed(self.value[self.time_s < self.rest_s])
+
+    @property
+    def decay_rate(self) -> float:
+        """The same share in the decay."""
+        return share_changed(self.value[self.time_s >= self.start_s])
+
+    @property
+    def constant(self) -> bool:
+        """True if the channel has one value in the whole run."""
+        return not (self.value != self.value[0]).any()
 
     def is_frozen(self, changes: float) -> bool:
         """Return whether the hold is too long to be chance.
@@ -40,7 +56,7 @@ class Hold:
         `changes`: share of samples at which the channel changes when it is healthy, 0..1; NaN if it
         is unknown.
         """
-        return self.held_s >= FROZEN_S and is_stuck(self.held, changes)
+        return self.held_s >= FROZEN_S and is_stuck(self.last - self.first + 1, changes)
 
 
 def longest_hold(
@@ -51,16 +67,9 @@ def longest_hold(
     `time_s`, `value`: its samples, (n,) float64, n at least 1.  `rest_s`, `start_s`: end of the
     rest before the bump and start of the decay, on the axis of `time_s`.
     """
-    change = np.flatnonzero(np.diff(value) != 0.0)
-    first = np.concatenate([[0], change + 1])
-    last = np.concatenate([change, [len(value) - 1]])
+    last = np.flatnonzero(np.diff(value, append=np.nan) != 0.0)
+    first = np.concatenate([[0], last[:-1] + 1])
     within = (time_s[last] > start_s) & (time_s[first] < start_s + _MOVING_S)
-    length = np.where(within, time_s[last] - time_s[first], 0.0)
-    k = int(length.argmax())
-    return Hold(
-        float(length[k]),
-        int(last[k] - first[k] + 1),
-        share_changed(value[time_s < rest_s]),
-        share_changed(value[time_s >= start_s]),
-        len(change) == 0,
-    )
+    length_s = np.where(within, time_s[last] - time_s[first], 0.0)
+    k = int(length_s.argmax())
+    return Hold(time_s, value, rest_s, start_s, int(first[k]), int(last[k]), float(length_s[k]))

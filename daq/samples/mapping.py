@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.layout import MessageLayout, SignalLayout
-from dbc.samples import UNUSABLE, Samples
+from dbc.samples import Samples
 from dbc.units import SiUnit, to_si
 
 from ..channels import LARGEST, SI_UNITS, Channel, Quantity
@@ -53,7 +53,7 @@ class MappedChannel:
         """
         value = channel_values(self.channel, self.factor, self.offset, samples.value)
         if samples.quality.any():
-            value[(samples.quality & UNUSABLE) != 0] = np.nan
+            value[~samples.usable] = np.nan
         if self.channel.quantity is not Quantity.UNUSED:
             value[np.abs(value) > LARGEST] = np.nan
         return value

@@ -197,7 +197,7 @@ def _run(group: Group) -> Run:
     }
     raw = [_frames(bus) for name, bus in group.groups.items() if name.startswith(RAW_PREFIX)]
     frames = FrameBatch.concatenate(raw)
-    frames = frames.select(np.argsort(frames.t_ns, kind="stable")) if len(raw) > 1 else frames
+    frames = frames.by_time() if len(raw) > 1 else frames
     return Run(
         mass_state=str(group.attribute("mass_state")),
         excitation=Excitation(str(group.attribute("excitation"))),

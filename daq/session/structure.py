@@ -144,15 +144,8 @@ def _frames(group: Group, where: str) -> Iterator[Finding]:
     yield from _table(group, where, narrow, set(narrow), "frame", extra)
     data = group.datasets.get("data")
     rows = len(group.datasets["t_ns"].values) if "t_ns" in group.datasets else 0
-    if (
-        data is None
-        or data.values.dtype != np.uint8
-        or data.values.shape
-        not in (
-            (rows, 8),
-            (rows, 64),
-        )
-    ):
+    shapes = ((rows, 8), (rows, 64))
+    if data is None or data.values.dtype != np.uint8 or data.values.shape not in shapes:
         yield error(where, f"data is not a table of {rows} rows of 8 or 64 bytes")
 
 

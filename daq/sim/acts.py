@@ -102,6 +102,9 @@ class Acts:
             return self._bump(mass_state, excitation, height)
         if fault is Fault.OVERLOAD:
             return replace(act, limits=self._low_limit(act))
+        if fault is Fault.FROZEN:
+            name = [c.name for c in self._bench.channels if c.corner is not None][-1]
+            return replace(act, limits={name: 0.0})
         return act
 
     def _bump(self, mass_state: str, excitation: Excitation, height: float) -> Act:

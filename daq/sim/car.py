@@ -143,10 +143,7 @@ def truth(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
 
 
 def draw(
-    channels: Sequence[Channel],
-    mass_states: Sequence[MassState],
-    car: SimulatedCar,
-    seed: int,
+    channels: Sequence[Channel], mass_states: Sequence[MassState], car: SimulatedCar, seed: int
 ) -> Truth:
     """Draw the differences of true sensors and weights from their description.
 

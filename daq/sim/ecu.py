@@ -255,7 +255,7 @@ def on_the_buses(
             free_ns[number] = int(batch.t_ns[-1])
         batches.append(batch)
     merged = FrameBatch.concatenate(batches)
-    return merged if len(batches) == 1 else merged.select(np.argsort(merged.t_ns, kind="stable"))
+    return merged if len(batches) == 1 else merged.by_time()
 
 
 def _on_the_wire(

@@ -89,10 +89,7 @@ class SmoothMotion:
         first, last = np.searchsorted(t_s, [self.bump.start_s, self.bump.end_s], side="right")
         state = np.zeros((14, len(t_s)))
         state[:7, :first] = self.rest
-        for solution, part in (
-            (self.on_bump, slice(first, last)),
-            (self.decay, slice(last, None)),
-        ):
+        for solution, part in ((self.on_bump, slice(first, last)), (self.decay, slice(last, None))):
             if len(t_s[part]):  # a dense output of SciPy does not accept an empty array
                 state[:, part] = solution(t_s[part])
         return State(state[:7], state[7:], blank_memory(len(t_s)))

@@ -139,11 +139,7 @@ def low_passed(
 
 
 def measured(
-    channel: Channel,
-    sensor: SensorTruth,
-    noise: Spread,
-    reading: Array,
-    rng: np.random.Generator,
+    channel: Channel, sensor: SensorTruth, noise: Spread, reading: Array, rng: np.random.Generator
 ) -> Array:
     """Return true readings with bias, white noise, saturation and gain of their sensor, SI, (n,).
 

@@ -13,6 +13,8 @@ class Fault(StrEnum):
     DOUBLE_BUMP = "double-bump"
     OVERLOAD = "overload"
     """A sensor saturates at half of its true reading."""
+    FROZEN = "frozen"
+    """A sensor shows one value during the bump."""
     LOST_FRAMES = "lost-frames"
     """For a short time no frame arrives."""
     WEAK = "weak"

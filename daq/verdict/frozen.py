@@ -35,7 +35,7 @@ def frozen(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Itera
         return
     held_s, worst = max(found)
     names = ", ".join(name for _, name in found)
-    text = f"{names} held one value for {held_s:.2f} s (limit {FROZEN_S:.2f} s) while the car moved"
+    text = f"{names} held one value for {held_s:.2f} s (limit {FROZEN_S:.2f} s)"
     yield finding("frozen", False, held_s, FROZEN_S, "s", text, worst)
 
 

@@ -43,9 +43,8 @@ WORDS: Mapping[str, Words] = MappingProxyType(
         "frozen": Words(
             "sensor frozen",
             "A sensor showed one value while the car moved. The identification leaves such a run "
-            "out.",
-            "switch the sensor off and on, check its plug and linkage, then bump again; if that "
-            'does not help, state quantity = "unused" for it in bench.toml',
+            'out. If it stays frozen, state quantity = "unused" for it in bench.toml.',
+            "switch the sensor off and on, check its linkage, then bump again",
         ),
         "not_at_rest": Words(
             "not at rest before",

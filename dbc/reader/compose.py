@@ -8,7 +8,7 @@ from re import Match
 
 from ..crc import CRC_RULES
 from ..layout import CounterRule, MessageLayout, SignalLayout
-from .document import EXTENDED_BIT, Block, Document, SignalKey, number, whole
+from .document import EXTENDED_BIT, Block, Document, SignalKey, number, scaling, whole
 from .grammar import unquoted
 from .lint import FaultError, with_own_signal_names
 from .sentinels import sentinels
@@ -72,9 +72,7 @@ def _signal(
     key = (identifier, body["name"])
     selector, selected_by = _selection(document, key, body["marker"] or "", sole)
     is_float = document.float_types.get(key) in (1, 2)
-    factor, offset = number(body["factor"]), number(body["offset"])
-    if not is_float and factor == factor // 1 and offset == offset // 1:
-        factor, offset = int(factor), int(offset)
+    factor, offset = scaling(number(body["factor"]), number(body["offset"]), is_float)
     low, high = body["minimum"], body["maximum"]
     stated = (low, high) != ("0", "0")
     signal = SignalLayout(

@@ -90,6 +90,15 @@ def number(text: str) -> int | float:
         return float(text)
 
 
+def scaling(
+    factor: int | float, offset: int | float, is_float: bool
+) -> tuple[int | float, int | float]:
+    """Return factor and offset; as whole numbers if both are, except for a float signal."""
+    if not is_float and factor == factor // 1 and offset == offset // 1:
+        return int(factor), int(offset)
+    return factor, offset
+
+
 def read_document(text: str, source: Source) -> Document:
     """Sort the statements of a DBC.
 

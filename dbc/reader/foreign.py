@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..finding import Finding
 from ..layout import MessageLayout, SignalLayout
 from .complaints import complaints
-from .document import joined
+from .document import joined, scaling
 from .foreign_numbers import MAX_CHARACTERS, check_numbers
 from .limits import MAX_SIGNAL_BITS
 from .lint import (
@@ -162,9 +162,7 @@ def _limits(signal: Any) -> tuple[float | None, float | None]:
 
 def _signal(signal: Any) -> SignalLayout:
     is_float = signal.conversion.is_float
-    factor, offset = signal.conversion.scale, signal.conversion.offset
-    if not is_float and factor == factor // 1 and offset == offset // 1:
-        factor, offset = int(factor), int(offset)
+    factor, offset = scaling(signal.conversion.scale, signal.conversion.offset, is_float)
     low, high = _limits(signal)
     layout = SignalLayout(
         name=signal.name,

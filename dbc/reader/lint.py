@@ -144,9 +144,7 @@ def _check_roles(message: MessageLayout) -> None:
     for name in names:
         if name is None:
             continue
-        signal = message.signal(name)
-        plain = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
-        if not plain or signal.is_signed or signal.is_multiplexed:
+        if not message.signal(name).is_plain:
             raise FaultError(name, "has a role but is not a plain unsigned number")
     if message.counter is not None and message.counter.modulus > MAX_COUNTER:
         raise FaultError(message.counter.signal, "counts in more than 32 bits")

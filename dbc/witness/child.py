@@ -29,10 +29,9 @@ def answer(question: dict[str, Any]) -> dict[str, Any]:
         return {"refusal": str(error).split("\n", 1)[0] or type(error).__name__}
     messages = {key(m.frame_id, m.is_extended_frame): m for m in loaded.messages}
     names = {number: m.name for number, m in messages.items() if m.name != ORPHANS}
-    wanted = [(number, payloads) for number, payloads in question["payloads"].items()]
     decoded = {
         number: _decoded(messages[number], [bytes.fromhex(p) for p in payloads])
-        for number, payloads in wanted
+        for number, payloads in question["payloads"].items()
         if number in names
     }
     return {"names": names, "messages": decoded}

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from random import Random
 from tempfile import TemporaryFile
-from types import TracebackType
 from typing import Any
 
 from ..codec import Codec
@@ -86,12 +85,7 @@ class Witness:
         """Return itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Kill the child, whatever its state."""
         if self._child is not None:
             self._child.kill()

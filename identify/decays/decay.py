@@ -48,7 +48,8 @@ class Recording:
     def between(self, start_s: float, end_s: float) -> Recording:
         """Return the samples with start <= time < end, times counted from the start."""
         keep = (self.time_s >= start_s) & (self.time_s < end_s)
-        return Recording(self.group, self.time_s[keep] - start_s, self.values[keep])
+        values = self.values.T[:, keep].T  # channel by channel, as they are in memory
+        return Recording(self.group, self.time_s[keep] - start_s, values)
 
     def thinned(self, rate_hz: float) -> Recording:
         """Return every k-th sample, so that about `rate_hz` are left (all, if there are fewer)."""

@@ -9,7 +9,7 @@ fit shows how far back the decay reaches.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -29,6 +29,9 @@ _QUIET_SAMPLES = 100  # fewer do not give a noise level to 10 %
 _QUIET_MARGIN_S = 0.005
 _ONSETS: WeakKeyDictionary[Record, float | None] = WeakKeyDictionary()
 """Onset of each record in use; computed once, because every gate asks for it."""
+_Quiet = tuple[tuple[Recording, NDArray[np.bool_]], ...]
+_QUIET: WeakKeyDictionary[Record, _Quiet] = WeakKeyDictionary()
+"""Recordings of each record in use that have samples at rest, and which samples these are."""
 
 
 def onset_s(record: Record) -> float | None:
@@ -96,7 +99,7 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     if any(counts.get(name, 0) < _QUIET_SAMPLES for name in names):
         return {}
     squares = dict.fromkeys(counts, 0.0)
-    for recording, at_rest in _quiet(records):
+    for recording, at_rest in (pair for record in records for pair in _quiet(record)):
         quiet = recording.values[at_rest]
         spread = np.sum((quiet - quiet.mean(axis=0)) ** 2, axis=0)
         for channel, total in zip(recording.group.channels, spread.tolist(), strict=True):
@@ -107,23 +110,20 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
 def quiet_counts(records: Sequence[Record]) -> dict[str, int]:
     """Return the degrees of freedom of each level of `quiet_noise`."""
     counts: dict[str, int] = {}
-    for recording, at_rest in _quiet(records):
+    for recording, at_rest in (pair for record in records for pair in _quiet(record)):
         n = int(at_rest.sum())
         for channel in recording.group.channels:
             counts[channel.name] = counts.get(channel.name, 0) + n - 1
     return counts
 
 
-def _quiet(records: Sequence[Record]) -> Iterator[tuple[Recording, NDArray[np.bool_]]]:
-    """Yield each recording that has samples at rest, and which samples these are."""
-    for record in records:
+def _quiet(record: Record) -> _Quiet:
+    if record not in _QUIET:
         onset = onset_s(record)
-        if onset is None:
-            continue
-        for recording in record.recordings:
-            at_rest = recording.time_s < onset - _QUIET_MARGIN_S
-            if at_rest.sum() >= 3:
-                yield recording, at_rest
+        end_s = -np.inf if onset is None else onset - _QUIET_MARGIN_S
+        pairs = ((recording, recording.time_s < end_s) for recording in record.recordings)
+        _QUIET[record] = tuple((r, at_rest) for r, at_rest in pairs if at_rest.sum() >= 3)
+    return _QUIET[record]
 
 
 def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:

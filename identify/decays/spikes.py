@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.median import median
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 
@@ -143,5 +144,5 @@ def _curvature(time_s: NDArray[np.float64], values: NDArray[np.float64], spike: 
 def _is_whole(time_s: NDArray[np.float64], spike: slice) -> bool:
     """Return True if no samples are missing between a spike and its neighbours."""
     before, after = max(spike.start - 1, 0), min(spike.stop, len(time_s) - 1)
-    period_s = float(np.median(np.diff(time_s)))
+    period_s = median(np.diff(time_s))
     return bool(time_s[after] - time_s[before] <= _GAP * (after - before) * period_s)

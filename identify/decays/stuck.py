@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.samples.hold import Hold, longest_hold
+from daq.median import median
+from daq.samples.hold import FROZEN_S, Hold, longest_hold
 
 from .decay import Record
 from .onset import decay_start_s, onset_s
@@ -33,8 +34,7 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
     """
     starts = _starts_s(records)
     holds = [one for record, at in zip(records, starts, strict=True) for one in _holds(record, *at)]
-    moving = {one.channel for one in holds if not one.longest.constant}
-    found = [one for one in holds if one.channel in moving and _is_frozen(one, holds)]
+    found = [one for one in holds if one.longest.held_s >= FROZEN_S and _is_frozen(one, holds)]
     return tuple(sorted(found, key=lambda one: -one.longest.held_s))
 
 
@@ -61,7 +61,7 @@ def _starts_s(records: Sequence[Record]) -> list[tuple[float, float]]:
         for record, onset in zip(records, onsets, strict=True)
     ]
     known = [start for start in starts if np.isfinite(start)]
-    usual = float(np.median(known)) if known else -np.inf
+    usual = median(known) if known else -np.inf
     return [
         (start, start) if onset is None else (onset, start)
         for record, onset, given in zip(records, onsets, starts, strict=True)

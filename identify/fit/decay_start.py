@@ -228,7 +228,7 @@ def _end_of_force_s(at: Evaluated, early: _Early, known: Known, failed_s: float)
     whiten = np.linalg.inv(np.linalg.cholesky(spread))
     error = whiten @ (early.error[near] - rows @ state)
     # The start itself may be the end of the force: then nothing is gained.
-    instants = np.unique([0.0, *time.tolist()])
+    instants = np.array(sorted({0.0, *time.tolist()}))
     instants = instants[(instants >= failed_s) & (instants <= failed_s + _SPAN_S)]
     traces = whiten @ _ramps(at, early, near, instants)
     size = np.linalg.norm(traces, axis=1, keepdims=True)

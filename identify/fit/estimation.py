@@ -23,7 +23,9 @@ from .likelihood import (
     Residuals,
     fit,
     linearised,
+    refit,
     residuals_of,
+    with_noise,
 )
 
 _BASIN_CHI2 = 1.3
@@ -50,27 +52,6 @@ _WIDEST = 1.0
 """Standard deviation of each unknown, the logarithm of a parameter, before any run: a factor e.
 Without it, predictions would have no covariance where runs do not determine the masses."""
 _SCANS = 3
-
-_MID_SIZE_CAR = np.array(
-    [1500, 2500, 500, 40, 40, 20e3, 20e3, 200e3, 200e3, 1500, 1500, 1.3, 1.4, 0.75, 0.75]
-)
-_INERTIAS = slice(0, 5)
-_FORCES = slice(5, 11)
-
-
-def generic_vehicles() -> tuple[NDArray[np.float64], ...]:
-    """Return the vehicles, each (15,), from which a search may start: a car and its variants.
-
-    The variants are lighter, heavier, stiffer and more strongly damped; together they lie within a
-    factor of two or three of anything on four wheels that is bumped by hand.
-    """
-    vehicles = []
-    for mass, force in ((1.0, 1.0), (2.0, 2.0), (0.5, 0.5), (1.0, 2.0), (2.0, 1.0), (4.0, 4.0)):
-        vehicle = _MID_SIZE_CAR.copy()
-        vehicle[_INERTIAS] *= mass
-        vehicle[_FORCES] *= force
-        vehicles.append(vehicle)
-    return tuple(vehicles)
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -109,6 +90,11 @@ class Estimation:
         return self.nonlinear or LinearEngine(self.box)
 
     @property
+    def full(self) -> NDArray[np.float64]:
+        """Full parameters at the optimum, (28,)."""
+        return self.box.full(self.fit.eta.astype(complex)).real
+
+    @property
     def freedom(self) -> float:
         """Degrees of freedom of the residuals, not reduced by the shared unknowns."""
         return sum(sum(r.freedom.values()) for r in self.residuals)
@@ -142,12 +128,15 @@ _LINEARISED: WeakKeyDictionary[Estimation, Linearised] = WeakKeyDictionary()
 def linearised_at(estimation: Estimation) -> Linearised:
     """Return the linear model at the optimum, the channels weighted by their noise."""
     if estimation not in _LINEARISED:
-        fit, noise = estimation.fit, estimation.noise
-        if isinstance(fit, LinearFit) and estimation.sigma == noise:
-            return fit.linearised
-        box = estimation.box
-        own = fit.eta[: len(box.prior_sigma)]  # sizes of elements follow in a nonlinear fit
-        _LINEARISED[estimation] = linearised(box, estimation.decays, noise, own)
+        fit, noise, box = estimation.fit, estimation.noise, estimation.box
+        if isinstance(fit, LinearFit) and fit.linearised.decays is estimation.decays:
+            found = fit.linearised
+            if estimation.sigma != noise:
+                found = with_noise(found, noise)
+        else:
+            own = fit.eta[: len(box.prior_sigma)]  # sizes of elements follow in a nonlinear fit
+            found = linearised(box, estimation.decays, noise, own)
+        _LINEARISED[estimation] = found
     return _LINEARISED[estimation]
 
 
@@ -258,12 +247,7 @@ def settled(late: Estimation) -> Estimation:
         covariance = np.linalg.inv(information + np.eye(len(information)) / _WIDEST**2)
         starts = [
             earliest_start_s(
-                here.points[d.mass_state],
-                covariance,
-                record,
-                d,
-                linear,
-                _lower_s(record),
+                here.points[d.mass_state], covariance, record, d, linear, _lower_s(record)
             )
             for record, d, linear in zip(best.records, best.decays, here.linear, strict=True)
         ]
@@ -327,7 +311,7 @@ def _from(
     if not rest:
         for _ in range(2):  # the noise and the fit settle together
             sigma = floored(_residual_noise(left), decays)
-            fine = fit(box, decays, sigma, fine.eta)
+            fine = refit(box, fine, sigma)
             left = residuals_of(fine.linearised, decays, sigma)
     return Estimation(box, records, fine, decays, sigma, rest, left, _chi2_per_n(box, left, sigma))
 
@@ -336,6 +320,7 @@ def _reweighted(best: Estimation) -> Estimation:
     """Pool the noise at rest, a few dozen samples perhaps, with that of the residuals."""
     if not best.rest:
         return best
+    assert isinstance(best.fit, LinearFit)  # by `_from`, in this process
     counts = quiet_counts(best.records)
     pooled = {}
     for name, level in best.rest.items():
@@ -345,7 +330,7 @@ def _reweighted(best: Estimation) -> Estimation:
         total = counts[name] * level**2 + squares
         pooled[name] = float(np.sqrt(total / (counts[name] + freedom)))
     sigma = floored(pooled, best.decays)
-    fine = fit(best.box, best.decays, sigma, best.fit.eta)
+    fine = refit(best.box, best.fit, sigma)
     left = residuals_of(fine.linearised, best.decays, sigma)
     chi2 = _chi2_per_n(best.box, left, best.noise)
     return replace(best, fit=fine, sigma=sigma, residuals=left, chi2_per_n=chi2)

@@ -11,13 +11,12 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ..decays.decay import FreeDecay
-from .products import Alike, Products
+from .products import Products
 from .varpro import (
     Evaluated,
     LinearPart,
     NormalBlock,
     linear_coefficients,
-    products_of,
     pseudo_inverse,
     slopes,
 )
@@ -26,13 +25,14 @@ _N = 14  # states of the vehicle
 
 
 def blocks_of(
-    points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], layout: Sequence[Alike]
+    points: Mapping[str, Evaluated],
+    decays: Sequence[FreeDecay],
+    seen: Sequence[Sequence[Products]],
 ) -> list[tuple[NormalBlock, LinearPart]]:
     """Return the share of each decay in the normal equations, and its fitted linear part.
 
-    Parameters are those of `identify.fit.varpro.products_of`.
+    `points`: the model, for each mass state.  `seen`: products of each decay (`products_of`).
     """
-    seen = products_of(points, decays, layout)
     alike: dict[tuple[object, ...], list[int]] = {}
     for d, decay in enumerate(decays):
         groups = tuple(points[decay.mass_state].box.groups.index(r.group) for r in decay.recordings)

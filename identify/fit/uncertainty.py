@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import parameter_unit
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from ..model.complex_step import COMPLEX_STEP, stepped
 from ..model.derived import derived_quantities
@@ -58,7 +58,7 @@ class Correlation:
     """Correlation coefficients, -1..1, shape (n, n)."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "matrix", read_only(self.matrix))
+        freeze_arrays(self, "matrix")
 
 
 def estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:

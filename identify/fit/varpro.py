@@ -8,7 +8,7 @@ unknowns of the grey box are iterated (variable projection).
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,12 @@ class Evaluated:
         """Return the inverse variance of each channel of a group."""
         return self.group(group).weight
 
+    def with_noise(self, sigma: Mapping[str, float]) -> Evaluated:
+        """Return the same point, the channels weighted by another noise, SI."""
+        pairs = zip(self.groups, self.box.groups, strict=True)
+        groups = tuple(replace(at, weight=_weights(group, sigma)) for at, group in pairs)
+        return replace(self, groups=groups)
+
 
 def evaluate(
     box: GreyBox,
@@ -142,10 +148,14 @@ def _group_at(
         np.ascontiguousarray((d_rows * outputs.gain)[..., modes.half].swapaxes(1, 2)),
         (modes.to_real[:, :_N] @ (filtered[..., None] * modes.W)).real,
         low_pass,
-        np.array([sigma[c.name] ** -2 for c in channels]),
+        _weights(box.groups[index], sigma),
         late_s,
         box.delay_index(index),
     )
+
+
+def _weights(group: ChannelGroup, sigma: Mapping[str, float]) -> NDArray[np.float64]:
+    return np.array([sigma[c.name] ** -2 for c in group.channels])
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from daq.bumps import BUMPS
 from daq.runs import Excitation
 from dbc.errors import InputError
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from .matrices import N_DOF, PhysicalModel
 
@@ -50,8 +50,7 @@ class Response:
     `daq.vehicle.DOF`, shape (n, 7)."""
 
     def __post_init__(self) -> None:
-        for name in ("time_s", "displacement", "velocity", "acceleration"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "time_s", "displacement", "velocity", "acceleration")
 
 
 def exact_response(

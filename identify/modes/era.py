@@ -14,6 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from daq.median import median
+
 from .modal_model import ModalModel
 from .state_variable_method import checked_records
 
@@ -72,7 +74,7 @@ def realised_modes(
 
 def standing_out(strength: NDArray[np.float64]) -> int:
     """Return how many singular values, the largest first, stand out from noise and rounding."""
-    floor = max(_OF_NOISE * float(np.median(strength)), _OF_ROUNDING * float(strength[0]))
+    floor = max(_OF_NOISE * median(strength), _OF_ROUNDING * float(strength[0]))
     return int(np.sum(strength > floor))
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from .arrow import unit_scale
 from .normal_equations import Point, Problem, Samples, Ties, problem_of
@@ -58,8 +58,7 @@ class LikelyModes:
     """Number of fitted numbers, without the levels."""
 
     def __post_init__(self) -> None:
-        for name in ("poles", "shapes", "amplitudes", "pole_covariance", "noise"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "poles", "shapes", "amplitudes", "pole_covariance", "noise")
 
     @property
     def frequency_std_hz(self) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from .arrow import System, solve
 from .block_products import Products
@@ -36,8 +36,7 @@ class Ties:
     (n_channels, m)."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "owner", read_only(self.owner))
-        object.__setattr__(self, "sign", read_only(self.sign))
+        freeze_arrays(self, "owner", "sign")
 
     @classmethod
     def none(cls, n_channels: int, n_modes: int) -> Ties:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import InputError
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from .assignment import best_pairs
 from .modal_model import ModalModel, mac
@@ -33,8 +33,7 @@ class Pairing:
     """Pairs of baseline modes whose partners are in the opposite order of frequency."""
 
     def __post_init__(self) -> None:
-        for name in ("baseline", "added", "mac", "margin"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "baseline", "added", "mac", "margin")
 
 
 def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:

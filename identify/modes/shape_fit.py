@@ -230,7 +230,7 @@ def project(
     n_channels = decays[0].shape[1]
     records = []
     outside = np.zeros(n_channels)
-    for length in np.unique(lengths):
+    for length in sorted(set(lengths.tolist())):
         mine = [decays[i] for i in np.flatnonzero(lengths == length).tolist()]
         basis, triangle = np.linalg.qr(columns[:length])
         samples = np.hstack(mine)

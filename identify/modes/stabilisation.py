@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dbc.frames import read_only
+from daq.median import median
+from dbc.frames import freeze_arrays
 
 from .modal_model import mac
 from .state_variable_method import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
@@ -43,15 +44,13 @@ class StabilisationDiagram:
     """True if pole and shape recur at the next ranks, shape (n,)."""
 
     def __post_init__(self) -> None:
-        for name in ("rank", "poles", "shapes", "stable"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "rank", "poles", "shapes", "stable")
 
     @property
     def stable_sets(self) -> list[Poles]:
         """Stable poles of each rank that has any, in order of frequency."""
-        ranks = np.unique(self.rank[self.stable])
         found = []
-        for rank in ranks:
+        for rank in sorted(set(self.rank[self.stable].tolist())):
             which = np.flatnonzero(self.stable & (self.rank == rank))
             which = which[np.argsort(np.abs(self.poles[which]))]
             found.append((self.poles[which], self.shapes[:, which]))
@@ -90,7 +89,7 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
     fit left it out it would be taken for a mode.  `duration_s` is the length of the longest record.
     """
     highest = space.directions.shape[1] - space.n_channels - 1
-    standing_out = int(np.sum(space.strength > 2.0 * np.median(space.strength)))
+    standing_out = int(np.sum(space.strength > 2.0 * median(space.strength)))
     highest = min(highest, standing_out + _MORE_RANKS)
     found = []
     for rank in range(1, highest + 1):

@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from daq.median import median
 from dbc.errors import InputError
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 from dbc.words import counted
 
 _MIN_SAMPLES = 8
@@ -69,8 +70,7 @@ class DelaySpace:
     """Channels of the records."""
 
     def __post_init__(self) -> None:
-        for name in ("directions", "strength"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "directions", "strength")
 
 
 def checked_records(
@@ -137,7 +137,7 @@ def noise_levels(decays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     for channel in range(decays[0].shape[1]):
         alone = [decay[:, channel : channel + 1] for decay in long]
         squares = np.linalg.eigvalsh(_products(alone, Delays(blocks, 1)), "U")
-        levels.append(max(np.median(squares), _NOISY**2 * squares[-1]) ** 0.5)
+        levels.append(max(median(squares), _NOISY**2 * squares[-1]) ** 0.5)
     return np.array(levels)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import AT_CORNER, ON_BODY, Channel, Quantity
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from .normal_equations import Ties
 
@@ -35,8 +35,7 @@ class Mirror:
     """-1 if the mirror turns its sign (roll), else 1, shape (n_channels,)."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "image", read_only(self.image))
-        object.__setattr__(self, "sign", read_only(self.sign))
+        freeze_arrays(self, "image", "sign")
 
     def combinations(self, parity: float) -> NDArray[np.float64]:
         """Return the combinations of channels that show modes of one kind only.

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from ..model import exponential_sums
 from ..model.exponential_sums import Series, series_of
@@ -38,8 +38,7 @@ class Block:
     def __post_init__(self) -> None:
         level = self.values.mean(axis=0) if self.free_level else 0.0
         object.__setattr__(self, "deviations", self.values - level)
-        for name in ("time_s", "values", "run", "channel", "deviations"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "time_s", "values", "run", "channel", "deviations")
 
 
 def even_blocks(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Block, ...]:
@@ -47,7 +46,7 @@ def even_blocks(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[
     lengths = np.array([len(decay) for decay in decays])
     n_channels = decays[0].shape[1]
     blocks = []
-    for length in np.unique(lengths):
+    for length in sorted(set(lengths.tolist())):
         runs = np.flatnonzero(lengths == length).tolist()
         blocks.append(
             Block(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .compiled import compiled
+from .compiled import kernel
 from .forcing import linearise
 from .kernels import bends
 from .lanes import LANES, mean4, mean7, node_slopes, plus4, plus7, read4, read7, write4, write7
@@ -66,7 +66,7 @@ def _forced(q, v, z, e, node, forcing, j):
     )  # fmt: skip
 
 
-@compiled
+@kernel
 def rk4(count, block, first, middle, last, f_first, f_middle, f_last, h, out):
     """Write a block of columns one step later, and its accelerations at the start of the step."""
     begin, half, end = node_slopes(first), node_slopes(middle), node_slopes(last)
@@ -97,7 +97,7 @@ def rk4(count, block, first, middle, last, f_first, f_middle, f_last, h, out):
         write7(out, 22, j, a1)
 
 
-@compiled
+@kernel
 def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, sparse, body,
              starts, lengths, fine, levels, count, trace):  # fmt: skip
     """Integrate the tangents along a path into `trace`, (n + 1, blocks, rows), from its first."""
@@ -137,7 +137,7 @@ def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, sparse, 
             forcing[2, n], 0.0, trace[m + 1, n])  # fmt: skip
 
 
-@compiled
+@kernel
 def add_sampled(trace, count, before, weights, order, first, motions, shares, out):
     """Add the tangents of some channels, (n, channels, columns), at given times to `out`.
 

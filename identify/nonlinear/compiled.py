@@ -1,46 +1,51 @@
-"""Compiles functions by Numba, and keeps the result until a source that they take in changes."""
+"""Makes machine code of the kernels (Numba), and keeps it for the processes to come.
+
+Numba takes what it has stored for a function as good while the file of that function stays as it
+is.  But the code of a kernel also contains the formulas, constants and kernels of other files.  So
+the name by which a kernel is stored has the hash of them all.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from numba import njit
 
 LOOSE = {"reassoc", "contract", "arcp", "nsz"}
 """Rearrangements that the compiler may make; NaN must stay NaN."""
 
-compiled = njit(cache=True, error_model="numpy", fastmath=LOOSE)
-"""Decorator of a function that is compiled at its first call, and kept beside the sources."""
-
 _HERE = Path(__file__).parent
-_OWN = ("car", "columns", "compiled", "forcing", "kernels", "lanes")
-_TAKEN_IN = (
+_FILES = ("car", "columns", "compiled", "forcing", "kernels", "lanes")
+SOURCES = (
     *sorted((_HERE.parent / "elements").glob("*.py")),
-    *(_HERE / f"{name}.py" for name in _OWN),
+    *(_HERE / f"{name}.py" for name in _FILES),
 )
-"""Sources of the compiled functions: formulas, constants, and functions that they call."""
+"""All files of which the machine code of a kernel may contain something."""
+_HASH = sha256(b"".join(source.read_bytes() for source in SOURCES)).hexdigest()[:16]
 
 
-def forget_outdated(sources: Sequence[Path], kept: Path) -> None:
-    """Delete what was compiled in a folder from other sources than these.
+def kernel(function: Callable[..., Any]) -> Any:
+    """Return a function as machine code; it is made at the first call, or read where it is stored.
 
-    Numba compares only the file in which a function is; from a formula of another file it went on
-    with the old one.  `kept`: folder of the compiled functions.  Where it cannot be written to,
-    Numba does not keep them there.
+    Where no folder can be written, it is not stored.
     """
-    note = kept / "compiled.sha256"
-    now = sha256(b"\0".join(path.read_bytes() for path in sources)).hexdigest()
-    with suppress(OSError):
-        if note.exists() and note.read_text("ascii") == now:
-            return
-        for pattern in ("*.nbi", "*.nbc"):
-            for path in kept.glob(pattern):
-                path.unlink(missing_ok=True)
-        kept.mkdir(exist_ok=True)
-        note.write_text(now, "ascii")
+    function.__qualname__ += f"_{_HASH}"
+    compiled = njit(error_model="numpy", fastmath=LOOSE)(function)
+    with suppress(RuntimeError):  # neither beside the sources nor in the user's cache
+        compiled.enable_caching()
+        _forget_others(compiled.stats.cache_path)
+    return compiled
 
 
-forget_outdated(_TAKEN_IN, _HERE / "__pycache__")
+@cache
+def _forget_others(folder: str) -> None:
+    """Remove what is stored of other versions of the sources."""
+    for stored in Path(folder).glob("*.nb[ic]"):
+        if _HASH not in stored.name:
+            with suppress(OSError):  # it may be another user's, or removed by another process
+                stored.unlink()

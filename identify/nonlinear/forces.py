@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 
 from ..elements.damper import knee
 from ..elements.friction import sliding_share, sliding_share_by_fall, sliding_share_by_surplus
@@ -72,8 +72,7 @@ class DamperCurve:
     """(n,) standard deviation of `total_n`."""
 
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, *self.__dataclass_fields__)
 
     @property
     def band_n(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -31,7 +31,7 @@ from .car import (
     X,
     Y,
 )  # fmt: skip
-from .compiled import compiled
+from .compiled import kernel
 from .kernels import curve, curve_slope, knee
 from .lanes import LANES, node_slopes, read4
 
@@ -51,7 +51,7 @@ tyre_contact, tyre_grip = tyre.tyre_contact, tyre.tyre_grip
 mount_slope = mount.mount_slope
 
 
-@compiled
+@kernel
 def _tyre_slopes(one, z, v, width):
     """Return the derivatives of the road's force by the tyre's load and by its damping."""
     load = tyre_load(z, one[K_T], one[BETA], one[STATIC])
@@ -60,7 +60,7 @@ def _tyre_slopes(one, z, v, width):
     return by_load, contact * tyre_grip(load, width)
 
 
-@compiled
+@kernel
 def _partials(one, knots, level, x, rate, r, u, across, i, by_force, by_speed, by_road):
     """Write the derivatives by each coefficient: of force, mount's equation and wheel's push."""
     width = level[0]
@@ -87,7 +87,7 @@ def _partials(one, knots, level, x, rate, r, u, across, i, by_force, by_speed, b
     by_road[MASS], by_road[PULL] = -rate[10 + i], 1.0
 
 
-@compiled
+@kernel
 def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body, work, slopes,
               forcing):  # fmt: skip
     """Write the slopes that act on a column at a node, (5, 13), and the forcing by the unknowns."""
@@ -165,7 +165,7 @@ def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body
         _combine(push[b], slopes, forcing[b])
 
 
-@compiled
+@kernel
 def _combine(push, slopes, forcing):
     """Turn the forces at the corners and on the body into accelerations."""
     one, two, three, four, h = node_slopes(slopes)

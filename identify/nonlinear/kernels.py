@@ -35,7 +35,7 @@ from .car import (
     X,
     Y,
 )  # fmt: skip
-from .compiled import LOOSE, compiled
+from .compiled import LOOSE, kernel
 
 for _module in (hinge, spring, stop, bar, damper, friction, tyre, mount):
     for _name, _formula in vars(_module).items():
@@ -53,7 +53,7 @@ _LARGEST = 100.0
 """Largest state of a finite path."""
 
 
-@compiled
+@kernel
 def bends(p, knots, width):
     """Return each corner's curve as a line through rest and hinges that all open upwards.
 
@@ -74,7 +74,7 @@ def bends(p, knots, width):
     return lines
 
 
-@compiled
+@kernel
 def curve(line, knots, r, width):
     """Return the force of an axle's damper at a speed; the knots ascend."""
     force = line[0] + line[1] * r
@@ -89,7 +89,7 @@ def curve(line, knots, r, width):
     return force
 
 
-@compiled
+@kernel
 def curve_slope(p, knots, r, width):
     """Return the slope of that force."""
     slope = p[C]
@@ -98,7 +98,7 @@ def curve_slope(p, knots, r, width):
     return slope
 
 
-@compiled
+@kernel
 def _damper_speed(p, line, knots, level, e, w, r):
     for _ in range(25):
         force = p[RATIO] * curve(line, knots, r, level[0])
@@ -111,7 +111,7 @@ def _damper_speed(p, line, knots, level, e, w, r):
     return r
 
 
-@compiled
+@kernel
 def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
     """Write the rates of change of a state, (22,), and the dampers' speeds, (4,)."""
     f0, f1, f2 = pull[0], pull[1], pull[2]
@@ -146,7 +146,7 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
         out[k] = x[7 + k]
 
 
-@compiled
+@kernel
 def path(x0, r0, steps, step_s, p, knots, inverse, pull, level, mounted, states, slopes, speeds):
     """Integrate by RK4 and return the number of nodes that are finite."""
     x, r, lines = x0.copy(), r0.copy(), bends(p, knots, level[0])
@@ -178,7 +178,7 @@ def path(x0, r0, steps, step_s, p, knots, inverse, pull, level, mounted, states,
     return steps + 1
 
 
-@compiled
+@kernel
 def sample(times, step_s, states, slopes, speeds, p, knots, inverse, pull, level, mounted,
            at, rate, speed):  # fmt: skip
     """Write state, rates and dampers' speeds at given times by cubic Hermite between the nodes."""
@@ -199,7 +199,7 @@ def sample(times, step_s, states, slopes, speeds, p, knots, inverse, pull, level
         rates(at[n], p, lines, knots, inverse, pull, level, mounted, speed[n], rate[n])
 
 
-@njit(fastmath=LOOSE, error_model="numpy", inline="always")
+@njit(inline="always")
 def _advance(wave, gain, first, middle, last, turn_re, turn_im, before_re, before_im, re, im):
     """Move the state of a pole over a double step; write the state before and after it."""
     for j in range(len(re)):
@@ -214,7 +214,7 @@ def _advance(wave, gain, first, middle, last, turn_re, turn_im, before_re, befor
         im[j] = turn_im * before_re[j] + turn_re * before_im[j] + drive
 
 
-@compiled
+@kernel
 def filter_pole(values, h, times, pole, residue, weights, out):
     """Add a first-order filter's output at given times, ascending, to `out`; see `filtered`."""
     size = values.shape[1]

@@ -26,7 +26,7 @@ from ..fit.grey_box import GreyBox, weight_sigmas
 from ..fit.likelihood import normal_blocks
 from ..fit.normal_blocks import blocks_of
 from ..fit.products import laid_out
-from ..fit.varpro import Evaluated, evaluate, linear_coefficients
+from ..fit.varpro import Evaluated, evaluate, linear_coefficients, products_of
 from ..model.facts import CORNERS
 from ..model.matrices import loaded_model
 from ..model.response import Bump, exact_response
@@ -78,7 +78,9 @@ class KnownRuns:
                     at = at or evaluate(box, eta, state.name, sigma)
                     start = _start(at, eta, state, runs.excitation, plan.bump.duration_s)
                     decay = _decay(at, start, state.name, rates, plan.decay_s)
-                    ((one, _),) = blocks_of({decay.mass_state: at}, [decay], laid_out([decay]))
+                    points = {decay.mass_state: at}
+                    seen = products_of(points, [decay], laid_out([decay]))
+                    ((one, _),) = blocks_of(points, [decay], seen)
                     self._known[key] = one.information
                 total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
@@ -152,11 +154,7 @@ def _channel_groups(plan: Plan) -> tuple[dict[ChannelGroup, float], tuple[Channe
 
 
 def _start(
-    at: Evaluated,
-    eta: NDArray[np.float64],
-    state: MassState,
-    excitation: Excitation,
-    bump_s: float,
+    at: Evaluated, eta: NDArray[np.float64], state: MassState, excitation: Excitation, bump_s: float
 ) -> NDArray[np.float64]:
     """Return the state, (14,), of the vehicle after a bump of 1 m."""
     model = loaded_model(at.box.full(eta.astype(complex)).real, state.added)

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 from dbc.lazy import lazy
 
 if TYPE_CHECKING:
+    from ..estimate_text import ends_text as ends_text
+    from ..estimate_text import half_percent as half_percent
+    from ..estimate_text import half_text as half_text
+    from ..estimate_text import value_text as value_text
     from ..numbers import half_width as half_width
-    from ..numbers import half_width_percent as half_width_percent
-    from ..numbers import interval as interval
     from ..numbers import largest_share as largest_share
     from ..numbers import number as number
     from ..numbers import plus_minus as plus_minus

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from math import isnan
 from typing import Any
 
 from ..change import Change
 from ..document import EstimateEntry, unit_text
+from ..estimate_text import high_text, low_text
 from ..fit.uncertainty import Estimate
-from ..numbers import plus_minus
+from ..numbers import signed
 from .blocks import Cell, Table, cited
-from .parameters import high_text, low_text
 
 _LEAST_CHANCE = 1e-9
 
@@ -33,9 +34,10 @@ def change_table(change: Change, document: Mapping[str, Any]) -> Table:
     """Return the named changes with their intervals."""
     rows: list[tuple[Cell, ...]] = []
     for i, one in enumerate(change.named):
+        named = ("change", "named", i)
         for k, estimate in enumerate(one.changes):
-            path = ("change", "named", i, "changes", k)
-            part = one.shares[k]
+            path = (*named, "changes", k)
+            share = partial(_percent, change=estimate)
             name = ", or instead ".join((one.name, *one.instead))
             rows.append(
                 (
@@ -45,18 +47,10 @@ def change_table(change: Change, document: Mapping[str, Any]) -> Table:
                     cited(document, *path, form=low_text),
                     cited(document, *path, form=high_text),
                     Cell(unit_text(estimate.unit)),
-                    cited(
-                        document,
-                        "change",
-                        "named",
-                        i,
-                        "shares",
-                        k,
-                        form=partial(_percent, change=estimate),
-                    )
-                    if part == part
-                    else Cell(""),
-                    cited(document, "change", "named", i, "p", form=_chance_text),
+                    Cell("")
+                    if isnan(one.shares[k])
+                    else cited(document, *named, "shares", k, form=share),
+                    cited(document, *named, "p", form=_chance_text),
                 )
             )
     if not rows:
@@ -72,10 +66,10 @@ def _chance_text(p: float) -> str:
 
 def _amount_text(change: EstimateEntry) -> str:
     """Write a change with its sign and the digits that its interval justifies."""
-    return plus_minus(change["value"], change["high"] - change["value"]).partition(" ± ")[0]
+    return signed(change["value"], change["high"] - change["value"])
 
 
 def _percent(share: float, change: Estimate) -> str:
     """Write the change as a share, with the digits of its interval."""
     half = abs(change.high - change.value) / abs(change.value) if change.value else 0.0
-    return plus_minus(100.0 * share, 100.0 * half * abs(share)).partition(" ± ")[0] + " %"
+    return f"{signed(100.0 * share, 100.0 * half * abs(share))} %"

@@ -9,14 +9,14 @@ import numpy as np
 
 from ..compare import Compared, Comparison
 from ..document import unit_text
+from ..estimate_text import value_text
 from ..fit.estimation import Estimation
 from ..fit.uncertainty import COVERAGE_95
-from ..numbers import NOT_DETERMINED, half_width, plus_minus
+from ..numbers import NOT_DETERMINED, half_width, plus_minus, signed
 from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
 from .change import change_table
 from .overlay import overlay_gallery
 from .panels import DifferencePanel, TrendPanel
-from .parameters import value_text
 
 _DRAWN = 24
 """Largest number of trends with a figure, the parameters first."""
@@ -107,8 +107,7 @@ def _differences(
 
 def _difference_text(difference: Mapping[str, float]) -> str:
     """Write a difference with the digits that its interval justifies."""
-    half = COVERAGE_95 * difference["std"]
-    return plus_minus(difference["value"], half).partition(" ± ")[0]
+    return signed(difference["value"], COVERAGE_95 * difference["std"])
 
 
 def _half_text(difference: Mapping[str, float]) -> str:

@@ -10,6 +10,7 @@ from daq.sessions import Session
 from ..cross_checks import CrossChecks
 from ..decays.usable import usable_session
 from ..document import Document, survival_lines, unit_text
+from ..estimate_text import half_percent, half_text, value_text
 from ..fit.cross_validation import Prediction
 from ..fit.grey_box import SIGNED
 from ..identification import Identification
@@ -21,7 +22,7 @@ from .dampers import damper_section
 from .decays import decay_section
 from .evidence import closed_form_section, correlation_section, information_section
 from .modes import modes_section
-from .parameters import half_text, parameter_section, value_text
+from .parameters import parameter_section
 from .prediction import prediction_data, prediction_section
 from .provenance import provenance_section, run_section
 from .vehicle import vehicle_section
@@ -90,7 +91,7 @@ def _highlights(
             unit = "" if e["reason"] else unit_text(e["unit"])
             cards.append((words, replace(value, text=f"{value.text} {unit}".strip())))
     half = {
-        name: (e["high"] - e["low"]) / 2.0 / abs(e["value"])
+        name: half_percent(e)
         for name, e in document["parameters"].items()
         if e["std"] > 0.0 and e["value"] and name not in SIGNED
     }

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..document import Document, ElementEntry, EstimateEntry, ForcesEntry, unit_text
+from ..estimate_text import high_text, low_text, value_text
 from ..numbers import NOT_DETERMINED, half_width, number
 from .blocks import Block, Cell, Picture, Section, Table, cited
 from .panels import AxleCurve, DamperPanel
-from .parameters import high_text, low_text, value_text
 from .words import plain
 
 

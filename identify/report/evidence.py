@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..document import Document, unit_text
+from ..estimate_text import half_percent
 from ..identification import Identification
 from ..trust.excitation import SNR_LIMIT_DB
 from .blocks import Block, Cell, Picture, Section, Table, cited
@@ -114,10 +115,7 @@ def correlation_section(document: Document) -> Section:
             ),
         )
     return Section(
-        "correlation",
-        "Correlation",
-        "Correlation coefficients of the parameters' errors.",
-        blocks,
+        "correlation", "Correlation", "Correlation coefficients of the parameters' errors.", blocks
     )
 
 
@@ -151,10 +149,7 @@ def closed_form_section(document: Document) -> Section:
     ]
     columns = ("", "parameter", "#closed form", "#likelihood", "#difference", "unit")
     ways = [
-        (
-            Cell(way),
-            *(cited(document, "closed_form_damping", way, n) for n in ("c_sf", "c_sr")),
-        )
+        (Cell(way), *(cited(document, "closed_form_damping", way, n) for n in ("c_sf", "c_sr")))
         for way, c in document["closed_form_damping"].items()
         if {"c_sf", "c_sr"} <= set(c)
     ]
@@ -165,9 +160,7 @@ def closed_form_section(document: Document) -> Section:
             "A diamond outside the blue bar is an error of the closed form where the verdict is "
             "good: it is the less precise of the two.",
             ClosedFormPanel(
-                tuple(names),
-                np.array([(e["high"] - e["low"]) / 2 / abs(e["value"]) * 100 for e in estimates]),
-                np.array(apart),
+                tuple(names), np.array([half_percent(e) for e in estimates]), np.array(apart)
             ),
         ),
         Table("Both in numbers", columns, tuple(rows)),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future
@@ -12,7 +11,7 @@ from types import MappingProxyType
 import jinja2
 from markupsafe import Markup, escape
 
-from daq.strict_json import strict
+from daq.strict_json import json_in_html
 
 from ..compare import Comparison
 from ..fit.estimation import Estimation
@@ -36,10 +35,7 @@ def drawings(pictures: Iterable[Picture], executor: Executor) -> dict[str, Futur
     return {picture.key: executor.submit(drawing, picture) for picture in pictures}
 
 
-def html_of(
-    report: Report,
-    begun: Mapping[str, Future[Markup]] = MappingProxyType({}),
-) -> str:
+def html_of(report: Report, begun: Mapping[str, Future[Markup]] = MappingProxyType({})) -> str:
     """Typeset a report as HTML.
 
     `report`: what is shown; its document goes into the page as data, and numbers in the tables name
@@ -88,19 +84,13 @@ def _page(name: str, documents: Mapping[str, Mapping[str, object]], **content: o
     )
     return environment.get_template(name).render(
         css=Markup((room / "report.css").read_text("utf-8")),
-        documents={key: _json(document) for key, document in documents.items()},
+        documents={key: Markup(json_in_html(d, indent=1)) for key, d in documents.items()},
         kind=_kind,
         moving=moving_car,
         small=lambda table: len(table.columns) > _WIDE,
         many=_MANY,
         **content,
     )
-
-
-def _json(document: Mapping[str, object]) -> Markup:
-    """Write a document so that no text in it can end the element that holds it."""
-    text = json.dumps(strict(document), indent=1, allow_nan=False)
-    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
 def _kind(block: Block) -> str:

@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from daq.vehicle import VehicleGeometry
-
 from ..document import Document, SensedModeEntry
 from ..fit.uncertainty import ModeEstimate
 from ..identification import Identification
@@ -103,10 +101,7 @@ def _mode_cells(document: Document, state: str, i: int) -> tuple[Cell, ...]:
 
 def _sensed(document: Document, state: str) -> Table:
     rows = [
-        (
-            Cell(f"{i + 1}"),
-            *(Cell(text, f"sensed_modes/{state}/{i}") for text in _with_sigma(mode)),
-        )
+        (Cell(f"{i + 1}"), *(Cell(text, f"sensed_modes/{state}/{i}") for text in _with_sigma(mode)))
         for i, mode in enumerate(document["sensed_modes"][state])
     ]
     return Table(
@@ -128,16 +123,8 @@ def _with_sigma(mode: SensedModeEntry) -> Iterator[str]:
 
 
 def _cars(result: Identification, state: str) -> MovingCars:
-    lengths = [result.parameters[name].value for name in ("a", "b", "t_f", "t_r")]
-    geometry = VehicleGeometry(*lengths)
     shapes = tuple(
-        shape_of(
-            f"{i + 1} {name}",
-            mode_text(mode),
-            mode.frequency.value,
-            shape,
-            geometry,
-        )
+        shape_of(f"{i + 1} {name}", mode_text(mode), mode.frequency.value, shape, result.geometry)
         for i, (name, mode, shape) in enumerate(
             zip(
                 result.mode_names[state],

@@ -6,8 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from ..document import Document, EstimateEntry, unit_text
-from ..numbers import by_kind, half_width_percent, largest_share, rounded
+from ..document import Document, unit_text
+from ..estimate_text import half_percent, half_text, high_text, low_text, value_text
+from ..numbers import by_kind, largest_share
 from .blocks import Block, Cell, Picture, Section, Table, cited
 from .panels import IntervalPanel
 from .words import parameter_words, plain
@@ -47,26 +48,6 @@ def _estimate_cells(
             cited(document, part, name, form=half_text),
         )
     return (cited(document, part, name, form=value_text), *ends, Cell(unit_text(e["unit"])))
-
-
-def value_text(e: EstimateEntry) -> str:
-    """Write a value with the digits that its interval justifies."""
-    return rounded(e["value"], e["low"], e["high"])[0]
-
-
-def low_text(e: EstimateEntry) -> str:
-    """Write the lower end of the interval."""
-    return rounded(e["value"], e["low"], e["high"])[1]
-
-
-def high_text(e: EstimateEntry) -> str:
-    """Write the upper end of the interval."""
-    return rounded(e["value"], e["low"], e["high"])[2]
-
-
-def half_text(e: EstimateEntry) -> str:
-    """Write half of an interval as a share of the value."""
-    return half_width_percent(e["value"], e["low"], e["high"])
 
 
 def _parameters(document: Document) -> Table:
@@ -110,7 +91,6 @@ def _intervals(document: Document) -> Picture:
         for kind, share in row.items():
             kinds[kind] = max(kinds.get(kind, 0.0), share)
     order = _first_named(document, {kind for kind, most in kinds.items() if most > _LEAST_SHARE})
-    half = [(e["high"] - e["low"]) / 2.0 / abs(e["value"]) * 100.0 for e in known.values()]
     return Picture(
         "intervals",
         "How well each parameter is known, and what that rests on",
@@ -119,7 +99,7 @@ def _intervals(document: Document) -> Picture:
         "that one kind of run decides: repeat that one.",
         IntervalPanel(
             tuple(known),
-            np.array(half),
+            np.array([half_percent(e) for e in known.values()]),
             tuple(kind.replace("_", " ") for kind in order),
             np.array([[row.get(kind, 0.0) for kind in order] for row in rows.values()]),
         ),

@@ -180,10 +180,7 @@ def _parameters_given(error: MassError, error_percent: float) -> NDArray[np.floa
 
 
 def error_panel(
-    title: str,
-    quantity: str,
-    by_name: Mapping[str, NDArray[np.float64]],
-    names: tuple[str, ...],
+    title: str, quantity: str, by_name: Mapping[str, NDArray[np.float64]], names: tuple[str, ...]
 ) -> CurvePanel:
     """Return a diagram of the errors of some parameters over the error of the stated quantity.
 

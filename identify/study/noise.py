@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 from dbc.words import counted
 
-from ..fit.estimation import estimate, generic_vehicles
+from ..fit.estimation import estimate
+from ..fit.generic_vehicles import generic_vehicles
 from ..fit.likelihood import fit
 from ..fit.uncertainty import COVERAGE_95, Estimate, estimates
 from .campaign import BUMP, Campaign, box_of, noise_levels, records_of, require_noise
@@ -44,8 +45,7 @@ class Outcome:
     """True if the fit settled."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "errors_percent", read_only(self.errors_percent))
-        object.__setattr__(self, "stds_percent", read_only(self.stds_percent))
+        freeze_arrays(self, "errors_percent", "stds_percent")
 
     @property
     def lost(self) -> bool:

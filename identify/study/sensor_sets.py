@@ -21,8 +21,7 @@ _IMU = ChannelGroup(
 """IMU on the tunnel, 0.2 m in front of the CG, as on the shipped bench."""
 
 _HUBS = ChannelGroup(
-    "hubs",
-    tuple(Channel(f"hub_{c}", Quantity.HUB_ACCELERATION, "m/s2", corner=c) for c in Corner),
+    "hubs", tuple(Channel(f"hub_{c}", Quantity.HUB_ACCELERATION, "m/s2", corner=c) for c in Corner)
 )
 _TRAVELS = ChannelGroup(
     "travels",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from daq.channels import paper_channels
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.errors import InputError
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
 from dbc.words import counted
 
 from ..decays.decay import Record
@@ -61,8 +61,7 @@ class Attempt:
     """Errors of the maximum-likelihood estimate, %, shape (11,); NaN if it is refused."""
 
     def __post_init__(self) -> None:
-        for name in ("filtered", "unfiltered", "likelihood"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "filtered", "unfiltered", "likelihood")
 
 
 def attempt(campaign: Campaign, seed: int) -> Attempt:
@@ -130,10 +129,7 @@ def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
         "chain_unfiltered": ("chain, unfiltered", [a.unfiltered for a in attempts]),
         "likelihood": ("likelihood", [a.likelihood for a in attempts]),
     }
-    columns = [
-        Column("parameter", "parameter"),
-        Column("paper_percent", "paper", ".3f"),
-    ]
+    columns = [Column("parameter", "parameter"), Column("paper_percent", "paper", ".3f")]
     cells = [printed]
     series = [Dots("paper, printed", printed, 0)]
     notes = []

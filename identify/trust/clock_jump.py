@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from daq.median import median
 from daq.silence import longest_gap_s
 from dbc.words import counted
 
 from ..decays.decay import FreeDecay, Record
-from ..fit.estimation import Estimation, generic_vehicles, later_may_hold
+from ..fit.estimation import Estimation, later_may_hold
+from ..fit.generic_vehicles import generic_vehicles
 from ..fit.likelihood import HOLD
 from .format import listed
 from .refit import Explanation, as_described, refit, shift_between
@@ -48,7 +50,7 @@ def clock_jump(estimation: Estimation) -> Explanation | None:
     before = refit(estimation, as_described, estimation.fit.eta)
     names = dict.fromkeys(name for own in gaps for name in own)
     everywhere = len(names) == len(estimation.box.groups)
-    length_s = float(np.median([gap for own in gaps for _, gap in own.values()]))
+    length_s = median([gap for own in gaps for _, gap in own.values()])
     where = "up to" if is_before else "from"
     return Explanation(
         "clocks that jump",
@@ -79,7 +81,7 @@ def _gaps(record: Record) -> dict[str, tuple[float, float]]:
         steps = np.diff(r.time_s)
         if len(steps) < 2:
             continue
-        worst, period_s = int(np.argmax(steps)), float(np.median(steps))
+        worst, period_s = int(np.argmax(steps)), median(steps)
         if steps[worst] > longest_gap_s(period_s):
             found[r.group.name] = float(r.time_s[worst]), float(steps[worst]) - period_s
     return found

@@ -85,7 +85,7 @@ def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
 
 def _light(estimation: Estimation) -> Iterator[_Light]:
     """Return the wheels whose tyres would have to pull, or have only the load of a late landing."""
-    full = estimation.box.full(estimation.fit.eta.astype(complex)).real
+    full = estimation.full
     tyres = full[11:15]
     there = linearised_at(estimation)
     records = {record.label: record for record in estimation.records}

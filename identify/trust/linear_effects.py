@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.vehicle import MassState, Structure, parameter_unit
+from daq.vehicle import RICHEST, MassState, parameter_unit
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
@@ -24,7 +24,6 @@ Traces = tuple[NDArray[np.float64], ...]
 
 WEIGHTS = "added weights off by a common factor"
 """Name of the cause: the scale on which the weights were weighed, or their unit."""
-RICHEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
 _LATE_S = 0.001
 
 
@@ -62,8 +61,7 @@ def structural(estimation: Estimation, fitted: Sequence[FittedDecay]) -> Effects
     rich = GreyBox(box.groups, states, None, RICHEST)
     n = len(box.parameters)
     stated = dict(zip(box.corrections, estimation.fit.eta[n:].tolist(), strict=False))
-    full = box.full(estimation.fit.eta.astype(complex)).real
-    eta = rich.unknowns_of(full)
+    eta = rich.unknowns_of(estimation.full)
     eta[len(rich.parameters) :] = [stated.get(name, 0.0) for name in rich.corrections]
     effects, directions = _lacking(box, rich)
     # All further parameters of the richest structure are zero here: its state matrix is that of the

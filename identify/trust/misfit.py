@@ -15,19 +15,13 @@ from ..fit.estimation import Estimation
 CHI2_LIMIT = 1.5
 """Beyond this a result is refused: every row of the stress list that costs more than a third of a
 parameter lies there."""
-_MODEL = (
-    "the linear 7-DOF model",
-    "the model with friction, damper curves, stops and mounts",
-)
+_MODEL = ("the linear 7-DOF model", "the model with friction, damper curves, stops and mounts")
 _UNSETTLED = (
     "check units, signs and positions of the channels",
     "its numbers may be away from the optimum; add runs, or forbid in [vehicle.structure] the "
     "elements that the car does not have",
 )
-_INTERVALS = (
-    "the intervals do not hold",
-    "the intervals are widened by the unexplained rest",
-)
+_INTERVALS = ("the intervals do not hold", "the intervals are widened by the unexplained rest")
 _LATE_S = 0.015
 """Delay, s, of a decay's start after the stated end of the bump that onset and guard cannot
 explain."""

@@ -55,7 +55,7 @@ def suspension_forces(estimation: Estimation) -> Effects:
         *(Effect(friction, axle, "N") for axle in ("front", "rear")),
         *(Effect(one_sided, axle, "N s/m", 2.0) for axle in ("front", "rear")),
     )
-    full = estimation.box.full(estimation.fit.eta.astype(complex)).real
+    full = estimation.full
     travel = travel_rows(full.astype(complex)).real
     push = {
         state.name: np.asarray(-np.linalg.solve(loaded_model(full, state.added).M, travel.T), float)

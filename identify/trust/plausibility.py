@@ -29,10 +29,7 @@ _PLAUSIBLE = {
 }
 """Limits far outside the values of road vehicles; a result beyond them has a wrong scale or
 unit."""
-_MEASURED = {
-    "roll_gyration_over_track": (0.367, 0.512),
-    "pitch_index": (0.816, 1.298),
-}
+_MEASURED = {"roll_gyration_over_track": (0.367, 0.512), "pitch_index": (0.816, 1.298)}
 """Least and largest value, whole vehicle, of 204 cars, vans and light trucks that were measured:
 NHTSA Light Vehicle Inertial Parameter Database."""
 _MARGIN = 0.1
@@ -103,7 +100,7 @@ def _wide(estimation: Estimation) -> tuple[Finding, ...]:
 
 
 def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
-    full = estimation.box.full(estimation.fit.eta.astype(complex))
+    full = estimation.full.astype(complex)
     values = derived_quantities(full)
     odd = []
     for name, (low, high) in _PLAUSIBLE.items():

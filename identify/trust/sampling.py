@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.median import median
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 from daq.silence import WHEEL_MOTION_S, longest_gap_s
@@ -119,10 +120,8 @@ def _stretches(runs: Sequence[Run], records: Sequence[Record]) -> list[_Stretch]
                 found.append((place, _names(recording), time, own))
     periods: dict[tuple[str, ...], list[float]] = {}
     for _, names, time, _ in found:
-        periods.setdefault(names, []).append(float(np.median(np.diff(time))))
-    return [
-        _Stretch(place, t, float(np.median(periods[names])), own) for place, names, t, own in found
-    ]
+        periods.setdefault(names, []).append(median(np.diff(time)))
+    return [_Stretch(place, t, median(periods[names]), own) for place, names, t, own in found]
 
 
 def _by_arrival(run: Run, group: SampleGroup) -> bool:

@@ -126,11 +126,7 @@ def scores(
         with_linear, between = np.zeros((q, size)), np.zeros((size, P))
         z = one.at.modes.W @ linear.solution[: len(one.at.modes.poles)]
         for r, trace, product, stack in zip(
-            one.decay.recordings,
-            traces_of(one),
-            linear.products,
-            linear.coefficients,
-            strict=True,
+            one.decay.recordings, traces_of(one), linear.products, linear.coefficients, strict=True
         ):
             weight, basis = one.at.weights(r.group)[:, None, None], one.at.basis(r)
             J = slopes(one.at, r.group, z)

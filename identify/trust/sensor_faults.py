@@ -14,7 +14,8 @@ import numpy as np
 
 from daq.channels import Channel, Quantity
 
-from ..fit.estimation import Estimation, generic_vehicles
+from ..fit.estimation import Estimation
+from ..fit.generic_vehicles import generic_vehicles
 from ..fit.likelihood import HOLD, residuals
 from .refit import (
     RANKING_STEPS,

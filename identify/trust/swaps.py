@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
 
-from ..fit.estimation import Estimation, generic_vehicles
+from ..fit.estimation import Estimation
+from ..fit.generic_vehicles import generic_vehicles
 from ..fit.likelihood import HOLD
 from .refit import (
     RANKING_STEPS,

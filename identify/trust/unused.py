@@ -17,7 +17,7 @@ def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
 
     `used`: what is left.
     """
-    units = {channel.name: channel.unit for channel in session.channels}
+    units = session.units
     wrong = list(absurd(session))
     if wrong:
         places = [

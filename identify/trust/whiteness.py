@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.median import median
 from dbc.finding import Finding, Severity
 
 from ..decays.onset import onset_s
@@ -79,7 +80,7 @@ def _even_pairs(time_s: NDArray[np.float64]) -> NDArray[np.bool_]:
     interval = np.diff(time_s)
     if not len(interval):
         return np.zeros(0, dtype=bool)
-    period = float(np.median(interval))
+    period = median(interval)
     return np.asarray(np.abs(interval - period) < 0.5 * period)
 
 

@@ -49,7 +49,7 @@ def one_bump(codec: Codec, seed: int = 1) -> FrameBatch:
             )
         )
     frames = FrameBatch.concatenate(parts)
-    return frames.select(np.argsort(frames.t_ns, kind="stable"))
+    return frames.by_time()
 
 
 class TirelessBench:

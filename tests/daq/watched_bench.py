@@ -146,7 +146,7 @@ class WatchedBench:
                 )
             )
         merged = FrameBatch.concatenate(parts)
-        return merged.select(np.argsort(merged.t_ns, kind="stable"))
+        return merged.by_time()
 
     def turn(self, *batches: FrameBatch, **facts: Any) -> tuple[Event, ...]:
         """Take one turn; without batches, a healthy one."""

@@ -249,5 +249,5 @@ def test_a_codec_is_its_messages_and_shows_no_more() -> None:
     assert one == again
     assert hash(one) == hash(again)
     assert not [
-        word for word in ("_by_name", "_by_id", "_readers", "_identifiers") if word in repr(one)
+        word for word in ("by_name", "_by_id", "_readers", "_identifiers") if word in repr(one)
     ]

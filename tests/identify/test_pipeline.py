@@ -17,6 +17,7 @@ from dbc.errors import InputError
 from dbc.finding import Finding, Severity
 from identify import Identification, Verdict, identify, pipeline
 from identify.fit.estimation import Estimation, first_estimate
+from identify.nonlinear.real_car import RealCar
 
 from .bumps import PAPER_DELTA_MASS, TRUTH, paper_records
 
@@ -165,10 +166,11 @@ from tests.identify.stress import stress_session
 found = identify(stress_session("early_20ms", 1))
 assert found.estimation.later_s > 0.0
 assert "numba" not in sys.modules
+assert "numpy.ma" not in sys.modules
 """
 
 
-def test_decays_that_are_fitted_from_later_on_load_no_nonlinear_fit() -> None:
+def test_a_linear_fit_loads_neither_the_nonlinear_one_nor_masked_arrays() -> None:
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", _LATER], cwd=root, check=True)
 
@@ -215,3 +217,35 @@ def test_the_progress_says_what_is_done_and_how_far_the_work_is(
     assert found.estimation is not None
     assert found.estimation.chi2_per_n == 1.0
     assert stages == [(0.1, "fitting"), (0.5, "fitting again"), (0.7, "judging"), (0.8, "modes")]
+
+
+@pytest.mark.parametrize(("may_hold", "later_chi2"), [(True, 1.7), (False, None)])
+def test_elements_are_sought_with_the_beginnings_where_no_later_start_holds(
+    monkeypatch: pytest.MonkeyPatch, may_hold: bool, later_chi2: float | None
+) -> None:
+    """A BMW that rolled over 20 mm was refused: a later start promised to hold, and did not."""
+    asked: list[float] = []
+    forces: Any = object()
+
+    def unexplained(*arguments: Any) -> Estimation:
+        return replace(first_estimate(*arguments), chi2_per_n=9.0)
+
+    def later(first: Estimation, _: object) -> Estimation:
+        assert later_chi2 is not None
+        return replace(first, chi2_per_n=later_chi2)
+
+    def explained(_: object, linear: Estimation, __: object) -> RealCar:
+        asked.append(linear.chi2_per_n)
+        return RealCar(replace(linear, chi2_per_n=1.01), forces)
+
+    monkeypatch.setattr(pipeline, "first_estimate", unexplained)
+    monkeypatch.setattr(pipeline, "opposed_signs", lambda *_: ())
+    monkeypatch.setattr(pipeline, "wrong_channel", lambda _: None)
+    monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: may_hold)
+    monkeypatch.setattr(pipeline, "later_estimate", later)
+    monkeypatch.setattr(pipeline, "explained_by_elements", explained)
+    found = identify(_session(np.inf, bump_s=0.2))
+    assert asked == [9.0]
+    assert found.estimation is not None
+    assert found.estimation.chi2_per_n == 1.01
+    assert found.forces is forces

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from . import probe
-from .blocks import Blocks, is_compiled
+from .blocks import Blocks
 from .mutant import Mutant
 
 IGNORED = shutil.ignore_patterns(".git", ".venv", "build", ".*_cache", ".hypothesis", "*.egg-info")
@@ -64,10 +64,6 @@ class PrivateTree:
         self._stamp += 1
         path.write_bytes(source)
         os.utime(path, (self._stamp, self._stamp))
-        if is_compiled(path.relative_to(self.root).as_posix(), source):
-            # Numba keeps what it has compiled, and does not see which other files that rests on.
-            for code in self.root.rglob("*.nb[ic]"):
-                code.unlink()
 
 
 def _environment(tree: Path, venv: Path) -> Path:

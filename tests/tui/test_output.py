@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tui.output import print_labelled
+from tui.output import print_labelled, print_line, print_table
 
 SHORT = ("OK   bus", "3999 frames in 1.00 s")
 LONG = ("FAIL channel accelerometer_hub_fl", "zero all the time -> plug it in, then check again")
@@ -27,6 +27,14 @@ def test_texts_begin_two_columns_after_the_longest_label(
     assert shown([SHORT], capsys) == ["OK   bus  3999 frames in 1.00 s"]
     assert shown([("車輪", "wide"), ("abc", "narrow")], capsys) == ["車輪  wide", "abc   narrow"]
     assert shown([], capsys) == []
+
+
+def test_foreign_text_is_no_emoji(capsys: pytest.CaptureFixture[str]) -> None:
+    """Rich draws a car for `:car:`, which is also a name that a person may give."""
+    print_line("session of :car:")
+    print_table("Parts of :car:", [":car:"], [[":car:"]])
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert lines == ["session of :car:", "Parts of :car:", ":car:", ":car:"]
 
 
 def test_in_a_file_a_text_is_one_line_whatever_its_length(

@@ -164,7 +164,7 @@ def test_a_browser_gets_a_free_port(monkeypatch: pytest.MonkeyPatch) -> None:
             """Refuse."""
             raise OSError
 
-    monkeypatch.setattr("tui.browser.server.socket.socket", Full)
+    monkeypatch.setattr("socket.socket", Full)
     with pytest.raises(InputError, match=r"--web: no port of 127\.0\.0\.1 is free"):
         server.serve([])
     assert len(ports) == 1

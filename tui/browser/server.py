@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import shlex
-import socket
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from textual_serve.server import Server
 from dbc import InputError
 
 from .guard import Guard
+from .ports import free_port
 
 HOST = "127.0.0.1"
 """Other hosts get no page: a page gives the same control as the terminal at the bench."""
@@ -30,7 +30,11 @@ def serve(arguments: Sequence[str]) -> None:
     # On a network that drops packets to the internet, the library's own page would stay blank,
     # because it fetches a font there.
     command = shlex.join([sys.executable, "-m", "tui", *arguments])
-    port = _free_port()
+    try:
+        port = free_port(HOST, _PORT)
+    except OSError as error:
+        what = f"no port of {HOST} is free"
+        raise InputError("--web", what, "end other servers, and try again") from error
     _Guarded(command, port, Guard(HOST, port)).serve()
 
 
@@ -54,16 +58,3 @@ class _Guarded(Server):
             f"open {self._guard.link} in a browser of this machine; who has the link has the "
             "terminal; Ctrl-C ends this server, the recorder goes on\n"
         )
-
-
-def _free_port() -> int:
-    for port in (_PORT, 0):
-        with socket.socket() as place:
-            # As the server itself does: a port that was just released counts as free.
-            place.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                place.bind((HOST, port))
-            except OSError:
-                continue
-            return int(place.getsockname()[1])
-    raise InputError("--web", f"no port of {HOST} is free", "end other servers, and try again")

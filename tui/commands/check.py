@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say, say_left_out
-from ..options import BenchFile, Buses, Force, Sensors
+from ..options import BenchFile, Buses, Force, Interface, Sensors
 from ..proposal_file import write_proposal
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def check(
     layouts: Annotated[
         bool, typer.Option("--layouts", help="List the ready-made channel maps.")
     ] = False,
-    interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
+    interface: Interface = None,
     channel: Annotated[
         str | None,
         typer.Option(help="Channel of that interface; with --propose several, as can0,can1."),
@@ -237,11 +237,7 @@ def _refuse_silence(buses: Sequence[BusConfig], frames: FrameBatch, seconds: flo
 
 
 def _databases(
-    target: Path,
-    config: Path | None,
-    known: Bench,
-    layouts: Sequence[str],
-    dbcs: Sequence[Path],
+    target: Path, config: Path | None, known: Bench, layouts: Sequence[str], dbcs: Sequence[Path]
 ) -> list[Database]:
     """Return the named databases, else that of a bench, with paths relative to `target`."""
     import os
@@ -284,8 +280,6 @@ def _frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> Fr
         first_ns = int(frames.t_ns[0]) + round(skip_s * 1e9) if len(frames) else 0
         end_ns = first_ns + round(seconds * 1e9)
         return frames.select((frames.t_ns >= first_ns) & (frames.t_ns <= end_ns))
-    import numpy as np
-
     from daq import open_source
 
     with ExitStack() as stack, progress("check") as stage:
@@ -299,9 +293,7 @@ def _frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> Fr
             wait_s = min(0.1, seconds - passed_s) / len(sources)
             batches += [source.read(wait_s) for source in sources]
     frames = FrameBatch.concatenate(batches)
-    if len(sources) == 1:
-        return frames
-    return frames.select(np.argsort(frames.t_ns, kind="stable"))
+    return frames if len(sources) == 1 else frames.by_time()
 
 
 def _print_report(report: CheckReport) -> None:
@@ -340,12 +332,7 @@ def _print_document(report: CheckReport) -> None:
         for line in report.lines
     ]
     print_json(
-        {
-            "verdict": report.word,
-            "seconds": report.seconds,
-            "frames": report.frames,
-            "lines": lines,
-        }
+        {"verdict": report.word, "seconds": report.seconds, "frames": report.frames, "lines": lines}
     )
 
 

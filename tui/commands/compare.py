@@ -8,20 +8,20 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import JsonResult
 
 
 def compare(
     sessions: Annotated[list[Path], typer.Argument(help="Session files, in order of time.")],
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    json: JsonResult = False,
     html: Annotated[Path | None, typer.Option(help="Also write a page.")] = None,
 ) -> int:
     """Compare sessions with the first one: differences with their significance, and trends."""
-    from daq.files import make_room
+    from daq.files import make_room, write_named
     from identify.compare import compare as compared
 
     from ..endings import PAGES, require_ending
     from ..jobs.comparing import identified, print_comparison
-    from ..jobs.reporting import write_file
     from ..output import print_json, progress
 
     if len(sessions) < 2:
@@ -38,7 +38,7 @@ def compare(
         from identify.report import comparison_html
 
         fits = [result.estimation for result in results if result.estimation is not None]
-        write_file(html, comparison_html(comparison, fits).encode())
+        write_named(html, comparison_html(comparison, fits).encode())
     if json:
         print_json(comparison.document())
     else:

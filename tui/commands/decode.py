@@ -14,7 +14,7 @@ from ..options import Buses, OldBench, Sensors
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from dbc import Codec, Decoded, FrameBatch, MessageLayout
+    from dbc import Codec, Decoded, MessageLayout
 
 
 def decode(
@@ -66,7 +66,7 @@ def decode(
     header = "" if json else f"time_s,{places}message,signal,value,unit\n"
     source = read_log(log)
     for batch in source:
-        decoded = codec.decode(described.wanted(batch) if described else batch)
+        decoded = codec.decode(batch.on_buses(described.chosen) if described else batch)
         totals.update(frames=len(batch), **asdict(decoded.counts))
         samples.update({name: len(s.value) for name, s in decoded.samples.items()})
         if not json and decoded.samples:
@@ -121,14 +121,6 @@ class _Described:
         named = [bus.label for bus in bench.buses]
         return cls(replace(codec, messages=kept), named, numbers)
 
-    def wanted(self, batch: FrameBatch) -> FrameBatch:
-        """Return the frames of the chosen buses."""
-        import numpy as np
-
-        if not self.chosen:
-            return batch
-        return batch.select(np.isin(batch.bus, sorted(self.chosen)))
-
     def place(self, message: MessageLayout) -> str:
         """Return the columns bus and sensor of a message, each with its comma."""
         bus = message.bus if message.bus is not None else 0 if len(self.buses) == 1 else None
@@ -179,11 +171,10 @@ def _rows(codec: Codec, decoded: Decoded, described: _Described | None) -> list[
         for message in codec.messages
         for signal in message.signals
     }
-    layouts = {message.name: message for message in codec.messages}
     times, lines = [], []
     for name, samples in decoded.samples.items():
         message, _, signal = name.rpartition(".")
-        place = described.place(layouts[message]) if described else ""
+        place = described.place(codec.by_name[message]) if described else ""
         shown = message.rpartition(".")[2] if described else message
         present = ~np.isnan(samples.value)
         stamps = samples.t_ns[present]

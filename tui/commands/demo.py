@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import CarName
+from ..options import CarName, JsonResult, Seed
 
 if TYPE_CHECKING:
     from threading import Event
@@ -28,9 +28,9 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for journal and session.")] = Path(
         "bumpbench-demo"
     ),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")] = 1,
+    seed: Seed = 1,
     car: CarName = "granada",
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    json: JsonResult = False,
 ) -> int:
     """Bump a simulated car, record it on a virtual bus, identify it and compare with the truth."""
     import os

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import Operator, RecorderFolder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def display(
-    folder: Annotated[Path, typer.Argument(help="The recorder's folder.")] = Path(),
+    folder: RecorderFolder = Path(),
     host: Annotated[
         str,
         typer.Option(
@@ -24,12 +25,9 @@ def display(
         ),
     ] = "here",
     control: Annotated[
-        bool,
-        typer.Option("--control", help="Let the page start, reject and pause, for a number."),
+        bool, typer.Option("--control", help="Let the page start, reject and pause, for a number.")
     ] = False,
-    operator: Annotated[
-        str, typer.Option(help="Your name or initials, stored with every verdict.")
-    ] = "",
+    operator: Operator = "",
 ) -> int:
     """Show the state of a folder's recorder in one word that fills a screen.
 
@@ -37,7 +35,6 @@ def display(
     given.
     """
     import getpass
-    import sys
 
     from daq import InputError
     from daq.control import control_address, is_running, unreachable_words
@@ -45,7 +42,7 @@ def display(
     from ..diagnostics import say
 
     try:
-        from ..display.link import link_lines
+        from ..display.link import print_link
         from ..display.run import run_display
     except ImportError as error:
         raise InputError("display", "aiohttp is not installed", "install bumpbench[web]") from error
@@ -55,8 +52,7 @@ def display(
         raise InputError(str(folder), what, "name the folder that the recorder was started in")
 
     def announce(served: Served, _: Callable[[], object]) -> None:
-        for line in link_lines(served.link, served.host, served.secret, sys.stderr.isatty()):
-            sys.stderr.write(f"{line}\n")
+        print_link(served)
         if not is_running(control_address(folder)):
             why = unreachable_words(folder) or "no recorder runs there"
             say(f"{folder}: {why}; the page waits for one (bumpbench record)")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say
-from ..options import Buses, Force, Sensors
+from ..options import Buses, Force, Sensors, SessionFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +33,7 @@ class Format(StrEnum):
 
 
 def export(
-    session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
+    session: SessionFile,
     form: Annotated[
         Format | None, typer.Option("--format", help="Format; default: by the suffix of --out.")
     ] = None,
@@ -141,7 +141,6 @@ def _sensor(channel: Channel) -> str:
 def _mode_shapes(session: Session) -> tuple[ModeShapes, ...] | None:
     """Return the modes of every mass state; None, after a message, if they are refused."""
     import identify as method
-    from daq import VehicleGeometry
     from daq.formats import ModeShapes
 
     from ..output import progress
@@ -151,9 +150,7 @@ def _mode_shapes(session: Session) -> tuple[ModeShapes, ...] | None:
     if result.quality.verdict == "refused":
         say(f"the identification is refused, nothing is written: {result.quality.reasons[0]}")
         return None
-    lengths = (result.parameters[name].value for name in ("a", "b", "t_f", "t_r"))
-    geometry = VehicleGeometry(*lengths)
     return tuple(
-        ModeShapes(state, geometry, model.poles, model.shapes)
+        ModeShapes(state, result.geometry, model.poles, model.shapes)
         for state, model in result.modal.items()
     )

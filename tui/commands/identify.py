@@ -8,11 +8,11 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Force
+from ..options import Force, JsonResult, SessionFile
 
 
 def identify(
-    session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
+    session: SessionFile,
     dampers: Annotated[
         Path | None, typer.Option(help="Write the damper curves: .csv, .txt (Modelica) or .mat.")
     ] = None,
@@ -21,7 +21,7 @@ def identify(
         typer.Option(help="Write the model: .mat, .py (python-control), .mo (Modelica), .json."),
     ] = None,
     force: Force = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    json: JsonResult = False,
 ) -> int:
     """Identify the physical parameters of a session's vehicle."""
     import daq

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Buses, Force, OldBench, Sensors
+from ..options import Buses, Force, JsonSummary, OldBench, Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,8 +38,7 @@ def import_(
         typer.Option(help="A log of one run, as baseline:bounce:FILE; repeatable."),
     ] = None,
     runs: Annotated[
-        str | None,
-        typer.Option(help="Kinds of the bumps in order: baseline:bounce,added:roll,..."),
+        str | None, typer.Option(help="Kinds of the bumps in order: baseline:bounce,added:roll,...")
     ] = None,
     skip: Annotated[
         int, typer.Option(min=0, help="Number of bumps to leave out at the beginning.")
@@ -59,7 +58,7 @@ def import_(
     ] = None,
     out: Annotated[Path, typer.Option(help="Session file to write.")] = Path("session.h5"),
     force: Force = False,
-    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+    json: JsonSummary = False,
 ) -> int:
     """Find the bumps in logs, cut them into runs and write a session.
 
@@ -176,17 +175,13 @@ def _import_export(path: Path, out: Path, json: bool) -> bool:
     from daq import write_session
     from daq.formats import exported_session
 
-    from ..output import print_json
-    from ..recorders.recording import print_summary, summary
+    from ..recorders.recording import show_session
 
     session = exported_session(path)
     if session is None:
         return False
     write_session(out, session)
-    if json:
-        print_json(summary(out, session))
-    else:
-        print_summary(out, session)
+    show_session(out, session, json)
     return True
 
 
@@ -212,8 +207,6 @@ def _parts(
 
     `buses`: buses whose frames are read; empty: all.
     """
-    import numpy as np
-
     from daq.derive import Intake
     from dbc import counted
 
@@ -222,7 +215,7 @@ def _parts(
     for number, source in enumerate(sources):
         fresh = True
         for batch in source:
-            wanted = batch.select(np.isin(batch.bus, sorted(buses))) if buses else batch
+            wanted = batch.on_buses(buses)
             if not len(wanted):
                 continue
             if fresh and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
@@ -260,16 +253,11 @@ def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: i
 
 def _facts(source: Log) -> dict[str, Any]:
     """Return the facts on a log that the session stores."""
-    from hashlib import file_digest
+    from ..recorders.decoded import file_facts
 
-    files = []
-    for path in source.paths:
-        with path.open("rb") as file:
-            digest = file_digest(file, "sha256").hexdigest()
-        files.append({"name": path.name, "bytes": path.stat().st_size, "sha256": digest})
     return {
         "format": source.format.name,
-        "files": files,
+        "files": [file_facts(path) for path in source.paths],
         "frames": source.frames,
         "cannot_hold": source.format.lacks,
         "lost": source.loss.text,
@@ -277,18 +265,13 @@ def _facts(source: Log) -> dict[str, Any]:
 
 
 def _remarks(sources: Sequence[Log], session: Session, bumps: int, planned: int) -> list[str]:
-    """Print remarks on what was imported."""
-    from dbc import plural
+    """Return remarks on what was imported."""
+    from ..recorders.decoded import left_out_remarks
 
     remarks = [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
     lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
     remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]
-    found = len(session.runs)
-    if bumps > found:
-        were = plural(bumps - found, "was", "were")
-        remarks.append(f"{bumps - found} of {bumps} bumps {were} left out (see --runs and --skip)")
-    if found < planned:
-        remarks.append(f"{found} of {planned} planned runs {plural(found, 'was', 'were')} found")
+    remarks += left_out_remarks(bumps, len(session.runs), planned)
     if session.runs[0].t0_ns < RELATIVE_BEFORE_NS:
         remarks.append("the log has no date: its times count from its own start")
     return remarks

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ..options import SessionFile
+
 
 def inspect(
-    session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
+    session: SessionFile,
     json: Annotated[bool, typer.Option("--json", help="Print the contents as JSON.")] = False,
 ) -> None:
     """Show the contents of a session: runs, verdicts, losses, channels, vehicle, provenance."""

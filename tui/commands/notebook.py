@@ -18,20 +18,13 @@ def notebook(
     """Write a notebook that leads from arrays and session files to parameters and figures."""
     from importlib.resources import files
 
-    from daq.files import make_room, refuse_existing, write_bytes
-    from dbc import InputError
+    from daq.files import refuse_existing, write_named
 
     from ..output import print_json, print_line
 
     source = files("identify") / "notebook" / "bump_test.ipynb"
     refuse_existing(out, replace=force)
-    make_room(out)
-    try:
-        write_bytes(out, source.read_bytes())
-    except OSError as error:
-        raise InputError(
-            str(out), error.strerror or "cannot be written", "name another --out"
-        ) from None
+    write_named(out, source.read_bytes())
     if json:
         print_json({"files": [str(out)]})
         return

@@ -180,18 +180,13 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
         if not advice.remedies:
             print_line("  - no known step changes that")
         print_line()
-    steps = [["(as planned)", *_cells(now.worst, now.mean, now.undetermined)]]
-    for step in advice.steps:
-        after = step.outlook
-        steps.append([step.action, *_cells(after.worst, after.mean, after.undetermined)])
+    steps = [["(as planned)", *_cells(now)]]
+    steps += [[step.action, *_cells(step.outlook)] for step in advice.steps]
     columns = ["next step, each by itself", "worst", "mean", "not determined"]
     print_table("What would improve it (95 % intervals, share of the value)", columns, steps)
     if others:
         print_line()
-        rows = []
-        for other in others:
-            o = other.outlook
-            rows.append([other.action, *_cells(o.worst, o.mean, o.undetermined)])
+        rows = [[other.action, *_cells(other.outlook)] for other in others]
         columns = ["campaign instead of it", "worst", "mean", "not determined"]
         print_table("Other campaigns with the same sensors", columns, rows)
 
@@ -220,7 +215,8 @@ def _print_elements(now: Outlook) -> None:
     print_line()
 
 
-def _cells(worst: float, mean: float, undetermined: tuple[str, ...]) -> list[str]:
-    if undetermined:
-        return ["", "", str(len(undetermined))]
-    return [f"± {worst * 100:.2f} %", f"± {mean * 100:.2f} %", ""]
+def _cells(outlook: Outlook) -> list[str]:
+    """Return worst and mean interval, or the number of parameters that are not determined."""
+    if outlook.undetermined:
+        return ["", "", str(len(outlook.undetermined))]
+    return [f"± {outlook.worst * 100:.2f} %", f"± {outlook.mean * 100:.2f} %", ""]

@@ -8,17 +8,16 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import BenchFile, DisplayAt, DisplayControl
+from ..options import BenchFile, DisplayAt, DisplayControl, Interface, InterfaceChannel, JsonSummary
 
 
 def record(
     bench: BenchFile = None,
     out: Annotated[Path, typer.Option(help="Folder for journal and sessions.")] = Path(),
-    interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
-    channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
+    interface: Interface = None,
+    channel: InterfaceChannel = None,
     keep_on: Annotated[
-        bool,
-        typer.Option("--keep-on", help="Go on after a complete campaign: run as a daemon."),
+        bool, typer.Option("--keep-on", help="Go on after a complete campaign: run as a daemon.")
     ] = False,
     idle: Annotated[
         bool, typer.Option("--idle", help="Arm nothing: a terminal gives the orders.")
@@ -31,7 +30,7 @@ def record(
     ] = None,
     display: DisplayAt = None,
     display_control: DisplayControl = False,
-    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+    json: JsonSummary = False,
 ) -> int:
     """Record a campaign: each bump becomes a run, labelled in the order of the campaign.
 

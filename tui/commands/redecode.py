@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Force, OldBench
+from ..options import Force, JsonSummary, OldBench
 
 if TYPE_CHECKING:
     from daq import Bench, Session
@@ -25,18 +25,15 @@ def redecode(
         Path | None, typer.Option(help="Session file to write; default: NAME_redecoded.h5.")
     ] = None,
     force: Force = False,
-    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+    json: JsonSummary = False,
 ) -> int:
     """Decode the raw frames of a session again, into a new session."""
-    from hashlib import file_digest
-
-    from daq import InputError, read_foreign_session, write_session
+    from daq import InputError, file_sha256, read_foreign_session, write_session
     from daq.derive import redecoded
     from daq.files import refuse_existing
 
     from ..bench import named_once
-    from ..output import print_json
-    from ..recorders.recording import print_summary, summary
+    from ..recorders.recording import show_session
 
     config = named_once(bench, config, "bench.toml")
     if dbc is None and config is None:
@@ -47,14 +44,10 @@ def redecode(
     refuse_existing(target, replace=force, inputs=inputs)
     old = read_foreign_session(session)
     corrected = _bench(old, str(session), dbc, config)
-    with session.open("rb") as file:
-        digest = file_digest(file, "sha256").hexdigest()
-    new = redecoded(old, corrected, str(session), {"redecoded_from_sha256": digest})
+    about = {"redecoded_from_sha256": file_sha256(session)}
+    new = redecoded(old, corrected, str(session), about)
     write_session(target, new)
-    if json:
-        print_json(summary(target, new))
-    else:
-        print_summary(target, new)
+    show_session(target, new, json)
     lost = any(run.losses.measured for run in new.runs)
     return ExitCode.DATA_LOST if lost else ExitCode.OK
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import OldBench
+from ..options import Fast, Interface, InterfaceChannel, JsonSummary, OldBench
 
 
 def replay(
@@ -22,16 +22,16 @@ def replay(
         Path | None, typer.Argument(help="bench.toml that names the bus; default: the shipped one.")
     ] = None,
     config: OldBench = None,
-    interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
-    channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
+    interface: Interface = None,
+    channel: InterfaceChannel = None,
     bus: Annotated[
         int | None, typer.Option(min=0, max=255, help="Only this bus of the log, from 0.")
     ] = None,
     speed: Annotated[
         float, typer.Option(min=0.001, max=1000, help="Speed; 2 is twice real time.")
     ] = 1.0,
-    fast: Annotated[bool, typer.Option(help="Send as fast as the bus takes the frames.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+    fast: Fast = False,
+    json: JsonSummary = False,
 ) -> int:
     """Send recorded frames on a bus, at their own times or faster; error frames are left out."""
     from collections.abc import Iterable

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode, say
+from ..options import SessionFile
 
 
 class FigureFormat(StrEnum):
@@ -19,7 +20,7 @@ class FigureFormat(StrEnum):
 
 
 def report(
-    session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
+    session: SessionFile,
     out: Annotated[
         Path | None, typer.Option(help="HTML file; default: next to the session, with its name.")
     ] = None,

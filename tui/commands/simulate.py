@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..options import BenchFile, CarName
+from ..options import BenchFile, CarName, Fast, Interface, InterfaceChannel, Seed
 
 if TYPE_CHECKING:
     from daq import Bench
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 def simulate(
     bench: BenchFile = None,
-    interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
-    channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")] = 1,
-    fast: Annotated[bool, typer.Option(help="Send as fast as the bus takes the frames.")] = False,
+    interface: Interface = None,
+    channel: InterfaceChannel = None,
+    seed: Seed = 1,
+    fast: Fast = False,
     push: Annotated[
         float | None,
         typer.Option(

@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import RecorderFolder
 
 
 def status(
-    folder: Annotated[Path, typer.Argument(help="The recorder's folder.")] = Path(),
+    folder: RecorderFolder = Path(),
     json: Annotated[bool, typer.Option("--json", help="Print the whole status as JSON.")] = False,
 ) -> int:
     """Print the status of a folder's recorder; exit code 1 if none runs there."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, unknown_value
-from ..options import BenchFile, DisplayAt, DisplayControl
+from ..options import BenchFile, DisplayAt, DisplayControl, Interface, InterfaceChannel, Operator
 from ..terminal.state.glyphs import GlyphSet
 
 if TYPE_CHECKING:
@@ -20,21 +20,22 @@ if TYPE_CHECKING:
 COLLECTOR_RESTS_S = 2.0
 """Time from the start of the command to its first screen on a slow machine, s; if the collector ran
 meanwhile, the screen would come 0.1 s later."""
-FAULTS = ("double-bump", "overload", "lost-frames", "weak", "wrong-mode", "unplug")
+FAULTS = ("double-bump", "overload", "frozen", "lost-frames", "weak", "wrong-mode", "unplug")
 
 
 def tui(
     bench: BenchFile = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the recorder.")] = None,
-    interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
-    channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
+    interface: Interface = None,
+    channel: InterfaceChannel = None,
     demo: Annotated[
         bool, typer.Option("--demo", help="Use a simulated car instead of a bus.")
     ] = False,
     fault: Annotated[
         str | None,
         typer.Option(
-            help="Fault of --demo: double-bump, overload, lost-frames, weak, wrong-mode, unplug."
+            help="Fault of --demo: double-bump, overload, frozen, lost-frames, weak, wrong-mode, "
+            "unplug."
         ),
     ] = None,
     speed: Annotated[
@@ -50,9 +51,7 @@ def tui(
     theme: Annotated[str, typer.Option(help="Colours: bench-dark, bench-light, ansi-dark, ...")] = (
         "bench-dark"
     ),
-    operator: Annotated[
-        str, typer.Option(help="Your name or initials, stored with every verdict.")
-    ] = "",
+    operator: Operator = "",
     display: DisplayAt = None,
     display_control: DisplayControl = False,
     web: Annotated[

@@ -10,13 +10,13 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ..invocation import invoke
-from .link import link_lines
+from ..options import RecorderFolder
+from .link import print_link
 from .run import run_display
 from .served import Served
 
@@ -25,7 +25,7 @@ commands = typer.Typer(pretty_exceptions_enable=False, rich_markup_mode=None)
 
 @commands.command()
 def attached_display(
-    folder: Annotated[Path, typer.Argument(help="The recorder's folder.")],
+    folder: RecorderFolder,
     host: Annotated[str, typer.Option(help="Address to listen on.")],
     operator: Annotated[str, typer.Option(help="Name stored with every verdict.")],
     control: Annotated[bool, typer.Option("--control", help="Let the page give orders.")] = False,
@@ -35,8 +35,7 @@ def attached_display(
 
 
 def _announce(served: Served, end: Callable[[], object]) -> None:
-    for line in link_lines(served.link, served.host, served.secret, sys.stderr.isatty()):
-        sys.stderr.write(f"{line}\n")
+    print_link(served)
     sys.stdout.write(json.dumps(asdict(served)) + "\n")
     sys.stdout.flush()
 

@@ -13,11 +13,7 @@ from ..terminal.state.run_words import run_words
 
 NEXT, REJECT, PAUSE = "next", "reject", "pause"
 _RUNNING = (*BUSY, Phase.ACCEPTED, Phase.REJECTED)
-_NEXT_WORDS = {
-    Phase.PAUSED: "Go on",
-    Phase.REJECTED: "Again now",
-    Phase.ACCEPTED: "Next now",
-}
+_NEXT_WORDS = {Phase.PAUSED: "Go on", Phase.REJECTED: "Again now", Phase.ACCEPTED: "Next now"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import ipaddress
 import socket
+import sys
 from collections.abc import Iterator
 
 import segno
 
 from daq import InputError
+
+from ..browser.ports import free_port
+from .served import Served
 
 HERE, LAN = "here", "lan"
 """Words for the address that only this machine reaches, and for its address in the network."""
@@ -41,22 +45,16 @@ def is_loopback(host: str) -> bool:
     return host == "localhost" if address is None else address.is_loopback
 
 
-def free_port(host: str) -> int:
+def port_of(host: str) -> int:
     """Return a port that nothing listens on, the usual one if possible.
 
     Raises InputError if the address is not one of this machine's.
     """
-    for port in (_PORT, 0):
-        try:
-            family, kind, _, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-            with socket.socket(family, kind) as taken:
-                taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                taken.bind(place)
-                return int(taken.getsockname()[1])
-        except OSError as error:
-            last = error
-    what = f"cannot listen on {host}: {last.strerror or last}"
-    raise InputError("display", what, "name an address of this machine, or lan")
+    try:
+        return free_port(host, _PORT)
+    except OSError as error:
+        what = f"cannot listen on {host}: {error.strerror or error}"
+        raise InputError("display", what, "name an address of this machine, or lan") from error
 
 
 def host_in_link(host: str) -> str:
@@ -64,14 +62,20 @@ def host_in_link(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
 
-def link_lines(link: str, host: str, secret: str, colours: bool) -> Iterator[str]:
+def print_link(served: Served) -> None:
+    """Write link, warning, number and code to stderr."""
+    for line in link_lines(served, sys.stderr.isatty()):
+        sys.stderr.write(f"{line}\n")
+
+
+def link_lines(served: Served, colours: bool) -> Iterator[str]:
     """Yield what a terminal shows: link, warning, number, and a code for a phone's camera.
 
-    `secret`: number that gives control; empty without control.  `colours`: False where the terminal
-    would show escape sequences as text; then there is no code.
+    `colours`: False where the terminal would show escape sequences as text; then there is no code.
     """
-    yield f"display: open {link}"
-    if not is_loopback(host):
+    secret = served.secret
+    yield f"display: open {served.link}"
+    if not is_loopback(served.host):
         yield (
             "warning: anyone with this link sees the bench, and nothing is encrypted: use a "
             "network that you trust"
@@ -81,8 +85,8 @@ def link_lines(link: str, host: str, secret: str, colours: bool) -> Iterator[str
             f"control: type {secret[:3]} {secret[3:]} on the page; anyone who knows it can start, "
             "reject and pause runs"
         )
-    if colours and not is_loopback(host):
-        for line in qr_lines(link):
+    if colours and not is_loopback(served.host):
+        for line in qr_lines(served.link):
             # Black on white whatever the terminal's colours are: cameras want dark on light.
             yield f"\x1b[38;5;16;48;5;231m{line}\x1b[0m"
 

@@ -12,7 +12,7 @@ from typing import Any
 from ..browser.guard import Guard
 from ..terminal.state.feed import RecorderFeed
 from .control import Control
-from .link import address_of, free_port, host_in_link
+from .link import address_of, host_in_link, port_of
 from .served import Served
 from .server import DisplayServer
 
@@ -30,7 +30,7 @@ def run_display(
     ends the display from any thread.  Raises InputError if it cannot listen there.
     """
     address = address_of(host)
-    port = free_port(address)
+    port = port_of(address)
     guard = Guard(host_in_link(address), port)
     granted = Control() if control else None
     feed = RecorderFeed(folder, name, lambda: None, control=False)

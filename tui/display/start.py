@@ -53,7 +53,7 @@ def display_beside_terminal(
             said = process.stderr.read().strip().splitlines() or ["it did not start"]
             raise InputError("display", said[-1], "start it alone: bumpbench display")
         served = Served(**json.loads(line))
-        words = tuple(link_lines(served.link, served.host, served.secret, colours=False))
+        words = tuple(link_lines(served, colours=False))
         code = () if is_loopback(served.host) else tuple(qr_lines(served.link))
         yield DisplayLink(words, code)
 
@@ -68,12 +68,12 @@ def _wanted(host: str | None, control: bool) -> bool:
             raise InputError("--display-control", "needs a display", "add --display lan")
         return False
     try:
-        from .link import address_of, free_port
+        from .link import address_of, port_of
     except ImportError as error:
         raise InputError(
             "--display", "aiohttp is not installed", "install bumpbench[web]"
         ) from error
-    free_port(address_of(host))
+    port_of(address_of(host))
     return True
 
 

@@ -270,8 +270,7 @@ def _spoken_reason(run: LoggedRun | None) -> str:
         return ""
     if run.by:
         return "Rejected by hand."
-    failed = next((finding for finding in run.findings if not finding.passed), None)
-    return f"{reason_words(failed.code).capitalize()}." if failed else ""
+    return f"{reason_words(run.failed.code).capitalize()}." if run.failed else ""
 
 
 def _title(status: Status) -> str:

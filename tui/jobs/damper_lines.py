@@ -6,7 +6,14 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from identify.document import unit_text
-from identify.report import damper_columns, damper_rows, element_answer, interval, plain, rounded
+from identify.report import (
+    damper_columns,
+    damper_rows,
+    element_answer,
+    ends_text,
+    plain,
+    value_text,
+)
 
 if TYPE_CHECKING:
     from identify.document import ForcesEntry
@@ -24,9 +31,8 @@ def damper_lines(forces: ForcesEntry) -> Iterator[str]:
     for axle, one in forces["axles"].items():
         for name, e in one["elements"].items():
             unit = "" if e["reason"] else unit_text(e["unit"])
-            value, *_ = rounded(e["value"], e["low"], e["high"])
-            ends = interval(e["value"], e["low"], e["high"])
-            yield f"{f'{axle} {plain(name)}':<30}{value:>14} {unit:<6}{ends:>26}"
+            head = f"{axle} {plain(name)}"
+            yield f"{head:<30}{value_text(e):>14} {unit:<6}{ends_text(e):>26}"
     for axle, one in forces["axles"].items():
         yield from (f"  {axle} {note}" for note in one["notes"])
     yield ""

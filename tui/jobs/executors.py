@@ -14,7 +14,6 @@ from importlib.metadata import version
 from math import inf
 from multiprocessing import active_children
 from time import monotonic
-from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar
 
 from .pool import Pool
@@ -48,12 +47,7 @@ class Workers(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None: ...
 
 
 def workers_of(workers: int, scheduler: str | None) -> Workers:
@@ -140,12 +134,7 @@ class Processes:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """End the workers: after their work, or at once if something went wrong."""
         if kind is not None:
             # Otherwise the pool would first finish what it has begun.
@@ -266,12 +255,7 @@ class Cluster:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leave the cluster; what is in flight is cancelled."""
         with suppress(OSError, TimeoutError):  # the scheduler may be what went wrong
             self._executor.shutdown(wait=False)

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
 from pydantic import TypeAdapter
@@ -117,9 +118,7 @@ def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
     """Return the scatter of repeats as a share of their mean; None for fewer than three."""
     if len(frequencies_hz) < 3:
         return None
-    mean = sum(frequencies_hz) / len(frequencies_hz)
-    square = sum((f - mean) ** 2 for f in frequencies_hz) / (len(frequencies_hz) - 1)
-    return float(square**0.5 / mean)
+    return stdev(frequencies_hz) / fmean(frequencies_hz)
 
 
 def _dbc_text(journal: Path) -> str | None:

@@ -63,8 +63,7 @@ class ListTask:
 
 
 Task = Annotated[
-    IdentifyTask | ReportTask | CompareTask | ExportTask | ListTask,
-    Field(discriminator="task"),
+    IdentifyTask | ReportTask | CompareTask | ExportTask | ListTask, Field(discriminator="task")
 ]
 _TASK: TypeAdapter[Task] = TypeAdapter(Task)
 

@@ -18,13 +18,15 @@ from identify.report import (
     Gallery,
     Trace,
     decay_section,
+    ends_text,
+    half_percent,
+    half_text,
     half_width,
-    half_width_percent,
-    interval,
     largest_share,
     parameter_words,
     plain,
     rounded,
+    value_text,
 )
 
 from .damper_lines import damper_lines
@@ -83,13 +85,17 @@ def outcome_of(
 
 
 def _estimated(name: str, words: str, e: EstimateEntry, rests_on: str) -> Estimated:
-    value, *_ = rounded(e["value"], e["low"], e["high"])
-    ends = interval(e["value"], e["low"], e["high"])
-    half = (e["high"] - e["low"]) / 2.0 / abs(e["value"]) * 100.0 if e["value"] else 0.0
-    share = half if half else None  # NaN stays
-    text = "" if e["reason"] else value
-    percent = half_width_percent(e["value"], e["low"], e["high"])
-    return Estimated(name, words, text, ends, share, percent, unit_text(e["unit"]), rests_on)
+    half = half_percent(e) if e["value"] else 0.0
+    return Estimated(
+        name,
+        words,
+        "" if e["reason"] else value_text(e),
+        ends_text(e),
+        half or None,  # NaN stays
+        half_text(e),
+        unit_text(e["unit"]),
+        rests_on,
+    )
 
 
 def _states(document: Document, result: Identification) -> tuple[StateOutcome, ...]:

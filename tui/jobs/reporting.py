@@ -10,8 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from daq.files import make_room, write_bytes
-from dbc import InputError
+from daq.files import make_room, write_named
 
 from ..endings import PAGES, SHEETS, require_ending
 from .helpers import helpers
@@ -87,11 +86,11 @@ def write_report(
         # The PDF takes longest: it is begun first.
         sheets = None if pdf is None else pool.submit(_pdf_of, page)
         begun |= drawings((p for p in page.pictures if p.key not in begun), pool)
-        write_file(html, html_of(page, begun).encode())
+        write_named(html, html_of(page, begun).encode())
         written(html)
         if pdf is not None and sheets is not None:
             stage(0.85, "PDF")
-            write_file(pdf, sheets.result())
+            write_named(pdf, sheets.result())
             written(pdf)
     return page, result.quality
 
@@ -100,18 +99,6 @@ def _pdf_of(page: Report) -> bytes:
     from identify.report import pdf_of  # matplotlib, which the helpers have loaded
 
     return pdf_of(page)
-
-
-def write_file(path: Path, data: bytes) -> None:
-    """Write a file; an older one stays complete until the new one is.
-
-    Raises InputError if it cannot be written.
-    """
-    make_room(path)
-    try:
-        write_bytes(path, data)
-    except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), "name another file") from error
 
 
 def pictures_of(report: Report) -> tuple[Picture, ...]:
@@ -132,6 +119,6 @@ def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:
         path = folder / f"{picture.key}.{kind}"
         png = kind == "png"
         data = panel_png(picture.panel) if png else panel_svg(picture.panel, picture.title).encode()
-        write_file(path, data)
+        write_named(path, data)
         written.append(path)
     return tuple(written)

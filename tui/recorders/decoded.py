@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from hashlib import file_digest
 from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -81,20 +80,34 @@ def import_channels(
         session, bumps = _session(known, files, bool(labels), steps, skip, stage)
         stage(1.0, "writing the session")
         write_session(out, session)
-    found = len(session.runs)
     if json:
         print_json({**summary(out, session), "bumps": bumps, "planned": len(steps)})
     else:
         print_summary(out, session)
-    if bumps > found:
-        were = plural(bumps - found, "was", "were")
-        say(f"{bumps - found} of {bumps} bumps {were} left out (see --runs and --skip)")
-    if not known.runs and found < len(steps):
-        say(f"{found} of {len(steps)} planned runs {plural(found, 'was', 'were')} found")
+    for remark in left_out_remarks(bumps, len(session.runs), 0 if known.runs else len(steps)):
+        say(remark)
     asked = open_questions(session.provenance["channel_map"], str(channel_map))
     for remark in (*(f"{f.subject}: {f.text} ({f.advice})" for f in asked), *sign_remarks(session)):
         say(remark)
     return ExitCode.OK
+
+
+def file_facts(path: Path) -> dict[str, str | int]:
+    """Return the facts on an imported file that the session stores."""
+    from daq import file_sha256
+
+    return {"name": path.name, "bytes": path.stat().st_size, "sha256": file_sha256(path)}
+
+
+def left_out_remarks(bumps: int, found: int, planned: int) -> list[str]:
+    """Return remarks on bumps that are not runs, and on planned runs without a bump."""
+    remarks = []
+    if bumps > found:
+        were = plural(bumps - found, "was", "were")
+        remarks.append(f"{bumps - found} of {bumps} bumps {were} left out (see --runs and --skip)")
+    if found < planned:
+        remarks.append(f"{found} of {planned} planned runs {plural(found, 'was', 'were')} found")
+    return remarks
 
 
 def sign_remarks(session: Session) -> list[str]:
@@ -126,10 +139,7 @@ def _session(
     for number, path in enumerate(files):
         stage(number / len(files), f"{path.name}, {counted(bumps, 'bump')}")
         found = recording(known, read_columns(path, known.columns))
-        with path.open("rb") as file:
-            digest = file_digest(file, "sha256").hexdigest()
-        fact = {"name": path.name, "bytes": path.stat().st_size, "sha256": digest}
-        about[f"source_{number + 1}"] = dumps({"format": "channels", "files": [fact]})
+        about[f"source_{number + 1}"] = dumps({"format": "channels", "files": [file_facts(path)]})
         if known.runs:
             runs += [given_run(known, found, given) for given in known.runs]
             continue

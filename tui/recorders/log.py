@@ -12,7 +12,6 @@ import time
 from collections import deque
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 
 from dbc import counted
 
@@ -79,12 +78,7 @@ class Log:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         logging.getLogger().removeHandler(self._handler)
         logging.captureWarnings(False)
         logging.raiseExceptions = True

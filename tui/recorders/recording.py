@@ -109,10 +109,7 @@ def recorded_session(last: Status) -> tuple[Path, Session]:
 def print_outcome(last: Status, json: bool) -> ExitCode:
     """Print what was recorded and return the exit code."""
     path, session = recorded_session(last)
-    if json:
-        print_json(summary(path, session))
-    else:
-        print_summary(path, session)
+    show_session(path, session, json)
     if held := last.disk.held_frames:
         say(f"{last.folder}: {_not_stored(held, last.disk.failed)} ({RECOVER_STORED})")
     lost = held + sum(run.losses.measured for run in session.runs)
@@ -127,6 +124,14 @@ def print_outcome(last: Status, json: bool) -> ExitCode:
 def _not_stored(held: int, failed: str) -> str:
     were = counted(held, "frame at the end was", "frames at the end were")
     return f"{were} not stored: {failed}"
+
+
+def show_session(path: Path, session: Session, json: bool) -> None:
+    """Write a session as a table, or as JSON."""
+    if json:
+        print_json(summary(path, session))
+    else:
+        print_summary(path, session)
 
 
 def summary(path: Path, session: Session) -> dict[str, Any]:

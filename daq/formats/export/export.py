@@ -126,7 +126,7 @@ def _exported(
         sidecar = description.sidecar_of(path)
         with written_whole([path, sidecar], force) as (part, about):
             notes = write_uff(session, modes, part)
-            about.write_text(description.text_of(description.describe(session)), "utf-8")
+            about.write_text(description.session_text(session), "utf-8")
         return Exported((path, sidecar), notes)
     if form in _LOGS:
         return _export_log(session, path, form, force)
@@ -144,7 +144,6 @@ def _exported(
 
 
 def _export_csv(session: Session, path: Path, style: CsvStyle, force: bool) -> Exported:
-    units = {channel.name: channel.unit for channel in session.channels}
     groups: dict[Path, SampleGroup] = {}
     files: dict[tuple[str, str], str] = {}
     for run in session.runs:
@@ -160,10 +159,10 @@ def _export_csv(session: Session, path: Path, style: CsvStyle, force: bool) -> E
     if not groups:
         raise InputError("session", "its runs hold no samples", "choose other runs")
     sidecar = description.sidecar_of(path)
-    about = replace(description.describe(session, files), style=(style.separator, style.decimal))
+    about = description.describe(session, files, style=(style.separator, style.decimal))
     with written_whole([*groups, sidecar], force) as (*parts, about_part):
         for part, group in zip(parts, groups.values(), strict=True):
-            write_csv(group, units, part, style)
+            write_csv(group, session.units, part, style)
         about_part.write_text(description.text_of(about), "utf-8")
     return Exported((*groups, sidecar), frames_left_out(session))
 

@@ -81,7 +81,7 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
         name: session.provenance[name].encode("utf-8", "replace").decode()
         for name in set(TEXTS) & session.provenance.keys()
     }
-    about = description.text_of(description.describe(session))
+    about = description.session_text(session)
     savemat(
         path,
         {
@@ -100,7 +100,6 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
 
 
 def _run(run: Run, session: Session) -> dict[str, Any]:
-    units = {channel.name: channel.unit for channel in session.channels}
     about = {
         "mass_state": run.mass_state,
         "excitation": str(run.excitation),
@@ -111,7 +110,7 @@ def _run(run: Run, session: Session) -> dict[str, Any]:
         "bump_s": run.bump_s,
         "events": [asdict(event) for event in run.events],
     }
-    groups = ((group.name, _group(group, units)) for group in run.groups)
+    groups = ((group.name, _group(group, session.units)) for group in run.groups)
     return about | fields_of(groups, taken=RUN_FIELDS)
 
 

@@ -57,14 +57,13 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
     with asammdf.MDF(version="4.10") as mdf:
         mdf.header.start_time = datetime.fromtimestamp(start_ns // _NS_PER_S, UTC)
         mdf.header.comment = f"bumpbench session of {session.vehicle.name}"
-        units = {channel.name: channel.unit for channel in session.channels}
         for run in session.runs:
             for group in run.groups:
-                signals = _signals(asammdf, run, group, units, start_ns)
+                signals = _signals(asammdf, run, group, session.units, start_ns)
                 mdf.append(signals, acq_name=f"{run.label}/{group.name}", common_timebase=True)
         if raw is not None:
             _append_bus_log(asammdf, mdf, raw, start_ns)
-        texts = {description.NAME: description.text_of(description.describe(session))}
+        texts = {description.NAME: description.session_text(session)}
         texts |= {
             _FILES.get(name, name): session.provenance[name]
             for name in set(TEXTS) & session.provenance.keys()

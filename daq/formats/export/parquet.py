@@ -28,7 +28,7 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
         field.with_metadata({"unit": units[field.name]}) if field.name in units else field
         for field in table.schema
     ]
-    about = description.text_of(description.describe(session))
+    about = description.session_text(session)
     own = {description.KEY.encode(): about.encode()}
     schema = pa.schema(fields, metadata={**(table.schema.metadata or {}), **own})
     parquet.write_table(table.cast(schema), path, compression="zstd")

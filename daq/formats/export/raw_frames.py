@@ -25,8 +25,7 @@ def session_frames(session: Session) -> FrameBatch:
     if not batches:
         what = "its runs hold no raw frames"
         raise InputError("session", what, "export the decoded channels: mf4, mat, csv, parquet")
-    frames = FrameBatch.concatenate(batches)
-    frames = frames.select(np.argsort(frames.t_ns, kind="stable"))
+    frames = FrameBatch.concatenate(batches).by_time()
     spans = sorted((int(batch.t_ns.min()), int(batch.t_ns.max())) for batch in batches)
     if any(first[1] >= second[0] for first, second in pairwise(spans)):
         frames = frames.select(_first_of_each(frames))

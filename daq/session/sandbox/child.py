@@ -1,12 +1,7 @@
-"""The child of `guard`: reads one session file and sends it to stdout.
-
-Run as ``python -I -m daq.session.sandbox.child FILE MAX_BYTES MAX_S PART``.
-"""
+"""Reads one session file within limits, in the child of `guard`."""
 
 from __future__ import annotations
 
-import gc
-import sys
 from typing import BinaryIO
 
 from ...errors import InputError
@@ -40,9 +35,3 @@ def limit(max_bytes: int, max_s: int, max_file_bytes: int = 0) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (max_s, max_s + 1))
     resource.setrlimit(resource.RLIMIT_FSIZE, (max_file_bytes, max_file_bytes))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-
-
-if __name__ == "__main__":
-    gc.disable()  # all lives to the end, where a search for garbage would find nothing either
-    main(sys.stdout.buffer, sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Part(sys.argv[4]))
-    gc.freeze()

@@ -46,7 +46,7 @@ class Reader:
 
 
 _SESSIONS = Reader(
-    "daq.session.sandbox.child",
+    "daq.session.sandbox",
     "HDF5",
     768 << 20,  # Python, NumPy and libhdf5
     10,  # they start in half a second here, and in ten times as long on a small computer

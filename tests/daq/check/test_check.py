@@ -304,7 +304,7 @@ def test_error_frames_and_foreign_traffic_are_warnings() -> None:
         np.zeros((20, 8), np.uint8),
     )
     frames = FrameBatch.concatenate([_rest(), extra])
-    report = _check(frames.select(np.argsort(frames.t_ns, kind="stable")))
+    report = _check(frames.by_time())
     assert [line.text.split(":")[0] for line in _bad(report)] == [
         "10 error frames",
         "1 identifier is not in the DBC",

@@ -177,7 +177,7 @@ def _pots(offset: int, step_ns: int) -> FrameBatch:
         ids = np.full(n, can_id, np.uint32)
         parts.append(FrameBatch(np.arange(n) * step, ids, flags, bus, length, data))
     frames = FrameBatch.concatenate(parts)
-    return frames.select(np.argsort(frames.t_ns, kind="stable"))
+    return frames.by_time()
 
 
 @pytest.mark.parametrize(

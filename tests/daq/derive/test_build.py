@@ -77,7 +77,7 @@ def _frames(codec: Codec, message: str, n: int = 2000, **signals: float) -> Fram
 
 def _merge(*batches: FrameBatch) -> FrameBatch:
     frames = FrameBatch.concatenate(batches)
-    return frames.select(np.argsort(frames.t_ns, kind="stable"))
+    return frames.by_time()
 
 
 def _session(bench: Bench, frames: FrameBatch, hops: HopCounts = NO_HOPS) -> Session:

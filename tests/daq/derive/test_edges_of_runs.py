@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from daq.derive.build_samples import build_session, frames_digest, run_window
+from daq.derive.build_samples import build_session, frames_digest
 from daq.derive.grown import (
     Grown,
     GrownRun,
@@ -71,7 +71,7 @@ def test_a_message_may_begin_and_end_50_ms_and_two_periods_within_the_run(
 def test_a_run_reaches_from_before_its_bump_to_after_it() -> None:
     bench = _bench(ACC_FL)
     (logged,) = fold((BUMP, RUN_END)).runs
-    assert run_window(bench, logged) == (BEGAN, ENDED)
+    assert bench.trigger.window_ns(logged.t_ns) == (BEGAN, ENDED)
 
 
 def test_events_within_a_run_are_kept_and_long_texts_cut() -> None:

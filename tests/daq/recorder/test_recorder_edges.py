@@ -184,9 +184,9 @@ def test_losses_before_a_recording_are_not_its_own(
 ) -> None:
     script = Script(blocks(bumps(codec, 2), 10), None, 0.002, SourceLosses(dropped=7))
     with Running(quick, tmp_path, sources(script)) as running:
-        running.until(lambda s: s.losses.bus_dropped == 7)
+        before = running.until(lambda s: s.losses.bus_dropped == 7).recording
         running.order(Start())
-        status = running.until(lambda s: s.disk.recorded_frames > 0)
+        status = running.until(lambda s: s.recording != before and s.disk.recorded_frames > 0)
         assert status.losses.bus_dropped == 0
         script.published = SourceLosses(dropped=9)
         running.until(lambda s: s.losses.bus_dropped == 2)

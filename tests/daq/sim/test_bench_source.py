@@ -82,6 +82,7 @@ def test_a_campaign_is_recorded_as_planned_and_identified() -> None:
     [
         (Fault.DOUBLE_BUMP, "double_bump"),
         (Fault.UNPLUG, "stale"),
+        (Fault.FROZEN, "frozen"),
         pytest.param(Fault.OVERLOAD, "overload", marks=pytest.mark.long),
         pytest.param(Fault.LOST_FRAMES, "lost_frames", marks=pytest.mark.long),
         pytest.param(Fault.WEAK, "too_weak", marks=pytest.mark.long),

@@ -20,7 +20,8 @@ from daq.sim.load import load_car
 from daq.sim.motion import Motion, drive
 from daq.sim.sensors import install, measured, true_reading
 from daq.vehicle import FORD_GRANADA
-from identify.fit.estimation import estimate, generic_vehicles
+from identify.fit.estimation import estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.pipeline import grey_box, usable_records
 
 from ..bumps import TRUTH

@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 from identify.decays.decay import Record
 from identify.decays.onset import decay_start_s, onset_s, quiet_noise
-from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.estimation import Estimation, estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.grey_box import GreyBox
 
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records

@@ -20,11 +20,11 @@ from identify.fit.estimation import (
     basin,
     estimate,
     floored,
-    generic_vehicles,
     later_estimate,
     later_may_hold,
     rough_noise,
 )
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.likelihood import Residuals
 
 CHANNEL = Channel("a", Quantity.BODY_ACCELERATION, "m/s2")

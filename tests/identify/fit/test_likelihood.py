@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, HubWeight, MassState, VehicleGeometry
-from identify.fit.estimation import generic_vehicles
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import (
     FACTS,
@@ -17,7 +17,9 @@ from identify.fit.likelihood import (
     fit,
     linearised,
     normal_blocks,
+    refit,
     residuals,
+    with_noise,
 )
 
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
@@ -55,6 +57,26 @@ def test_a_pickled_fit_has_no_linear_model_and_gives_the_same_one() -> None:
     for label, block in best.linearised.blocks.items():
         np.testing.assert_array_equal(again.information[label], block.information)
         np.testing.assert_allclose(anew.blocks[label].gradient, block.gradient, atol=1e-6)
+
+
+def test_other_noise_needs_no_other_products() -> None:
+    records = paper_records(200.0, 30.0, 4)
+    decays = tuple(r.decay(START_S) for r in records)
+    sigma = noise_of(records, 200.0)
+    best = fit(BOX, decays, sigma, BOX.unknowns(CAR))
+    other = {name: level * (1.0 + 0.2 * i) for i, (name, level) in enumerate(sigma.items())}
+    same, anew = (
+        with_noise(best.linearised, other),
+        linearised(BOX, decays, other, best.eta),
+    )
+    assert same.blocks.keys() == anew.blocks.keys()
+    for label, block in anew.blocks.items():
+        assert same.blocks[label].cost == block.cost
+        np.testing.assert_array_equal(same.blocks[label].information, block.information)
+        np.testing.assert_array_equal(same.blocks[label].gradient, block.gradient)
+    again, found = refit(BOX, best, other), fit(BOX, decays, other, best.eta)
+    np.testing.assert_array_equal(again.eta, found.eta)
+    assert again.cost == found.cost != best.cost
 
 
 def test_covariance_is_the_cramer_rao_bound_by_brute_force() -> None:

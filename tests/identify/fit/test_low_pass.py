@@ -10,7 +10,8 @@ import pytest
 
 from daq.channels import Channel, Quantity
 from daq.sessions import Session
-from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.estimation import Estimation, estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.uncertainty import estimates
 from identify.model.low_pass import low_pass_of
 from identify.pipeline import grey_box, usable_records

@@ -11,7 +11,8 @@ import pytest
 from daq.runs import Excitation
 from daq.sessions import Session
 from daq.vehicle import Structure, Vehicle
-from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.estimation import Estimation, estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.uncertainty import estimates
 from identify.pipeline import grey_box, usable_records
 from identify.trust.finding import Verdict

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, Fact, Structure, VehicleParameters
-from identify.fit.estimation import generic_vehicles
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, PRIORS, Fit, fit
 from identify.fit.uncertainty import (

@@ -10,7 +10,8 @@ from daq import session_from_arrays
 from daq.runs import Excitation
 from daq.vehicle import DOF
 from identify import identify
-from identify.fit.estimation import estimate, generic_vehicles
+from identify.fit.estimation import estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.study.campaign import PAPER_CASES, PAPER_MASS_STATES, Campaign, records_of
 from identify.study.sensor_sets import SENSOR_SETS

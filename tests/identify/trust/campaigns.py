@@ -9,7 +9,8 @@ from functools import cache
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
-from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.estimation import Estimation, estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.pipeline import grey_box, usable_records
 
 from ..stress import stress_session

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq.vehicle import FORD_GRANADA
+from daq.vehicle import FORD_GRANADA, RICHEST
 from identify.fit.grey_box import GreyBox
 from identify.study.campaign import PAPER_MASS_STATES
 from identify.study.sensor_sets import SENSOR_SETS
-from identify.trust.linear_effects import RICHEST, _lacking, _with_unsure_weights
+from identify.trust.linear_effects import _lacking, _with_unsure_weights
 
 
 def test_an_effect_is_one_unit_of_its_unknown_or_a_neper_more_left_than_right() -> None:

@@ -5,10 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, HubWeight, MassState, Structure
+from daq.vehicle import (
+    RICHEST,
+    AddedMass,
+    BodyWeight,
+    Corner,
+    Fact,
+    HubWeight,
+    MassState,
+    Structure,
+)
 from dbc.finding import Severity
 from identify.fit.grey_box import GreyBox
-from identify.trust.linear_effects import RICHEST, _lacking, _with_unsure_weights
+from identify.trust.linear_effects import _lacking, _with_unsure_weights
 from identify.trust.scale import scale_facts, scale_findings
 
 WEIGHTS = (HubWeight(5.0, Corner.REAR_LEFT), BodyWeight(40.0, -1.0, 0.5), BodyWeight(30.0, 0.1, 0))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from daq.channels import Channel, Quantity
-from daq.vehicle import Corner, VehicleGeometry
+from daq.vehicle import RICHEST, Corner, VehicleGeometry
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.decays.stuck import _holds
 from identify.fit.estimation import Estimation
@@ -21,7 +21,7 @@ from identify.model.matrices import full_matrices, travel_rows
 from identify.trust import cause_texts, contradiction, nonlinear_effects, swaps
 from identify.trust.consistency import _size
 from identify.trust.contradiction import contradictions
-from identify.trust.linear_effects import RICHEST, gains, lateness, structural
+from identify.trust.linear_effects import gains, lateness, structural
 from identify.trust.nonlinear_effects import _speeds, suspension_forces
 from identify.trust.refit import Explanation
 from identify.trust.sampling import _by_arrival, _Stretch
@@ -139,11 +139,11 @@ def test_a_hold_counts_its_samples_from_the_first_of_them() -> None:
     recording = Recording(ChannelGroup("g", (channel,)), np.arange(50) / 100.0, values[:, None])
     (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (recording,)), 0.05, 0.1)
     assert (hold.channel, hold.run, hold.kind) == ("travel", "baseline_bounce_1", "baseline_bounce")
-    assert (hold.longest.held, hold.longest.constant) == (10, False)
+    assert (hold.longest.last - hold.longest.first, hold.longest.constant) == (9, False)
     assert hold.longest.held_s == pytest.approx(0.09)
     level = Recording(recording.group, recording.time_s, np.full((50, 1), 3.0))
     (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (level,)), 0.05, 0.1)
-    assert (hold.longest.held, hold.longest.constant) == (50, True)
+    assert (hold.longest.last - hold.longest.first, hold.longest.constant) == (49, True)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ import pytest
 
 from daq.vehicle import FORD_GRANADA, Structure, Vehicle
 from dbc.finding import Severity
-from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.estimation import Estimation, estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.pipeline import grey_box, usable_records
 from identify.trust.plausibility import parameter_findings, undetermined
 

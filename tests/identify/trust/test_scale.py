@@ -10,7 +10,8 @@ from daq.runs import ADDED
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA, Fact, Vehicle
 from dbc.finding import Severity
-from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.estimation import Estimation, estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.uncertainty import estimates
 from identify.pipeline import grey_box, usable_records
 from identify.trust.contradiction import contradictions, suspects

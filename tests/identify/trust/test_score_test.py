@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.estimation import Estimation, estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.pipeline import grey_box, usable_records
 from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of

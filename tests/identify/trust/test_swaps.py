@@ -9,7 +9,8 @@ import pytest
 from daq.runs import ADDED, BASELINE
 from daq.sessions import Session
 from dbc.finding import Severity
-from identify.fit.estimation import estimate, generic_vehicles
+from identify.fit.estimation import estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.pipeline import grey_box, usable_records
 from identify.trust.cause_texts import causes_of
 from identify.trust.swaps import swap_explanation

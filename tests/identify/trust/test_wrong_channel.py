@@ -8,7 +8,8 @@ from dataclasses import replace
 import pytest
 
 from daq.sessions import Session
-from identify.fit.estimation import Estimation, first_estimate, generic_vehicles
+from identify.fit.estimation import Estimation, first_estimate
+from identify.fit.generic_vehicles import generic_vehicles
 from identify.pipeline import grey_box, identify_parameters, usable_records
 from identify.trust.finding import Verdict
 from identify.trust.sensor_faults import wrong_channel

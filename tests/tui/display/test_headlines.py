@@ -264,9 +264,15 @@ def test_the_terminal_is_served_as_the_same_command_on_a_port_that_is_free(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     served: list[Any] = []
-    sockets = SimpleNamespace(socket=lambda: Socket(taken), SOL_SOCKET=1, SO_REUSEADDR=2)
+    sockets = SimpleNamespace(
+        socket=lambda *_: Socket(taken),
+        getaddrinfo=lambda host, port, **_: [(2, 1, 6, "", (host, port))],
+        SOL_SOCKET=1,
+        SO_REUSEADDR=2,
+        SOCK_STREAM=1,
+    )
     monkeypatch.setattr("textual_serve.server.Server.serve", lambda self, *_: served.append(self))
-    monkeypatch.setattr("tui.browser.server.socket", sockets)
+    monkeypatch.setattr("tui.browser.ports.socket", sockets)
     words = ["tui", "--demo", "--web", "--speed", "2"]
     monkeypatch.setattr(sys, "argv", ["bumpbench", *words])
     assert run(words) == (2 if port is None else 0)

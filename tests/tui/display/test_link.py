@@ -7,7 +7,8 @@ import socket
 import pytest
 
 from daq.errors import InputError
-from tui.display.link import address_of, free_port, host_in_link, is_loopback, link_lines, qr_lines
+from tui.display.link import address_of, host_in_link, is_loopback, link_lines, port_of, qr_lines
+from tui.display.served import Served
 
 LINK = "http://192.0.2.7:8010/Zm9vYmFyYmF6Zm9vYmFyYmF6Zm9vYmFyYmF6Zm9vYmF/"
 
@@ -22,7 +23,7 @@ def test_every_address_at_once_is_refused() -> None:
 
 def test_an_address_of_another_machine_is_refused() -> None:
     with pytest.raises(InputError, match=r"192\.0\.2\.7"):
-        free_port("192.0.2.7")
+        port_of("192.0.2.7")
 
 
 def test_a_port_that_is_taken_is_passed_by() -> None:
@@ -30,7 +31,7 @@ def test_a_port_that_is_taken_is_passed_by() -> None:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        assert free_port("127.0.0.1") not in (0, taken.getsockname()[1])
+        assert port_of("127.0.0.1") not in (0, taken.getsockname()[1])
 
 
 def test_loopback_is_told_from_the_network() -> None:
@@ -41,14 +42,16 @@ def test_loopback_is_told_from_the_network() -> None:
 
 
 def test_a_link_into_the_network_comes_with_a_warning_and_a_code() -> None:
-    lines = list(link_lines(LINK, "192.0.2.7", "493217", colours=True))
+    lines = list(link_lines(Served(LINK, "192.0.2.7", "493217"), colours=True))
     assert lines[0] == f"display: open {LINK}"
     assert lines[1].startswith("warning: ")
     assert "493 217" in lines[2]
     assert len(lines) > 15
     assert all(line.startswith("\x1b[") for line in lines[3:])
-    assert len(list(link_lines(LINK, "192.0.2.7", "", colours=False))) == 2
-    assert list(link_lines(LINK, "127.0.0.1", "", colours=True)) == [f"display: open {LINK}"]
+    assert len(list(link_lines(Served(LINK, "192.0.2.7", ""), colours=False))) == 2
+    assert list(link_lines(Served(LINK, "127.0.0.1", ""), colours=True)) == [
+        f"display: open {LINK}"
+    ]
 
 
 def test_the_code_fits_a_small_terminal_and_has_its_three_corners() -> None:

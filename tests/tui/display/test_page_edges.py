@@ -26,7 +26,8 @@ from tui.display.control import Control, NoControlError
 from tui.display.curves import NO_CURVES, curves_of
 from tui.display.follow import Follower
 from tui.display.hub import Hub
-from tui.display.link import address_of, free_port, link_lines, qr_lines
+from tui.display.link import address_of, link_lines, port_of, qr_lines
+from tui.display.served import Served
 from tui.display.server import MOST_PAGES
 from tui.display.view import Kind, view
 from tui.terminal.state.feed import Lost, Role
@@ -306,12 +307,12 @@ def test_the_curves_are_drawn_with_every_third_message_until_they_are_whole(
 def test_the_usual_port_is_taken_if_it_is_free() -> None:
     here = f"127.{1 + os.getpid() % 250}.0.2"  # of this machine, and nothing else listens there
     assert address_of("here") == "127.0.0.1"
-    assert free_port(here) == 8010
+    assert port_of(here) == 8010
     with socket.socket() as taken:
         taken.bind((here, 8010))
         taken.listen()
-        assert free_port(here) not in (0, 8010)
-    assert free_port(here) == 8010
+        assert port_of(here) not in (0, 8010)
+    assert port_of(here) == 8010
 
 
 def test_the_address_in_the_network_is_that_of_the_way_to_others(
@@ -336,7 +337,7 @@ def test_without_colours_there_is_no_code_and_with_them_one_of_half_the_rows() -
     assert {len(row) for row in rows} == {len(rows[0])}
     assert len(rows) == (len(rows[0]) + 1) // 2
     assert set("".join(rows)) <= set(" ▀▄█")
-    coloured = list(link_lines(link, "192.0.2.7", "", colours=True))[2:]
+    coloured = list(link_lines(Served(link, "192.0.2.7", ""), colours=True))[2:]
     assert [line[len("\x1b[38;5;16;48;5;231m") : -len("\x1b[0m")] for line in coloured] == rows
 
 

@@ -19,7 +19,7 @@ from daq.control.orders import Arm, Hello, Order, Reject
 from tui.browser.guard import Guard
 from tui.display.control import Control
 from tui.display.hub import Hub
-from tui.display.link import free_port
+from tui.display.link import port_of
 from tui.display.server import DisplayServer
 
 from ..terminal.fake_recorder import FakeRecorder
@@ -47,7 +47,7 @@ class Page:
 async def display(folder: Path, control: Control | None = None) -> AsyncIterator[Page]:
     recorder = FakeRecorder(in_control=False)
     recorder.mark("vehicle", "check")
-    port = free_port(HOST)
+    port = port_of(HOST)
     guard, ended = Guard(HOST, port), asyncio.Event()
     server = DisplayServer(guard, recorder, folder, "MK", control)
     listening = asyncio.Event()

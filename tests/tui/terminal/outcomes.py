@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from identify.report import half_width_percent, interval, rounded
+from identify.numbers import half_width_percent, interval, rounded
 from tui.jobs.outcome import (
     Curve,
     Estimated,

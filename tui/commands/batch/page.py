@@ -5,7 +5,6 @@ One HTML file with its data, style and script; nothing is fetched.
 
 from __future__ import annotations
 
-import json
 from importlib.resources import files
 from math import isfinite, nan
 from os.path import relpath
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from daq.strict_json import json_in_html
 from dbc.errors import printable
 from identify.batch import Cell
 
@@ -55,13 +55,12 @@ def page_of(newest: Newest, folder: Path) -> str:
         ],
         "outliers_in_all": len(apart),
     }
-    text = json.dumps(document, separators=(",", ":"), allow_nan=False)
-    safe = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    data = json_in_html(document, separators=(",", ":"))
     here = files(__package__)
     page = (here / "page.html").read_text("utf-8")
     style = files("identify.report").joinpath("report.css").read_text("utf-8")
     script = (here / "page.js").read_text("utf-8")
-    for mark, part in (("STYLE", style), ("SCRIPT", script), ("DATA", safe)):
+    for mark, part in (("STYLE", style), ("SCRIPT", script), ("DATA", data)):
         page = page.replace(f"<!--{mark}-->", part, 1)
     return page
 

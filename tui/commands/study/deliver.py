@@ -12,7 +12,6 @@ import typer
 if TYPE_CHECKING:
     from identify.study import Cell, Column, Study
 
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 FigureFile = Annotated[
     Path | None, typer.Option("--figure", metavar="FILE.svg", help="Draw the result, too.")
 ]
@@ -47,16 +46,10 @@ def deliver(study: Study, json: bool, figure: Path | None) -> None:
     else:
         _print(study)
     if figure is not None:
-        from daq.files import write_text
-        from dbc import InputError
+        from daq.files import write_named
         from identify.study import svg
 
-        try:
-            write_text(figure, svg(study))
-        except OSError as error:
-            raise InputError(
-                str(figure), error.strerror or "cannot be written", "name another file"
-            ) from None
+        write_named(figure, svg(study).encode())
 
 
 def _print(study: Study) -> None:

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from .deliver import Json, deliver, document
+from ...options import JsonResult
+from .deliver import deliver, document
 from .monte_carlo import Scheduler, Seed, Workers
 
 
@@ -29,7 +30,7 @@ def fleet(
     seed: Seed = 1,
     workers: Workers = 2,
     scheduler: Scheduler = None,
-    json: Json = False,
+    json: JsonResult = False,
 ) -> None:
     """Identify plausible cars with friction, damper curves, stops."""
     from functools import partial

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .deliver import FigureFile, Json, check_figure_file, deliver
+from ...options import JsonResult
+from .deliver import FigureFile, check_figure_file, deliver
 
 if TYPE_CHECKING:
     from daq import Excitation
@@ -38,7 +39,7 @@ def table3(
     seed: Seed = 1,
     workers: Workers = 2,
     scheduler: Scheduler = None,
-    json: Json = False,
+    json: JsonResult = False,
     figure: FigureFile = None,
 ) -> None:
     """Compare the paper's chain with maximum likelihood at 30 dB."""
@@ -81,7 +82,7 @@ def noise(
     seed: Seed = 1,
     workers: Workers = 2,
     scheduler: Scheduler = None,
-    json: Json = False,
+    json: JsonResult = False,
     figure: FigureFile = None,
 ) -> None:
     """Compare noisy campaigns with the Cramer-Rao bound."""

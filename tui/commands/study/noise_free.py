@@ -8,7 +8,9 @@ from typing import Annotated
 
 import typer
 
-from .deliver import FigureFile, Json, check_figure_file, deliver
+from ...options import JsonResult
+from .deliver import FigureFile, check_figure_file, deliver
+from .monte_carlo import Noise, Rate
 
 
 class Response(StrEnum):
@@ -22,7 +24,7 @@ def table2(
     response: Annotated[
         Response, typer.Option(help="Exact discretisation, or the paper's Wilson-theta at 1 ms.")
     ] = Response.EXACT,
-    json: Json = False,
+    json: JsonResult = False,
     figure: FigureFile = None,
 ) -> None:
     """Identify all parameters from noise-free simulated runs."""
@@ -36,7 +38,7 @@ def table2(
     deliver(result, json, figure)
 
 
-def fig2(json: Json = False, figure: FigureFile = None) -> None:
+def fig2(json: JsonResult = False, figure: FigureFile = None) -> None:
     """Shift the modes by 2 to 14 % of added mass."""
     from identify.study import fig2_study as study
 
@@ -47,7 +49,7 @@ def fig2(json: Json = False, figure: FigureFile = None) -> None:
 def mass_error_command(name: str) -> Callable[..., None]:
     """Return the command of one of Figs. 3 to 7."""
 
-    def command(json: Json = False, figure: FigureFile = None) -> None:
+    def command(json: JsonResult = False, figure: FigureFile = None) -> None:
         from identify.study import mass_error_study
 
         check_figure_file(figure)
@@ -56,7 +58,7 @@ def mass_error_command(name: str) -> Callable[..., None]:
     return command
 
 
-def fig8(json: Json = False, figure: FigureFile = None) -> None:
+def fig8(json: JsonResult = False, figure: FigureFile = None) -> None:
     """Mistake a, b, t_f or t_r by -5 to 5 %."""
     from identify.study import fig8_study as study
 
@@ -65,10 +67,10 @@ def fig8(json: Json = False, figure: FigureFile = None) -> None:
 
 
 def fig9(
-    rate_hz: Annotated[float, typer.Option(help="Samples per second.")] = 1000.0,
-    noise_db: Annotated[float, typer.Option(help="Signal-to-noise ratio in dB.")] = 30.0,
+    rate_hz: Rate = 1000.0,
+    noise_db: Noise = 30.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 1,
-    json: Json = False,
+    json: JsonResult = False,
     figure: FigureFile = None,
 ) -> None:
     """Show the noisy signal and what a 16 Hz FIR low-pass leaves of it."""

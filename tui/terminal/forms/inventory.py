@@ -156,10 +156,7 @@ def gain_line(gain: Gain) -> tuple[str, str]:
 
 
 def sag_line(
-    bench: Bench,
-    weights: Sequence[Weight],
-    before: Mapping[str, Any],
-    after: Mapping[str, float],
+    bench: Bench, weights: Sequence[Weight], before: Mapping[str, Any], after: Mapping[str, float]
 ) -> str:
     """Return the spring rates that the sag of the body gives, and the expected ones.
 

@@ -94,10 +94,7 @@ def weight_values(weight: Weight, serial: str) -> dict[str, str]:
     return values | {"place": BODY} | {name: f"{value:.10g}" for name, value in place.items()}
 
 
-def check_inventory(
-    weights: Iterable[Weight],
-    total_kg: float,
-) -> tuple[FieldError, ...]:
+def check_inventory(weights: Iterable[Weight], total_kg: float) -> tuple[FieldError, ...]:
     """Check all weights together: at least one, and a plausible sum."""
     errors = []
     added = sum(weight.mass_kg for weight in weights)

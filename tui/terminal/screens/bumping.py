@@ -1,31 +1,26 @@
-"""Base of the home and the run screen: the keys of the run loop."""
+"""Base of the home and the run screen: the keys of the run loop, lists and live traces."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from daq.control import (
-    Accept,
-    Acknowledge,
-    Choose,
-    LeaveOut,
-    Pause,
-    Phase,
-    Redo,
-    Reject,
-    Undo,
-)
+from daq import Status
+from daq.control import Accept, Acknowledge, Choose, LeaveOut, Pause, Phase, Redo, Reject, Undo
 from daq.runlog import LoggedRun, LoggedStatus
 
+from ..state.lane_view import lane_specs, window
 from ..state.next_action import NextAction, next_action, weights_question
 from ..state.obstacle import RUNNING
 from ..state.run_words import run_words
 from ..state.steps import BenchStep, bump_step
-from ..widgets.lists import TallyList
+from ..widgets.lane_chart import LaneChart
+from ..widgets.lists import AlarmList, Journal, RunList, TallyList
 from .base import BenchScreen
 from .dialogs import Confirm, Question
+from .news import LiveArrived, RecorderLost
 
 AT_EASE = (Phase.IDLE, Phase.COMPLETE)
 
@@ -48,6 +43,11 @@ class BumpingScreen(BenchScreen):
         Binding("b", "app.sound", "Sound"),
         Binding("g", "app.big", "Big"),
     ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._page = 0
+        """Group of lanes that the chart shows."""
 
     @property
     def step_shown(self) -> BenchStep | None:
@@ -90,6 +90,42 @@ class BumpingScreen(BenchScreen):
             case ("more", _):
                 return status.phase in (*AT_EASE, Phase.PAUSED)
         return super().check_action(action, parameters)
+
+    def show_status(self, status: Status) -> None:
+        """Show the next action, the lists and the alarms."""
+        self.show_next()
+        self.query_one(TallyList).show(status)
+        self.query_one(RunList).show(status)
+        self.query_one(Journal).show(status)
+        self.query_one(AlarmList).show(None if self.bench_app.lost else status)
+        self.refresh_bindings()
+
+    @abstractmethod
+    def show_next(self) -> None:
+        """Show the next action, also while no recorder answers."""
+
+    def on_recorder_lost(self, message: RecorderLost) -> None:
+        """Show what to do."""
+        super().on_recorder_lost(message)
+        self.query_one(AlarmList).show(None)
+        self.show_next()
+
+    def on_live_arrived(self, _: LiveArrived) -> None:
+        """Draw the newest samples."""
+        self.draw_lanes()
+
+    def on_lane_chart_resized(self, _: LaneChart.Resized) -> None:
+        """Draw the samples in the chart's new size."""
+        self.draw_lanes()
+
+    def draw_lanes(self) -> None:
+        """Draw the newest samples on the chart, if it is visible."""
+        chart, app = self.query_one(LaneChart), self.bench_app
+        if not chart.display or not chart.size.height:
+            return
+        specs = lane_specs(app.bench, app.lanes, self._page, chart.room)
+        overloaded = app.status.overloaded if app.status else ()
+        chart.show(app.lanes, specs, window(app.status, app.lanes), overloaded)
 
     async def action_next(self) -> None:
         """Arm, or go to the step that is due."""

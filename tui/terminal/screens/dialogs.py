@@ -89,7 +89,7 @@ class Question(ModalScreen[str | None]):
     before.
     """
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "Leave")]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss(None)", "Leave")]
 
     def __init__(self, words: str, field: str) -> None:
         super().__init__()
@@ -115,10 +115,6 @@ class Question(ModalScreen[str | None]):
         """Return the answer unless it is empty."""
         if event.value.strip():
             self.dismiss(event.value.strip())
-
-    def action_leave(self) -> None:
-        """Leave without an answer."""
-        self.dismiss(None)
 
 
 class Confirm(ModalScreen[bool | None]):

@@ -34,9 +34,7 @@ class IdentifyScreen(WorkScreen):
 
     HELP_PAGE: ClassVar[str] = "identify"
     TITLE_OF_BOX: ClassVar[str] = "Identify"
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "cancel", "Back"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "Back")]
 
     def __init__(self) -> None:
         super().__init__()

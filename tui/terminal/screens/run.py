@@ -16,8 +16,6 @@ from ..widgets.lane_chart import LaneChart
 from ..widgets.lists import AlarmList, Journal, RunList, TallyList
 from ..widgets.progress_line import ProgressLine
 from .bumping import BumpingScreen
-from .live import draw_lanes, live_chart
-from .news import LiveArrived, RecorderLost
 
 
 class RunScreen(BumpingScreen):
@@ -25,17 +23,13 @@ class RunScreen(BumpingScreen):
 
     HELP_PAGE: ClassVar[str] = "run"
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._page = 0
-
     def compose_body(self) -> ComposeResult:
         """Compose the run."""
         glyphs = self.bench_app.glyphs
         yield BigWord(glyphs)
         yield BannerBar(glyphs)
         with Horizontal(id="body"):
-            yield live_chart(glyphs)
+            yield LaneChart(glyphs)
             with Vertical(id="right"):
                 yield TallyList(glyphs)
                 yield RunList(glyphs)
@@ -44,35 +38,17 @@ class RunScreen(BumpingScreen):
         yield ProgressLine(glyphs)
 
     def show_status(self, status: Status) -> None:
-        """Show the run."""
-        self._show_banner()
-        self.query_one(TallyList).show(status)
-        self.query_one(RunList).show(status)
-        self.query_one(Journal).show(status)
-        self.query_one(AlarmList).show(None if self.bench_app.lost else status)
+        """Show the progress too."""
+        super().show_status(status)
         self.query_one(ProgressLine).show(status)
-        self.refresh_bindings()
-
-    def on_live_arrived(self, _: LiveArrived) -> None:
-        """Draw the newest samples."""
-        draw_lanes(self, self.bench_app, self._page)
-
-    def on_lane_chart_resized(self, _: LaneChart.Resized) -> None:
-        """Draw the samples in the chart's new size."""
-        draw_lanes(self, self.bench_app, self._page)
-
-    def on_recorder_lost(self, message: RecorderLost) -> None:
-        """Show in the banner what to do."""
-        super().on_recorder_lost(message)
-        self.query_one(AlarmList).show(None)
-        self._show_banner()
 
     def action_view(self) -> None:
         """Show the next group of lanes: body, then each quantity at the wheels."""
         self._page += 1
-        draw_lanes(self, self.bench_app, self._page)
+        self.draw_lanes()
 
-    def _show_banner(self) -> None:
+    def show_next(self) -> None:
+        """Show it in the banner, with the state."""
         app = self.bench_app
         shown = banner(app.status, app.lost, self._next, app.glyphs)
         self.query_one(BigWord).show(shown, app.signals.big)

@@ -31,7 +31,7 @@ class WeightScreen(ModalScreen[Values | None]):
     WeightScreen #help { height: auto; min-height: 3; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "leave", "Back"),
+        Binding("escape", "dismiss(None)", "Back"),
         Binding("ctrl+s", "apply", "Apply", priority=True),
     ]
 
@@ -96,7 +96,3 @@ class WeightScreen(ModalScreen[Values | None]):
             self._advise()
             return
         self.dismiss(form.values)
-
-    def action_leave(self) -> None:
-        """Leave the weight unchanged."""
-        self.dismiss(None)

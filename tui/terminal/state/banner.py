@@ -139,12 +139,5 @@ def _rejected(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
         title = f"{title}, or in {seconds} s"
     why, advice = rejected_words(run)
     return Banner(
-        "bad",
-        glyphs.bad,
-        "REJECTED",
-        title,
-        why,
-        advice or "U = undo.",
-        seconds,
-        folds=False,
+        "bad", glyphs.bad, "REJECTED", title, why, advice or "U = undo.", seconds, folds=False
     )

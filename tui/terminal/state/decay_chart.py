@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jobs.outcome import Curve
+from .dots import packed
 from .glyphs import Glyphs, GlyphSet
 
 Floats = NDArray[np.float64]
@@ -20,9 +21,6 @@ _LABEL = 9
 _RING_EVERY = 4
 _LEAST = (_LABEL + 8, 4)
 _TICK_CELLS = 12
-_BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-_QUADRANTS = " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
-_QUADRANT_BITS = np.array([[1, 2], [4, 8]])
 
 
 class Ink(StrEnum):
@@ -69,7 +67,7 @@ def decay_rows(curve: Curve, width: int, height: int, glyphs: Glyphs) -> list[li
     fitted_s, fitted = np.array(curve.fitted_s), np.array(curve.fitted)
     if width < _LEAST[0] or height < _LEAST[1] or not len(measured_s) or not len(fitted_s):
         return []
-    across, down = _dots(glyphs)
+    across, down = (1, 1) if glyphs.name is GlyphSet.ASCII else glyphs.dots
     cells, lines = width - _LABEL, height - 2
     both = np.concatenate([measured, fitted])
     scale = Scale(
@@ -81,7 +79,7 @@ def decay_rows(curve: Curve, width: int, height: int, glyphs: Glyphs) -> list[li
         lines * down,
     )
     canvas = _canvas(scale, measured_s, measured)
-    text = [list(row) for row in _packed(canvas, glyphs)]
+    text = [list(row) for row in packed(canvas, across, down)]
     rings = _rings(scale, fitted_s, fitted, across, down)
     ring = "o" if glyphs.name is GlyphSet.ASCII else "○"
     for column, line in rings:
@@ -92,16 +90,9 @@ def decay_rows(curve: Curve, width: int, height: int, glyphs: Glyphs) -> list[li
     ]
     rows.append([(_time_axis(scale, cells), Ink.AXIS)])
     title = f"{'':<{_LABEL}}{curve.channel}, {curve.unit} over s   "
-    legend: list[Piece] = [(f"{_line_mark(glyphs)} measured  ", Ink.MEASURED)]
+    line_mark = {GlyphSet.BRAILLE: "⠒⠒", GlyphSet.BLOCKS: "▄▄"}.get(glyphs.name, "..")
+    legend: list[Piece] = [(f"{line_mark} measured  ", Ink.MEASURED)]
     return [[(title, Ink.AXIS), *legend, (f"{ring} fitted", Ink.FITTED)], *rows]
-
-
-def _dots(glyphs: Glyphs) -> tuple[int, int]:
-    return {GlyphSet.BRAILLE: (2, 4), GlyphSet.BLOCKS: (2, 2)}.get(glyphs.name, (1, 1))
-
-
-def _line_mark(glyphs: Glyphs) -> str:
-    return {GlyphSet.BRAILLE: "⠒⠒", GlyphSet.BLOCKS: "▄▄"}.get(glyphs.name, "..")
 
 
 def _canvas(scale: Scale, time_s: Floats, values: Floats) -> NDArray[np.bool_]:
@@ -117,20 +108,6 @@ def _canvas(scale: Scale, time_s: Floats, values: Floats) -> NDArray[np.bool_]:
         canvas[top + (top < bottom and before < row) : bottom + 1, column] = True
         before = row
     return canvas
-
-
-def _packed(canvas: NDArray[np.bool_], glyphs: Glyphs) -> list[str]:
-    """Return a canvas as rows of characters, each of several dots."""
-    across, down = _dots(glyphs)
-    rows, columns = canvas.shape
-    blocks = canvas.reshape(rows // down, down, columns // across, across)
-    if glyphs.name is GlyphSet.BRAILLE:
-        codes = np.einsum("rdca,da->rc", blocks, _BRAILLE)
-        return ["".join(chr(0x2800 + code) if code else " " for code in row) for row in codes]
-    if glyphs.name is GlyphSet.BLOCKS:
-        codes = np.einsum("rdca,da->rc", blocks, _QUADRANT_BITS)
-        return ["".join(_QUADRANTS[code] for code in row) for row in codes]
-    return ["".join("." if dot else " " for dot in row) for row in canvas]
 
 
 def _rings(

@@ -40,7 +40,7 @@ def page_of(name: str) -> str:
 
 
 def _explained(title: str, meaning: str, advice: str, sketch: str) -> str:
-    drawn = f"\n```\n{sketch}\n```\n" if sketch else ""
+    drawn = f"\n```{sketch}```\n" if sketch else ""
     return f"# {title}\n\n{_sentence(meaning)}\n{drawn}\n**What to do:** {_sentence(advice)}\n"
 
 
@@ -52,60 +52,60 @@ def _sentence(text: str) -> str:
 
 SKETCHES: Mapping[str, str] = MappingProxyType(
     {
-        "double_bump": (
-            "   good                       bumped twice\n"
-            "    /\\                         /\\      /\\\n"
-            "   /  \\    /\\                 /  \\    /  \\   /\\\n"
-            "--'    \\  /  `-----        --'    `--'    `-'  `---\n"
-            "        \\/                          ^ second bump"
-        ),
-        "too_weak": (
-            "   good                       too weak\n"
-            "    /\\\n"
-            "   /  \\    /\\\n"
-            "--'    \\  /  `-----        --.-'`.-.-'`-.-.-------\n"
-            "        \\/                    lost in the noise"
-        ),
-        "not_at_rest": (
-            "   good                       not at rest before\n"
-            "    /\\                              /\\\n"
-            "   /  \\    /\\                 /\\   /  \\    /\\\n"
-            "--'    \\  /  `-----        \\_/  `-'    \\  /  `----\n"
-            "        \\/                  ^ still moves \\/"
-        ),
-        "not_decayed": (
-            "   good                       not decayed\n"
-            "    /\\                         /\\    /\\    /\\    /\n"
-            "   /  \\    /\\                 /  \\  /  \\  /  \\  /\n"
-            "--'    \\  /  `-----        --'    \\/    \\/    \\/  |\n"
-            "        \\/                                  the end"
-        ),
-        "overload": (
-            "   good                       overload\n"
-            "    /\\                        ____  <- end of the range\n"
-            "   /  \\    /\\                 /  \\    /\\\n"
-            "--'    \\  /  `-----        --'    \\__/  `-----\n"
-            "        \\/"
-        ),
-        "wrong_mode": (
-            "   bounce            pitch             roll\n"
-            "   all four wheels   front axle        left side\n"
-            "   [=]     [=]       [=]     [ ]       [=]     [=]  left\n"
-            "   [=]     [=]       [=]     [ ]       [ ]     [ ]  right\n"
-            "  front   rear      front   rear      front   rear"
-        ),
-        "lost_frames": (
-            "   sent       1 2 3 4 5 6 7 8 9\n"
-            "   recorded   1 2 3     6 7 8 9\n"
-            "                    ^ ^ lost: gap in the counter"
-        ),
-        "frozen": (
-            "   wheel FL   .-'`-.-'`-.-'`-.\n"
-            "   wheel RR   .-'--------------    <- one value from here on"
-        ),
-        "stale": (
-            "   wheel FL   .-'`-.-'`-.-'`-.\n"
-            "   wheel RR   .-'`-.               <- silent from here on"
-        ),
+        "double_bump": r"""
+   good                       bumped twice
+    /\                         /\      /\
+   /  \    /\                 /  \    /  \   /\
+--'    \  /  `-----        --'    `--'    `-'  `---
+        \/                          ^ second bump
+""",
+        "too_weak": r"""
+   good                       too weak
+    /\
+   /  \    /\
+--'    \  /  `-----        --.-'`.-.-'`-.-.-------
+        \/                    lost in the noise
+""",
+        "not_at_rest": r"""
+   good                       not at rest before
+    /\                              /\
+   /  \    /\                 /\   /  \    /\
+--'    \  /  `-----        \_/  `-'    \  /  `----
+        \/                  ^ still moves \/
+""",
+        "not_decayed": r"""
+   good                       not decayed
+    /\                         /\    /\    /\    /
+   /  \    /\                 /  \  /  \  /  \  /
+--'    \  /  `-----        --'    \/    \/    \/  |
+        \/                                  the end
+""",
+        "overload": r"""
+   good                       overload
+    /\                        ____  <- end of the range
+   /  \    /\                 /  \    /\
+--'    \  /  `-----        --'    \__/  `-----
+        \/
+""",
+        "wrong_mode": r"""
+   bounce            pitch             roll
+   all four wheels   front axle        left side
+   [=]     [=]       [=]     [ ]       [=]     [=]  left
+   [=]     [=]       [=]     [ ]       [ ]     [ ]  right
+  front   rear      front   rear      front   rear
+""",
+        "lost_frames": r"""
+   sent       1 2 3 4 5 6 7 8 9
+   recorded   1 2 3     6 7 8 9
+                    ^ ^ lost: gap in the counter
+""",
+        "frozen": r"""
+   wheel FL   .-'`-.-'`-.-'`-.
+   wheel RR   .-'--------------    <- one value from here on
+""",
+        "stale": r"""
+   wheel FL   .-'`-.-'`-.-'`-.
+   wheel RR   .-'`-.               <- silent from here on
+""",
     }
 )

@@ -72,7 +72,7 @@ def accepted_words(run: LoggedRun | None) -> str:
 
 def rejected_words(run: LoggedRun) -> tuple[str, str]:
     """Return why a run was rejected and what to do; a rejection by a person has no advice."""
-    failed = next((finding for finding in run.findings if not finding.passed), None)
+    failed = run.failed
     if run.by or failed is None:
         return printable("; ".join(run.reasons), 110), ""
     advice = f"{failed.advice[:1].upper()}{failed.advice[1:]}".rstrip(".")

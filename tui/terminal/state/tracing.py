@@ -5,13 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .glyphs import Glyphs, GlyphSet
+from .dots import packed
+from .glyphs import Glyphs
 
-_BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-_BLOCKS = np.array([[1, 2], [4, 8]])
-_QUADRANTS = " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
-_BARS = np.array([[1], [2], [4]])
-_STROKES = " '-^.|,|"  # parts of a cell that are drawn: top 1, middle 2, bottom 4
 _STEPS = (1.0, 2.0, 5.0)
 
 
@@ -42,15 +38,7 @@ def trace(
         lower = np.clip(np.rint(zero - bottom / full_scale * half), 0, height - 1)
         y = np.arange(height)[:, None]
         struck = (y >= upper) & (y <= lower)
-    weight = {GlyphSet.BRAILLE: _BRAILLE, GlyphSet.BLOCKS: _BLOCKS}.get(glyphs.name, _BARS)
-    cells = struck.reshape(rows, tall, -1, wide)
-    codes = np.einsum("rtcw,tw->rc", cells, weight)
-    if glyphs.name is GlyphSet.BRAILLE:
-        points = np.where(codes == 0, 0x20, 0x2800 + codes).astype("<u4")
-    else:
-        table = _QUADRANTS if glyphs.name is GlyphSet.BLOCKS else _STROKES
-        points = np.array([ord(c) for c in table], dtype="<u4")[codes]
-    return [row.tobytes().decode("utf-32-le") for row in points]
+    return packed(struck, wide, tall)
 
 
 def pooled(

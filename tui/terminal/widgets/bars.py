@@ -14,9 +14,8 @@ from daq.control import BusState
 from daq.errors import printable
 
 from ..context import BenchContext
-from ..state.glyphs import Glyphs
 from ..state.steps import BenchStep, progress
-from .words import Words
+from .words import DrawnWords, Words
 
 _WIDE = 120
 LOST_WORDS = "RECORDER LOST: X = start it again"
@@ -25,12 +24,8 @@ LOST_IN_A_FIELD = "RECORDER LOST: Esc, then X = start it again"
 """The first words where X would be typed, and over a dialog."""
 
 
-class TopLine(Words):
+class TopLine(DrawnWords):
     """Vehicle, day, operator; bus, losses, sensors, disk; the overload lamp."""
-
-    def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__()
-        self._glyphs = glyphs
 
     def show(self, status: Status | None, app: BenchContext) -> None:
         """Show a status, or that there is none."""
@@ -95,12 +90,8 @@ ENOUGH = (80, 24)
 """Columns and rows in which every screen shows everything important."""
 
 
-class StepBar(Words):
+class StepBar(DrawnWords):
     """Shows the finished steps, and the step of the screen in brackets."""
-
-    def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__()
-        self._glyphs = glyphs
 
     def show(self, status: Status | None, here: BenchStep | None) -> None:
         """Show how far the campaign is."""
@@ -139,9 +130,6 @@ _DROPPED = (
 
 class KeyBar(Words):
     """Every binding of the screen that does something now: SPACE first, help last."""
-
-    def __init__(self) -> None:
-        super().__init__()
 
     def on_mount(self) -> None:
         """Follow the bindings."""

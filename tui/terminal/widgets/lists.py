@@ -14,7 +14,8 @@ from daq.errors import printable
 from daq.runlog import LoggedRun, LoggedStatus
 
 from ..state.glyphs import Glyphs
-from .words import Words
+from ..state.run_words import reason_words
+from .words import DrawnWords, Words
 
 _KEPT = 200
 _ALARM_ROWS = 4
@@ -28,13 +29,14 @@ def clock_time(t_ns: int) -> str:
     return datetime.fromtimestamp(t_ns * 1e-9, UTC).astimezone().strftime("%H:%M:%S")
 
 
-class TallyList(Words):
+class TallyList(DrawnWords):
     """Accepted and planned runs of each kind, the one that is due marked; up and down choose."""
 
+    DEFAULT_CLASSES = "box"
+    BORDER_TITLE = "Progress"
+
     def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__(classes="box")
-        self.border_title = "Progress"
-        self._glyphs = glyphs
+        super().__init__(glyphs)
         self.chosen = 0
         self._status: Status | None = None
 
@@ -84,13 +86,11 @@ class TallyList(Words):
         self.say(Content("\n").join(lines))
 
 
-class RunList(Words):
+class RunList(DrawnWords):
     """The runs, the newest on top: accepted with their figures, rejected with their reasons."""
 
-    def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__(classes="box")
-        self.border_title = "Runs"
-        self._glyphs = glyphs
+    DEFAULT_CLASSES = "box"
+    BORDER_TITLE = "Runs"
 
     def show(self, status: Status) -> None:
         """Show the runs."""
@@ -116,9 +116,8 @@ class RunList(Words):
 class Journal(Words):
     """Notes, overridden warnings and verdicts, the newest on top."""
 
-    def __init__(self) -> None:
-        super().__init__(classes="box")
-        self.border_title = "Journal"
+    DEFAULT_CLASSES = "box"
+    BORDER_TITLE = "Journal"
 
     def show(self, status: Status) -> None:
         """Show what happened."""
@@ -134,12 +133,8 @@ class Journal(Words):
         self.say(Content("\n".join(lines) if lines else "nothing yet"))
 
 
-class AlarmList(Words):
+class AlarmList(DrawnWords):
     """Active alarms with their advice; hidden without any, and while no recorder answers."""
-
-    def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__()
-        self._glyphs = glyphs
 
     def show(self, status: Status | None) -> None:
         """Show the alarms of a status; none without a recorder that answers."""
@@ -148,7 +143,7 @@ class AlarmList(Words):
             return
         alarms = [
             (
-                f"{self._glyphs.warn} {printable(_upper(alarm.code), 40)}",
+                f"{self._glyphs.warn} {printable(reason_words(alarm.code).upper(), 40)}",
                 f"{printable(f'{alarm.subject}: ' if alarm.subject else '', 40)}"
                 f"{printable(alarm.text, 120)}: {printable(alarm.advice, 120)}",
             )
@@ -213,16 +208,11 @@ def _state(run: LoggedRun) -> str:
     return "is recorded" if run.status is LoggedStatus.OPEN else run.status.value
 
 
-def _upper(code: str) -> str:
-    return code.replace("_", " ").upper()
-
-
 def _reasons(status: Status) -> dict[tuple[str, str], str]:
     """Return why runs of each kind were rejected, in short words."""
     why: dict[tuple[str, str], dict[str, None]] = {}
     for run in status.runs:
         if run.status is LoggedStatus.REJECTED:
-            failed = next((f.code for f in run.findings if not f.passed), "by hand")
-            kind = (run.mass_state, run.excitation.value)
-            why.setdefault(kind, {})[failed.replace("_", " ")] = None
+            reason = reason_words(run.failed.code) if run.failed else "by hand"
+            why.setdefault((run.mass_state, run.excitation.value), {})[reason] = None
     return {kind: printable(", ".join(codes), 60) for kind, codes in why.items()}

@@ -9,24 +9,21 @@ from daq.errors import printable
 
 from ..state.banner import banner
 from ..state.feed import Lost
-from ..state.glyphs import Glyphs
 from ..state.next_action import NextAction
 from ..state.obstacle import cause_words, obstacle
 from ..state.run_words import proposal_words
 from ..state.steps import progress
-from .words import Words
+from .words import DrawnWords
 
 _NAMED = 2
 """Largest number of runs that are named; the list of runs names all."""
 
 
-class NextPanel(Words):
+class NextPanel(DrawnWords):
     """The next bump in words, and what SPACE does."""
 
-    def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__(classes="box")
-        self.border_title = "Next"
-        self._glyphs = glyphs
+    DEFAULT_CLASSES = "box"
+    BORDER_TITLE = "Next"
 
     def show(self, status: Status | None, action: NextAction, lost: Lost | None) -> None:
         """Show the next action; without a recorder, that is to start one."""

@@ -7,16 +7,11 @@ from textual.content import Content
 from daq import Status
 from daq.errors import printable
 
-from ..state.glyphs import Glyphs
-from .words import Words
+from .words import DrawnWords
 
 
-class ProgressLine(Words):
+class ProgressLine(DrawnWords):
     """`bounce ■■▶··  pitch ·····   1 rejected │ no overload`."""
-
-    def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__()
-        self._glyphs = glyphs
 
     def show(self, status: Status) -> None:
         """Show the tallies of the mass state that is due."""

@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 class SketchBox(Words):
     """The sketch of the bump that is due."""
 
-    def __init__(self) -> None:
-        super().__init__(classes="box")
-        self.border_title = "How to bump"
+    DEFAULT_CLASSES = "box"
+    BORDER_TITLE = "How to bump"
 
     def show(self, status: Status, bench: Bench | None) -> None:
         """Show the sketch of the bump that is due."""

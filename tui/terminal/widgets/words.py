@@ -5,12 +5,14 @@ from __future__ import annotations
 from textual.content import Content
 from textual.widgets import Static
 
+from ..state.glyphs import Glyphs
+
 
 class Words(Static):
     """Text without markup; ten statuses a second mostly give the same text."""
 
-    def __init__(self, classes: str = "") -> None:
-        super().__init__(markup=False, classes=classes)
+    def __init__(self) -> None:
+        super().__init__(markup=False)
         self._shown: Content | None = None
 
     def say(self, content: Content) -> None:
@@ -20,3 +22,11 @@ class Words(Static):
             return
         self._shown = content
         self.update(content)
+
+
+class DrawnWords(Words):
+    """Text with symbols of the terminal's set."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__()
+        self._glyphs = glyphs
