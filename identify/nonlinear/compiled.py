@@ -35,7 +35,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     Where no folder can be written, it is not stored.
     """
     function.__qualname__ += f"_{_HASH}"
-    compiled = njit(error_model="numpy", fastmath=LOOSE)(function)
+    compiled = njit(error_model="numpy", fastmath=LOOSE, nogil=True)(function)
     with suppress(RuntimeError):  # neither beside the sources nor in the user's cache
         compiled.enable_caching()
         _forget_others(compiled.stats.cache_path)

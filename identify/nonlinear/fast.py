@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from .lanes import LANES
 from .level import Level
 from .path import STATES, InitialState, Path, Sampled, first_state
 from .tangent import Plan, SampledChannels, Start
+from .threads import for_each_run
 
 Array = NDArray[np.float64]
 
@@ -26,16 +28,13 @@ def integrate(
     ends_s: Sequence[float],
     step_s: float,
     level: Level,
-) -> list[Path | None]:
+) -> Sequence[Path | None]:
     """Return the path of each run up to its end or just after; None if it does not stay finite."""
-    return [
-        _integrate(car, own, end_s, step_s, level)
-        for car, own, end_s in zip(cars, initials, ends_s, strict=True)
-    ]
+    return for_each_run(partial(_integrate, step_s, level), cars, initials, ends_s)
 
 
 def _integrate(
-    car: Car, own: InitialState, end_s: float, step_s: float, level: Level
+    step_s: float, level: Level, car: Car, own: InitialState, end_s: float
 ) -> Path | None:
     x0, speed = first_state(car, own, level)
     steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from .level import Grade
 from .path import InitialState, step_of
 from .run import Block, Predicted, Rows, Run, block, predict, rows_of
 from .tangent import acting
+from .threads import for_each_run
 from .unknowns import REACH
 
 _FRICTION_PRIOR = 10.0
@@ -138,13 +140,10 @@ def point(
     paths = integrator.integrate(
         each, initials, [run.end_s for run in problem.runs], step_s, grade.path
     )
-    found = [
-        predict(model, run, one, rows, path)
-        for run, one, path in zip(problem.runs, each, paths, strict=True)
-        if path is not None
-    ]
-    if len(found) < len(paths):
+    whole = [path for path in paths if path is not None]
+    if len(whole) < len(paths):
         return None
+    found = for_each_run(partial(predict, model, rows), problem.runs, each, whole)
     cost = sum(one.cost for one in found)
     cost += sum(float(own.friction @ own.friction) / _FRICTION_PRIOR**2 for own in initials)
     for one, own in zip(each, initials, strict=True):
@@ -152,7 +151,7 @@ def point(
             cost += float(np.sum((own.mount / _mount_sd(one)) ** 2))
     for misfits, _ in (problem.fact_terms(eta), problem.prior_terms(eta)):
         cost += float(misfits @ misfits)
-    return Point(problem, eta, initials, each, rows, tuple(found), cost, grade)
+    return Point(problem, eta, initials, each, rows, found, cost, grade)
 
 
 def _mount_sd(one: Car) -> NDArray[np.float64]:
@@ -161,24 +160,25 @@ def _mount_sd(one: Car) -> NDArray[np.float64]:
 
 def normal(at: Point) -> Normal:
     """Return the normal equations at a point."""
-    problem, model = at.problem, at.problem.model
+    problem = at.problem
     acts = acting(list({id(one): one for one in at.cars}.values()))
-    with np.errstate(over="ignore", invalid="ignore"):  # `finite` says so
-        blocks = [
-            _own_priors(block(model, run, one, at.rows, own, found, acts, at.grade), one, own)
-            for run, one, own, found in zip(
-                problem.runs, at.cars, at.initials, at.predicted, strict=True
-            )
-        ]
+    blocks = for_each_run(
+        partial(_block, at, acts), problem.runs, at.cars, at.initials, at.predicted
+    )
     n = len(problem.free)
     shared, right = np.zeros((n, n)), np.zeros(n)
     for misfits, slopes in (problem.fact_terms(at.eta), problem.prior_terms(at.eta)):
         shared += slopes.T @ slopes
         right += slopes.T @ misfits
-    return Normal(tuple(blocks), shared, right, *problem.curve_terms(at.eta))
+    return Normal(blocks, shared, right, *problem.curve_terms(at.eta))
 
 
-def _own_priors(given: Block, one: Car, own: InitialState) -> Block:
+def _block(
+    at: Point, acts: NDArray[np.intp], run: Run, one: Car, own: InitialState, found: Predicted
+) -> Block:
+    """Return the normal equations of a run, with the priors of its own unknowns."""
+    with np.errstate(over="ignore", invalid="ignore"):  # `finite` says so
+        given = block(at.problem.model, run, one, at.rows, own, found, acts, at.grade)
     A, right = given.A.copy(), given.own.copy()
     k = np.arange(14, 18)
     A[k, k] += _FRICTION_PRIOR**-2

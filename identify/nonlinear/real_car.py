@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from daq.vehicle import Structure
 
@@ -91,7 +92,8 @@ def real_car(
                 late_s=late_s,
             )
 
-    found = release(model, attempts(), lambda name: decided.get(name, True), log)
+    with threadpool_limits(1, "blas"):  # the runs of a fit share the processors instead
+        found = release(model, attempts(), lambda name: decided.get(name, True), log)
     if found is None:
         return None
     best, chosen = found

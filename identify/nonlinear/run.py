@@ -112,7 +112,7 @@ def _times(run: Run, rows: Rows, model: Model, r: Recording) -> NDArray[np.float
     return np.asarray(r.time_s - rows.delays_s[model.box.groups.index(r.group)] + run.early_s)
 
 
-def predict(model: Model, run: Run, car: Car, rows: Rows, path: Path) -> Predicted:
+def predict(model: Model, rows: Rows, run: Run, car: Car, path: Path) -> Predicted:
     """Return a run's path and residuals."""
     left = []
     for r, weight, basis in zip(run.decay.recordings, run.weights, run.bases, strict=True):
