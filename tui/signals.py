@@ -7,10 +7,13 @@ import sys
 from _thread import interrupt_main
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import Timer, current_thread, main_thread
+from threading import Thread, current_thread, main_thread
+from time import sleep
+from traceback import walk_stack
+from types import CodeType
 
 _AGAIN_S = 0.01
-"""Time after which a signal is repeated whose exception Python has dropped, s."""
+"""Least time after which a signal is repeated whose exception Python has dropped, s."""
 
 
 @contextmanager
@@ -30,7 +33,7 @@ def ended_by_signals() -> Iterator[None]:
     def dropped(what: sys.UnraisableHookArgs) -> None:
         for kind, number in ((SystemExit, signal.SIGTERM), (KeyboardInterrupt, signal.SIGINT)):
             if issubclass(what.exc_type, kind):
-                Timer(_AGAIN_S, _again, (number,)).start()
+                Thread(target=_again, args=(number, dropped.__code__), daemon=True).start()
                 return
         hook(what)
 
@@ -43,10 +46,17 @@ def ended_by_signals() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _again(number: signal.Signals) -> None:
-    """Send a signal to the main thread; it ends a wait there, as the first would have."""
-    thread = main_thread().ident
-    if hasattr(signal, "pthread_kill") and thread is not None:
-        signal.pthread_kill(thread, number)
+def _again(number: signal.Signals, hook: CodeType) -> None:
+    """Send a signal to the main thread; it ends a wait there, as the first would have.
+
+    What it raises within the hook would be dropped as well: it comes after that.
+    """
+    main = main_thread().ident
+    assert main is not None, "it runs"
+    sleep(_AGAIN_S)
+    while any(frame.f_code is hook for frame, _ in walk_stack(sys._current_frames().get(main))):
+        sleep(_AGAIN_S)
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(main, number)
     else:  # Windows
         interrupt_main(number)

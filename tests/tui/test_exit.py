@@ -124,12 +124,18 @@ def test_a_signal_that_comes_while_an_object_is_deleted_ends_the_command_quietly
 
 
 _WRITING = """
-import signal, sys
+import signal, sys, threading, time
 import typer
 from daq.files import rewritten
 from pathlib import Path
 from tui.invocation import invoke
 commands = typer.Typer()
+
+def start_slowly(thread, start=threading.Thread.start):
+    start(thread)
+    time.sleep(0.1)
+
+threading.Thread.start = start_slowly  # as on a busy machine
 
 class Deleted:
     def __del__(self):
