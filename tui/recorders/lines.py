@@ -33,7 +33,8 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
                 f"{alarm.code}{subject}",
             )
     active = {(alarm.code, alarm.subject) for alarm in status.alarms}
-    for code, subject in sorted(known - active):
+    ended = before is not None and bool(before.recording) and not status.recording
+    for code, subject in sorted(known - active) if not ended else ():  # their causes may go on
         yield f"over: {code} {subject}".rstrip(), f"over {code} {subject}"
     changed = before is not None and before.runs is not status.runs
     judged = {run.label: run.status for run in before.runs} if before and changed else {}
