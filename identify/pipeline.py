@@ -221,11 +221,6 @@ def _begun(
     return begun
 
 
-def usable_records(session: Session) -> tuple[Record, ...]:
-    """Return the records of a session's accepted runs that can be used and have samples."""
-    return usable(session).records
-
-
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
     """Return the structure of a session's problem; every channel group that occurs, once."""
     groups = dict.fromkeys(r.group for record in records for r in record.recordings)

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from daq.bench.config import load_bench
 from daq.sessions import Session
+from identify.decays.usable import usable
 from identify.fit.estimation import estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.uncertainty import estimates
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 
 from ..daq.formats.channel_files import WRITERS, again
 from .coverage import simulated_session
@@ -25,7 +26,7 @@ from .coverage import simulated_session
 
 def parameters(session: Session) -> NDArray[np.float64]:
     """Return the 15 parameters that a session gives."""
-    records = usable_records(session)
+    records = usable(session).records
     box = grey_box(session, records)
     found = estimates(box, estimate(box, records, generic_vehicles()).fit)
     return np.array([each.value for each in found.values()])

@@ -14,9 +14,10 @@ import pytest
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, Structure, Vehicle
 from identify.change import Change, _chosen, change_of
 from identify.common_structure import with_common_structure
+from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.joint import Model, differences, likelihood_at, likelihood_at_optimum
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 
 from .changes import session
 from .report.sessions import estimated
@@ -234,7 +235,7 @@ def test_a_linear_fit_is_compared_with_one_of_more_parameters() -> None:
     before = estimated("linear")
     bars = Vehicle("Ford Granada", structure=Structure(anti_roll_bars=True))
     session_after = stress_session("bars", 1, 100.0, vehicle=bars)
-    records = usable_records(session_after)
+    records = usable(session_after).records
     after = estimate(grey_box(session_after, records), records, [FORD_GRANADA.to_array()])
     again, same = with_common_structure([before, after])
     assert same is after

@@ -17,7 +17,7 @@ from daq.vehicle import Corner
 from daq.verdict.traffic import overload
 from daq.verdict.window import RunWindow, traces
 from dbc.frames import FrameBatch
-from identify.pipeline import usable_records
+from identify.decays.usable import usable
 from identify.trust.saturation import saturation_findings
 
 RATE_HZ = 1000.0
@@ -170,4 +170,4 @@ def at_desk(value: Array, t_ns: NDArray[np.int64]) -> tuple[object, ...]:
     )
     bench = load_bench(None)
     session = Session(bench.vehicle, (HUB,), bench.mass_states, (run,), {})
-    return saturation_findings(session, usable_records(session))
+    return saturation_findings(session, usable(session).records)

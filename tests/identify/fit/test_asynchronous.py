@@ -20,9 +20,10 @@ from daq.sim.load import load_car
 from daq.sim.motion import Motion, drive
 from daq.sim.sensors import install, measured, true_reading
 from daq.vehicle import FORD_GRANADA
+from identify.decays.usable import usable
 from identify.fit.estimation import estimate
 from identify.fit.generic_vehicles import generic_vehicles
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 
 from ..bumps import TRUTH
 from ..stress import THREE, stress_channels
@@ -96,7 +97,7 @@ def test_intervals_cover_whatever_the_clocks_do(
     errors, stated = [], []
     for seed in range(campaigns):
         session = _session(seed)
-        records = usable_records(session)
+        records = usable(session).records
         assert len(records[0].recordings) == len(CHANNELS)  # no clock is shared
         box = grey_box(session, records)
         result = estimate(box, records, generic_vehicles())

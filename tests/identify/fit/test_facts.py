@@ -14,12 +14,13 @@ from daq.runs import ADDED, BASELINE
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA, Fact, Structure, Vehicle, VehicleGeometry
 from dbc.finding import Severity
+from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS
 from identify.fit.uncertainty import Estimate, drivers, estimates
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of
 from identify.study.sensor_sets import SENSOR_SETS
 from identify.trust.plausibility import parameter_findings
@@ -52,7 +53,7 @@ def _session(
 
 
 def _estimated(session: Session) -> Estimation:
-    records = usable_records(session)
+    records = usable(session).records
     assert not shortcomings(records, session)
     return estimate(grey_box(session, records), records, generic_vehicles())
 

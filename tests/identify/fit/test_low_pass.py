@@ -10,11 +10,12 @@ import pytest
 
 from daq.channels import Channel, Quantity
 from daq.sessions import Session
+from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.uncertainty import estimates
 from identify.model.low_pass import low_pass_of
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
 
@@ -82,7 +83,7 @@ def test_without_a_cut_off_there_is_none() -> None:
 def _stated(name: str, change: Callable[[Channel], Channel]) -> tuple[Session, Estimation]:
     session = stress_session(name, 1)
     session = replace(session, channels=tuple(change(c) for c in session.channels))
-    records = usable_records(session)
+    records = usable(session).records
     return session, estimate(grey_box(session, records), records, generic_vehicles())
 
 

@@ -11,10 +11,11 @@ import pytest
 from daq.runs import Excitation
 from daq.sessions import Session
 from daq.vehicle import Structure, Vehicle
+from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.uncertainty import estimates
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
 
@@ -33,7 +34,7 @@ def _identified(
 ) -> tuple[Session, Estimation]:
     vehicle = Vehicle("x", structure=structure)
     session = stress_session(name, seed, vehicle=vehicle, extra=extra, repeats=repeats)
-    records = usable_records(session)
+    records = usable(session).records
     return session, estimate(grey_box(session, records), records, generic_vehicles())
 
 

@@ -7,9 +7,10 @@ from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
 from identify import Document, Identification, identify
 from identify.cross_checks import CrossChecks, cross_checks
+from identify.decays.usable import usable
 from identify.document import FindingEntry
 from identify.fit.estimation import Estimation, estimate
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 from identify.report.blocks import Report, Source
 from identify.report.content import report_of
 
@@ -37,7 +38,7 @@ def reported(name: str) -> Report:
 def estimated(name: str) -> Estimation:
     """Return the fit alone, begun at the truth."""
     session = stress_session(name, 1, 100.0)
-    records = usable_records(session)
+    records = usable(session).records
     return estimate(grey_box(session, records), records, [FORD_GRANADA.to_array()])
 
 

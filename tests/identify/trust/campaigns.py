@@ -9,9 +9,10 @@ from functools import cache
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
+from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.fit.generic_vehicles import generic_vehicles
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 
 from ..stress import stress_session
 
@@ -42,7 +43,7 @@ def shortly_estimated(name: str, seed: int) -> Estimation:
 
 
 def _estimation(session: Session) -> Estimation:
-    records = usable_records(session)
+    records = usable(session).records
     return estimate(grey_box(session, records), records, generic_vehicles())
 
 

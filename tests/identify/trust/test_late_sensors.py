@@ -4,8 +4,9 @@ import pytest
 
 from daq.sim.faults import SensorFault
 from daq.vehicle import FORD_GRANADA
+from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 from identify.trust.sensor_faults import sensor_explanations
 from tests.identify import stress
 from tests.identify.stress import BODY, HUBS, TRAVELS, Stress, stress_session
@@ -13,7 +14,7 @@ from tests.identify.stress import BODY, HUBS, TRAVELS, Stress, stress_session
 
 def fitted(name: str, travels: bool) -> Estimation:
     session = stress_session(name, 1, 100.0, travels)
-    records = usable_records(session)
+    records = usable(session).records
     return estimate(grey_box(session, records), records, [FORD_GRANADA.to_array()])
 
 

@@ -9,9 +9,10 @@ import pytest
 
 from daq.vehicle import FORD_GRANADA, Structure, Vehicle
 from dbc.finding import Severity
+from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.fit.generic_vehicles import generic_vehicles
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 from identify.trust.plausibility import parameter_findings, undetermined
 
 from ..stress import HUBS, stress_session
@@ -113,7 +114,7 @@ def test_the_inertias_lie_by_those_of_measured_vehicles(
 
 def test_a_solid_axle_is_no_fault_and_an_axle_without_roll_stiffness_is() -> None:
     session = stress_session("bars", 1, vehicle=Vehicle("x", structure=Structure(True, True)))
-    records = usable_records(session)
+    records = usable(session).records
     result = estimate(grey_box(session, records), records, generic_vehicles())
     assert parameter_findings(result) == ()
     names = result.box.parameters
@@ -143,7 +144,7 @@ def test_a_stated_delay_that_the_runs_contradict_is_named() -> None:
             replace(c, delay_sigma_s=1e-5) if c.name in HUBS else c for c in session.channels
         ),
     )
-    records = usable_records(sure)
+    records = usable(sure).records
     result = estimate(grey_box(sure, records), records, generic_vehicles())
     # They drag the fit along and stay a few of their sigmas from where they are.
     finding = by_gate(parameter_findings(result))["contradiction"]
@@ -155,7 +156,7 @@ def test_a_tyre_whose_damping_is_below_zero_by_three_standard_deviations_is_odd(
     session = stress_session(
         "linear", 1, vehicle=Vehicle("x", structure=Structure(True, False, True))
     )
-    records = usable_records(session)
+    records = usable(session).records
     result = estimate(grey_box(session, records), records, generic_vehicles())
     i = result.box.parameters.index("c_tr")
     std = float(np.sqrt(result.fit.covariance[i, i]))

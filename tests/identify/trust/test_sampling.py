@@ -8,7 +8,7 @@ from daq.runs import Losses, RunStatus, SampleGroup
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
 from identify.decays.decay import record_of
-from identify.pipeline import usable_records
+from identify.decays.usable import usable
 from identify.trust.sampling import sampling_findings
 
 from ..stress import BUMP_S, REST_S
@@ -20,7 +20,7 @@ AFTER_BUMP_S = REST_S + BUMP_S
 
 
 def judged(session: Session) -> tuple[Finding, ...]:
-    return sampling_findings(session, usable_records(session))
+    return sampling_findings(session, usable(session).records)
 
 
 def found(session: Session) -> dict[str, Finding]:

@@ -11,7 +11,7 @@ from daq.sim.car import NOISE
 from dbc.finding import Finding, Severity
 from dbc.samples import Quality
 from identify.decays.onset import GUARD_S, decay_start_s
-from identify.pipeline import usable_records
+from identify.decays.usable import usable
 from identify.trust.saturation import saturation_findings
 
 from ..stress import BUMP_S, REST_S
@@ -23,7 +23,7 @@ AFTER_BUMP_S = REST_S + BUMP_S
 
 
 def judged(session: Session) -> tuple[Finding, ...]:
-    return saturation_findings(session, usable_records(session))
+    return saturation_findings(session, usable(session).records)
 
 
 def rear_left(session: Session, change: Callable[[Array, Array], Array]) -> Session:
@@ -86,7 +86,7 @@ def test_a_top_within_the_guard_before_the_decay_may_be_of_it(
     before_s: float, severity: Severity
 ) -> None:
     session = campaign("linear", 1)
-    (record,) = (r for r in usable_records(session) if r.label == "baseline_bounce_1")
+    (record,) = (r for r in usable(session).records if r.label == "baseline_bounce_1")
     start_s = decay_start_s(record)
 
     def cut(t_s: Array, values: Array) -> Array:

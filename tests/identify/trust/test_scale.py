@@ -10,10 +10,11 @@ from daq.runs import ADDED
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA, Fact, Vehicle
 from dbc.finding import Severity
+from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.uncertainty import estimates
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 from identify.trust.contradiction import contradictions, suspects
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
@@ -42,7 +43,7 @@ def _session(facts: tuple[Fact, ...], factor: float, sigma_kg: float) -> Session
 
 
 def _estimated(session: Session) -> Estimation:
-    records = usable_records(session)
+    records = usable(session).records
     return estimate(grey_box(session, records), records, generic_vehicles())
 
 
@@ -98,7 +99,7 @@ def test_right_weights_beside_scales_are_no_finding() -> None:
 
 def estimates_names(session: Session) -> tuple[str, ...]:
     """Return the names of the parameters that a session has."""
-    return grey_box(session, usable_records(session)).names
+    return grey_box(session, usable(session).records).names
 
 
 def test_one_wrong_load_is_named_alone() -> None:
@@ -115,7 +116,7 @@ def test_one_wrong_load_is_named_alone() -> None:
 
 
 def test_without_scales_no_common_factor_is_suspected() -> None:
-    bare = grey_box(session := _session((), 1.0, 0.1), usable_records(session))
+    bare = grey_box(session := _session((), 1.0, 0.1), usable(session).records)
     scales = (Fact("total_mass_kg", 1500.0, 1.0),)
     weighed = type(bare)(bare.groups, bare.mass_states, bare.geometry, bare.structure, scales)
     assert len(bare.corrections) > 6

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.grey_box import GreyBox
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of
 from identify.study.sensor_sets import SENSOR_SETS
 from identify.trust.cause_ranking import Suspect, rank_causes
@@ -101,7 +102,7 @@ def test_lateness_is_sized_and_its_shift_is_that_of_a_refit() -> None:
             replace(c, delay_sigma_s=1.0) if c.name in HUBS else c for c in session.channels
         ),
     )
-    records = usable_records(free)
+    records = usable(free).records
     refit = estimate(grey_box(free, records), records, generic_vehicles())
     n = len(result.box.parameters)
     moved = refit.fit.eta[:n] - result.fit.eta[:n]
@@ -115,7 +116,7 @@ def test_lateness_is_sized_and_its_shift_is_that_of_a_refit() -> None:
 def test_tyre_damping_is_named_at_a_hundred_samples_a_second_too() -> None:
     # chi2/n is 0.98 there, within its limit, and the springs are 10 % off.
     session = stress_session("tyre_damping", 3, 100.0)
-    records = usable_records(session)
+    records = usable(session).records
     result = estimate(grey_box(session, records), records, generic_vehicles())
     assert result.holds
     k_sf = result.box.values(result.fit.eta)[result.box.names.index("k_sf")]

@@ -13,7 +13,7 @@ from daq.sessions import Session
 from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, HubWeight, MassState, Vehicle
 from dbc.finding import Finding, Severity
 from identify import identify
-from identify.pipeline import usable_records
+from identify.decays.usable import usable
 from identify.trust.finding import Verdict
 from identify.trust.shortcomings import shortcomings
 
@@ -27,7 +27,7 @@ SPREAD = (BodyWeight(60, 0.3, 0.5), BodyWeight(60, 0.3, -0.5), BodyWeight(60, -2
 
 
 def _missing(session: Session) -> tuple[Finding, ...]:
-    return shortcomings(usable_records(session), session)
+    return shortcomings(usable(session).records, session)
 
 
 def _only(state: str) -> Session:

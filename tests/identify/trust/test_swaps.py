@@ -9,9 +9,10 @@ import pytest
 from daq.runs import ADDED, BASELINE
 from daq.sessions import Session
 from dbc.finding import Severity
+from identify.decays.usable import usable
 from identify.fit.estimation import estimate
 from identify.fit.generic_vehicles import generic_vehicles
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import grey_box
 from identify.trust.cause_texts import causes_of
 from identify.trust.swaps import swap_explanation
 
@@ -52,7 +53,7 @@ SWAPPED = {
 @pytest.mark.parametrize("name", SWAPPED)
 def test_a_swap_is_named_and_refused(name: str) -> None:
     session = SWAPPED[name]()
-    records = usable_records(session)
+    records = usable(session).records
     estimation = estimate(grey_box(session, records), records, generic_vehicles())
     (finding,) = causes_of(estimation, ()).findings
     assert finding.severity is Severity.ERROR

@@ -8,9 +8,10 @@ from dataclasses import replace
 import pytest
 
 from daq.sessions import Session
+from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, first_estimate
 from identify.fit.generic_vehicles import generic_vehicles
-from identify.pipeline import grey_box, identify_parameters, usable_records
+from identify.pipeline import grey_box, identify_parameters
 from identify.trust.finding import Verdict
 from identify.trust.sensor_faults import wrong_channel
 
@@ -29,7 +30,7 @@ def _scaled(channel: str, factor: float) -> Session:
 
 
 def _first_fit(session: Session) -> Estimation:
-    records = usable_records(session)
+    records = usable(session).records
     return first_estimate(grey_box(session, records), records, generic_vehicles())
 
 
