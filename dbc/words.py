@@ -4,8 +4,8 @@ from __future__ import annotations
 
 
 def counted(number: int, one: str, many: str = "") -> str:
-    """Return a number with the words for what it counts, as `plural`: `1 frame`, `2 frames`."""
-    return f"{number} {plural(number, one, many)}"
+    """Return a number with the words for what it counts, as `plural`: `1 frame`, `1,200 frames`."""
+    return f"{number:,} {plural(number, one, many)}"
 
 
 def plural(number: int, one: str, many: str = "") -> str:

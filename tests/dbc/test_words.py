@@ -8,7 +8,8 @@ from dbc import counted, plural
 
 
 @pytest.mark.parametrize(
-    ("number", "text"), [(0, "0 frames"), (1, "1 frame"), (2, "2 frames"), (1001, "1001 frames")]
+    ("number", "text"),
+    [(0, "0 frames"), (1, "1 frame"), (2, "2 frames"), (999, "999 frames"), (1000, "1,000 frames")],
 )
 def test_one_thing_has_no_s(number: int, text: str) -> None:
     assert counted(number, "frame") == text

@@ -155,7 +155,7 @@ def test_a_replay_says_what_was_sent_and_what_could_not_be(
     with log.open("a") as file:
         file.write(f"({frames.t_ns[-1] // 10**9 + 1}.0) can0 20000080#0000000000000000\n")
     out, err = said(capsys, "replay", str(log), *UDP, code=0)
-    assert out == f"sent {len(frames)} frames of {log}\n"
+    assert out == f"sent {len(frames):,} frames of {log}\n"
     assert err == (
         "bumpbench: 1 error frame was not sent: a controller cannot send one on request\n"
     )
@@ -203,7 +203,7 @@ def test_the_simulated_car_plays_its_campaign(
     first = [message.data for message in wire]
     wire.clear()
     again = said(capsys, *words, "--seed", "2", code=0)[0].splitlines()
-    assert again[0] == f"Simulated {len(wire)} frames of this car"
+    assert again[0] == f"Simulated {len(wire):,} frames of this car"
     assert again[1].split() == ["parameter", "truth"]
     assert any(line.split() == ["m_s", "1,380.0"] for line in again)
     assert [message.data for message in wire] != first

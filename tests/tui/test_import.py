@@ -137,7 +137,7 @@ def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
     assert {one["status"] for one in document["runs"]} == {"accepted"}
     shown = stages["import"]
     counts = [line for line in shown if "frames" in line[1]]
-    assert counts[-1] == (1.0, "4800 frames, 4 bumps")
+    assert counts[-1] == (1.0, "4,800 frames, 4 bumps")
     assert (0.5, "700 frames, 1 bump") in counts
     assert shown[len(counts) :] == [
         (1.0, "reading the logs' hashes"),
@@ -322,4 +322,4 @@ def test_a_log_of_one_run_that_has_nothing_of_the_bus_is_named_alone(
     err = capsys.readouterr().err
     assert "1.log" in err
     assert "0.log" not in err
-    assert "no bump in 1200 frames" in err
+    assert "no bump in 1,200 frames" in err

@@ -219,7 +219,7 @@ def test_what_was_recorded_is_printed_or_why_there_is_nothing(
         recorded_session(replace(a_status(), alarms=(full,)))
     disk = replace(a_status().disk, held_frames=45_826, failed="the disk is full")
     gone = replace(a_status(), disk=disk, alarms=(full,), session=SessionStatus(SessionState.NONE))
-    lost = "45826 frames at the end were not stored: the disk is full (make room, then "
+    lost = "45,826 frames at the end were not stored: the disk is full (make room, then "
     with pytest.raises(InputError) as refused:
         recorded_session(gone)
     assert str(refused.value).startswith(f"/var/lib/bumpbench: {lost}")

@@ -70,7 +70,7 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_replay_counts_what_was_sent(stages: Stages, tmp_path: Path) -> None:
     log = write_log(tmp_path / "all.log", bumps(small_codec(), 1))
     assert run(["replay", str(log), *UDP]) == 0
-    assert stages["replay"][-1] == (1.0, "1200 frames")
+    assert stages["replay"][-1] == (1.0, "1,200 frames")
     session = tmp_path / "s.h5"
     daq.write_session(session, small_session())
     assert run(["replay", str(session), *UDP]) == 0

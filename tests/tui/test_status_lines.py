@@ -122,7 +122,7 @@ def test_progress_says_what_is_wrong_with_the_frames() -> None:
     assert progress_words(status)[1] == "0 of 0 runs, 4 frames lost"
     # can0 and can1 have 12345 and 6000 frames.
     strange = replace(status, losses=Losses(unknown_id=18_345))
-    assert progress_words(strange)[1] == "0 of 0 runs, none of 18345 frames is in the DBC"
+    assert progress_words(strange)[1] == "0 of 0 runs, none of 18,345 frames is in the DBC"
     assert progress_words(replace(status, losses=Losses(unknown_id=18_344)))[1] == "0 of 0 runs"
     silent = replace(status, buses=status.buses[2:], losses=Losses())
     assert progress_words(silent)[1] == "0 of 0 runs, no frame yet"

@@ -59,7 +59,7 @@ def test_a_hole_of_30_gb_behind_the_last_block_is_not_read(tmp_path: Path) -> No
     assert peak < 20_000_000
     assert numbers(contents.frames).tolist() == list(range(300))
     assert contents.lost.bytes_cut == 30_000_000_000
-    assert f"last 30000000000 bytes are a hole: zeros from byte {end}" in contents.lost.text
+    assert f"last 30,000,000,000 bytes are a hole: zeros from byte {end}" in contents.lost.text
     assert info is not None
     assert (info.stop, info.frames, info.sealed) == (3, 300, False)
 

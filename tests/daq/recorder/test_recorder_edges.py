@@ -110,7 +110,7 @@ def test_what_a_disk_did_not_take_at_the_end_is_said(
         disk.refuses.set()
         gate.set()
         running.until(lambda s: s.disk.held_frames == 1200)
-    assert "1200 frames were in memory" in caplog.text
+    assert "1,200 frames were in memory" in caplog.text
     assert running.last.disk.held_frames == 1200
 
 

@@ -34,7 +34,7 @@ def test_findings_state_value_limit_and_advice() -> None:
     lost = next(finding for finding in findings if finding.code == "lost_frames")
     assert not lost.passed
     assert lost.value > lost.limit
-    assert "1000 frames" in lost.text
+    assert "1,000 frames" in lost.text
     assert lost.advice == WORDS["lost_frames"].advice
     assert all(finding.passed and not finding.advice for finding in findings if finding != lost)
     assert {finding.code for finding in findings} <= set(WORDS)
