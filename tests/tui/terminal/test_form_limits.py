@@ -211,7 +211,7 @@ def test_the_axles_carry_the_car_and_the_weights() -> None:
     total, axles = axle_loads_with(load, car)
     assert total == 1380.0
     assert axles == (910.0, 538.0)
-    assert effect_line(load) == ("+60.0 kg body, +8.0 kg hubs, CG -12 +4 mm, Ixx +12 Iyy -4 kg m2")
+    assert effect_line(load) == "body +60, hubs +8 kg, CG -12 +4 mm, Ixx +12 Iyy -4 kg m2"
 
 
 def test_the_table_of_weights_has_its_columns_under_their_heads() -> None:

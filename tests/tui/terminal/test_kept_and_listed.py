@@ -54,7 +54,7 @@ async def test_a_list_follows_the_recording_and_shows_how_to_replay(
 
         def state_of(time: str) -> str:
             (line,) = (line for line in screen_text(app).splitlines() if time in line)
-            return " ".join(line.split()[3:6])
+            return " ".join(line.strip(" >").split()[3:6])
 
         assert state_of("10:42").endswith("! cut off")
         assert "/b/journal" in seen(app)

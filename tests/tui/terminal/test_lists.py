@@ -13,6 +13,7 @@ from tui.terminal.state.feed import Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.next_action import next_action
 from tui.terminal.widgets.lists import AlarmList, Journal, RunList, TallyList
+from tui.terminal.widgets.marked_list import MarkedList
 from tui.terminal.widgets.next_panel import NextPanel
 from tui.terminal.widgets.progress_line import ProgressLine
 
@@ -27,6 +28,24 @@ def recorder() -> FakeRecorder:
     made = FakeRecorder()
     made.mark("vehicle", "check")
     return made
+
+
+async def test_the_chosen_line_is_marked_by_a_character_too() -> None:
+    def lines() -> list[str]:
+        shown = [marked.get_option_at_index(i).prompt for i in range(marked.option_count)]
+        return [str(prompt) for prompt in shown]
+
+    marked = MarkedList(["one", "two", "three"])
+    async with alone(marked, 40, 6) as pilot:
+        assert lines() == [">one", " two", " three"]
+        await pilot.press("tab", "down")
+        assert lines() == [" one", ">two", " three"]
+        marked.show(["four", "[b]five"], 1)
+        assert lines() == [" four", ">[b]five"]
+        marked.show(["six"])
+        assert lines() == [">six"]
+        marked.show([])
+        assert (lines(), marked.highlighted) == ([], None)
 
 
 async def test_alarms_are_folded_and_the_last_ones_counted() -> None:
@@ -184,11 +203,11 @@ async def test_what_is_next_stands_in_a_panel(recorder: FakeRecorder) -> None:
 
     async with alone(panel, 80, 12) as _:
         assert said() == [
-            "> Baseline · BOUNCE, run 1 of 2", "  Roll all four wheels over the boards.", "",
-            "  SPACE starts",
+            "> Baseline · BOUNCE, run 1 of 2", "Roll all four wheels over the boards.", "",
+            "SPACE starts",
         ]  # fmt: skip
         recorder.finish("baseline")
-        assert said() == ["> Step 4 Masses", "", "  SPACE = step 4 Masses"]
+        assert said() == ["> Step 4 Masses", "", "SPACE = step 4 Masses"]
         recorder.mark("masses")
         recorder.choose("baseline", recorder.status.tallies[0].excitation)
         assert said()[0] == "> Baseline · BOUNCE, run 3, 2 were planned"
@@ -203,7 +222,7 @@ async def test_what_is_next_stands_in_a_panel(recorder: FakeRecorder) -> None:
         assert text(panel)[0].startswith("waiting for the recorder")
         panel.show(recorder.status, next_action(None), Lost("it has ended", "all is on the disk"))
         assert text(panel) == [
-            "x RECORDER LOST", "  it has ended", "",
-            "  X = start it again   (all is on the disk)",
+            "x RECORDER LOST", "it has ended", "",
+            "X = start it again   (all is on the disk)",
         ]  # fmt: skip
         assert said(due=None, phase=Phase.WAITING)[0] == "step 5 Added"

@@ -18,7 +18,7 @@ from tui.terminal.state.outcome_text import (
     matrix_lines,
     mode_lines,
     parameter_lines,
-    run_line,
+    run_lines,
     verdict_lines,
 )
 
@@ -181,9 +181,11 @@ def test_the_page_of_findings_has_its_three_parts() -> None:
 
 def test_a_run_says_what_became_of_it_and_how_well_it_is_explained() -> None:
     run = RunOutcome("baseline_roll_1", "accepted", (), 1.016, ())
-    assert run_line(run, ASCII) == "+ baseline_roll_1  chi2/n 1.02"
-    left = replace(run, status="left out", chi2_per_n=nan)
-    assert run_line(left, ASCII) == "x baseline_roll_1  LEFT OUT"
+    left = replace(run, label="added_roll_1", status="left out", chi2_per_n=nan)
+    assert run_lines([run, left], ASCII) == [
+        "+ baseline_roll_1  chi2/n 1.02",
+        "x added_roll_1     LEFT OUT",
+    ]
     assert outcome().used == 12
     assert doubtful().used == 11
     assert refused().used == 0

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList, TextArea
 
-from daq.control.messages import Lane, Live, Phase
+from daq.control.messages import Lane, Live, Phase, SessionState, SessionStatus
 from daq.control.orders import Arm, AskCheck, Build, Note, Pause, Redo, Undo
 from daq.errors import InputError
 from tui.jobs.lines import CompareTask, Done, ExportTask, Item, Line, ListTask, Task, Trouble
@@ -61,7 +61,8 @@ def tasks(monkeypatch: pytest.MonkeyPatch) -> list[Task]:
 async def test_a_session_that_is_no_file_says_why_it_cannot_be_used(
     make_app: Make, tasks: list[Task]
 ) -> None:
-    app = make_app(measured())
+    recorder = measured()
+    app = make_app(recorder)
     async with app.run_test(size=(100, 30)) as pilot:
         await pilot.pause()
         await app.action_sessions()
@@ -71,6 +72,17 @@ async def test_a_session_that_is_no_file_says_why_it_cannot_be_used(
         assert (screen.acts, screen.ready) == (True, False)
         assert "this recording was cut off" in await pressed(pilot, "space")
         assert "there is no session file yet: step 6" in await pressed(pilot, "r")
+        recorder.publish(recording="r9")
+        await pilot.pause()
+        await pilot.pause()
+        assert "there is no session file yet: step 6" in await pressed(pilot, "r")
+        ready = SessionStatus(SessionState.READY, "/b/s2.h5", recording="r9")
+        recorder.publish(recording="r9", session=ready)
+        await pilot.pause()
+        assert "this line is the recording itself: mark that of s2.h5" in await pressed(pilot, "r")
+        recorder.publish(recording="r1")
+        await pilot.pause()
+        await pilot.pause()
         assert "is cut off" in await pressed(pilot, "down", "e")
         assert front(app) is screen
         assert [type(task) for task in tasks] == [ListTask]
@@ -89,7 +101,7 @@ async def test_trouble_of_a_worker_is_shown(make_app: Make, tasks: list[Task]) -
         said = screen_text(app)
         assert "now choose the second" in said
         (line,) = (line for line in said.splitlines() if "2026-11-19" in line)
-        assert line.split()[0] == "1"
+        assert line.split()[0] == ">1"
         await pressed(pilot, "c")
         assert "now choose the second" not in seen(app), "the same key takes it back"
         await pressed(pilot, "c", "up", "c")
@@ -258,7 +270,7 @@ async def test_the_run_loop_says_what_a_key_has_done(make_app: Make) -> None:
         await pilot.pause()
         assert "undone; R = redo" in await pressed(pilot, "u")
         assert orders_of(recorder, Undo) == [Undo()]
-        await pressed(pilot, "r")
+        assert "redone; U = undo" in await pressed(pilot, "r")
         assert orders_of(recorder, Redo) == [Redo()]
         recorder.turn(Phase.PAUSED)
         await pilot.pause()

@@ -8,7 +8,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from daq.control.messages import Phase
+from daq.control.messages import CheckItem, Phase
 from daq.control.orders import AskCheck, Configure, Mark, Note
 from daq.vehicle import BodyWeight
 from tui.terminal.app import BenchApp
@@ -105,6 +105,26 @@ async def test_no_corner_is_pushed_while_a_run_is_armed(make_app: Make) -> None:
         await pressed(pilot, *["down"] * 20, "up")
         assert "a run is armed: pause it first" in await pressed(pilot, "r")
         assert orders_of(recorder, Mark) == []
+
+
+@pytest.mark.usefixtures("by_hand")
+async def test_the_mark_of_the_check_stays_on_its_line_when_lines_come_before_it(
+    make_app: Make,
+) -> None:
+    recorder = FakeRecorder(check=check_items())
+    recorder.mark("vehicle")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 30)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
+        await pressed(pilot, *["down"] * 5)
+        assert cursor(app) == 5
+        before = screen_text(app).splitlines()[-7:]
+        late = CheckItem("OK", "message IMU_Gyro", "500.0 Hz", "", {})
+        recorder.check = (check_items()[0], late, *check_items()[1:])
+        await pressed(pilot, "r")
+        assert cursor(app) == 6
+        assert screen_text(app).splitlines()[-7:] == before, "the same line is explained"
 
 
 @pytest.mark.usefixtures("by_hand")

@@ -83,7 +83,7 @@ export function drawCurves(curves) {
   const box = document.getElementById("curves");
   const axis = document.getElementById("axis");
   if (!curves.curves.length) {
-    box.replaceChildren(cell("p", "The curves stand here after the first bump."));
+    box.replaceChildren(cell("p", "The curves of the next run appear here."));
     axis.textContent = "";
     return;
   }

@@ -33,13 +33,19 @@ class BenchScreen(Screen[None]):
     STEP: ClassVar[BenchStep | None] = None
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space,pagedown", "press('next')", "Next", key_display="SPACE"),
+        Binding(
+            "space,pagedown",
+            "press('next')",
+            "Next",
+            key_display="SPACE",
+            tooltip="The next action",
+        ),
         Binding("x", "start_recorder", "Start recorder"),
-        Binding("1", "app.step(1)", "Step", key_display="1-7"),
+        Binding("1", "app.step(1)", "Step", key_display="1-7", tooltip="Go to a step"),
         *(Binding(str(i), f"app.step({i})", show=False) for i in range(2, 8)),
-        Binding("n", "app.note", "Note"),
-        Binding("s", "app.sessions", "Sessions"),
-        Binding("c", "app.take_over", "Control", show=False),
+        Binding("n", "app.note", "Note", tooltip="Write a note"),
+        Binding("s", "app.sessions", "Sessions", tooltip="Sessions of the folder"),
+        Binding("c", "app.take_over", "Control", show=False, tooltip="Take control"),
         Binding("tab", "app.focus_next", "Next field", show=False),
         Binding("shift+tab", "app.focus_previous", "Previous field", show=False),
     ]

@@ -29,19 +29,32 @@ class BumpingScreen(BenchScreen):
     """Arms, pauses, rejects and undoes; no key asks to confirm, because all can be undone."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("backspace,pageup", "press('reject')", "Reject", key_display="Bksp"),
-        Binding("u", "press('undo')", "Undo"),
-        Binding("r", "press('redo')", "Redo"),
-        Binding("l", "press('leave_out')", "Leave out"),
-        Binding("t", "take_back", "Take back"),
-        Binding("v", "view", "View"),
-        Binding("m", "more", "More"),
+        Binding(
+            "backspace,pageup",
+            "press('reject')",
+            "Reject",
+            key_display="Bksp",
+            tooltip="Reject the run in progress, or the last one",
+        ),
+        Binding("u", "press('undo')", "Undo", tooltip="Undo the last verdict"),
+        Binding("r", "press('redo')", "Redo", tooltip="Redo what was undone"),
+        Binding(
+            "l",
+            "press('leave_out')",
+            "Leave out",
+            tooltip="Leave out the runs that are unlike the others",
+        ),
+        Binding(
+            "t", "take_back", "Take back", tooltip="Accept the last rejected run, with a reason"
+        ),
+        Binding("v", "view", "View", tooltip="Another view: body or wheels, sketch or runs"),
+        Binding("m", "more", "More", tooltip="More of the kind that is marked; up and down mark"),
         Binding("up", "choose(-1)", show=False),
         Binding("down", "choose(1)", show=False),
-        Binding("a", "acknowledge", "Lamp off"),
-        Binding("escape", "press('pause')", "Pause"),
-        Binding("b", "app.sound", "Sound"),
-        Binding("g", "app.big", "Big"),
+        Binding("a", "acknowledge", "Lamp off", tooltip="Acknowledge the overload lamps"),
+        Binding("escape", "press('pause')", "Pause", tooltip="Pause; home if nothing is armed"),
+        Binding("b", "app.sound", "Sound", tooltip="Sound on or off"),
+        Binding("g", "app.big", "Big", tooltip="The state in big letters on or off"),
     ]
 
     def __init__(self) -> None:
@@ -157,7 +170,8 @@ class BumpingScreen(BenchScreen):
 
     async def action_redo(self) -> None:
         """Redo the last undo."""
-        await self.bench_app.ask(Redo())
+        if await self.bench_app.ask(Redo()) is not None:
+            self.bench_app.inform("redone; U = undo")
 
     async def action_leave_out(self) -> None:
         """Leave out the runs that differ from the others of their kind."""

@@ -64,13 +64,15 @@ class CheckScreen(BenchScreen):
     CheckScreen #explained { height: 6; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("r", "again", "Again"),
-        Binding("o", "override", "Override"),
-        Binding("i", "invert", "Invert"),
-        Binding("z", "zero", "Zero"),
-        Binding("s", "skip", "Skip"),
-        Binding("down", "mark(1)", "Down", show=False),
-        Binding("up", "mark(-1)", "Up", show=False),
+        Binding("r", "again", "Again", tooltip="Repeat the marked check"),
+        Binding("o", "override", "Override", tooltip="Override the marked WARN, with a reason"),
+        Binding(
+            "i", "invert", "Invert", tooltip="Invert the sign of the channel of the marked FAIL"
+        ),
+        Binding("z", "zero", "Zero", tooltip="Take the levels at rest as zero"),
+        Binding("s", "skip", "Skip", tooltip="Skip the marked corner, with a reason"),
+        Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next line"),
+        Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the line before"),
     ]
 
     def __init__(self) -> None:
@@ -158,10 +160,12 @@ class CheckScreen(BenchScreen):
         active = self._corner or ""
         rows += push_rows(self._pushed, active, overridden, shows_push(app.bench.channels))
         rows.append(self._zero_row())
-        self._rows = rows
+        marked, self._rows = self._marked, rows
         lines = self.query_one(RowList)
         width = max(len(row.subject) for row in rows)
         lines.show([check_line(row, width, app.glyphs) for row in rows])
+        if marked is not None and self._rows[lines.cursor].subject != marked.subject:
+            self._mark_row(marked.subject)
         failing = {row.subject for row in rows if row.blocks}
         if failing - self._failing:  # only once: then the person moves the mark
             lines.move_to(next(i for i, row in enumerate(rows) if row.blocks))
@@ -186,9 +190,8 @@ class CheckScreen(BenchScreen):
             return
         row = self._rows[lines.cursor]
         box.border_title = printable(row.subject, 50).replace("[", "(")
-        lines_below = [Content(printable(row.text, 300))]
-        if row.advice:
-            lines_below.append(Content(printable(row.advice, 300)))
+        words = [row.text, row.advice] if row.advice else [row.text]
+        lines_below = [Content(printable(text, 300)) for text in words]
         lines_below.append(Content.styled(self._due, "bold $accent"))
         box.update(Content("\n").join(lines_below))
 

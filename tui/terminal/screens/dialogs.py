@@ -8,15 +8,14 @@ from typing import ClassVar, cast
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
-from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Input, OptionList, Static
-from textual.widgets.option_list import Option
 
 from daq.errors import printable
 
 from ..context import BenchContext
 from ..widgets.line import Line
+from ..widgets.marked_list import MarkedList
 from .base import LOCK_OUT_S
 
 
@@ -45,12 +44,12 @@ class ChoiceScreen(ModalScreen[str | None]):
         """Compose the list."""
         with Vertical():
             yield Static(self._title, markup=False)
-            yield OptionList(*(Option(Content(words)) for _, words in self._options))
+            yield MarkedList([words for _, words in self._options])
             yield Static("Enter = choose   Esc = cancel", markup=False)
 
     def action_choose(self) -> None:
         """Choose the marked entry."""
-        self.query_one(OptionList).action_select()
+        self.query_one(MarkedList).action_select()
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Return the chosen entry."""

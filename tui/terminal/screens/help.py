@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from textual.app import ComposeResult
+from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
+from textual.dom import DOMNode
 from textual.screen import ModalScreen, Screen
 from textual.widgets import Markdown, Static
 
 from ..state.help_pages import page_of
 from .news import RecorderLost
+
+_COMMON = ("app.focus_next", "app.focus_previous", "screen.copy_text")
+
+
+def _is_common(node: DOMNode, binding: Binding) -> bool:
+    """Return True for a key of every list and every field: the screen's own come first."""
+    return not isinstance(node, Screen | App) or binding.action in _COMMON
 
 
 class HelpScreen(ModalScreen[None]):
@@ -51,7 +59,8 @@ class HelpScreen(ModalScreen[None]):
         stack = self.app.screen_stack
         below: Screen[object] = stack[-2] if stack[-1] is self else stack[-1]
         actions: dict[str, str] = {}
-        for _, binding, enabled, _ in below.active_bindings.values():
+        found = below.active_bindings.values()
+        for _, binding, enabled, _ in sorted(found, key=lambda key: _is_common(key[0], key[1])):
             words = binding.tooltip or binding.description
             if enabled and words and words not in actions.values():
                 actions[self.app.get_key_display(binding)] = words

@@ -71,15 +71,15 @@ class MassesScreen(BenchScreen):
     MassesScreen #outlook { height: 10; text-wrap: nowrap; text-overflow: ellipsis; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("a", "add", "Add"),
-        Binding("e,enter", "edit", "Edit", key_display="E"),
-        Binding("delete", "remove", "Remove"),
-        Binding("u", "undo", "Undo"),
-        Binding("b", "bolt", "Bolted"),
-        Binding("r", "measure", "Sag"),
-        Binding("l", "limits", "Limits"),
-        Binding("down", "mark(1)", "Down", show=False),
-        Binding("up", "mark(-1)", "Up", show=False),
+        Binding("a", "add", "Add", tooltip="Add a weight"),
+        Binding("e,enter", "edit", "Edit", key_display="E", tooltip="Edit the marked weight"),
+        Binding("delete", "remove", "Remove", tooltip="Remove the marked weight"),
+        Binding("u", "undo", "Undo", tooltip="Undo the last change"),
+        Binding("b", "bolt", "Bolted", tooltip="The marked weight is bolted, or is not"),
+        Binding("r", "measure", "Sag", tooltip="Measure the sag again"),
+        Binding("l", "limits", "Limits", tooltip="Permitted axle loads"),
+        Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next weight"),
+        Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the weight before"),
     ]
 
     def __init__(self) -> None:

@@ -29,8 +29,10 @@ class ReportScreen(WorkScreen):
     HELP_PAGE: ClassVar[str] = "report"
     TITLE_OF_BOX: ClassVar[str] = "Report"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("r", "again", "Write again"),
-        Binding("w", "new_vehicle", "Next vehicle"),
+        Binding("r", "again", "Write again", tooltip="Write the report again"),
+        Binding(
+            "w", "new_vehicle", "Next vehicle", tooltip="Begin the recording of the next vehicle"
+        ),
         Binding("escape", "cancel", "Back"),
     ]
 

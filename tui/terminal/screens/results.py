@@ -10,7 +10,6 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.widgets import OptionList, Static
-from textual.widgets.option_list import Option
 
 from daq import Status
 from daq.control import Accept, Mark, Reject
@@ -23,11 +22,12 @@ from ..state.outcome_text import (
     matrix_lines,
     mode_lines,
     parameter_lines,
-    run_line,
+    run_lines,
     verdict_lines,
 )
 from ..state.steps import BenchStep, is_marked
 from ..widgets.decay_plot import DecayPlot
+from ..widgets.marked_list import MarkedList
 from .base import BenchScreen
 from .export import export_session
 from .work import OUTDATED
@@ -62,14 +62,14 @@ class ResultsScreen(BenchScreen):
     ResultsScreen.-tall #runs { height: 10; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("tab", "page(1)", "Page"),
+        Binding("tab", "page(1)", "Page", tooltip="Next page"),
         Binding("shift+tab", "page(-1)", "Page back", show=False),
-        Binding("p", "decays", "Decays"),
+        Binding("p", "decays", "Decays", tooltip="Show the decays of the runs"),
         Binding("down", "move(1)", "Next run, or scroll", show=False),
         Binding("up", "move(-1)", "Run before, or scroll back", show=False),
         Binding("x", "start_recorder", "Start recorder"),
-        Binding("x", "exclude", "Exclude run"),
-        Binding("e", "export", "Export"),
+        Binding("x", "exclude", "Exclude run", tooltip="Leave the marked run out, or use it again"),
+        Binding("e", "export", "Export", tooltip="Export the session in another format"),
         Binding("escape", "app.step(6)", "Back", show=False),
     ]
 
@@ -94,7 +94,7 @@ class ResultsScreen(BenchScreen):
             with VerticalScroll(id="scroll", can_focus=True):
                 yield Static(id="text", markup=False)
             with Vertical(id="side"):
-                yield OptionList(id="runs")
+                yield MarkedList(name="runs")
                 yield DecayPlot(self.bench_app.glyphs)
 
     def on_mount(self) -> None:
@@ -228,12 +228,9 @@ class ResultsScreen(BenchScreen):
     def _fill(self) -> None:
         if not self.query("#runs") or self.outcome is None:
             return
-        runs = self.query_one("#runs", OptionList)
-        runs.clear_options()
-        glyphs = self.bench_app.glyphs
-        runs.add_options([Option(Content(run_line(run, glyphs))) for run in self.outcome.runs])
-        if self.outcome.runs:
-            runs.highlighted = 0
+        self.query_one("#runs", MarkedList).show(
+            run_lines(self.outcome.runs, self.bench_app.glyphs)
+        )
         self._draw()
         self._draw_run()
 

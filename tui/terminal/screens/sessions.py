@@ -10,10 +10,8 @@ from typing import ClassVar
 from pydantic import TypeAdapter
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Input, OptionList, Static
-from textual.widgets.option_list import Option
 
 from daq import Status
 from daq.errors import printable
@@ -24,6 +22,7 @@ from ...jobs.worker import lines_of
 from ..background import begin
 from ..state.steps import progress
 from ..widgets.line import Line
+from ..widgets.marked_list import MarkedList
 from .base import BenchScreen
 from .dialogs import TextScreen
 from .export import export_session
@@ -42,11 +41,17 @@ class SessionsScreen(BenchScreen):
     SessionsScreen #find { height: 1; border: none; padding: 0 1; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space,o", "press('next')", "Open", key_display="SPACE"),
-        Binding("r", "report", "Report"),
-        Binding("v", "replay", "Replay"),
-        Binding("c", "compare", "Compare 2"),
-        Binding("e", "export", "Export"),
+        Binding(
+            "space,o",
+            "press('next')",
+            "Open",
+            key_display="SPACE",
+            tooltip="Results of the marked session",
+        ),
+        Binding("r", "report", "Report", tooltip="Write its report"),
+        Binding("v", "replay", "Replay", tooltip="Command that replays it"),
+        Binding("c", "compare", "Compare 2", tooltip="Compare two sessions: mark each and press C"),
+        Binding("e", "export", "Export", tooltip="Export it in another format"),
         Binding("slash,f", "find", "Find", key_display="F"),
         Binding("escape", "back", "Back", show=False),
     ]
@@ -63,7 +68,7 @@ class SessionsScreen(BenchScreen):
     def compose_body(self) -> ComposeResult:
         """Compose heading, list, place of the marked session and search line."""
         yield Static(id="head", markup=False)
-        yield OptionList(id="list")
+        yield MarkedList(name="list")
         yield Static(id="about", markup=False)
         yield Line(placeholder="find: F, then type date, vehicle, state, note or folder", id="find")
 
@@ -212,7 +217,12 @@ class SessionsScreen(BenchScreen):
     def _is_file(self, entry: SessionEntry) -> bool:
         if entry.path and entry.state is not SessionState.DAMAGED:
             return True
-        self.bench_app.warn(entry.note or "there is no session file yet: step 6 makes it")
+        status = self.bench_app.status
+        if entry.state is SessionState.OPEN and status is not None and status.own_session:
+            name = printable(Path(status.own_session).name, 60)
+            self.bench_app.warn(f"this line is the recording itself: mark that of {name}")
+        else:
+            self.bench_app.warn(entry.note or "there is no session file yet: step 6 makes it")
         return False
 
     def _chosen(self) -> SessionEntry | None:
@@ -225,13 +235,11 @@ class SessionsScreen(BenchScreen):
         words = self.query_one("#find", Input).value
         chosen = self._chosen()
         self._shown = [entry for entry in self._entries if found(entry, words)]
-        width = max(60, self.size.width - 6)
-        self.query_one("#head", Static).update(f"  {heading(width)}")
-        options = self.query_one("#list", OptionList)
-        options.clear_options()
-        options.add_options([Option(Content(self._line(e, width))) for e in self._shown])
-        if self._shown:
-            options.highlighted = self._shown.index(chosen) if chosen in self._shown else 0
+        width = max(60, self.size.width - 7)
+        self.query_one("#head", Static).update(f"   {heading(width)}")
+        row = self._shown.index(chosen) if chosen in self._shown else 0
+        lines = [self._line(entry, width) for entry in self._shown]
+        self.query_one("#list", MarkedList).show(lines, row)
         self._about()
 
     def _line(self, entry: SessionEntry, width: int) -> str:

@@ -5,6 +5,7 @@ Every function returns plain text; nothing in it is markup, and foreign names ar
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 from textwrap import wrap
 
@@ -170,8 +171,13 @@ def _short(value: float) -> str:
     return "0" if abs(value) < 1e-9 else f"{value:.5g}" if abs(value) < 1e4 else f"{value:,.0f}"
 
 
-def run_line(run: RunOutcome, glyphs: Glyphs) -> str:
-    """Return one run of the result in a few words."""
-    fit = f"  chi2/n {run.chi2_per_n:.2f}" if isfinite(run.chi2_per_n) else ""
-    used = "" if run.status == "accepted" else f"  {run.status.upper()}"
-    return f"{mark(run.status, glyphs)} {printable(run.label, 40)}{used}{fit}"
+def run_lines(runs: Sequence[RunOutcome], glyphs: Glyphs) -> list[str]:
+    """Return one line for each run of the result."""
+    labels = [printable(run.label, 40) for run in runs]
+    width = max(map(len, labels), default=0)
+    lines = []
+    for run, label in zip(runs, labels, strict=True):
+        fit = f"  chi2/n {run.chi2_per_n:.2f}" if isfinite(run.chi2_per_n) else ""
+        used = "" if run.status == "accepted" else f"  {run.status.upper()}"
+        lines.append(f"{mark(run.status, glyphs)} {label:<{width}}{used}{fit}".rstrip())
+    return lines

@@ -30,8 +30,8 @@ class NextPanel(DrawnWords):
         if lost is not None:
             shown = banner(status, lost, action, self._glyphs)
             head = Content.assemble((f"{shown.symbol} {shown.word}", "bold $error"))
-            words = Content.assemble((f"  {shown.second}", "bold $accent"))
-            self.say(Content("\n").join([head, Content(f"  {shown.first}"), Content(""), words]))
+            words = Content.assemble((shown.second, "bold $accent"))
+            self.say(Content("\n").join([head, Content(shown.first), Content(""), words]))
             return
         lines: list[Content] = []
         if status is None:
@@ -41,7 +41,7 @@ class NextPanel(DrawnWords):
         elif (alarm := obstacle(status)) is not None:
             name, advice, details = cause_words(alarm)
             head = Content.assemble((f"{self._glyphs.bad} STOP  {name}", "bold $error"))
-            lines = [head, Content(f"  {advice}"), Content(f"  {details}")]
+            lines = [head, Content(advice), Content(details)]
         elif status.due is not None:
             due = status.due
             title = f"{due.step.mass_state.capitalize()} · {due.step.excitation.words.upper()}"
@@ -50,12 +50,12 @@ class NextPanel(DrawnWords):
                 count = f"run {due.accepted + 1}, {due.planned} were planned"
             lines = [
                 Content.assemble((f"{self._glyphs.now} {title}, {count}", "bold")),
-                Content(f"  {printable(due.instruction, 300)}"),
+                Content(printable(due.instruction, 300)),
             ]
         else:
             lines = [Content(f"step {progress(status).due.title}")]
         lines += [Content(line) for line in _unlike(status)]
-        lines += [Content(""), Content.assemble((f"  {action.words}", "bold $accent"))]
+        lines += [Content(""), Content.assemble((action.words, "bold $accent"))]
         self.say(Content("\n").join(lines))
 
 
