@@ -13,8 +13,8 @@ from daq.errors import InputError
 from tui.jobs.gain import measured_spread
 from tui.jobs.lines import ended, trouble_of
 from tui.jobs.session_list import (
+    EntryState,
     SessionEntry,
-    SessionState,
     entry_line,
     found,
     heading,
@@ -30,7 +30,7 @@ from .batches import refused_session
 
 ENTRY = SessionEntry(
     "/b/granada/session_0001.h5", "/b/granada", "2026-11-21 10:42", "Granada",
-    SessionState.READY, 11, 1, "wet road",
+    EntryState.READY, 11, 1, "wet road",
 )  # fmt: skip
 
 
@@ -73,8 +73,8 @@ def test_an_entry_is_found_by_any_of_its_words(words: str) -> None:
 
 
 def test_what_the_recorder_is_at_is_open() -> None:
-    mine = replace(ENTRY, recording="r1", state=SessionState.CUT_OFF)
-    assert with_open(mine, "r1").state is SessionState.OPEN
+    mine = replace(ENTRY, recording="r1", state=EntryState.CUT_OFF)
+    assert with_open(mine, "r1").state is EntryState.OPEN
     assert with_open(mine, "r2") == mine
     assert with_open(ENTRY, "") == ENTRY
 
@@ -98,16 +98,16 @@ def test_files_of_a_folder_and_of_those_below_are_listed_the_newest_first(tmp_pa
     report_of(paths[1]).write_text("report")
     bad, first, second = sessions_in(tmp_path)
     assert (bad.name, bad.state, bad.accepted, bad.rejected) == (
-        "bad.h5", SessionState.DAMAGED, 0, 0,
+        "bad.h5", EntryState.DAMAGED, 0, 0,
     )  # fmt: skip
     assert bad.note
     assert bad.date[:4] == "2033"
     assert (first.name, first.state, first.date) == (
-        "b.h5", SessionState.READY, "2026-11-21 10:42",
+        "b.h5", EntryState.READY, "2026-11-21 10:42",
     )  # fmt: skip
     assert (first.accepted, first.rejected) == (1, 0)
     assert first.folder == str(tmp_path)
-    assert (second.folder, second.state) == (str(tmp_path / "granada"), SessionState.REPORTED)
+    assert (second.folder, second.state) == (str(tmp_path / "granada"), EntryState.REPORTED)
 
 
 def test_a_session_without_a_date_has_that_of_its_file(tmp_path: Path) -> None:
@@ -123,11 +123,11 @@ def test_a_recording_without_a_session_file_is_listed_first(tmp_path: Path) -> N
     journal_of_runs(tmp_path / "journal", 8_000)
     write_session(tmp_path / "other.h5", refused_session(1))
     cut, other = sessions_in(tmp_path)
-    assert (cut.path, cut.folder, cut.state) == ("", str(tmp_path), SessionState.CUT_OFF)
+    assert (cut.path, cut.folder, cut.state) == ("", str(tmp_path), EntryState.CUT_OFF)
     assert (cut.accepted, cut.rejected, cut.recording) == (0, 4, "ab" * 16)
     assert cut.date[:4] == "2027", "of its head, 1.8e9 s of UNIX time"
     assert (cut.vehicle, cut.note, cut.name) == (small_bench().vehicle.name, "", "journal")
-    assert with_open(cut, "ab" * 16).state is SessionState.OPEN
+    assert with_open(cut, "ab" * 16).state is EntryState.OPEN
     assert other.name == "other.h5"
     (tmp_path / "session_0001.h5").write_bytes((tmp_path / "other.h5").read_bytes())
     names = {entry.name for entry in sessions_in(tmp_path)}

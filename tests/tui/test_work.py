@@ -38,7 +38,7 @@ from tui.jobs.lines import (
     trouble_of,
 )
 from tui.jobs.outcome_of import without
-from tui.jobs.session_list import SessionEntry, SessionState, entry_line, found
+from tui.jobs.session_list import EntryState, SessionEntry, entry_line, found
 from tui.jobs.worker import lines_of
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.long_work import LongWork, after, work_text
@@ -225,7 +225,7 @@ def test_the_list_shows_sessions_reports_and_bad_files(session: Path, tmp_path: 
 
 @pytest.mark.parametrize("name", ["[/foo]", "[@click=app.quit]x[/]", "\x1b[2J", "日本語" * 20])
 def test_a_foreign_name_stays_text(name: str) -> None:
-    entry = SessionEntry("/b/s.h5", "/b", "2026-11-21 10:42", name, SessionState.READY, 3, 1, name)
+    entry = SessionEntry("/b/s.h5", "/b", "2026-11-21 10:42", name, EntryState.READY, 3, 1, name)
     line = entry_line(entry, " ", 100)
     assert "\x1b" not in line
     assert len(line) == 100

@@ -15,7 +15,7 @@ _MOST = 1000
 _UNITS = 1024.0
 
 
-class SessionState(StrEnum):
+class EntryState(StrEnum):
     """States of a session."""
 
     OPEN = "open"
@@ -38,7 +38,7 @@ class SessionEntry:
     date: str
     """`2026-11-21 10:42`, UTC; that of the file where the session has none."""
     vehicle: str
-    state: SessionState
+    state: EntryState
     accepted: int = 0
     rejected: int = 0
     note: str = ""
@@ -68,10 +68,10 @@ def sessions_in(folder: Path) -> Iterator[SessionEntry]:
         if isinstance(found, InputError):
             what = found.what
             yield SessionEntry(
-                str(path), str(path.parent), date, "", SessionState.DAMAGED, 0, 0, what
+                str(path), str(path.parent), date, "", EntryState.DAMAGED, 0, 0, what
             )
             continue
-        state = SessionState.REPORTED if report_of(path).exists() else SessionState.READY
+        state = EntryState.REPORTED if report_of(path).exists() else EntryState.READY
         yield SessionEntry(
             str(path),
             str(path.parent),
@@ -114,11 +114,11 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
         vehicle = parse_bench(text, "journal", folder, tail.head.dbc_text).vehicle.name
     except (InputError, OSError) as error:
         what = error.what if isinstance(error, InputError) else str(error)
-        return SessionEntry("", str(folder), "", "", SessionState.DAMAGED, note=what)
+        return SessionEntry("", str(folder), "", "", EntryState.DAMAGED, note=what)
     if tail.ended and tail.session_name in names:
         return None
     accepted = sum(run.status is LoggedStatus.ACCEPTED for run in log.runs)
-    state = SessionState.CUT_OFF
+    state = EntryState.CUT_OFF
     note = next((note.text for note in reversed(log.notes) if note.by), "")  # the others: marks
     day = _day(tail.head.wall_ns * 1e-9)
     rejected = len(log.runs) - accepted
@@ -142,7 +142,7 @@ def found(entry: SessionEntry, words: str) -> bool:
 def with_open(entry: SessionEntry, recording: str) -> SessionEntry:
     """Return the entry, marked as open if the recorder is recording it."""
     if entry.recording and entry.recording == recording:
-        return replace(entry, state=SessionState.OPEN)
+        return replace(entry, state=EntryState.OPEN)
     return entry
 
 

@@ -28,8 +28,7 @@ from tui.jobs.lines import (
     Task,
     Trouble,
 )
-from tui.jobs.session_list import SessionEntry
-from tui.jobs.session_list import SessionState as Listed
+from tui.jobs.session_list import EntryState, SessionEntry
 from tui.terminal.app import BenchApp
 from tui.terminal.palette import commands
 from tui.terminal.screens import export, identify, report, sessions
@@ -48,12 +47,12 @@ Snapshot = Callable[[App[None], str], None]
 Play = Callable[[Pilot[None]], Awaitable[None]]
 PATH = "/bench/session_0001.h5"
 ENTRIES = (
-    SessionEntry("", "/bench", "2026-11-21 10:42", "T5-ABC123", Listed.CUT_OFF, 5, 1,
+    SessionEntry("", "/bench", "2026-11-21 10:42", "T5-ABC123", EntryState.CUT_OFF, 5, 1,
                  "rear left damper looks wet", "0f3c" * 8),
-    SessionEntry(PATH, "/bench", "2026-11-20 15:01", "T5-ABC123", Listed.REPORTED, 30, 4, ""),
+    SessionEntry(PATH, "/bench", "2026-11-20 15:01", "T5-ABC123", EntryState.REPORTED, 30, 4, ""),
     SessionEntry("/bench/s2.h5", "/bench", "2026-11-19 09:30", "[@click=app.quit]x[/]",
-                 Listed.READY, 12, 0, "[/foo] \x1b[2J"),
-    SessionEntry("/bench/bad.h5", "/bench", "2026-11-18 08:00", "", Listed.DAMAGED,
+                 EntryState.READY, 12, 0, "[/foo] \x1b[2J"),
+    SessionEntry("/bench/bad.h5", "/bench", "2026-11-18 08:00", "", EntryState.DAMAGED,
                  note="is not an HDF5 file, or is cut off"),
 )  # fmt: skip
 REPORTED = {"files": {"/bench/session_0001.html": 1_181_489, "/bench/session_0001.pdf": 290_180}}

@@ -13,7 +13,7 @@ from daq.control.messages import Lane, Live, Phase, SessionState, SessionStatus
 from daq.control.orders import Arm, AskCheck, Build, Note, Pause, Redo, Undo
 from daq.errors import InputError
 from tui.jobs.lines import CompareTask, Done, ExportTask, Item, Line, ListTask, Task, Trouble
-from tui.jobs.session_list import SessionEntry, SessionState
+from tui.jobs.session_list import EntryState, SessionEntry
 from tui.terminal.app import BenchApp
 from tui.terminal.screens import export, sessions
 from tui.terminal.screens.identify import IdentifyScreen
@@ -31,11 +31,11 @@ from .test_step_keys import front, pressed, seen
 # Sessions ---------------------------------------------------------------------------------------
 
 ENTRIES = [
-    SessionEntry("", "/b", "2026-11-21 10:42", "T5", SessionState.CUT_OFF, 5, 1, "", "r9"),
-    SessionEntry("", "/b", "2026-11-21 10:41", "T5", SessionState.DAMAGED, note="is cut off"),
-    SessionEntry("", "/b", "2026-11-21 10:40", "T4", SessionState.OPEN, 5, 1, "", "r8"),
-    SessionEntry("/b/s1.h5", "/b", "2026-11-20 15:01", "T3", SessionState.READY, 30, 4, "wet"),
-    SessionEntry("/b/s2.h5", "/b", "2026-11-19 15:01", "T2", SessionState.READY, 30, 4, ""),
+    SessionEntry("", "/b", "2026-11-21 10:42", "T5", EntryState.CUT_OFF, 5, 1, "", "r9"),
+    SessionEntry("", "/b", "2026-11-21 10:41", "T5", EntryState.DAMAGED, note="is cut off"),
+    SessionEntry("", "/b", "2026-11-21 10:40", "T4", EntryState.OPEN, 5, 1, "", "r8"),
+    SessionEntry("/b/s1.h5", "/b", "2026-11-20 15:01", "T3", EntryState.READY, 30, 4, "wet"),
+    SessionEntry("/b/s2.h5", "/b", "2026-11-19 15:01", "T2", EntryState.READY, 30, 4, ""),
 ]
 
 

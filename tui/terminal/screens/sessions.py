@@ -17,7 +17,7 @@ from daq import Status
 from daq.errors import printable
 
 from ...jobs.lines import CompareTask, Done, Item, ListTask, Task, Trouble
-from ...jobs.session_list import SessionEntry, SessionState, entry_line, found, heading, with_open
+from ...jobs.session_list import EntryState, SessionEntry, entry_line, found, heading, with_open
 from ...jobs.worker import lines_of
 from ..background import begin
 from ..state.steps import progress
@@ -115,9 +115,9 @@ class SessionsScreen(BenchScreen):
         entry = self._chosen()
         if entry is None:
             return
-        if entry.state is SessionState.OPEN:
+        if entry.state is EntryState.OPEN:
             await self.bench_app.go_to(progress(self.bench_app.status).due)
-        elif entry.state is SessionState.CUT_OFF:
+        elif entry.state is EntryState.CUT_OFF:
             self.bench_app.warn(
                 "this recording was cut off: start the recorder in this folder to go on with it, "
                 "or make its session file with bumpbench recover"
@@ -215,10 +215,10 @@ class SessionsScreen(BenchScreen):
         self._draw()
 
     def _is_file(self, entry: SessionEntry) -> bool:
-        if entry.path and entry.state is not SessionState.DAMAGED:
+        if entry.path and entry.state is not EntryState.DAMAGED:
             return True
         status = self.bench_app.status
-        if entry.state is SessionState.OPEN and status is not None and status.own_session:
+        if entry.state is EntryState.OPEN and status is not None and status.own_session:
             name = printable(Path(status.own_session).name, 60)
             self.bench_app.warn(f"this line is the recording itself: mark that of {name}")
         else:
@@ -246,14 +246,14 @@ class SessionsScreen(BenchScreen):
         first = "1 " if entry.path and entry.path == self._first else "  "
         return first + entry_line(entry, self._mark(entry.state), width)
 
-    def _mark(self, state: SessionState) -> str:
+    def _mark(self, state: EntryState) -> str:
         glyphs = self.bench_app.glyphs
         return {
-            SessionState.OPEN: glyphs.bus,
-            SessionState.CUT_OFF: glyphs.warn,
-            SessionState.READY: " ",
-            SessionState.REPORTED: glyphs.good,
-            SessionState.DAMAGED: glyphs.bad,
+            EntryState.OPEN: glyphs.bus,
+            EntryState.CUT_OFF: glyphs.warn,
+            EntryState.READY: " ",
+            EntryState.REPORTED: glyphs.good,
+            EntryState.DAMAGED: glyphs.bad,
         }[state]
 
     def _about(self) -> None:
