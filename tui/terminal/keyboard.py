@@ -112,8 +112,10 @@ class KeyboardApp(App[None]):
         if not widget.call_later(passed.set):
             return
         while not passed.is_set() and (widget is self or widget.is_attached):
+            # Not `wait_for`: on Python 3.11 it drops a cancellation that comes with the result.
             with suppress(TimeoutError):
-                await asyncio.wait_for(passed.wait(), LOOK_S)
+                async with asyncio.timeout(LOOK_S):
+                    await passed.wait()
 
 
 def _is_input(event: Event) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 
 import pytest
 from textual.app import ComposeResult
@@ -179,10 +180,34 @@ async def test_a_key_waits_for_an_effect_that_does_not_end_as_long_as_its_patien
         app.post_message(Key("a", "a"))
         app.post_message(Key("b", "b"))
         await asyncio.sleep(0.2)
-        assert line.value == there
-        done.set()
+        seen = line.value
+        done.set()  # before any claim: the app cannot end before its effect
         await pilot.pause()
+        assert seen == there
         assert line.value == "ab"
+
+
+@pytest.mark.parametrize("rounds", range(4))
+async def test_an_effect_that_ends_with_the_patience_does_not_undo_its_end(
+    monkeypatch: pytest.MonkeyPatch, rounds: int
+) -> None:
+    """`asyncio.wait_for` of Python 3.11 drops a cancellation that comes with the result."""
+    app, effects = KeyboardApp(), list[Callable[[], None]]()
+
+    def call_later(effect: Callable[[], None]) -> bool:
+        effects.append(effect)
+        return True
+
+    monkeypatch.setattr(app, "call_later", call_later)
+    waiting = asyncio.create_task(app._passed(app))
+    await asyncio.sleep(0.01)
+    effects[0]()
+    for _ in range(rounds):
+        await asyncio.sleep(0)
+    ended = waiting.done()
+    waiting.cancel()
+    await asyncio.wait([waiting])
+    assert waiting.cancelled() or ended
 
 
 async def test_an_app_that_ends_waits_for_no_effect() -> None:
