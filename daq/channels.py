@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from math import hypot
 
 from .vehicle import DOF, Corner
 
@@ -92,6 +93,9 @@ class Channel:
     """Polarity of the sensor, +1 or -1."""
     gain: float = 1.0
     """Scale factor that corrects the sensor."""
+    gain_sigma: float = 0.0
+    """Relative standard uncertainty of the sensor's scale (calibration, data sheet); 0 means
+    exact."""
     tare: float = 0.0
     """Reading to be subtracted, in the unit of the channel."""
     motion_ratio: float = 1.0
@@ -137,6 +141,11 @@ class Channel:
     def scale(self) -> float:
         """Factor from the SI value of the signal to that of the channel, without the polarity."""
         return self.gain / self.motion_ratio
+
+    @property
+    def scale_sigma(self) -> float:
+        """Relative standard uncertainty of that factor: of the gain and of the motion ratio."""
+        return hypot(self.gain_sigma, self.motion_ratio_sigma / self.motion_ratio)
 
 
 def paper_channels() -> tuple[Channel, ...]:

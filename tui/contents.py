@@ -94,6 +94,8 @@ def _sensor(channel: Channel) -> str:
     parts = []
     if channel.sign * channel.gain != 1.0:
         parts.append(f"times {channel.sign * channel.gain:g}")
+    if channel.scale_sigma:
+        parts.append(f"± {channel.scale_sigma * 100:.2g} %")
     if channel.tare:
         parts.append(f"tare {channel.tare:g}")
     if channel.delay_s:

@@ -242,6 +242,7 @@ class ChannelTable(Table):
     position_sigma_m: _Uncertain = 0.0
     sign: Literal[1, -1] = 1
     gain: _Positive = 1.0
+    gain_sigma: Annotated[float, Field(ge=0, le=0.3)] = 0.0
     tare: float = 0.0
     motion_ratio: Annotated[float, Field(gt=0, le=10)] = 1.0
     motion_ratio_sigma: _NotNegative = 0.0

@@ -84,7 +84,7 @@ def channel_table(name: str, signal: str, guess: Guess, late: Sequence[str]) -> 
             "position_sigma_m = 0.5  # FILL IN: how well you measured it",
         ]
     if guess.quantity is not Quantity.UNUSED:
-        lines += late
+        lines += ["gain_sigma = 0.01  # of its scale: see its data sheet or calibration", *late]
     if guess.tare is not None:
         lines.append(f"tare = {guess.tare:.5g}  # at rest, as the car stood")
     if guess.quantity is Quantity.SUSPENSION_TRAVEL and not guess.is_proven:

@@ -26,8 +26,9 @@ channel, weight, frame, event), and every table of samples has `time`.  Units ar
 /channels           channel; name S64, quantity S32, unit S16; signal S128 ("Message.signal");
                     corner S2 (FL FR RL RR or empty); x_m y_m f8; position_sigma_m f8; at_cg u1;
                     sign gain tare motion_ratio f8: value = sign gain SI(signal) / motion_ratio -
-                    tare; motion_ratio_sigma f8; delay_s delay_sigma_s f8: how late the sensor
-                    is; low_pass_hz f8 (0: none), low_pass_order i4;
+                    tare; gain_sigma f8: relative; motion_ratio_sigma f8; delay_s
+                    delay_sigma_s f8: how late the sensor is; low_pass_hz f8 (0: none),
+                    low_pass_order i4;
                     signal_unit S16: the unit of the signal where the DBC is silent or wrong;
                     serial_number S64; calibrated S10: date
 /mass_states/NAME   order: 0 is the baseline; weight; mass_kg sigma_kg x_m y_m height_m

@@ -47,6 +47,7 @@ CHANNEL_COLUMNS = {
     "at_cg": "u1",
     "sign": "f8",
     "gain": "f8",
+    "gain_sigma": "f8",
     "tare": "f8",
     "motion_ratio": "f8",
     "motion_ratio_sigma": "f8",

@@ -154,6 +154,7 @@ def draw(
     """
     faults = _by_channel(car.faults, [channel.name for channel in channels])
     rng = np.random.default_rng([seed, 0])
+    gains = np.random.default_rng([seed, 4])  # its own: stated gains leave the other draws alone
     messages = dict.fromkeys(message_of(channel.signal) for channel in channels)
     # One message is one device: a delay of one of its signals is a delay of all.
     lateness = {message: rng.standard_normal() for message in messages}
@@ -177,7 +178,7 @@ def draw(
             bias=bias,
             low_pass_hz=channel.low_pass_hz,
             low_pass_order=channel.low_pass_order,
-            gain=_true_gain(channel, rng),
+            gain=_true_gain(channel, gains),
         )
         fault = faults.get(channel.name)
         sensors[channel.name] = sensor if fault is None else spoilt(sensor, fault)
@@ -186,10 +187,10 @@ def draw(
 
 
 def _true_gain(channel: Channel, rng: np.random.Generator) -> float:
-    """Return the ratio of the true to the stated motion ratio."""
-    if not channel.motion_ratio_sigma:
+    """Return the ratio of the true to the stated scale of the sensor."""
+    if not channel.scale_sigma:
         return 1.0
-    return 1.0 + channel.motion_ratio_sigma / channel.motion_ratio * float(rng.standard_normal())
+    return 1.0 + channel.scale_sigma * float(rng.standard_normal())
 
 
 def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:

@@ -31,6 +31,7 @@ quantity = "suspension_travel"
 corner = "FL"
 sign = -1
 tare = -0.250      # m, what it reads at rest, after the sign
+gain_sigma = 0.003 # data sheet: 0.5 % at most
 delay_s = 0.002    # data sheet: 2 ms, give or take 0.5 ms
 delay_sigma_s = 0.0005
 """

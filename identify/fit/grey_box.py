@@ -2,10 +2,10 @@
 
 Unknowns are the parameters of the vehicle (logarithms of those that cannot be negative) and, where
 the session states an uncertainty, small corrections to what is nominally known: the place of a body
-sensor, the motion ratio of a travel, the lateness of a channel group, the mass of a weight and its
-place.  Each correction carries its standard uncertainty as a prior, so that it widens the intervals
-of the parameters as much as it should and no more.  Facts (scales, tape measure) are data like the
-samples.  Derivatives are exact, by a complex step.
+sensor, the gain of a channel (calibration and motion ratio), the lateness of a channel group, the
+mass of a weight and its place.  Each correction carries its standard uncertainty as a prior, so
+that it widens the intervals of the parameters as much as it should and no more.  Facts (scales,
+tape measure) are data like the samples.  Derivatives are exact, by a complex step.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class GreyBox:
     prior_sigma: NDArray[np.float64] = field(init=False)
     _channels: tuple[Channel, ...] = field(init=False)
     _loose: tuple[str, ...] = field(init=False)
-    _geared: tuple[str, ...] = field(init=False)
+    _scaled: tuple[str, ...] = field(init=False)
     _late: tuple[int, ...] = field(init=False)
     _weights: tuple[tuple[str, int, int], ...] = field(init=False)
     """Mass state, weight and figure (`_OFF`) of each correction of a weight."""
@@ -99,7 +99,7 @@ class GreyBox:
         names = parameter_names(self.structure)
         channels = {c.name: c for group in self.groups for c in group.channels}
         loose = [c for c in channels.values() if c.position_sigma_m > 0 and not c.at_cg]
-        geared = [c for c in channels.values() if c.motion_ratio_sigma > 0]
+        scaled = [c for c in channels.values() if c.scale_sigma > 0]
         late = tuple(i for i, group in enumerate(self.groups) if group.delay_sigma_s > 0)
         weights = {
             (state.name, i, figure): sigma
@@ -112,7 +112,7 @@ class GreyBox:
         prior = [
             *[np.inf] * len(parameters),
             *[c.position_sigma_m for c in loose for _ in "xy"],
-            *[c.motion_ratio_sigma / c.motion_ratio for c in geared],
+            *[c.scale_sigma for c in scaled],
             *[self.groups[i].delay_sigma_s for i in late],
             *weights.values(),
             *[np.inf] * self._crossed,
@@ -123,7 +123,7 @@ class GreyBox:
             ("prior_sigma", read_only(np.array(prior))),
             ("_channels", tuple(channels.values())),
             ("_loose", tuple(c.name for c in loose)),
-            ("_geared", tuple(c.name for c in geared)),
+            ("_scaled", tuple(c.name for c in scaled)),
             ("_late", late),
             ("_weights", tuple(weights)),
         ):
@@ -140,10 +140,10 @@ class GreyBox:
 
     @property
     def _first_delay(self) -> int:
-        return self._first_ratio + len(self._geared)
+        return self._first_gain + len(self._scaled)
 
     @property
-    def _first_ratio(self) -> int:
+    def _first_gain(self) -> int:
         return len(self.parameters) + 2 * len(self._loose)
 
     @property
@@ -151,16 +151,16 @@ class GreyBox:
         """Names of the stated uncertainties, in the order of the unknowns after the parameters."""
         return (
             *(f"{axis} of {name}" for name in self._loose for axis in "xy"),
-            *(f"ratio of {name}" for name in self._geared),
+            *(f"gain of {name}" for name in self._scaled),
             *(f"delay of {self.groups[i].name}" for i in self._late),
             *(f"{_OFF[figure]}weight {i + 1} of state {s}" for s, i, figure in self._weights),
         )
 
     @property
-    def geared(self) -> dict[int, Channel]:
-        """Return the channels whose motion ratio is fitted, by the place of the unknown."""
+    def scaled(self) -> dict[int, Channel]:
+        """Return the channels whose gain is fitted, by the place of the unknown."""
         channels = {c.name: c for c in self._channels}
-        return {self._first_ratio + i: channels[name] for i, name in enumerate(self._geared)}
+        return {self._first_gain + i: channels[name] for i, name in enumerate(self._scaled)}
 
     def pulls(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far each of `corrections` lies from what is stated, in its sigmas."""
@@ -311,8 +311,8 @@ class GreyBox:
                 p = len(self.parameters) + 2 * self._loose.index(channel.name)
                 x, y = x + eta[:, p], y + eta[:, p + 1]
             row = motion_row(channel, x, y, full[:, [19, 20, 21, 22, 27]])
-            if channel.name in self._geared:  # the true ratio over the stated one
-                row = row * (1.0 + eta[:, [self._first_ratio + self._geared.index(channel.name)]])
+            if channel.name in self._scaled:  # the true scale over the stated one
+                row = row * (1.0 + eta[:, [self._first_gain + self._scaled.index(channel.name)]])
             rows.append(row)
         return rows
 

@@ -97,15 +97,22 @@ def derived_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
 
 
 def motion_ratio_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
-    """Return the fitted motion ratios by channel: those that are stated with a sigma."""
-    return {
-        channel.name: _estimate(
-            channel.motion_ratio * (1.0 + float(fit.eta[i])),
-            channel.motion_ratio * float(np.sqrt(fit.covariance[i, i])),
-            "1",
-        )
-        for i, channel in box.geared.items()
-    }
+    """Return the fitted motion ratios by channel: those that are stated with a sigma.
+
+    The fit knows the product of gain and motion ratio; each takes part of it by its own variance.
+    """
+    ratios = {}
+    for i, channel in box.scaled.items():
+        if channel.motion_ratio_sigma > 0.0:
+            own = (channel.motion_ratio_sigma / channel.motion_ratio) ** 2
+            share = own / channel.scale_sigma**2
+            variance = share**2 * float(fit.covariance[i, i]) + own * (1.0 - share)
+            ratios[channel.name] = _estimate(
+                channel.motion_ratio * (1.0 + share * float(fit.eta[i])),
+                channel.motion_ratio * float(np.sqrt(variance)),
+                "1",
+            )
+    return ratios
 
 
 def mode_estimates(box: GreyBox, fit: Fit, mass_state: str) -> tuple[ModeEstimate, ...]:

@@ -128,7 +128,13 @@ def _above_wheel(plan: Plan, corner: Corner) -> tuple[float, float]:
 
 
 def _with_sensors(plan: Plan, action: str, more: list[Sensor]) -> Candidate:
-    return Candidate(action, replace(plan, sensors=(*plan.sensors, *more)))
+    # What is known of a sensor of the bench will be known of a new one.
+    known = {
+        name: max(getattr(s.channel, name) for s in plan.sensors)
+        for name in ("gain_sigma", "position_sigma_m")
+    }
+    made = (replace(s, channel=replace(s.channel, **known)) for s in more)
+    return Candidate(action, replace(plan, sensors=(*plan.sensors, *made)))
 
 
 def _weights(plan: Plan) -> Iterator[Candidate]:

@@ -116,6 +116,6 @@ def _corrections(estimation: Estimation) -> Table:
 def _scale(name: str) -> tuple[float, str]:
     if name.startswith("delay"):
         return 1e3, "ms"
-    if name.startswith("ratio"):
+    if name.startswith("gain"):
         return 100.0, "%"
     return (1.0, "kg") if name.startswith("weight") else (1e3, "mm")

@@ -23,7 +23,7 @@ from .plausibility import parameter_findings, undetermined
 from .refit import Explanation, largest_shift
 from .sampling import sampling_findings
 from .saturation import saturation_findings
-from .scale import scale_findings
+from .scale import gain_findings, scale_findings
 from .survival import Hypothesis, survival
 from .whiteness import whiteness_findings
 
@@ -61,6 +61,7 @@ def judge(
         *misfit_findings(estimation),
         *(f for f in parameters if not (explained and f.code == "contradiction")),
         *(scale_findings(estimation.box) if determined else ()),
+        *(gain_findings(estimation.box) if determined else ()),
         *sampling_findings(session, estimation.records),
         *saturation_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),

@@ -1,4 +1,8 @@
-"""Judges the source of the scale of all masses: free decays determine ratios only."""
+"""Judges what no residual shows: the scale of all masses, and sensors that are taken as exact.
+
+Free decays determine ratios of masses only, and a motion that is shown too large looks like one
+that is larger.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ from daq.vehicle import FactQuantity
 from dbc.finding import Finding, Severity
 
 from ..fit.grey_box import GreyBox
+from .format import listed
 
 _LENGTHS = {
     FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK,
@@ -31,3 +36,17 @@ def scale_findings(box: GreyBox) -> tuple[Finding, ...]:
         "masses, inertias, stiffnesses and dampers, and no fit shows it; weigh the car as a check"
     )
     return (Finding("scale", Severity.NOTE, text),)
+
+
+def gain_findings(box: GreyBox) -> tuple[Finding, ...]:
+    """Return a finding on the channels whose gain is taken as exact."""
+    channels = [channel for group in box.groups for channel in group.channels]
+    exact = [channel.name for channel in channels if not channel.scale_sigma]
+    if not exact:
+        return ()
+    text = (
+        f"no gain_sigma is stated for {listed(exact)}: a sensor that shows 1 % too much can move "
+        "half tracks and inertias by 1 to 2 %, more than their intervals, and no fit shows it; "
+        "state it from data sheet or calibration"
+    )
+    return (Finding("gains", Severity.NOTE, text),)

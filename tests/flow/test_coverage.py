@@ -10,7 +10,7 @@ def test_intervals_hold_the_truth_and_no_parameter_is_off_by_two_percent() -> No
     assert one.quality.verdict == "ok", one.quality.reasons
     assert 0.9 < one.quality.chi2_per_n < 1.1
     assert np.max(np.abs(one.errors)) < 0.02
-    assert np.max(one.stds) < 0.005  # else two per cent would be luck
+    assert np.max(one.stds) < 0.01  # else two per cent would be luck
     # Fifteen parameters hang together, so a campaign is some five independent trials.
     assert np.mean(one.covered) > 0.7
     assert 0.5 < np.sqrt(np.mean((one.errors / one.stds) ** 2)) < 1.7

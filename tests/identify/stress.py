@@ -155,7 +155,7 @@ def stress_channels(travels: bool = False) -> tuple[Channel, ...]:
     """
     wanted = BODY + HUBS + (TRAVELS if travels else ())
     return tuple(
-        replace(channel, position_sigma_m=0.0, delay_s=0.0, delay_sigma_s=0.0)
+        replace(channel, position_sigma_m=0.0, gain_sigma=0.0, delay_s=0.0, delay_sigma_s=0.0)
         for channel in _BENCH.channels
         if channel.name in wanted
     )

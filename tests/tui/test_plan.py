@@ -60,7 +60,10 @@ def test_rate_and_height(capsys: pytest.CaptureFixture[str]) -> None:
     assert 1 <= len(plain["next_steps"]) <= 12
     assert all(step["worst_before"] == plain["worst"] for step in plain["next_steps"])
     low = _json(capsys, "--rate", "200", "--bump-mm", "10")
-    assert 4.0 < low["worst"] / plain["worst"] <= 5.001  # less what is known beforehand
+    # Noise counts five times as much; less where gains, places and delays count as well.
+    ratio = {n: low["parameters"][n]["std"] / e["std"] for n, e in plain["parameters"].items()}
+    assert 4.0 < ratio["k_tf"] <= 5.001
+    assert 1.0 < min(ratio.values()) <= max(ratio.values()) <= 5.001
     higher = "a bump of 20 mm instead of 10 mm"
     assert higher in [step["action"] for step in low["next_steps"]]
     assert "bump" not in " ".join(step["action"] for step in plain["next_steps"])
@@ -88,7 +91,8 @@ def test_facts_and_structure_of_the_bench(
     )
     weighed = _bench(tmp_path, "[campaign]", facts + "[campaign]")
     better = _json(capsys, "--bench", weighed, "--rate", "200")
-    assert better["mean"] < 0.5 * plain["mean"]
+    assert better["parameters"]["m_s"]["std"] < 0.3 * plain["parameters"]["m_s"]["std"]
+    assert better["mean"] < 0.7 * plain["mean"]
     assert not any("weigh" in step["action"].split() for step in better["next_steps"])
     structure = "[vehicle.structure]\nsymmetric = false\nanti_roll_bars = true\n"
     free = _bench(tmp_path, "[campaign]", structure + "[campaign]")

@@ -52,6 +52,7 @@ def text(length: int) -> str:
         (UNUSED, "signal_unit", (text(16),), (text(17),)),
         (UNUSED, "sign", ("1", "-1"), ("0", "2")),
         (UNUSED, "gain", ("0.001", "1e6"), ("0.0", "-1.0")),
+        (UNUSED, "gain_sigma", ("0.0", "0.3"), ("-0.1", "0.31")),
         (UNUSED, "low_pass_hz", ("0.0", "1e4"), ("-1.0",)),
         (UNUSED, "low_pass_order", ("1", "8"), ("0", "9")),
         (UNUSED, "serial_number", (text(60),), (text(61),)),

@@ -23,11 +23,17 @@ def many(**facts: Any) -> list[Channel]:
     return [replace(first, name=f"c{k}", signal=f"M{k}.a") for k in range(MANY)]
 
 
-def test_a_motion_ratio_is_off_by_its_relative_uncertainty() -> None:
+def test_gain_and_motion_ratio_are_off_by_their_relative_uncertainties() -> None:
     drawn = draw(many(motion_ratio=0.5, motion_ratio_sigma=0.02), (), SimulatedCar(), 1)
     gain = np.array([sensor.gain for sensor in drawn.sensors.values()])
     assert gain.mean() == pytest.approx(1.0, abs=0.003)
     assert gain.std() == pytest.approx(0.04, rel=0.06)
+    both = draw(
+        many(motion_ratio=0.5, motion_ratio_sigma=0.02, gain_sigma=0.03), (), SimulatedCar(), 1
+    )
+    assert np.std([sensor.gain for sensor in both.sensors.values()]) == pytest.approx(
+        0.05, rel=0.06
+    )
     exact = draw(many(motion_ratio=0.5), (), SimulatedCar(), 1)
     assert {sensor.gain for sensor in exact.sensors.values()} == {1.0}
 

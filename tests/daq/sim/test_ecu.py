@@ -49,7 +49,10 @@ def decoded(batches: list[FrameBatch], codec: Codec) -> Decoded:
 
 
 def quiet_run(codec: Codec, excitation: Excitation) -> dict[str, NDArray[np.float64]]:
-    bench = replace(load_bench(None), campaign=Campaign((excitation,), 1, ("baseline",)))
+    shipped = load_bench(None)
+    exact = tuple(replace(channel, gain_sigma=0.0) for channel in shipped.channels)
+    campaign = Campaign((excitation,), 1, ("baseline",))
+    bench = replace(shipped, channels=exact, campaign=campaign)
     (batch,) = campaign_frames(bench, codec, QUIET, SEED, START_NS)
     return {name: samples.value for name, samples in codec.decode(batch).samples.items()}
 

@@ -112,7 +112,7 @@ def test_slow_sensors_are_offered_twice_their_rate_up_to_1000_hz(
 
 
 def test_missing_sensors_are_offered_where_they_are_missing() -> None:
-    hub = Channel("h", Quantity.HUB_ACCELERATION, corner=Corner.FRONT_RIGHT)
+    hub = Channel("h", Quantity.HUB_ACCELERATION, corner=Corner.FRONT_RIGHT, gain_sigma=0.02)
     given = plan(sensors=(*sensors_of((hub, IMU[0]), 100.0), *sensors_of(IMU[1:2], 400.0)))
     found = {a: p.sensors[3:] for a, p in offered(given).items() if len(p.sensors) > 3}
     assert list(found) == [
@@ -130,6 +130,7 @@ def test_missing_sensors_are_offered_where_they_are_missing() -> None:
     assert [s.channel.x_m for s in body] == pytest.approx([0.0, 0.0, -A - B, -A - B])
     t_f, t_r = FORD_GRANADA.t_f, FORD_GRANADA.t_r
     assert [s.channel.y_m for s in body] == pytest.approx([t_f, -t_f, t_r, -t_r])
+    assert {s.channel.gain_sigma for more in found.values() for s in more} == {0.02}
     (gyro,) = found["a gyro for the roll rate of the body"]
     assert gyro.channel.quantity is Quantity.ROLL_RATE
     assert gyro.noise == pytest.approx(0.001745, rel=1e-3)  # a tenth of a degree
@@ -138,8 +139,13 @@ def test_missing_sensors_are_offered_where_they_are_missing() -> None:
 @pytest.mark.parametrize(("n", "offers"), [(2, True), (3, False)])
 def test_three_places_on_the_body_are_enough(n: int, offers: bool) -> None:
     body = tuple(Channel(f"z{i}", Quantity.BODY_ACCELERATION, x_m=float(i)) for i in range(n))
-    given = plan(sensors=sensors_of((*body, *IMU[1:]), 100.0))
-    assert ("accelerometers on the body above the four wheels" in offered(given)) == offers
+    placed = (replace(body[0], position_sigma_m=0.01), *body[1:])
+    given = plan(sensors=sensors_of((*placed, *IMU[1:]), 100.0))
+    found = offered(given)
+    action = "accelerometers on the body above the four wheels"
+    assert (action in found) == offers
+    new = found[action].sensors[len(given.sensors) :] if offers else ()
+    assert {s.channel.position_sigma_m for s in new} == ({0.01} if offers else set())
 
 
 def test_rates_are_not_missing_where_accelerations_of_the_paper_are_measured() -> None:

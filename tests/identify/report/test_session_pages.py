@@ -194,7 +194,7 @@ def test_the_vehicle_as_stated_and_how_it_agrees_with_the_fit() -> None:
     assert texts(found[title]) == [
         ["x of z_s", "5", "+1.000", "1.000", "mm", "+0.20"],
         ["y of z_s", "5", "+2.000", "1.000", "mm", "+0.40"],
-        ["ratio of travel", "2", "+0.300", "0.100", "%", "+0.15"],
+        ["gain of travel", "2", "+0.300", "0.100", "%", "+0.15"],
         ["delay of travel", "1", "+4.000", "1.000", "ms", "+4.00"],
         ["weight 1 of state added", "0.1", "+0.005", "0.001", "kg", "+0.05"],
         ["x of weight 1 of state added", "3", "+6.000", "1.000", "mm", "+2.00"],

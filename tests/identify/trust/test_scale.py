@@ -18,7 +18,7 @@ from identify.pipeline import grey_box
 from identify.trust.contradiction import contradictions, suspects
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
-from identify.trust.scale import scale_findings
+from identify.trust.scale import gain_findings, scale_findings
 
 from ..stress import stress_session
 from .campaigns import by_gate, estimated
@@ -63,6 +63,27 @@ def test_the_scale_rests_on_weights_unless_a_load_or_spring_is_stated() -> None:
         assert scale_findings(_with_facts(linear, Fact(quantity, 500.0, 1.0)).box) == ()
     for quantity in ("wheelbase_m", "rear_track_m", "a"):
         assert len(scale_findings(_with_facts(linear, Fact(quantity, 1.0, 0.1)).box)) == 1
+
+
+def test_a_channel_is_exact_unless_its_gain_or_its_ratio_is_uncertain() -> None:
+    box = estimated("linear", 1).box
+    all_of_them = [channel for group in box.groups for channel in group.channels]
+    group = box.groups[0]
+    first, second, third, *others = all_of_them
+    rest = [replace(channel, gain_sigma=0.01) for channel in others]
+    unsure = replace(second, motion_ratio=0.5, motion_ratio_sigma=0.01)
+    for channels, named in (
+        ((first, unsure, third, *rest), f"{first.name}, {third.name}: a sensor"),
+        ((replace(first, gain_sigma=0.01), unsure, third, *rest), f"for {third.name}: a sensor"),
+    ):
+        made = type(box)((replace(group, channels=channels),), box.mass_states, None)
+        (note,) = gain_findings(made)
+        assert (note.code, note.severity) == ("gains", Severity.NOTE)
+        assert named in note.text
+        assert second.name not in note.text
+    channels = (replace(first, gain_sigma=0.01), unsure, replace(third, gain_sigma=0.01), *rest)
+    made = type(box)((replace(group, channels=channels),), box.mass_states, None)
+    assert gain_findings(made) == ()
 
 
 @pytest.mark.parametrize("sigma_kg", [0.0, 0.1])
