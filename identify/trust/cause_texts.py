@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from dbc.finding import Finding, Severity
 
 from ..fit.estimation import Estimation
 from .cause_ranking import Suspect
-from .linear_effects import WEIGHTS
+from .linear_effects import ONE_WEIGHT, TYRE_DAMPING, WEIGHTS
+from .plausibility import BELOW_SIGMAS
 from .refit import Explanation
 from .scale import scale_facts
 from .sensor_faults import gain_of, sensor_explanations
@@ -23,14 +26,18 @@ _EXPLAINS = 0.35
 """Share of the misfit above which an effect is called its cause."""
 _CLEARLY = 0.9
 """Share of the misfit above which no other cause is sought."""
+_PRESENT = 0.5
+"""Strength above which tyre damping is named: one in a thousand.  Every tyre has some, so that it
+needs less proof than a fault."""
 _AHEAD = 0.95
 """Share of a sensor's explanation that an effect of the vehicle must reach to be preferred."""
 
 _ADVICE = {
     "anti-roll bars": "set anti_roll_bars = true in [vehicle.structure]",
-    "tyre damping": "set tyre_damping = true in [vehicle.structure]",
+    TYRE_DAMPING: "set tyre_damping = true in [vehicle.structure]",
     "CG off the middle": "set cg_offset = true in [vehicle.structure]",
     "left and right differ": "set symmetric = false in [vehicle.structure]",
+    ONE_WEIGHT: "weigh the added weights again, each by itself, and measure their places",
     "a length is wrong": "measure the lengths of [vehicle.geometry] again, or leave them out",
     "friction in the suspension": (
         "bump higher, so that friction counts less, or free the suspension; c_s and k_s hold for "
@@ -62,7 +69,7 @@ def causes_of(estimation: Estimation, suspects: Sequence[Suspect]) -> Causes:
 
     `suspects`: its causes as `rank_causes` has them.
     """
-    ranked = [suspect for suspect in suspects if suspect.strength > 1.0]
+    ranked = [suspect for suspect in suspects if _counts(suspect)]
     tried = tuple(_explanation(estimation, suspect) for suspect in ranked)
     if ranked or not estimation.holds:
         swap = swap_explanation(estimation)
@@ -80,6 +87,13 @@ def causes_of(estimation: Estimation, suspects: Sequence[Suspect]) -> Causes:
         tried += tuple(others)
         found += [other for other in others if other.explained * _AHEAD > first.explained]
     return Causes(tuple(_finding(best) for best in found[-1:]), tried)
+
+
+def _counts(suspect: Suspect) -> bool:
+    if suspect.cause != TYRE_DAMPING:
+        return suspect.strength > 1.0
+    sizes, stds = suspect.score.sizes, suspect.score.stds
+    return suspect.strength > _PRESENT and bool(np.all(sizes > -BELOW_SIGMAS * stds))
 
 
 def _preferred(ranked: list[Suspect]) -> Suspect:

@@ -17,7 +17,7 @@ from .contradiction import contradicted_shift, contradictions
 from .excitation import excitation_findings, mode_snr_db
 from .finding import Judgement
 from .lift_off import lift_off_findings
-from .linear_effects import WEIGHTS
+from .linear_effects import ONE_WEIGHT, WEIGHTS
 from .misfit import chi2_by_run, misfit_findings
 from .plausibility import parameter_findings, undetermined
 from .refit import Explanation, largest_shift
@@ -27,6 +27,7 @@ from .scale import gain_findings, scale_findings
 from .survival import Hypothesis, survival
 from .whiteness import whiteness_findings
 
+_OF_WEIGHTS = {WEIGHTS.replace(" ", "_"), ONE_WEIGHT.replace(" ", "_")}
 _NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_in_compression"}
 
 
@@ -103,7 +104,7 @@ def _causes(estimation: Estimation) -> Causes:
 def _explains(estimation: Estimation, causes: Causes) -> bool:
     """Return whether a named cause is the reason why stated values disagree with the runs."""
     named = {finding.code for finding in causes.findings} - {"amplitude"}
-    return bool(named) and (not estimation.holds or WEIGHTS.replace(" ", "_") in named)
+    return bool(named) and (not estimation.holds or bool(named & _OF_WEIGHTS))
 
 
 def _hypotheses(estimation: Estimation, causes: Causes, at_odds: bool) -> Iterator[Hypothesis]:

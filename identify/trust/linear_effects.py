@@ -24,6 +24,8 @@ Traces = tuple[NDArray[np.float64], ...]
 
 WEIGHTS = "added weights off by a common factor"
 """Name of the cause: the scale on which the weights were weighed, or their unit."""
+ONE_WEIGHT = "an added weight is wrong"
+TYRE_DAMPING = "tyre damping"
 _LATE_S = 0.001
 
 
@@ -95,7 +97,7 @@ def _lacking(box: GreyBox, rich: GreyBox) -> tuple[tuple[Effect, ...], NDArray[n
         effects.append(effect)
         columns.append(column)
 
-    causes = {"k_a": "anti-roll bars", "c_t": "tyre damping", "y_s": "CG off the middle"}
+    causes = {"k_a": "anti-roll bars", "c_t": TYRE_DAMPING, "y_s": "CG off the middle"}
     for name, scale in SIGNED.items():
         if name not in box.parameters:
             add(Effect(causes[name[:3]], name, parameter_unit(name), scale), **{name: 1.0})
@@ -111,10 +113,16 @@ def _lacking(box: GreyBox, rich: GreyBox) -> tuple[tuple[Effect, ...], NDArray[n
         for state in box.mass_states
         for i, weight in enumerate(state.added.weights, start=1)
     }
+    every = (*rich.parameters, *rich.corrections)
+    together = np.array([weights.get(name, 0.0) for name in every])
+    for name in weights if len(weights) > 1 else ():
+        # Less their mean: decays alone do not show a factor that all have in common.
+        share = weights[name] / together.sum()
+        effects.append(Effect(ONE_WEIGHT, name, "%", 100.0))
+        columns.append(np.where(np.array(every) == name, together, 0.0) - share * together)
     if weights and scale_facts(box):
         effects.append(Effect(WEIGHTS, "all weights", "%", 100.0))
-        every = (*rich.parameters, *rich.corrections)
-        columns.append(np.array([weights.get(name, 0.0) for name in every]))
+        columns.append(together)
     return tuple(effects), np.array(columns).reshape(-1, len(rich.prior_sigma)).T
 
 

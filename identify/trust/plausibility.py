@@ -35,7 +35,8 @@ NHTSA Light Vehicle Inertial Parameter Database."""
 _MARGIN = 0.1
 """Share by which a vehicle may exceed the range of measured ones: published data of small cars have
 0.357 in roll."""
-_BELOW_SIGMAS = 3.0
+BELOW_SIGMAS = 3.0
+"""Standard deviations below zero beyond which tyre damping, or a bar, is negative."""
 
 
 def undetermined(estimation: Estimation) -> tuple[str, ...]:
@@ -116,12 +117,12 @@ def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
     odd += [
         f"{name} {e.value:.3g} below zero"
         for name, e in found.items()
-        if name in ("c_tf", "c_tr") and e.value < -_BELOW_SIGMAS * e.std
+        if name in ("c_tf", "c_tr") and e.value < -BELOW_SIGMAS * e.std
     ]
     solid = []
     for i, axle in enumerate("fr"):
         bar = found.get(f"k_a{axle}")
-        if bar is None or not bar.value < -_BELOW_SIGMAS * bar.std:
+        if bar is None or not bar.value < -BELOW_SIGMAS * bar.std:
             continue
         spring = float(full[7 + 2 * i : 9 + 2 * i].real.mean())
         # In roll an axle has the stiffness of its springs and twice that of its bar.

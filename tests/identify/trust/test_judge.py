@@ -16,7 +16,8 @@ from identify.trust.refit import Explanation
 from identify.trust.survival import Survival
 
 NONE = (
-    *("misfit_findings", "scale_findings", "sampling_findings", "saturation_findings"),
+    *("misfit_findings", "scale_findings", "gain_findings", "sampling_findings"),
+    "saturation_findings",
     *("excitation_findings", "whiteness_findings", "lift_off_findings"),
 )
 
@@ -69,6 +70,7 @@ def judged(
         (False, "tyre_damping", True),
         (True, "tyre_damping", False),  # nothing is left to explain
         (True, "added_weights_off_by_a_common_factor", True),
+        (True, "an_added_weight_is_wrong", True),
         (False, "amplitude", False),  # says that something is wrong, not what
     ],
 )

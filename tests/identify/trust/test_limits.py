@@ -249,6 +249,14 @@ def test_a_cause_must_be_stronger_than_chance(linear: Estimation) -> None:
     assert len(causes_of(linear, [_suspect(strength=1.01)]).findings) == 1
 
 
+def test_tyre_damping_needs_half_the_proof_and_is_never_negative(linear: Estimation) -> None:
+    for strength, size, named in (
+        (0.49, 1.0, False), (0.51, 1.0, True), (9.0, -0.29, True), (9.0, -0.31, False),
+    ):  # fmt: skip
+        suspect = _suspect("tyre damping", strength=strength, size=size)
+        assert bool(causes_of(linear, [suspect]).findings) is named
+
+
 def test_of_late_hubs_and_an_early_body_the_hubs_are_named(linear: Estimation) -> None:
     early = _suspect("body sensors late", strength=10.0, size=-1.0)
     for strength, name in ((9.81, "hub_sensors_late"), (9.79, "body_sensors_late")):

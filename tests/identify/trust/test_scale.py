@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
 
+from daq.bench.config import load_bench
 from daq.runs import ADDED
 from daq.sessions import Session
-from daq.vehicle import FORD_GRANADA, Fact, Vehicle
+from daq.vehicle import FORD_GRANADA, AddedMass, Fact, Vehicle
 from dbc.finding import Severity
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.uncertainty import estimates
-from identify.pipeline import grey_box
+from identify.pipeline import grey_box, identify_parameters
 from identify.trust.contradiction import contradictions, suspects
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
 from identify.trust.scale import gain_findings, scale_findings
 
+from ...flow.coverage import simulated_session
 from ..stress import stress_session
 from .campaigns import by_gate, estimated
 
@@ -106,6 +109,26 @@ def test_weights_that_are_all_ten_per_cent_off_are_named_where_scales_are_there(
     size = float(finding.text.split("all weights ")[1].split(" ")[0])
     assert abs(size - -9.1) < 1.5  # per cent of what is stated: 1 / 1.1 - 1
     assert quality.verdict is not Verdict.OK
+
+
+@pytest.mark.parametrize(("factor", "named"), [(0.8, True), (1.0, False)])
+def test_one_weight_that_is_a_fifth_lighter_is_named_with_its_size(
+    factor: float, named: bool
+) -> None:
+    """Through the simulated car, which is written from forces, without scales."""
+    bench = load_bench(None)
+    first, *others = bench.mass_states[1].added.weights
+    lighter = replace(first, mass_kg=factor * first.mass_kg)
+    true = replace(bench.mass_states[1], added=AddedMass((lighter, *others)))
+    session = simulated_session(replace(bench, mass_states=(bench.mass_states[0], true)), 500)
+    quality = identify_parameters(replace(session, mass_states=bench.mass_states)).quality
+    assert (quality.verdict is Verdict.OK) is not named
+    found = by_gate(quality.findings).get("an_added_weight_is_wrong")
+    assert (found is not None) is named
+    if found is not None:
+        size, half = re.findall(r"weight 1 of state added (\S+) ± (\S+) %", found.text)[0]
+        # A factor that all weights share does not show: 32.5 of 148 kg are a fifth of the error.
+        assert abs(float(size) - -20.0 * (1.0 - 32.5 / 148.0)) < 2.0 * float(half)
 
 
 def test_right_weights_beside_scales_are_no_finding() -> None:
