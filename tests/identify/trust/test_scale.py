@@ -88,8 +88,7 @@ def test_weights_that_are_all_ten_per_cent_off_are_named_where_scales_are_there(
 
 
 def test_scales_that_show_eight_per_cent_too_much_are_not_ok() -> None:
-    """The fit follows the scales, which are stated more exactly, and would not move without the
-    weights: all masses are then 8 % too large."""
+    """The fit follows the scales, which are stated more exactly: all masses are 8 % too large."""
     front, rear = AXLES_KG
     session = _session((Fact("total_mass_kg", 1.08 * (front + rear), 1.0),), 1.0, 0.1)
     result = _estimated(session)
