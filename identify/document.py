@@ -211,7 +211,7 @@ def survival_lines(document: Document) -> list[str]:
         return []
     by_cause: dict[str, list[str]] = {}
     for name, loss in document["lost"].items():
-        size = f" {loss['shift'] * 100:+.0f} %" if isfinite(loss["shift"]) else ""
+        size = f" {_percent(loss['shift'])}" if isfinite(loss["shift"]) else ""
         by_cause.setdefault(loss["cause"], []).append(f"{name}{size}")
     kept = ", ".join(document["surviving"])
     word = "usable all the same" if document["verdict"] == Verdict.REFUSED else "usable"
@@ -219,6 +219,11 @@ def survival_lines(document: Document) -> list[str]:
         f"{word}, moved by no cause that was sized: {kept}" if kept else "usable: none",
         *(f"lost, {cause}: {', '.join(names)}" for cause, names in by_cause.items()),
     ]
+
+
+def _percent(share: float) -> str:
+    """Return a change as signed per cent, not rounded to zero."""
+    return f"{share * 100:+.1f} %" if abs(share) >= 0.001 else f"{share * 100:+.1g} %"
 
 
 def estimate_entries(estimates: Mapping[str, Estimate]) -> dict[str, EstimateEntry]:

@@ -9,8 +9,9 @@ import gc
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -63,14 +64,28 @@ class _Plain:
         return None if value is None else self.kind(value)
 
 
+_KIND_WORDS = {Path: "<path>", str: "<text>", int: "<number>", float: "<number>"}
+"""What a user gives for a type of Python, as --help shows it."""
+
+
 def _plainly(params: list[Any]) -> list[Any]:
-    """Return the parameters of a command; those that take one path or text convert plainly."""
+    """Return the parameters of a command, with words for their types in its help.
+
+    Those that take one path or text convert plainly.
+    """
     for param in params:
         # Typer 0.28 has no descriptors, and no pydantic.
         kind = getattr(getattr(param, "type_descriptor", None), "annotation", None)
         if kind in (Path, str, bool) and param.nargs == 1 and not param.multiple:
             param._runtime_param = _Plain(kind)
+        element = next(iter(get_args(kind)), kind)
+        if element in _KIND_WORDS:
+            param.display_type = partial(_kind_word, element)
     return params
+
+
+def _kind_word(kind: type, _ctx: object) -> str:
+    return _KIND_WORDS[kind]
 
 
 class _Single(TyperCommand):
@@ -129,6 +144,8 @@ def _bumpbench(
 for title, commands in GROUPS.items():
     for command in commands:
         app.command(command.__name__.rstrip("_"), cls=_Single, rich_help_panel=title)(command)
+for registered in study.registered_commands:
+    registered.cls = _Single
 app.add_typer(study, name="study")
 
 

@@ -53,8 +53,12 @@ BenchFile = Annotated[Path | None, typer.Argument(help="bench.toml; default: the
 RecorderFolder = Annotated[Path, typer.Argument(help="The recorder's folder.")]
 SessionFile = Annotated[Path, typer.Argument(help="Session file (HDF5).")]
 
-Interface = Annotated[str | None, typer.Option(help="python-can interface.")]
-InterfaceChannel = Annotated[str | None, typer.Option(help="Channel of that interface.")]
+Interface = Annotated[
+    str | None, typer.Option(help="python-can interface; default: that of bench.toml.")
+]
+InterfaceChannel = Annotated[
+    str | None, typer.Option(help="Channel of that interface; default: that of bench.toml.")
+]
 Fast = Annotated[bool, typer.Option(help="Send as fast as the bus takes the frames.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")]
 Operator = Annotated[str, typer.Option(help="Your name or initials, stored with every verdict.")]

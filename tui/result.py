@@ -7,17 +7,25 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from daq.vehicle import parameter_unit
+from identify import Verdict
 from identify.document import survival_lines, unit_text
 from identify.numbers import NOT_DETERMINED
-from identify.report import ends_text, half_text, largest_share, number, plain, rounded, value_text
+from identify.report import (
+    SEVERITY,
+    ends_text,
+    half_text,
+    largest_share,
+    number,
+    plain,
+    rounded,
+    value_text,
+)
 
 from .output import print_line, print_table
 
 if TYPE_CHECKING:
     from identify import Document
     from identify.document import EstimateEntry, ForcesEntry, ModeEntry
-
-_MARKS = {"ok": "note", "doubtful": "doubt", "refused": "refused"}
 
 
 def print_identification(document: Document, truth: Mapping[str, float]) -> None:
@@ -43,7 +51,7 @@ def print_identification(document: Document, truth: Mapping[str, float]) -> None
     fit = f"   chi2/n {chi2:.3f}" if isfinite(chi2) else ""
     print_line(f"verdict: {document['verdict']}{fit}")
     for finding in document["findings"]:
-        print_line(f"  - {_MARKS[finding['severity']]}: {finding['text']}")
+        print_line(f"  - {SEVERITY[Verdict(finding['severity'])]}: {finding['text']}")
     for line in survival_lines(document):
         print_line(f"  - {line}")
 

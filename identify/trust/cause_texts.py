@@ -11,9 +11,10 @@ from dbc.finding import Finding, Severity
 
 from ..fit.estimation import Estimation
 from .cause_ranking import Suspect
+from .contradiction import shift_without_scales
 from .linear_effects import ONE_WEIGHT, TYRE_DAMPING, WEIGHTS
 from .plausibility import BELOW_SIGMAS
-from .refit import Explanation
+from .refit import Explanation, largest_shift
 from .scale import scale_facts
 from .sensor_faults import gain_of, sensor_explanations
 from .swaps import swap_explanation
@@ -31,6 +32,9 @@ _PRESENT = 0.5
 needs less proof than a fault."""
 _AHEAD = 0.95
 """Share of a sensor's explanation that an effect of the vehicle must reach to be preferred."""
+
+SCALES = "scales off by a common factor"
+"""The cause of weights that disagree with the scales if the weights are right."""
 
 _ADVICE = {
     "anti-roll bars": "set anti_roll_bars = true in [vehicle.structure]",
@@ -71,6 +75,7 @@ def causes_of(estimation: Estimation, suspects: Sequence[Suspect]) -> Causes:
     """
     ranked = [suspect for suspect in suspects if _counts(suspect)]
     tried = tuple(_explanation(estimation, suspect) for suspect in ranked)
+    tried += tuple(_scales_instead(estimation, cause) for cause in tried if cause.name == WEIGHTS)
     if ranked or not estimation.holds:
         swap = swap_explanation(estimation)
         if swap is not None:
@@ -107,8 +112,11 @@ def _in_words(estimation: Estimation, suspect: Suspect) -> Explanation:
     cause, sizes = suspect.cause, suspect.sizes
     advice = _ADVICE.get(cause, "")
     if cause == WEIGHTS:
+        weights = _explanation(estimation, suspect)
+        worse = max(weights, _scales_instead(estimation, weights), key=lambda one: one.shift)
         facts = " and ".join(scale_facts(estimation.box))
         advice = f"weigh them again, or {facts}: one of the two scales shows too much"
+        return replace(worse, name=cause, advice=advice)
     if cause.startswith("gain of "):
         found = gain_of(estimation, suspect.effects[0].label)
         sizes, advice = found.sizes, found.advice
@@ -122,6 +130,13 @@ def _explanation(estimation: Estimation, suspect: Suspect) -> Explanation:
     moved = suspect.moved(estimation.box.parameters)
     shift = (suspect.shift, suspect.shifted, moved)
     return Explanation(suspect.cause, suspect.sizes, "", explained, *shift)
+
+
+def _scales_instead(estimation: Estimation, weights: Explanation) -> Explanation:
+    """Return the other cause of weights that disagree with the scales: the scales are wrong."""
+    moved = shift_without_scales(estimation)
+    shift, shifted = largest_shift(moved)
+    return replace(weights, name=SCALES, shift=shift, shifted=shifted, moved=moved)
 
 
 def _finding(cause: Explanation) -> Finding:

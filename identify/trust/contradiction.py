@@ -84,6 +84,21 @@ def contradicted_shift(
     return np.asarray(moved)
 
 
+def shift_without_scales(estimation: Estimation) -> dict[str, float]:
+    """Return the change of each parameter if the stated loads and springs are off by one factor.
+
+    It is that of `contradicted_shift`, by the name of the parameter.
+    """
+    box = estimation.box
+    direction = np.zeros(len(box.facts) + len(box.corrections))
+    scaled = scale_facts(box)
+    for i, fact in enumerate(box.facts):
+        if fact.quantity in scaled:
+            direction[i] = fact.value / fact.sigma
+    moved = contradicted_shift(estimation, (Contradiction("", 0.0, direction),))
+    return dict(zip(box.parameters, moved.tolist(), strict=True))
+
+
 def _finite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a covariance in which unknowns that were not released have zero variance."""
     return np.where(np.isfinite(covariance), covariance, 0.0)

@@ -20,6 +20,7 @@ _WIDE_SHARE_NONLINEAR = 0.05 / 3.0
 """The same limit where elements were chosen, too: three standard deviations are then 5 %.  If two
 standard deviations of each of 13 parameters might be 5 %, one car in four would be off by more."""
 _PLAUSIBLE = {
+    "total_mass": (200.0, 20_000.0),
     "front_ride_damping_ratio": (0.03, 1.2),
     "rear_ride_damping_ratio": (0.03, 1.2),
     "front_ride_frequency": (0.5, 5.0),
@@ -105,9 +106,10 @@ def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
     values = derived_quantities(full)
     odd = []
     for name, (low, high) in _PLAUSIBLE.items():
-        value = float(values[name][0].real)
+        quantity, unit = values[name]
+        value, of = float(quantity.real), "" if unit == "1" else f" {unit}"
         if not low < value < high:
-            odd.append(f"{name} {value:.3g} (usual {low:g} .. {high:g})")
+            odd.append(f"{name} {value:.3g}{of} (usual {low:g} .. {high:,g})")
     whole = whole_vehicle_indices(full)
     for name, (low, high) in _MEASURED.items():
         value = float(whole[name].real)
@@ -115,7 +117,7 @@ def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
             odd.append(f"{name} {value:.3g} (204 measured vehicles: {low:g} .. {high:g})")
     found = estimates(estimation.box, estimation.fit)
     odd += [
-        f"{name} {e.value:.3g} below zero"
+        f"{name} {e.value:.3g} {e.unit} below zero"
         for name, e in found.items()
         if name in ("c_tf", "c_tr") and e.value < -BELOW_SIGMAS * e.std
     ]
@@ -127,7 +129,7 @@ def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
         spring = float(full[7 + 2 * i : 9 + 2 * i].real.mean())
         # In roll an axle has the stiffness of its springs and twice that of its bar.
         if bar.value < -0.5 * spring:
-            odd.append(f"k_a{axle} {bar.value:.3g} leaves the axle no stiffness in roll")
+            odd.append(f"k_a{axle} {bar.value:.3g} N/m leaves the axle no stiffness in roll")
         else:
             solid.append(f"k_a{axle} {bar.value:,.0f} N/m")
     findings = []

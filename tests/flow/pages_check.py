@@ -35,7 +35,7 @@ def _write(folder: Path) -> list[Path]:
         sessions.append(str(folder / seed / "session_0001.h5"))
     report, comparison, batch = (folder / f"{name}.html" for name in ("report", "compare", "batch"))
     _run("report", sessions[0], "--out", str(report))
-    _run("compare", *sessions, "--html", str(comparison))
+    _run("compare", *sessions, "--page", str(comparison))
     table = ("--out", str(folder / "batch.csv"))
     _run("batch", *sessions, *table, "--page", str(batch))
     return [report, comparison, batch]

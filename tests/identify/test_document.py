@@ -77,7 +77,7 @@ def test_each_entry_is_that_of_the_result() -> None:
     assert document["lost"]["m_s"] == {"cause": "hub sensors late", "shift": 0.07}
     assert survival_lines(document) == [
         "usable, moved by no cause that was sized: t_f",
-        "lost, hub sensors late: m_s +7 %",
+        "lost, hub sensors late: m_s +7.0 %",
         "lost, not determined: y_s",
     ]
     assert document["chi2_per_n"] == 1.25

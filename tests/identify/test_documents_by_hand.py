@@ -133,11 +133,11 @@ def lines(verdict: str, surviving: list[str], **lost: tuple[str, float]) -> list
 def test_what_survives_and_what_is_lost_to_what_is_said_in_lines() -> None:
     assert lines("ok", ["m_s"], a=("x", 0.1)) == []
     assert lines(
-        "refused", ["m_s", "a"], t_f=("late", -0.126), t_r=("late", nan), k=("x", 0.0)
+        "refused", ["m_s", "a"], t_f=("late", -0.126), t_r=("late", nan), k=("x", 0.0004)
     ) == [
         "usable all the same, moved by no cause that was sized: m_s, a",
-        "lost, late: t_f -13 %, t_r",
-        "lost, x: k +0 %",
+        "lost, late: t_f -12.6 %, t_r",
+        "lost, x: k +0.04 %",
     ]
     assert lines("refused", []) == ["usable: none"]
     assert lines("doubtful", ["a"]) == ["usable, moved by no cause that was sized: a"]

@@ -12,6 +12,8 @@ import pytest
 
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
+from dbc.finding import Finding, Severity
+from identify import Judgement
 from identify.study import SENSOR_SETS, fig2_study
 from tui.cli import run
 from tui.jobs import reporting, spread
@@ -144,23 +146,32 @@ def test_a_study_of_noise_has_the_campaign_that_is_asked_for(asked: Asked) -> No
 # Reports ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("verdict", "code"), [("ok", 0), ("doubtful", 0), ("refused", 1)])
-def test_a_report_lists_its_files_and_ends_with_its_verdict(
+@pytest.mark.parametrize(
+    ("severity", "verdict", "word", "code"),
+    [
+        (Severity.NOTE, "ok", "note", 0),
+        (Severity.WARNING, "doubtful", "doubt", 0),
+        (Severity.ERROR, "refused", "refused", 1),
+    ],
+)
+def test_a_report_lists_its_files_and_ends_with_its_verdict_and_findings(
+    severity: Severity,
     verdict: str,
+    word: str,
     code: int,
     stages: Stages,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     given: Asked = []
-    reasons = ("no roll", "late")
+    findings = (Finding("a", severity, "no roll"), Finding("b", Severity.NOTE, "late"))
 
     def write(
         session: Path, html: Path, pdf: Path | None, _: Any, written: Any, signed: Any
     ) -> Any:
         given.append((session, html, pdf, signed))
         written(html)
-        return "page", SimpleNamespace(verdict=verdict, reasons=reasons)
+        return "page", Judgement(findings, 1.0)
 
     def figures(page: str, folder: Path, kind: str) -> tuple[Path, ...]:
         given.append((page, folder, kind))
@@ -171,7 +182,11 @@ def test_a_report_lists_its_files_and_ends_with_its_verdict(
     assert run(["report", "b/car.h5"]) == code
     out, err = capsys.readouterr()
     assert out == "b/car.html\n"
-    assert err == f"bumpbench: verdict: {verdict}: no roll\n"
+    assert err.splitlines() == [
+        f"bumpbench: verdict: {verdict}",
+        f"bumpbench: {word}: no roll",
+        "bumpbench: note: late",
+    ]
     assert stages["report"] == []
     words = ["--out", "x.html", "--pdf", "x.pdf", "--figures", "f", "--format", "png"]
     people = ["--operator", "MK", "--approver", "JL"]
@@ -186,3 +201,12 @@ def test_a_report_lists_its_files_and_ends_with_its_verdict(
         (Path("b/car.h5"), Path("x.html"), Path("x.pdf"), ("MK", "JL")),
         ("page", Path("f"), "png"),
     ]
+
+
+def test_a_form_of_figures_without_a_folder_for_them_is_refused(
+    asked: Asked, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["report", "b/car.h5", "--format", "png"]) == 2
+    assert capsys.readouterr().err == (
+        "bumpbench: error: --format: is for --figures (name a folder with --figures)\n"
+    )

@@ -6,12 +6,14 @@ several have are Fits, Seed, Workers, Noise, Rate, CarName, DisplayAt and Displa
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
+import pytest
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from tui.cli import app
+from tui.cli import app, run
 
 NUMBERS = {
     "demo": {"--seed": (1, 0, None)},
@@ -59,7 +61,7 @@ TEXTS = {
     "record": {"--out": "."},
     "display": {"folder": ".", "--host": "here", "--operator": ""},
     "status": {"folder": "."},
-    "report": {"--format": "svg", "--operator": "", "--approver": ""},
+    "report": {"--operator": "", "--approver": ""},
     "batch": {"--out": "bumpbench-batch.csv"},
     "import": {"--out": "session.h5"},
     "export": {"--separator": ",", "--decimal": "."},
@@ -119,3 +121,12 @@ def test_help_has_a_word_for_each_value_and_no_earlier_option() -> None:
     hidden = {(name, option) for name, option, p in PARAMETERS if p.hidden}
     earlier = {(name, "--config") for name in ("import", "redecode", "decode", "replay")}
     assert hidden == earlier | {("plan", "--bench"), ("check", "--log")}
+
+
+def test_help_has_no_word_of_python_for_a_value(capsys: pytest.CaptureFixture[str]) -> None:
+    for name in sorted({name for name, _, _ in PARAMETERS}):
+        assert run([*name.split(), "--help"]) == 0
+        out = capsys.readouterr().out
+        assert not re.findall(r"list\[|Path|<str>|<int|<float", out), name
+    assert run(["compare", "--help"]) == 0
+    assert "sessions... <path>  " in capsys.readouterr().out

@@ -28,7 +28,7 @@ _USUAL_BITRATE = 500_000
 
 def check(
     bench: BenchFile = None,
-    log: Annotated[Path | None, typer.Argument(help="A bus log instead of a live bus.")] = None,
+    log: Annotated[Path | None, typer.Argument(help="Bus log; default: the live bus.")] = None,
     old_log: Annotated[Path | None, typer.Option("--log", hidden=True)] = None,
     seconds: Annotated[
         float, typer.Option(help="Seconds of traffic to check.", min=0.1, max=600)
@@ -60,11 +60,18 @@ def check(
     interface: Interface = None,
     channel: Annotated[
         str | None,
-        typer.Option(help="Channel of that interface; with --propose several, as can0,can1."),
+        typer.Option(
+            help="Channel of that interface; default: that of bench.toml. With --propose several,"
+            " as can0,can1."
+        ),
     ] = None,
     bitrate: Annotated[
         int | None,
-        typer.Option(help="Bit rate of the buses of --propose, bit/s.", min=1, max=1_000_000),
+        typer.Option(
+            help="Bit rate of the buses of --propose, bit/s; default: 500000.",
+            min=1,
+            max=1_000_000,
+        ),
     ] = None,
     sensor: Sensors = None,
     bus: Buses = None,

@@ -12,9 +12,16 @@ from ..options import JsonResult
 
 
 def compare(
-    sessions: Annotated[list[Path], typer.Argument(help="Session files, in order of time.")],
+    sessions: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Session files: the one to compare with, then the others in order of time."
+        ),
+    ],
     json: JsonResult = False,
-    html: Annotated[Path | None, typer.Option(help="Also write a page.")] = None,
+    page: Annotated[
+        Path | None, typer.Option(help="Also write a page with all differences (*.html).")
+    ] = None,
 ) -> int:
     """Compare sessions with the first one: differences with their significance, and trends."""
     from daq.files import make_room, write_named
@@ -26,19 +33,19 @@ def compare(
 
     if len(sessions) < 2:
         raise typer.BadParameter("name two sessions or more")
-    if html is not None:
-        require_ending(html, "page", PAGES)
-        make_room(html)
+    if page is not None:
+        require_ending(page, "page", PAGES)
+        make_room(page)
     with progress("compare") as stage:
         stage(0.0, f"{len(sessions)} sessions")
         results = identified([str(path) for path in sessions], stage)
     labels = _labels(sessions)
     comparison = compared(labels, results)
-    if html is not None:
+    if page is not None:
         from identify.report import comparison_html
 
         fits = [result.estimation for result in results if result.estimation is not None]
-        write_named(html, comparison_html(comparison, fits).encode())
+        write_named(page, comparison_html(comparison, fits).encode())
     if json:
         print_json(comparison.document())
     else:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..diagnostics import ExitCode, say
 from ..options import SessionFile
+
+if TYPE_CHECKING:  # slow to load
+    from identify import Judgement
 
 
 class FigureFormat(StrEnum):
@@ -29,8 +32,9 @@ def report(
         Path | None, typer.Option(help="Also write each figure, into this folder.")
     ] = None,
     figure_format: Annotated[
-        FigureFormat, typer.Option("--format", help="Format of the single figures.")
-    ] = FigureFormat.SVG,
+        FigureFormat | None,
+        typer.Option("--format", help="Format of the figures of --figures; default: svg."),
+    ] = None,
     operator: Annotated[
         str, typer.Option(help="Name of the person who measured, for the certificate.")
     ] = "",
@@ -55,15 +59,26 @@ def report(
     out = session.parent / f"{session.stem}.html" if out is None else out
     if figures is not None and figures.exists() and not figures.is_dir():
         raise InputError(str(figures), "is not a folder", "name another folder")
+    if figure_format is not None and figures is None:
+        raise InputError("--format", "is for --figures", "name a folder with --figures")
     with progress("report") as stage:
         page, quality = write_report(session, out, pdf, stage, wrote, (operator, approver))
         if figures is not None:
             stage(0.95, "figures")
-            for path in write_figures(page, figures, figure_format.value):
+            for path in write_figures(page, figures, figure_format or FigureFormat.SVG):
                 wrote(path)
     if json:
         verdict = {"verdict": str(quality.verdict), "reasons": list(quality.reasons)}
         print_json({"session": str(session), "files": written, **verdict})
-    say(f"verdict: {': '.join([str(quality.verdict), *quality.reasons[:1]])}")
+    _say_verdict(quality)
     refused = quality.verdict == "refused"
     return ExitCode.ANSWER_IS_NO if refused else ExitCode.OK
+
+
+def _say_verdict(quality: Judgement) -> None:
+    from identify import Verdict  # loaded by the work
+    from identify.report import SEVERITY
+
+    say(f"verdict: {quality.verdict}")
+    for finding in quality.findings:
+        say(f"{SEVERITY[Verdict.of(finding.severity)]}: {finding.text}")

@@ -25,7 +25,13 @@ FAULTS = ("double-bump", "overload", "frozen", "lost-frames", "weak", "wrong-mod
 
 def tui(
     bench: BenchFile = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the recorder.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the recorder; default: the present one, bumpbench-demo with --demo,"
+            " bumpbench-replay with --replay."
+        ),
+    ] = None,
     interface: Interface = None,
     channel: InterfaceChannel = None,
     demo: Annotated[

@@ -144,7 +144,7 @@ def test_a_report_has_what_was_found_and_what_survives() -> None:
     assert (str(made.verdict), made.findings) == ("doubtful", (DOUBT,))
     assert made.survival == (
         "usable, moved by no cause that was sized: m_s",
-        "lost, a sensor late: k_sf +7 %",
+        "lost, a sensor late: k_sf +7.3 %",
     )
     assert made.document["source"]["file_sha256"] == "ab" * 32
     assert [one.key for one in made.sections] == ["certificate", "runs", "provenance"]

@@ -74,8 +74,9 @@ def test_of_several_wide_intervals_the_widest_is_named(linear: Estimation) -> No
     ("name", "factor", "quantity"),
     [
         ("c_sf", 10.0, "front_ride_damping_ratio"),
+        ("m_s", 0.01, " kg (usual 200 .. 20,000)"),
         ("k_tr", 20.0, "rear_wheel_hop_frequency"),
-        ("k_sr", 0.1, "rear_ride_frequency"),
+        ("k_sr", 0.1, " Hz (usual 0.5 .. 5)"),
         ("I_yy", 0.4, "pitch_index"),
         ("I_xx", 0.4, "roll_gyration_over_track"),
     ],

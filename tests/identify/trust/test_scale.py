@@ -131,6 +131,20 @@ def test_one_weight_that_is_a_fifth_lighter_is_named_with_its_size(
         assert abs(float(size) - -20.0 * (1.0 - 32.5 / 148.0)) < 2.0 * float(half)
 
 
+def test_scales_that_show_eight_per_cent_too_much_are_not_ok() -> None:
+    """The fit follows the scales, which are stated more exactly: all masses are 8 % too large."""
+    front, rear = AXLES_KG
+    session = _session((Fact("total_mass_kg", 1.08 * (front + rear), 1.0),), 1.0, 0.1)
+    result = _estimated(session)
+    assert estimates(result.box, result.fit)["m_s"].value > 1.07 * CAR.m_s
+    quality = judge(session, result)
+    assert quality.verdict is Verdict.DOUBTFUL
+    assert "total_mass_kg: one of the two" in quality.reasons[0]
+    lost = quality.survival.lost["m_s"]
+    assert lost.cause == "scales off by a common factor"
+    assert abs(lost.shift - (1.0 / 1.08 - 1.0)) < 0.015
+
+
 def test_right_weights_beside_scales_are_no_finding() -> None:
     front, rear = AXLES_KG
     facts = (Fact("front_axle_kg", front, 2.0), Fact("rear_axle_kg", rear, 2.0))
