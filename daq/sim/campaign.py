@@ -164,7 +164,8 @@ def _sampled(
             sensor = drawn.sensors[channel.name]
             reading = _reading(channel, sensor, installation, fine_s, seen, tick_s)
             values[channel.name] = measured(channel, sensor, car.noise, reading, rng)
-        result.append(_group(name, tick_s, values))
+        t_ns = np.rint(tick_s * 1e9).astype(np.int64)
+        result.append(SampleGroup(name, tick_s, t_ns, values, np.zeros(len(tick_s), np.uint8)))
     return tuple(result)
 
 
@@ -181,11 +182,6 @@ def _reading(
     if sensor.low_pass_hz:
         reading = low_pass(reading, FINE_S, sensor.low_pass_hz, sensor.low_pass_order)
     return np.interp(tick_s - sensor.delay_s, fine_s, reading)
-
-
-def _group(name: str, time_s: Array, values: Mapping[str, Array]) -> SampleGroup:
-    t_ns = np.rint(time_s * 1e9).astype(np.int64)
-    return SampleGroup(name, time_s, t_ns, values, np.zeros(len(time_s), np.uint8))
 
 
 def _run(bump: PlannedBump, repeat: int, bump_s: float, groups: Sequence[SampleGroup]) -> Run:
