@@ -115,12 +115,7 @@ class Recording:
     @property
     def losses(self) -> Losses:
         """The losses until now, at all hops."""
-        hops = Losses(
-            bus_dropped=self._hops.bus_dropped,
-            bus_garbled=self._hops.bus_garbled,
-            queue_dropped=self._hops.queue_dropped,
-        )
-        return health.losses_added(self._health.losses, hops)
+        return health.losses_added(self._health.losses, self._hops.of_a_run)
 
     def store(self, batch: FrameBatch, hops: HopLosses) -> None:
         """Store one block of frames, and keep it for the next look.

@@ -15,10 +15,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dbc.frames import FrameBatch
-
 from ..channels import Channel
-from ..runs import BASELINE, Excitation, Losses, Run, RunStatus, SampleGroup
+from ..runs import BASELINE, Excitation, Run, RunStatus, SampleGroup
 from ..sessions import Session
 from ..signal_names import message_of
 from ..vehicle import MassState, Vehicle
@@ -193,8 +191,4 @@ def _run(bump: PlannedBump, repeat: int, bump_s: float, groups: Sequence[SampleG
         bump_s=bump_s,
         groups=tuple(groups),
         status=RunStatus.ACCEPTED,
-        reasons=(),
-        losses=Losses(),
-        events=(),
-        frames=FrameBatch.empty(),
     )
