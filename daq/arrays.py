@@ -7,12 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dbc.frames import FrameBatch
 from dbc.samples import Quality
 
 from .channels import Channel, paper_channels
 from .errors import InputError
-from .runs import ADDED, BASELINE, Excitation, Losses, Run, RunStatus, SampleGroup
+from .runs import ADDED, BASELINE, Excitation, Run, RunStatus, SampleGroup
 from .sessions import Session
 from .vehicle import AddedMass, BodyWeight, HubWeight, MassState, Vehicle
 
@@ -85,10 +84,6 @@ def session_from_arrays(
                 bump_s=bump_s,
                 groups=_groups(where, records, known),
                 status=RunStatus.ACCEPTED,
-                reasons=(),
-                losses=Losses(),
-                events=(),
-                frames=FrameBatch.empty(),
             )
         )
     used = {name for run in result for group in run.groups for name in group.values}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from types import MappingProxyType
 
@@ -161,13 +161,13 @@ class Run:
     """The measured samples."""
     status: RunStatus
     """The verdict."""
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
     """Reasons of the verdict."""
-    losses: Losses
+    losses: Losses = Losses()
     """Frames that were lost or unusable in this run."""
-    events: tuple[Event, ...]
+    events: tuple[Event, ...] = ()
     """Events during the run."""
-    frames: FrameBatch
+    frames: FrameBatch = field(default_factory=FrameBatch.empty)
     """The raw frames; empty for data that did not come from a bus."""
 
     @property

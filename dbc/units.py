@@ -110,13 +110,18 @@ def to_si(unit: str) -> SiUnit:
     InputError
         If the table does not hold the unit.
     """
-    spelled = _respell(_remedy(unit))
-    known = _KNOWN.get(_WORDS.get(spelled, spelled))
+    known = known_si(unit)
     if known is None:
         raise InputError(
             f"unit {unit!r}", "not known", "write it in the DBC as m/s2, g, deg/s, rad/s, mm or m"
         )
     return known
+
+
+def known_si(unit: str) -> SiUnit | None:
+    """Return what `to_si` returns; None if the table does not hold the unit."""
+    spelled = _respell(_remedy(unit))
+    return _KNOWN.get(_WORDS.get(spelled, spelled))
 
 
 def _remedy(unit: str) -> str:

@@ -22,10 +22,6 @@ class Method(StrEnum):
     """The body is pushed down by hand and let go."""
 
 
-def _no_instructions() -> Mapping[Excitation, str]:
-    return MappingProxyType({})
-
-
 @dataclass(frozen=True, slots=True)
 class Procedure:
     """The way in which the bumps of a campaign are made."""
@@ -36,7 +32,7 @@ class Procedure:
     """Height of board or block, or depth of the push, m."""
     accept_after_s: float = 3.0
     """Time that the operator has to reject a run before the next is armed, s."""
-    instructions: Mapping[Excitation, str] = field(default_factory=_no_instructions)
+    instructions: Mapping[Excitation, str] = field(default_factory=lambda: MappingProxyType({}))
     """The operator's instructions for the bumps whose usual instructions do not fit."""
 
 

@@ -29,13 +29,8 @@ class ReadyMap:
 
 def ready_map_names() -> tuple[str, ...]:
     """Return the names of all ready maps, sorted."""
-    return tuple(
-        sorted(
-            entry.name.removesuffix(".dbc")
-            for entry in _FOLDER.iterdir()
-            if entry.name.endswith(".dbc")
-        )
-    )
+    files = (entry.name for entry in _FOLDER.iterdir())
+    return tuple(sorted(name.removesuffix(".dbc") for name in files if name.endswith(".dbc")))
 
 
 def ready_map(name: str) -> ReadyMap:

@@ -15,6 +15,19 @@ _DROPS = 8
 """Position of the number of dropped datagrams among them (SK_MEMINFO_DROPS)."""
 
 
+def drop_counter(sock: socket.socket) -> int | None:
+    """Return a socket's counter of dropped datagrams, modulo 2^32; None if the kernel has none.
+
+    The counter in a CAN frame was read when the frame was queued: without this function, frames
+    dropped at the end of a burst would stay unknown until the next frame.
+    """
+    try:
+        raw = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _COUNTS.size)
+    except OSError:
+        return None
+    return int(_COUNTS.unpack(raw)[_DROPS]) if len(raw) == _COUNTS.size else None
+
+
 class SocketDrops:
     """Counts the drops of one socket since construction; 0 if the system does not count them.
 
@@ -32,14 +45,13 @@ class SocketDrops:
         """Return the number of datagrams dropped; of a closed socket, the last known number."""
         if self._before is not None:
             with suppress(Exception):
-                # The kernel's counter has 32 bits and wraps.
-                self._last = (self._read() - self._before) % (1 << 32)
+                if (now := self._read()) is not None:
+                    self._last = (now - self._before) % (1 << 32)
         return self._last
 
-    def _read(self) -> int:
+    def _read(self) -> int | None:
         end = socket.socket(fileno=self._fileno())
         try:
-            raw = end.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _COUNTS.size)
+            return drop_counter(end)
         finally:
             end.detach()  # the descriptor belongs to the bus
-        return int(_COUNTS.unpack(raw)[_DROPS])

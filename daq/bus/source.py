@@ -11,6 +11,8 @@ from typing import Protocol, runtime_checkable
 
 from dbc.frames import FrameBatch
 
+from ..runs import Losses
+
 BLOCK_FRAMES = 2048
 """Largest number of frames that a source returns at once."""
 GATHER_S = 0.01
@@ -58,6 +60,15 @@ class HopLosses:
     def counts(self) -> tuple[int, int, int, int]:
         """The counts in the order of the fields; `dataclasses.astuple` takes ten times as long."""
         return self.bus_dropped, self.bus_garbled, self.restamped, self.queue_dropped
+
+    @property
+    def of_a_run(self) -> Losses:
+        """The lost frames, as losses of a run."""
+        return Losses(
+            bus_dropped=self.bus_dropped,
+            bus_garbled=self.bus_garbled,
+            queue_dropped=self.queue_dropped,
+        )
 
     def since(self, before: HopLosses) -> HopLosses:
         """Return the losses since an earlier count."""

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from dbc.errors import InputError
-from dbc.units import to_si
+from dbc.units import known_si, to_si
 
 from ..channels import Quantity
 from ..vehicle import Corner
@@ -58,15 +57,9 @@ class Question:
             case Asked.FORWARD if _AXIS.fullmatch(lower):
                 return lower if len(lower) == 2 else f"+{lower}"
             case Asked.UNIT:
-                return text * _is_unit(text)
+                known = known_si(text)
+                return text if known is not None and known.unit != "1" else ""
         return ""
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        return to_si(text).unit != "1"
-    except InputError:
-        return False
 
 
 Answers = Mapping[Question, str]

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dbc.errors import InputError
 from dbc.layout import MessageLayout, SignalLayout
-from dbc.units import to_si
+from dbc.units import known_si
 
 from ..signal_names import sensor_of
 from ..vehicle import Corner
@@ -91,8 +90,7 @@ def shows_push_by_unit(message: str, signal: SignalLayout) -> bool:
 
 def kind_of(message: str, signal: SignalLayout) -> str | None:
     """Return the SI unit of the quantity that a signal measures; None if it is not known."""
-    try:
-        unit = to_si(signal.unit).unit
-    except InputError:
+    known = known_si(signal.unit)
+    if known is None:
         return None
-    return kind_by_name(message, signal) if unit == "1" else unit
+    return kind_by_name(message, signal) if known.unit == "1" else known.unit

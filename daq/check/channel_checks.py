@@ -13,11 +13,10 @@ from datetime import date
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.errors import InputError
 from dbc.finding import Finding, Severity
 from dbc.layout import SignalLayout
 from dbc.samples import Decoded, Quality, Samples
-from dbc.units import G_M_S2, to_si
+from dbc.units import G_M_S2, known_si, to_si
 from dbc.words import counted, plural
 
 from ..channels import ON_BODY, Channel, Quantity
@@ -346,11 +345,8 @@ def _siblings(mapped: MappedChannel, keeping: Timekeeping, decoded: Decoded) -> 
             samples = decoded.samples.get(name)
             if name == mapped.channel.signal or samples is None or signal.is_multiplexed:
                 continue
-            try:
-                si = to_si(signal.unit)
-            except InputError:
-                continue
+            si = known_si(signal.unit)
             value = samples.value[samples.usable]
-            if si.unit == "m/s2" and len(value):
+            if si is not None and si.unit == "m/s2" and len(value):
                 found[name] = si.factor * float(np.median(value)) / G_M_S2
     return found

@@ -6,9 +6,8 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from dbc.errors import InputError
 from dbc.layout import SignalLayout
-from dbc.units import G_M_S2, to_si
+from dbc.units import G_M_S2, known_si, to_si
 
 from ..channels import Quantity
 from ..vehicle import Corner
@@ -117,9 +116,8 @@ def guess_quantity(
     `message`: name of its message.  `comment`: its comment in the DBC.  `level`: its value at rest
     in its own unit, if it was measured.
     """
-    try:
-        si = to_si(signal.unit)
-    except InputError:
+    si = known_si(signal.unit)
+    if si is None:
         return None
     corner = guess_corner(signal.name, message, comment)
     unit = f"unit {signal.unit}"
@@ -227,25 +225,22 @@ def _acceleration(
 
 
 def _turn(message: str, name: str, comment: str, is_rate: bool, unit: str) -> Guess:
+    pitch = Quantity.PITCH_RATE if is_rate else Quantity.PITCH_ACCELERATION
+    roll = Quantity.ROLL_RATE if is_rate else Quantity.ROLL_ACCELERATION
     for text, place in ((name, "name"), (comment, "comment"), (message, "message")):
         text_words = words(text)
         if text_words & _YAW:
             break
         if text_words & _PITCH:
-            kind = Quantity.PITCH_RATE if is_rate else Quantity.PITCH_ACCELERATION
-            return Guess(kind, None, 1, f"{unit}, pitch by its {place}; positive is nose down")
+            return Guess(pitch, None, 1, f"{unit}, pitch by its {place}; positive is nose down")
         if text_words & _ROLL:
-            kind = Quantity.ROLL_RATE if is_rate else Quantity.ROLL_ACCELERATION
-            return Guess(
-                kind, None, 1, f"{unit}, roll by its {place}; positive lifts the left side"
-            )
+            why = f"{unit}, roll by its {place}; positive lifts the left side"
+            return Guess(roll, None, 1, why)
     axis = axis_by_name(name, "")
     if axis == "y":
-        kind = Quantity.PITCH_RATE if is_rate else Quantity.PITCH_ACCELERATION
-        return Guess(kind, None, 1, f"{unit}, about y by its name; positive is nose down")
+        return Guess(pitch, None, 1, f"{unit}, about y by its name; positive is nose down")
     if axis == "x":
-        kind = Quantity.ROLL_RATE if is_rate else Quantity.ROLL_ACCELERATION
-        return Guess(kind, None, 1, f"{unit}, about x by its name; positive lifts the left side")
+        return Guess(roll, None, 1, f"{unit}, about x by its name; positive lifts the left side")
     return Guess(Quantity.UNUSED, None, 1, f"{unit}, neither pitch nor roll by its name")
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,6 @@ from .propose_message import Seen
 from .push_test import ORDER
 from .pushes import Push
 
-NOTHING_STATED: Mapping[str, str] = MappingProxyType({})
 _TILTED_DEG = 5.0
 """Tilt of an IMU from which the user is asked, deg."""
 
@@ -38,7 +36,7 @@ def guess_bench(
     comments: Mapping[tuple[str, int, str], str],
     seen: Seen | None,
     push: Push | None,
-    forward: Mapping[str, str] = NOTHING_STATED,
+    forward: Mapping[str, str],
 ) -> dict[str, Guess]:
     """Return a guess for each signal, by full name, without signals that the method cannot use.
 

@@ -22,10 +22,6 @@ _NEAR_1_G = 0.1
 """Largest relative deviation of the magnitude at rest from 1 g."""
 _CLEAR = 2.0
 """Factor by which the best direction must fit the pushes better than a direction 90 deg off."""
-_ROLL = {True: -1.0, False: 1.0}
-"""Sign of the first roll after a push, by True for a left corner (positive lifts the left side)."""
-_PITCH = {True: 1.0, False: -1.0}
-"""Sign of the first pitch after a push, by True for a front corner (positive is nose down)."""
 
 Vector = NDArray[np.float64]
 
@@ -108,9 +104,10 @@ def _fit(up: Vector, forward: Vector, turns: Mapping[Corner, Mapping[str, float]
         turn = np.array([angles.get(axis, 0.0) for axis in AXES])
         size = float(np.linalg.norm(turn))
         if size > 0:
-            is_left = corner in (Corner.FRONT_LEFT, Corner.REAR_LEFT)
             pitch, roll = float(turn @ left), float(turn @ forward)
-            total += (_PITCH[corner.front] * pitch + _ROLL[is_left] * roll) / size
+            # Positive pitch is nose down; positive roll lifts the left side, which a push lowers.
+            nose = 1.0 if corner.front else -1.0
+            total += (nose * pitch - corner.side * roll) / size
     return total
 
 

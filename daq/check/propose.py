@@ -189,13 +189,13 @@ def _head(
                 "bitrate = 500000  # FILL IN",
             ]
     for f in found if is_list else ():
-        lines += ["", "[[sensor]]", *_sensor(f.sensor, n_buses)]
+        lines += ["", "[[sensor]]", *_sensor(f.sensor)]
         mark = "  # " if f.surely else f"  {ASK}"
         lines[-1] += f"{mark}{printable(f.why, 200)}"
     return [*lines, *REST]
 
 
-def _sensor(sensor: Sensor, n_buses: int) -> list[str]:
+def _sensor(sensor: Sensor) -> list[str]:
     lines = [f"name = {json.dumps(sensor.name)}"]
     if sensor.database.startswith(PREFIX):
         lines.append(f"layout = {json.dumps(sensor.database.removeprefix(PREFIX))}")

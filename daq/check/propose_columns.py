@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.errors import InputError, printable
+from dbc.errors import printable
 from dbc.layout import MessageLayout, SignalLayout
 from dbc.samples import DecodeCounts, Decoded, Samples
-from dbc.units import to_si
+from dbc.units import known_si, to_si
 
 from ..samples.columns import Column, Columns
 from .answers import NO_ANSWERS, YES, Answers, Question, answered, stated_forward
@@ -130,7 +130,9 @@ def _times_by_column(columns: Sequence[Column]) -> dict[str, _Times]:
 
 def _times(column: Column) -> _Times | None:
     """Return a column as times if it increases and its name or unit says that it holds times."""
-    is_second, is_named = _is_second(column.unit), bool(words(_last(column)) & _TIME)
+    known = known_si(column.unit)
+    is_second = known is not None and known.unit == "s"
+    is_named = bool(words(column.name.rpartition("/")[2]) & _TIME)
     values = column.values.astype(np.float64)
     steps = np.diff(values[np.isfinite(values)])  # a shorter table of the same file ends earlier
     if not (is_second or is_named) or not len(steps) or not np.all(steps > 0.0):
@@ -153,17 +155,6 @@ def _in_unit(times: _Times, answers: Answers) -> _Times:
     if not text:
         return times
     return replace(times, ask="", unit=times.unit if text == YES else text)
-
-
-def _is_second(unit: str) -> bool:
-    try:
-        return to_si(unit).unit == "s"
-    except InputError:
-        return False
-
-
-def _last(column: Column) -> str:
-    return column.name.rpartition("/")[2]
 
 
 def _time_table(times: _Times | None, has_own: bool) -> list[str]:

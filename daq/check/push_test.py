@@ -138,15 +138,9 @@ def _move(channel: Channel, deviation: NDArray[np.float64]) -> _Move:
 
 def _over(deviations: Sequence[tuple[NDArray[np.float64], float]], bin_s: float) -> bool:
     """Return whether all channels are at rest again, or have moved for too long to wait."""
-    began, ended, length = [], [], 0
-    for deviation, least in deviations:
-        loud = np.flatnonzero(np.abs(deviation) >= least)
-        length = len(deviation)
-        if len(loud):
-            began.append(int(loud[0]))
-            ended.append(int(loud[-1]))
-    quiet_s = (length - 1 - max(ended)) * bin_s
-    return quiet_s >= _SETTLED_S or (length - 1 - min(began)) * bin_s >= _LONGEST_S
+    loud = np.any([np.abs(deviation) >= least for deviation, least in deviations], axis=0)
+    begun_s, quiet_s = (len(loud) - 1 - np.flatnonzero(loud)[[0, -1]]) * bin_s
+    return bool(quiet_s >= _SETTLED_S or begun_s >= _LONGEST_S)
 
 
 def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel]) -> PushResult:
@@ -162,7 +156,7 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
             return PushResult(corner, True, False, text, advice)
         if most.channel.corner is not corner:
             return _elsewhere(corner, own, most, moves)
-    wrong = [m for m in moves if (way := _expected(corner, m.channel, channels)) and way != m.first]
+    wrong = [m for m in moves if (way := _expected(corner, m.channel)) and way != m.first]
     seen = most or moves[0]
     sizes = f"{seen.channel.name} moved {_spoken_size(seen)}"
     if wrong:
@@ -196,7 +190,7 @@ def _corner_of_turn(moves: Sequence[_Move]) -> Corner | None:
     return next(c for c in Corner if (c.front, c.side) == (pitch > 0, -roll))
 
 
-def _expected(corner: Corner, channel: Channel, channels: Sequence[Channel]) -> int:
+def _expected(corner: Corner, channel: Channel) -> int:
     """Return the expected first direction of a channel, +1 or -1; 0 if it is not certain."""
     quantity = channel.quantity
     if quantity is Quantity.SUSPENSION_TRAVEL:

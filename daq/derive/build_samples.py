@@ -206,12 +206,4 @@ def _shortcomings(
 
 def _losses(codec: Codec, decoded: Decoded, hops: HopCounts, start_ns: int, stop_ns: int) -> Losses:
     sensors = health.advance(codec.messages, health.HealthState(), decoded).losses
-    wire = hops.between(start_ns, stop_ns)
-    return health.losses_added(
-        sensors,
-        Losses(
-            bus_dropped=wire.bus_dropped,
-            bus_garbled=wire.bus_garbled,
-            queue_dropped=wire.queue_dropped,
-        ),
-    )
+    return health.losses_added(sensors, hops.between(start_ns, stop_ns).of_a_run)

@@ -34,7 +34,7 @@ from ..journal.reader import read_windows
 from ..journal.scan import SegmentInfo
 from ..runlog.fold import fold
 from ..runlog.runlog import LoggedRun, RunLog
-from ..runs import Losses, Run, RunOutline, RunStatus
+from ..runs import Run, RunOutline, RunStatus
 from ..samples.bench_mapping import mapped_channels
 from ..session import add_run, begin_session, finish_session
 from ..sessions import Session
@@ -242,9 +242,6 @@ def _without_data(bench: Bench, logged: LoggedRun, row: GrownRun) -> Run:
         groups=(),
         status=RunStatus.ACCEPTED,
         reasons=row.outline.reasons,
-        losses=Losses(),
-        events=(),
-        frames=FrameBatch.empty(),
     )
 
 

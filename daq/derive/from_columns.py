@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import printable
-from dbc.frames import FrameBatch
 from dbc.samples import Quality
 from dbc.units import to_si
 from dbc.words import counted
@@ -23,7 +22,7 @@ from ..bench.campaign import Step
 from ..bench.channel_map import ChannelMap, Clock, GivenRun
 from ..channels import Channel, Quantity
 from ..errors import InputError
-from ..runs import Event, Losses, Run, RunStatus, SampleGroup
+from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import trigger
 from ..samples.blocks import Column as Trace
 from ..samples.columns import Column, Columns
@@ -238,9 +237,6 @@ def given_run(channel_map: ChannelMap, found: Recording, given: GivenRun) -> Run
         groups=tuple(groups),
         status=RunStatus.REJECTED if reasons else RunStatus.ACCEPTED,
         reasons=tuple(reasons),
-        losses=Losses(),
-        events=(),
-        frames=FrameBatch.empty(),
     )
 
 

@@ -27,6 +27,7 @@ from ..journal.contents import HopCounts
 from ..runs import Event, Excitation
 from ..samples import trigger
 from ..samples.bench_mapping import bench_mapping
+from ..samples.mapping import mapped_block
 from ..samples.trigger import UNPLANNED
 from ..sessions import Session
 from .build_samples import build_session, utc_text
@@ -82,11 +83,7 @@ class Intake:
         self._shelf.append(batch, hops)
         decoded = self._codec.decode(batch)
         self._unknown_id += decoded.counts.unknown_id
-        block = {
-            feed.channel.name: (samples.t_ns, feed.values(samples))
-            for feed in self._feeds
-            if (samples := decoded.samples.get(feed.channel.signal)) is not None
-        }
+        block = mapped_block(self._feeds, decoded)
         self._trigger, events = trigger.advance(self._bench.trigger, self._trigger, block)
         self._shelf.append_events(events)
         self._end_ns = int(batch.t_ns[-1])

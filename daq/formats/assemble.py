@@ -16,6 +16,17 @@ from .losses import Ledger
 Marks = NDArray[np.bool_] | bool
 
 
+def records_at(text: NDArray[np.uint8], at: NDArray[Any], layout: np.dtype[Any]) -> NDArray[Any]:
+    """Return the numbers or structures of a NumPy type that begin at positions, (n,)."""
+    raw = text[at[:, None] + np.arange(layout.itemsize)]
+    return np.ascontiguousarray(raw).view(layout).reshape(len(at))
+
+
+def numbers_at(text: NDArray[np.uint8], at: NDArray[Any], kind: str) -> NDArray[np.int64]:
+    """Return the integers that begin at positions, (n,); `kind`: NumPy's word, such as ``<u4``."""
+    return records_at(text, at, np.dtype(kind)).astype(np.int64)
+
+
 def possible_ids(can_id: NDArray[np.int64], long: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return a mask of the identifiers that fit their bits: 29 where `long` is true, else 11."""
     return np.asarray(can_id < np.where(long, 1 << 29, 1 << 11))

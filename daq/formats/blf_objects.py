@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import counted
 
-from .assemble import count_impossible_ids, flags_of, good_frames
+from .assemble import count_impossible_ids, flags_of, good_frames, records_at
 from .losses import Ledger
 from .text import Index, Mask
 
@@ -73,7 +73,7 @@ def find_objects(data: bytes, ledger: Ledger) -> tuple[Index, int]:
     at = np.flatnonzero(text[: max(len(data) - 31, 0)] == ord("L"))
     for place, letter in enumerate(b"LOBJ"):
         at = at[text[at + place] == letter]
-    head = _records(text, at, HEADER)
+    head = records_at(text, at, HEADER)
     size = head["size"].astype(np.int64)
     end = at + size
     possible = (size >= 32) & (size <= MAX_OBJECT_BYTES)
@@ -120,7 +120,7 @@ def _walk(at: Index, end: Index, possible: Mask, follows: Index, size: int) -> t
 def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBatch:
     """Return the frames among the objects at `at`, in their order; other objects are ignored."""
     text = np.frombuffer(data, np.uint8)
-    head = _records(text, at, HEADER)
+    head = records_at(text, at, HEADER)
     body = at + np.where(head["version"] == 2, 40, 32)
     room = at + head["size"] - body
     unit = np.where(head["flags"] == _TEN_US, 10_000, 1)
@@ -142,7 +142,7 @@ def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBat
         good = (room[rows] >= layout.itemsize) & sane[rows] & (head["version"][rows] <= 2)
         torn = len(rows) - int(good.sum())
         rows = rows[good]
-        record = _records(text, body[rows], layout)
+        record = records_at(text, body[rows], layout)
         can_id, flags, length, size, offset = fill(
             record, head["size"][rows].astype(np.intp), body[rows] - at[rows]
         )
@@ -241,9 +241,3 @@ def _payload(text: NDArray[np.uint8], at: Index, size: Index, length: Index) -> 
     width = 8 if length.max(initial=0) <= 8 else 64
     index = np.minimum(at[:, None] + np.arange(width), len(text) - 1)
     return np.where(np.arange(width) < size[:, None], text[index], 0).astype(np.uint8)
-
-
-def _records(text: NDArray[np.uint8], at: Index, layout: np.dtype[np.void]) -> NDArray[np.void]:
-    """Return the structures that begin at `at`, (n,)."""
-    raw = text[at[:, None] + np.arange(layout.itemsize)]
-    return np.ascontiguousarray(raw).view(layout).reshape(len(at))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch
 from dbc.words import counted
 
-from .assemble import count_impossible_ids, flags_of, good_frames
+from .assemble import count_impossible_ids, flags_of, good_frames, numbers_at
 from .losses import Ledger
 
 SOCKET_CAN, COOKED, COOKED_2 = 227, 113, 276
@@ -72,14 +72,14 @@ class FrameCutter:
             if not len(rows):
                 continue
             at = start[rows]
-            protocol = _word(text, at + (14 if kind == COOKED else 0), 2)
-            outgoing = _word(text, at, 2) if kind == COOKED else text[at + 10].astype(np.int64)
+            protocol = numbers_at(text, at + (14 if kind == COOKED else 0), ">u2")
+            outgoing = numbers_at(text, at, ">u2") if kind == COOKED else text[at + 10]
             can[rows] = (protocol == _CAN) | (protocol == _CAN_FD)
             can[rows] &= size[rows] > _HEAD_BYTES[kind]
             fd_packet[rows] = protocol == _CAN_FD
             sent[rows] |= outgoing == _OUTGOING
             if kind == COOKED_2:
-                bus[rows] = [self._bus(index) for index in _word(text, at + 4, 4).tolist()]
+                bus[rows] = [self._bus(index) for index in numbers_at(text, at + 4, ">u4").tolist()]
             start[rows] += _HEAD_BYTES[kind]
             size[rows] -= _HEAD_BYTES[kind]
         rows = np.flatnonzero(can)
@@ -100,7 +100,7 @@ class FrameCutter:
         sent: NDArray[np.bool_],
         fd_packet: NDArray[np.bool_],
     ) -> FrameBatch:
-        word, turned = _word(text, start, 4), _word(text, start, 4, turned=True)
+        word, turned = (numbers_at(text, start, kind) for kind in (">u4", "<u4"))
         cooked = link != SOCKET_CAN
         if self._cooked_is_big is None and cooked.any():
             # Older versions of libpcap wrote them in the byte order of the host, newer ones in
@@ -140,17 +140,6 @@ class FrameCutter:
     def _bus(self, index: int) -> int:
         """Return the number of an interface, in the order of first frames."""
         return self._buses.setdefault(index, min(len(self._buses), 255))
-
-
-def _word(
-    text: NDArray[np.uint8], at: NDArray[np.int64], size: int, turned: bool = False
-) -> NDArray[np.int64]:
-    """Return numbers in network byte order or, if `turned`, least significant byte first."""
-    value = np.zeros(len(at), np.int64)
-    for place in range(size):
-        shift = 8 * (place if turned else size - 1 - place)
-        value |= text[at + place].astype(np.int64) << shift
-    return value
 
 
 def _plausible(word: NDArray[np.int64]) -> NDArray[np.bool_]:

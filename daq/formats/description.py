@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from dbc.frames import FrameBatch
 from dbc.words import counted
 
 from ..channels import Channel
@@ -223,7 +222,6 @@ def session_of(
                 one.reasons,
                 one.losses,
                 one.events,
-                FrameBatch.empty(),
             )
             for one in description.runs
         )

@@ -62,9 +62,7 @@ def exported_session(path: Path) -> Session | None:
         raise
     except Exception as error:  # libraries raise many kinds of errors
         what = f"cannot be read: {str(error) or type(error).__name__}"
-        raise InputError(
-            str(path), what.splitlines()[0], "the file is damaged or cut off"
-        ) from error
+        raise InputError(str(path), what.splitlines()[0], _DAMAGED) from error
     return None
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .assemble import numbers_at
 from .losses import Ledger
 from .mdf4_blocks import BlockFile
 from .mdf4_layout import DataGroup, FrameGroup
@@ -194,7 +195,7 @@ class _Store:
 
     def append(self, text: NDArray[np.uint8], at: NDArray[np.int64]) -> None:
         """Add the payloads at positions in a block; drop those of two blocks ago."""
-        sizes = _lengths(text, at)
+        sizes = numbers_at(text, at, "<u4")
         ends = self.end + np.cumsum(sizes + 4)
         fresh = _gathered(text, at + 4, sizes)
         self._places = np.concatenate([self._places[-_KEPT:], ends - sizes - 4])
@@ -238,14 +239,9 @@ class _Window:
         at = np.where(good, at, 0)
         if len(text) < 4:
             return np.zeros((len(places), 64), np.uint8), np.zeros(len(places), bool)
-        sizes = np.where(good, _lengths(text, at), 0)
+        sizes = np.where(good, numbers_at(text, at, "<u4"), 0)
         good &= at + 4 + sizes <= len(text)
         return _gathered(text, at + 4, np.where(good, sizes, 0)), good
-
-
-def _lengths(text: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.int64]:
-    word = text[at[:, None] + np.arange(4)].view("<u4")
-    return np.asarray(word[:, 0].astype(np.int64))
 
 
 def _gathered(text: NDArray[np.uint8], at: NDArray[np.int64], sizes: NDArray[np.int64]) -> Records:

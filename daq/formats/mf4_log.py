@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from heapq import heapify, heappop, heappush
 from itertools import count
 from typing import BinaryIO
@@ -57,14 +58,7 @@ def read_mf4(file: BinaryIO, where: str, ledger: Ledger) -> Iterator[FrameBatch]
     for batch in streams[0] if len(streams) == 1 else merged(streams):
         if lowest is None and len(batch):
             lowest = int(batch.bus.min())
-        yield _counted_from(batch, lowest)
-
-
-def _counted_from(batch: FrameBatch, lowest: int | None) -> FrameBatch:
-    if not lowest:
-        return batch
-    bus = np.maximum(batch.bus, 1) - 1
-    return FrameBatch(batch.t_ns, batch.can_id, batch.flags, bus, batch.length, batch.data)
+        yield replace(batch, bus=np.maximum(batch.bus, 1) - 1) if lowest else batch
 
 
 def _frames_of(

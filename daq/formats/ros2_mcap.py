@@ -18,7 +18,7 @@ from dbc.errors import InputError
 from dbc.frames import FrameBatch
 from dbc.words import counted
 
-from .assemble import count_impossible_ids, flags_of, good_frames, interleaved
+from .assemble import count_impossible_ids, flags_of, good_frames, interleaved, numbers_at
 from .losses import Ledger
 from .unpacked import Readable
 
@@ -54,7 +54,7 @@ def read_ros2(file: Readable, where: str, ledger: Ledger) -> Iterator[FrameBatch
     """
     file.read(len(MAGIC))
     topics = _Topics()
-    for content in _blocks(file, topics, ledger):
+    for content in _blocks(file, ledger):
         yield topics.frames(content, ledger)
     if not topics.buses:
         named = ", ".join(sorted(set(topics.schemas.values()))[:5]) or "none"
@@ -62,7 +62,7 @@ def read_ros2(file: Readable, where: str, ledger: Ledger) -> Iterator[FrameBatch
         raise InputError(where, what, "record the topic of CAN frames")
 
 
-def _blocks(file: Readable, topics: _Topics, ledger: Ledger) -> Iterator[bytes]:
+def _blocks(file: Readable, ledger: Ledger) -> Iterator[bytes]:
     """Yield messages in the order of records, several at a time."""
     loose: list[bytes] = []
     size = 0
@@ -194,10 +194,10 @@ def _frames(
         return FrameBatch.empty(), np.zeros(n, bool)
     rows = text[start[:, None] + np.arange(at + _TAIL_BYTES[kind])]
     good = rows[:, 1] & 1 == 1  # little-endian
-    second, nanosecond = _number(rows, 4, 4), _number(rows, 8, 4)
-    t_ns = second.astype(np.int32) * np.int64(1_000_000_000) + nanosecond
+    second, nanosecond = numbers_at(text, start + 4, "<i4"), numbers_at(text, start + 8, "<u4")
+    t_ns = second * 1_000_000_000 + nanosecond
     t_ns = np.where(t_ns > 0, t_ns, logged_ns)
-    can_id = _number(rows, at, 4)
+    can_id = numbers_at(text, start + at, "<u4")
     if kind == CLASSIC:
         remote, extended, error = (rows[:, at + n] != 0 for n in (4, 5, 6))
         length = rows[:, at + 7].astype(np.int64)
@@ -207,7 +207,7 @@ def _frames(
     else:
         extended, error = rows[:, at + 4] != 0, rows[:, at + 5] != 0
         length, remote = rows[:, at + 6].astype(np.int64), np.zeros(n, bool)
-        held = _number(rows, at + 8, 4)
+        held = numbers_at(text, start + at + 8, "<u4")
         good &= (length <= 64) & (held >= length) & (held <= size - at - 12)
         data = text[(start[:, None] + at + 12 + np.arange(64)).clip(max=len(text) - 1)].copy()
         fd = np.ones(n, bool)
@@ -218,13 +218,6 @@ def _frames(
     good &= count_impossible_ids(can_id, extended | error, t_ns, good, ledger)
     flags = flags_of(n, extended=extended, remote=remote, error=error, fd=fd)
     return good_frames(good, t_ns, can_id, flags, np.full(n, bus), length, data), good
-
-
-def _number(rows: NDArray[np.uint8], at: int, size: int) -> NDArray[np.int64]:
-    value = np.zeros(len(rows), np.int64)
-    for place in range(size):
-        value |= rows[:, at + place].astype(np.int64) << 8 * place
-    return value
 
 
 def _text(content: bytes, at: int) -> tuple[str, Any]:

@@ -176,13 +176,3 @@ class JournalContents:
     """Losses between wire and journal."""
     lost: JournalLoss
     """The losses of the files themselves."""
-
-    @property
-    def bench_text(self) -> str:
-        """bench.toml in full."""
-        return self.head.bench_text
-
-    @property
-    def dbc_text(self) -> str:
-        """The DBC in full."""
-        return self.head.dbc_text

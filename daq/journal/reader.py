@@ -97,7 +97,7 @@ class _HopTable:
         for part in (t_ns[:first], t_ns[first:]) if len(t_ns) else (t_ns,):
             if len(part):
                 self._t_ns = max(self._t_ns, int(part.max()))
-            self._add_row((self._t_ns, *_counts(block.losses)))
+            self._add_row((self._t_ns, *block.losses.counts))
 
     def _add_row(self, row: tuple[int, ...]) -> None:
         # `HopCounts.between` uses the row before a span and the first one after it.  Because both
@@ -246,8 +246,4 @@ def _plus(a: JournalLoss, b: JournalLoss) -> JournalLoss:
 
 
 def _sum(a: HopLosses, counts: Sequence[int]) -> HopLosses:
-    return HopLosses(*(x + y for x, y in zip(_counts(a), counts, strict=True)))
-
-
-def _counts(losses: HopLosses) -> tuple[int, ...]:
-    return losses.bus_dropped, losses.bus_garbled, losses.restamped, losses.queue_dropped
+    return HopLosses(*(x + y for x, y in zip(a.counts, counts, strict=True)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 from .gaps import Gap
@@ -11,19 +11,12 @@ from .names import segment_number
 from .segment import Block
 
 
-@dataclass(frozen=True, slots=True)
-class _Span:
-    first: int
-    stop: int
-    frames: int
-
-
 class WriteLedger:
     """The blocks of a recording that are on the disk, by segment."""
 
     def __init__(self, recording: str) -> None:
         self._recording = recording
-        self._spans: dict[Path, _Span] = {}
+        self._spans: dict[Path, Gap] = {}
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -34,17 +27,15 @@ class WriteLedger:
         """Add blocks that are on the disk; return their number of frames."""
         frames = sum(block.frames for block in blocks)
         before = self._spans.get(path)
-        self._spans[path] = _Span(
-            before.first if before else blocks[0].number,
-            blocks[-1].number + 1,
-            frames + (before.frames if before else 0),
-        )
+        first = before.first if before else blocks[0].number
+        total = frames + (before.frames if before else 0)
+        self._spans[path] = Gap(self._recording, first, blocks[-1].number + 1, total, path.name)
         return frames
 
     def rename(self, path: Path, now: Path) -> None:
         """Note that a segment has another name."""
         if path in self._spans:
-            self._spans[now] = self._spans.pop(path)
+            self._spans[now] = replace(self._spans.pop(path), file=now.name)
 
     def forget(self, path: Path) -> None:
         """Remove a segment that was deleted on purpose."""
@@ -55,10 +46,5 @@ class WriteLedger:
 
         `also`: a segment that was replaced by another file.
         """
-        gone = {p: s for p, s in self._spans.items() if p == also or not p.is_file()}
-        for path in gone:
-            del self._spans[path]
-        return {
-            path: Gap(self._recording, span.first, span.stop, span.frames, path.name)
-            for path, span in gone.items()
-        }
+        gone = [path for path in self._spans if path == also or not path.is_file()]
+        return {path: self._spans.pop(path) for path in gone}

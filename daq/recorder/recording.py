@@ -28,6 +28,7 @@ from ..runlog.runlog import Code, RunLog, parse_label
 from ..runs import Event, Losses
 from ..samples import health, trigger
 from ..samples.bench_mapping import bench_mapping
+from ..samples.mapping import mapped_block
 from ..verdict import RunMeasure
 from ..verdict.words import finding
 from . import run_loop
@@ -107,11 +108,6 @@ class Recording:
         return self._loop.label if self._loop.running else ""
 
     @property
-    def complete(self) -> bool:
-        """True if every planned run is accepted and the operator's time to reject is over."""
-        return self._loop.phase is Phase.COMPLETE
-
-    @property
     def revision(self) -> int:
         """Revision of the run log."""
         return self._run_log.revision
@@ -119,12 +115,7 @@ class Recording:
     @property
     def losses(self) -> Losses:
         """The losses until now, at all hops."""
-        hops = Losses(
-            bus_dropped=self._hops.bus_dropped,
-            bus_garbled=self._hops.bus_garbled,
-            queue_dropped=self._hops.queue_dropped,
-        )
-        return health.losses_added(self._health.losses, hops)
+        return health.losses_added(self._health.losses, self._hops.of_a_run)
 
     def store(self, batch: FrameBatch, hops: HopLosses) -> None:
         """Store one block of frames, and keep it for the next look.
@@ -301,11 +292,7 @@ class Recording:
     def _take(self, cycle: Cycle, events: list[Event]) -> None:
         """Keep the samples, and process the bumps found in them."""
         assert cycle.decoded is not None  # ensured by the caller
-        block = {
-            m.channel.name: (samples.t_ns, m.values(samples))
-            for m in self._mapped
-            if (samples := cycle.decoded.samples.get(m.channel.signal)) is not None
-        }
+        block = mapped_block(self._mapped, cycle.decoded)
         self._judge.add(int(cycle.batch.t_ns.min()), self._t_ns, block, self.losses)
         self._live.add(block)
         trigger_block = {name: piece for name, piece in block.items() if name in self._triggers}

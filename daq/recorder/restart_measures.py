@@ -23,7 +23,7 @@ from ..journal.scan import scan
 from ..runlog.fold import fold
 from ..runlog.runlog import LoggedRun
 from ..samples.bench_mapping import mapped_channels
-from ..samples.mapping import MappedChannel
+from ..samples.mapping import MappedChannel, mapped_block
 from ..verdict import RunMeasure, RunWindow, judge
 from .judging import is_accepted, is_only_unlike
 
@@ -80,10 +80,5 @@ def _measure(
     frames: FrameBatch,
 ) -> RunMeasure:
     decoded = codec.decode(frames.within([bench.trigger.window_ns(run.t_ns)]))
-    columns = {
-        m.channel.name: (samples.t_ns, m.values(samples))
-        for m in mapped
-        if (samples := decoded.samples.get(m.channel.signal)) is not None
-    }
-    window = RunWindow(run.t_ns, columns)
+    window = RunWindow(run.t_ns, mapped_block(mapped, decoded))
     return judge(bench, Step(run.mass_state, run.excitation, run.repeat), window, ())[1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.layout import MessageLayout, SignalLayout
-from dbc.samples import Samples
+from dbc.samples import Decoded, Samples
 from dbc.units import SiUnit, to_si
 
 from ..channels import LARGEST, SI_UNITS, Channel, Quantity
 from ..errors import InputError
 from ..signal_names import message_of, signal_of
+from .blocks import SampleBlock
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +58,15 @@ class MappedChannel:
         if self.channel.quantity is not Quantity.UNUSED:
             value[np.abs(value) > LARGEST] = np.nan
         return value
+
+
+def mapped_block(mapped: Iterable[MappedChannel], decoded: Decoded) -> SampleBlock:
+    """Return the samples of the channels whose signals were received."""
+    return {
+        m.channel.name: (samples.t_ns, m.values(samples))
+        for m in mapped
+        if (samples := decoded.samples.get(m.channel.signal)) is not None
+    }
 
 
 def channel_values(

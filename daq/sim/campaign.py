@@ -15,10 +15,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dbc.frames import FrameBatch
-
 from ..channels import Channel
-from ..runs import BASELINE, Excitation, Losses, Run, RunStatus, SampleGroup
+from ..runs import BASELINE, Excitation, Run, RunStatus, SampleGroup
 from ..sessions import Session
 from ..signal_names import message_of
 from ..vehicle import MassState, Vehicle
@@ -164,7 +162,8 @@ def _sampled(
             sensor = drawn.sensors[channel.name]
             reading = _reading(channel, sensor, installation, fine_s, seen, tick_s)
             values[channel.name] = measured(channel, sensor, car.noise, reading, rng)
-        result.append(_group(name, tick_s, values))
+        t_ns = np.rint(tick_s * 1e9).astype(np.int64)
+        result.append(SampleGroup(name, tick_s, t_ns, values, np.zeros(len(tick_s), np.uint8)))
     return tuple(result)
 
 
@@ -183,11 +182,6 @@ def _reading(
     return np.interp(tick_s - sensor.delay_s, fine_s, reading)
 
 
-def _group(name: str, time_s: Array, values: Mapping[str, Array]) -> SampleGroup:
-    t_ns = np.rint(time_s * 1e9).astype(np.int64)
-    return SampleGroup(name, time_s, t_ns, values, np.zeros(len(time_s), np.uint8))
-
-
 def _run(bump: PlannedBump, repeat: int, bump_s: float, groups: Sequence[SampleGroup]) -> Run:
     return Run(
         mass_state=bump.mass_state,
@@ -197,8 +191,4 @@ def _run(bump: PlannedBump, repeat: int, bump_s: float, groups: Sequence[SampleG
         bump_s=bump_s,
         groups=tuple(groups),
         status=RunStatus.ACCEPTED,
-        reasons=(),
-        losses=Losses(),
-        events=(),
-        frames=FrameBatch.empty(),
     )

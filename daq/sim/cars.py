@@ -82,15 +82,11 @@ def _entries() -> Mapping[str, Mapping[str, Any]]:
 def _curve(entry: Mapping[str, Any], axle: str, c_s: float) -> DamperCurve:
     """Return a damper: a printed table, a shape that is scaled to c_s, or a straight line."""
     if table := entry.get(f"table_{axle}"):
-        return Table(*(tuple(map(_point, table[way])) for way in ("compression", "rebound")))
+        ways = ("compression", "rebound")
+        return Table(*(tuple((speed, force) for speed, force in table[way]) for way in ways))
     if shape := entry.get(f"damper_{axle}"):
         return scaled(Digressive(Branch(*shape["compression"]), Branch(*shape["rebound"])), c_s)
     return Straight(c_s, c_s)
-
-
-def _point(pair: list[float]) -> tuple[float, float]:
-    speed, force = pair
-    return speed, force
 
 
 def _imperfections(

@@ -21,10 +21,11 @@ from .campaign import Plan, Simulated, simulate
 from .car import SimulatedCar
 from .dampers import Branch, Digressive, Table, damper_law, scaled, secant_ns_m
 from .fleet_bench import facts_of, fitted_plan, spread
-from .imperfections import Friction, Imperfections, PerAxle, PerCorner
+from .imperfections import Friction, Imperfections, PerAxle, PerCorner, half_differences
 from .instruments import HUBS, IMU, MESSAGES
 from .load import load_car
 from .masses import GRAVITY_M_S2
+from .nonlinear_truth import nonlinear_sizes, with_axles
 
 Facts = Mapping[str, Any]
 Range = Sequence[float]
@@ -214,40 +215,24 @@ def elements(fleet_car: FleetCar, simulated: Simulated) -> dict[str, dict[str, f
     corner, N; `s_mf`: compliance of a front mount, m/N).  A damper curve has no single size.
     """
     i = fleet_car.car.imperfections
-    friction = (i.friction.front_n, i.friction.rear_n)
-    stops = zip(i.stop_n_m, _met_stops(fleet_car, simulated), strict=True)
-    sizes = {
-        "anti_roll_bars": _both("k_a", (i.bar_front_n_m, i.bar_rear_n_m)),
-        "cg_offset": {"y_s": i.cg_offset_m},
-        "progressive_springs": _both("k_2", i.quadratic_n_m2) | _both("k_3", i.cubic_n_m3),
-        "friction": _both("F_c", friction),
-        "static_friction": _both("r_c", (i.friction.static_ratio - 1.0,) * 2),
-        "damper_mounts": _both("s_m", tuple(1.0 / k for k in i.mount_n_m)),
-        "tyre_damping": _both("c_t", (i.tyre_damping_front_ns_m, i.tyre_damping_rear_ns_m)),
-        "progressive_tyres": _both("b_t", i.tyre_progression_per_m),
-        "friction_left_right": _both(
-            "dF_c", tuple(n * d for n, d in zip(friction, _unequal(i.friction.sides), strict=True))
-        ),
-        "dampers_left_right": _both("s_c", _unequal(i.damper)),
-        "corners_left_right": _both("dk_s", _unequal(i.suspension))
-        | _both("dk_t", _unequal(i.tyre))
-        | _both("dm_u", _unequal(i.wheel)),
-        "bump_stops": _both("k_b", tuple(k * met for k, met in stops)),
+    met = _met_stops(fleet_car, simulated)
+    pairs: dict[str, dict[str, PerAxle]] = {
+        "anti_roll_bars": {"k_a": (i.bar_front_n_m, i.bar_rear_n_m)},
+        **nonlinear_sizes(i),
+        "tyre_damping": {"c_t": (i.tyre_damping_front_ns_m, i.tyre_damping_rear_ns_m)},
+        "corners_left_right": {
+            "dk_s": half_differences(i.suspension),
+            "dk_t": half_differences(i.tyre),
+            "dm_u": half_differences(i.wheel),
+        },
+        "bump_stops": {"k_b": (i.stop_n_m[0] * met[0], i.stop_n_m[1] * met[1])},
     }
+    sizes = {name: with_axles(kinds) for name, kinds in pairs.items()}
+    sizes["cg_offset"] = {"y_s": i.cg_offset_m}
     found = {name: size for name, size in sizes.items() if any(size.values())}
     if i.damper_front is not None or i.damper_rear is not None:
         found["damper_curve"] = {}
     return found
-
-
-def _both(kind: str, sizes: Sequence[float]) -> dict[str, float]:
-    front, rear = sizes
-    return {f"{kind}f": front, f"{kind}r": rear}
-
-
-def _unequal(sides: PerCorner) -> tuple[float, float]:
-    """Return half of the difference of left minus right, front and rear."""
-    return 0.5 * (sides[0] - sides[1]), 0.5 * (sides[2] - sides[3])
 
 
 def _met_stops(fleet_car: FleetCar, simulated: Simulated) -> tuple[bool, bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import astuple
 from math import sqrt
 from typing import Any
 
@@ -31,23 +32,12 @@ _SCALE_KG, _WHEELBASE_M, _TRACK_M = 0.5, 0.002, 0.004
 it, m."""
 _THREE = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
 _FURTHER = (*_THREE, Excitation.WARP)
-_CORNER_FACTS = (
-    FactQuantity.CORNER_FL,
-    FactQuantity.CORNER_FR,
-    FactQuantity.CORNER_RL,
-    FactQuantity.CORNER_RR,
-)
+_CORNER_FACTS = [FactQuantity[f"CORNER_{corner}"] for corner in Corner]
 
 
 def spread(factor: float) -> Spread:
     """Return the noise of real parts, times a factor."""
-    return Spread(
-        factor * NOISE.body_acceleration_m_s2,
-        factor * NOISE.hub_acceleration_m_s2,
-        factor * NOISE.rate_rad_s,
-        factor * NOISE.angular_acceleration_rad_s2,
-        factor * NOISE.displacement_m,
-    )
+    return Spread(*(factor * sigma for sigma in astuple(NOISE)))
 
 
 def fitted_plan(

@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-from .dampers import DamperCurve
+from ..vehicle import VehicleParameters
+from .dampers import DamperCurve, Straight
 
 PerCorner = tuple[float, float, float, float]
 """A value for each corner, in the order of `daq.vehicle.Corner`."""
@@ -16,6 +17,16 @@ PerAxle = tuple[float, float]
 """A value for a corner of the front axle and one for the rear axle."""
 
 ALIKE: PerCorner = (1.0, 1.0, 1.0, 1.0)
+
+
+def means(factors: PerCorner) -> PerAxle:
+    """Return the mean of the front corners and that of the rear ones."""
+    return 0.5 * (factors[0] + factors[1]), 0.5 * (factors[2] + factors[3])
+
+
+def half_differences(factors: PerCorner) -> PerAxle:
+    """Return half of left minus right, front and rear."""
+    return 0.5 * (factors[0] - factors[1]), 0.5 * (factors[2] - factors[3])
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +96,14 @@ class Imperfections:
     """Factors on each corner's unsprung mass."""
     cg_offset_m: float = 0.0
     """Distance of the CG of the unloaded body to the left of the middle of the car, m."""
+
+    def dampers(self, parameters: VehicleParameters) -> tuple[DamperCurve, DamperCurve]:
+        """Return the curves of a front and of a rear damper."""
+        c_sf, c_sr = parameters.c_sf, parameters.c_sr
+        return (
+            self.damper_front or Straight(self.compression * c_sf, self.rebound * c_sf),
+            self.damper_rear or Straight(self.compression * c_sr, self.rebound * c_sr),
+        )
 
 
 NONE = Imperfections()

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..vehicle import AddedMass, Corner, VehicleParameters
 from .balance import static_pose
-from .dampers import Straight, damper_law
+from .dampers import damper_law
 from .friction import FrictionLaw
 from .imperfections import NONE, Friction, Imperfections
 from .masses import gravity, inertia_forces, per_corner
@@ -25,8 +25,7 @@ def load_car(
     """
     p, i = parameters, imperfections
     inertia = -inertia_forces(p, added, i, np.eye(7))
-    front = i.damper_front or Straight(i.compression * p.c_sf, i.rebound * p.c_sf)
-    rear = i.damper_rear or Straight(i.compression * p.c_sr, i.rebound * p.c_sr)
+    front, rear = i.dampers(p)
     corner_x_m = np.array([[p.a if corner.front else -p.b] for corner in Corner])
     half_width_m = np.array([[p.t_f if corner.front else p.t_r] for corner in Corner])
     rubbing = i.friction

@@ -9,8 +9,8 @@ from math import isfinite
 import numpy as np
 
 from .car import SimulatedCar
-from .dampers import Array, DamperCurve, Straight, damper_law
-from .imperfections import PerAxle, PerCorner
+from .dampers import Array, DamperCurve, damper_law
+from .imperfections import Imperfections, PerAxle, half_differences, means
 
 _SPEEDS_M_S = np.linspace(-1.0, 1.0, 401)
 
@@ -30,24 +30,9 @@ class TrueElements:
 
 def true_elements(car: SimulatedCar) -> TrueElements:
     """Return the nonlinear elements of a simulated car."""
-    p, i = car.parameters, car.imperfections
-    dampers = [
-        Straight(i.compression * c_s, i.rebound * c_s) if curve is None else curve
-        for curve, c_s in ((i.damper_front, p.c_sf), (i.damper_rear, p.c_sr))
-    ]
-    friction: PerAxle = (i.friction.front_n, i.friction.rear_n)
-    slack_f, slack_r = (1.0 / k if isfinite(k) else 0.0 for k in i.mount_n_m)
-    split = _half_differences(i.friction.sides)
-    sized: dict[str, dict[str, PerAxle]] = {
-        "friction": {"F_c": friction},
-        "static_friction": {"r_c": (i.friction.static_ratio - 1.0,) * 2},
-        "damper_mounts": {"s_m": (slack_f, slack_r)},
-        "progressive_springs": {"k_2": i.quadratic_n_m2, "k_3": i.cubic_n_m3},
-        "bump_stops": {"k_b": i.stop_n_m},
-        "progressive_tyres": {"b_t": i.tyre_progression_per_m},
-        "friction_left_right": {"dF_c": (friction[0] * split[0], friction[1] * split[1])},
-        "dampers_left_right": {"s_c": _shares(i.damper)},
-    }
+    i = car.imperfections
+    dampers = i.dampers(car.parameters)
+    sized = nonlinear_sizes(i)
     linear: dict[str, PerAxle] = {
         "anti_roll_bars": (i.bar_front_n_m, i.bar_rear_n_m),
         "tyre_damping": (i.tyre_damping_front_ns_m, i.tyre_damping_rear_ns_m),
@@ -60,23 +45,40 @@ def true_elements(car: SimulatedCar) -> TrueElements:
     values = {"d_cf": i.friction.presliding_m, "d_cr": i.friction.presliding_m}
     values |= {"v_cf": i.friction.stribeck_m_s, "v_cr": i.friction.stribeck_m_s}
     for kinds in sized.values():
-        for kind, both in kinds.items():
-            values |= {f"{kind}{axle}": v for axle, v in zip("fr", both, strict=True)}
+        values |= with_axles(kinds)
     gaps = zip("fr", i.stop_gap_m, strict=True)
     values |= {f"g_b{axle}": gap for axle, gap in gaps if isfinite(gap)}
     return TrueElements(tuple(groups), values, (_curve(dampers[0]), _curve(dampers[1])))
+
+
+def with_axles(kinds: Mapping[str, PerAxle]) -> dict[str, float]:
+    """Return sizes by kind with the axle at the end of each name."""
+    return {
+        f"{kind}{axle}": size
+        for kind, both in kinds.items()
+        for axle, size in zip("fr", both, strict=True)
+    }
 
 
 def _curve(damper: DamperCurve) -> tuple[Array, Array]:
     return _SPEEDS_M_S, damper_law([damper], [1.0]).force(_SPEEDS_M_S[None])[0]
 
 
-def _half_differences(factors: PerCorner) -> PerAxle:
-    """Return half of left minus right, front and rear."""
-    return 0.5 * (factors[0] - factors[1]), 0.5 * (factors[2] - factors[3])
+def nonlinear_sizes(i: Imperfections) -> dict[str, dict[str, PerAxle]]:
+    """Return the sizes of all nonlinear elements except damper curves, SI, by element and kind.
 
-
-def _shares(factors: PerCorner) -> PerAxle:
-    """Return half of left minus right relative to the mean, front and rear."""
-    front, rear = _half_differences(factors)
-    return front / (0.5 * (factors[0] + factors[1])), rear / (0.5 * (factors[2] + factors[3]))
+    Kinds are the beginnings of the names under which an identification reports them, such as `F_c`.
+    """
+    friction: PerAxle = (i.friction.front_n, i.friction.rear_n)
+    split = half_differences(i.friction.sides)
+    split_c, mean_c = half_differences(i.damper), means(i.damper)
+    return {
+        "friction": {"F_c": friction},
+        "static_friction": {"r_c": (i.friction.static_ratio - 1.0,) * 2},
+        "damper_mounts": {"s_m": (1.0 / i.mount_n_m[0], 1.0 / i.mount_n_m[1])},
+        "progressive_springs": {"k_2": i.quadratic_n_m2, "k_3": i.cubic_n_m3},
+        "bump_stops": {"k_b": i.stop_n_m},
+        "progressive_tyres": {"b_t": i.tyre_progression_per_m},
+        "friction_left_right": {"dF_c": (friction[0] * split[0], friction[1] * split[1])},
+        "dampers_left_right": {"s_c": (split_c[0] / mean_c[0], split_c[1] / mean_c[1])},
+    }

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from ..vehicle import PARAMETER_NAMES
 from .car import SimulatedCar
 from .dampers import secant_ns_m
-from .imperfections import PerCorner
+from .imperfections import means
 
 
 def true_parameters(car: SimulatedCar) -> dict[str, float]:
@@ -32,9 +32,9 @@ def true_parameters(car: SimulatedCar) -> dict[str, float]:
         ("k_t", i.tyre),
         ("c_s", i.damper),
     ):
-        for axle, mean in zip("fr", _means(factors), strict=True):
+        for axle, mean in zip("fr", means(factors), strict=True):
             truth[f"{kind}{axle}"] *= mean
-    rubbing = _means(i.friction.sides)
+    rubbing = means(i.friction.sides)
     return truth | {
         "k_af": i.bar_front_n_m,
         "k_ar": i.bar_rear_n_m,
@@ -44,11 +44,6 @@ def true_parameters(car: SimulatedCar) -> dict[str, float]:
         "F_cf": i.friction.front_n * rubbing[0],
         "F_cr": i.friction.rear_n * rubbing[1],
     }
-
-
-def _means(factors: PerCorner) -> tuple[float, float]:
-    """Return the mean of the front corners and that of the rear ones."""
-    return 0.5 * (factors[0] + factors[1]), 0.5 * (factors[2] + factors[3])
 
 
 def present_parameters(car: SimulatedCar) -> dict[str, float]:

@@ -45,24 +45,16 @@ def install(unloaded: Plant, car: SimulatedCar) -> Installation:
     return Installation(unloaded, car.parameters.a, pose, car.imperfections.cg_offset_m)
 
 
-def _specific_force_x(tilt: Array) -> Array:
-    """Return x: nose down turns it towards the ground, so gravity pulls the proof mass forward."""
-    return np.asarray(-GRAVITY_M_S2 * tilt[1])
-
-
-def _specific_force_y(tilt: Array) -> Array:
-    """Return y: left side up turns it away from the ground."""
-    return np.asarray(GRAVITY_M_S2 * tilt[2])
-
-
 def _yaw_rate(tilt: Array) -> Array:
     """Return zero: a car that bounces on the spot does not turn."""
     return np.zeros(tilt.shape[1])
 
 
 _SPARE: dict[str, tuple[Quantity, Callable[[Array], Array]]] = {
-    "IMU_Accel.acc_x": (Quantity.BODY_ACCELERATION, _specific_force_x),
-    "IMU_Accel.acc_y": (Quantity.BODY_ACCELERATION, _specific_force_y),
+    # Nose down turns x towards the ground, so that gravity pulls the proof mass forward; left side
+    # up turns y away from the ground.
+    "IMU_Accel.acc_x": (Quantity.BODY_ACCELERATION, lambda tilt: -GRAVITY_M_S2 * tilt[1]),
+    "IMU_Accel.acc_y": (Quantity.BODY_ACCELERATION, lambda tilt: GRAVITY_M_S2 * tilt[2]),
     "IMU_Rate.rate_z": (Quantity.PITCH_RATE, _yaw_rate),
 }
 """Signals of the shipped IMU that the method does not use: the kind of sensor, for its errors, and

@@ -83,16 +83,10 @@ def of_body(
     for wheels in TOGETHER:
         at_front, to_left = sum(2 * c.front - 1 for c in wheels), sum(c.side for c in wheels)
         if at_front:
-            own, other = body.front, body.rear
-            if at_front < 0:
-                own, other = other, own
-            axle = min(own / max(other, 1e-12), 1.0)
+            axle = _moved_more(at_front, body.front, body.rear)
             like[wheels] = axle * _turned(body.pitch, body.heave, body.roll)
         elif to_left:
-            own, other = body.left, body.right
-            if to_left < 0:
-                own, other = other, own
-            side = min(own / max(other, 1e-12), 1.0)
+            side = _moved_more(to_left, body.left, body.right)
             like[wheels] = side * _turned(body.roll, body.heave, body.pitch)
         else:
             like[wheels] = still
@@ -105,6 +99,12 @@ def of_body(
         words = "nose and tail against each other, the "
         words += "nose more" if body.front >= body.rear else "tail more"
     return Pattern(shares, likeness, f"{best.words}: {words}", by, BODY_PURITY, like)
+
+
+def _moved_more(way: int, positive: float, negative: float) -> float:
+    """Return the ratio, at most 1, of the motion of the end or side in direction `way`."""
+    own, other = (positive, negative) if way > 0 else (negative, positive)
+    return min(own / max(other, 1e-12), 1.0)
 
 
 def _turned(own: float, heave: float, other: float) -> float:

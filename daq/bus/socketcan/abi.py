@@ -44,11 +44,8 @@ SO_RCVBUFFORCE = 33
 SO_TIMESTAMPNS = 35
 SO_TIMESTAMPING = 37
 SO_RXQ_OVFL = 40
-SO_MEMINFO = 55
 HARDWARE_STAMPS = 1 << 2 | 1 << 6
 """SOF_TIMESTAMPING_RX_HARDWARE and SOF_TIMESTAMPING_RAW_HARDWARE."""
-_MEMINFO = np.dtype((np.uint32, 9))
-_MEMINFO_DROPS = 8
 
 _HEADER = np.dtype(
     [
@@ -204,18 +201,3 @@ def _parse_mixed_control(words: NDArray[np.int64], used: NDArray[np.int64]) -> A
 
 def _nanoseconds(seconds: NDArray[np.int64], nanoseconds: NDArray[np.int64]) -> NDArray[np.int64]:
     return seconds * 1_000_000_000 + nanoseconds
-
-
-def drop_counter(sock: socket.socket) -> int | None:
-    """Return a socket's counter of dropped frames, modulo 2^32; None if the kernel has none.
-
-    The counter in a frame was read when the frame was queued: without this function, frames dropped
-    at the end of a burst would stay unknown until the next frame.
-    """
-    try:
-        answer = sock.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, _MEMINFO.itemsize)
-    except OSError:
-        return None
-    if len(answer) < _MEMINFO.itemsize:
-        return None
-    return int(np.frombuffer(answer, np.uint32)[_MEMINFO_DROPS])

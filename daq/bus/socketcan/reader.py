@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch
 
 from ...errors import BusError
+from ..socket_drops import drop_counter
 from ..source import BLOCK_FRAMES, GATHER_S, LONG_GATHER_S, SourceLosses
 from ..steady_clock import STEADY_CLOCK, SteadyClock
 from . import abi as abi
@@ -122,7 +123,7 @@ class SocketCanSource:
             older, self._older = self._older, self._older and self._more
             if count:
                 return self._batch(count, older)
-            self._count_drops(abi.drop_counter(self._socket))
+            self._count_drops(drop_counter(self._socket))
             if self._fault:
                 raise BusError(
                     self.name,
@@ -191,9 +192,7 @@ class SocketCanSource:
                 garbled=self._losses.garbled + garbled,
                 restamped=self._losses.restamped + restamped,
             )
-        if (
-            len(batch) and not older
-        ):  # frames queued before it was taken down do not mean that it is up
+        if len(batch) and not older:  # older frames, queued before, do not mean that it is up
             self._down = False
         return batch
 

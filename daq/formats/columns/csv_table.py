@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.errors import InputError as UnitError
-from dbc.units import to_si
+from dbc.units import known_si
 
 from ...errors import InputError
 from ...optional import optional
@@ -134,10 +133,7 @@ def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Headi
 
 def _is_unit(cell: str) -> bool:
     plain = cell.strip("[]()")
-    try:
-        return bool(to_si(plain))
-    except UnitError:
-        return plain != cell
+    return plain != cell or known_si(plain) is not None
 
 
 def _read(path: Path, form: _Form, wanted: Sequence[Heading]) -> dict[str, NDArray[Any]]:

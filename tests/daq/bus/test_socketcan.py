@@ -10,6 +10,7 @@ from can.interfaces.socketcan.socketcan import dissect_can_frame
 from numpy.typing import NDArray
 
 from daq.bus.socketcan import abi as abi
+from daq.bus.socketcan import reader
 from daq.bus.socketcan.reader import StampClock
 from daq.bus.source import BLOCK_FRAMES
 from dbc.frames import FrameBatch, FrameFlag
@@ -171,7 +172,7 @@ def test_every_frame_that_did_not_fit_is_counted_even_those_at_the_end(udp: Feed
 def test_the_counter_that_comes_with_a_frame_is_counted_without_asking(
     udp: Feed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(abi, "drop_counter", lambda sock: None)
+    monkeypatch.setattr(reader, "drop_counter", lambda sock: None)
     udp.send(*[frame(data=bytes(8))] * 25_000)
     received = len(udp.read_all())
     assert udp.source.losses().dropped == 0  # all frames in the queue are older than the drops
@@ -184,7 +185,7 @@ def test_the_drop_counter_has_32_bits_and_may_be_behind(
     feed: Feed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answers = iter([0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_0000, 5, None])
-    monkeypatch.setattr(abi, "drop_counter", lambda sock: next(answers))
+    monkeypatch.setattr(reader, "drop_counter", lambda sock: next(answers))
     counts = []
     for _ in range(6):
         feed.read()

@@ -89,7 +89,7 @@ def test_a_mounting_that_is_tilted_by_more_than_five_degrees_is_asked_about(
 ) -> None:
     tilt = np.radians(tilt_deg)
     gravity = (0.0, float(np.sin(tilt)), float(np.cos(tilt)))
-    vertical = guess_bench(MESSAGES, {}, seen(gravity), None)["Imu.AccZ"]
+    vertical = guess_bench(MESSAGES, {}, seen(gravity), None, {})["Imu.AccZ"]
     assert vertical.ask.startswith(ask)
     assert bool(vertical.ask) is bool(ask)
 
@@ -132,7 +132,7 @@ def test_axes_that_are_not_vertical_are_listed_as_unused_in_the_unit_of_gravity(
     text = 'VERSION ""\n\nBU_: A\n\nBO_ 256 Imu: 8 A\n' + "".join(
         f' SG_ Acc{a} : {16 * n}|16@1- (1,0) [0|0] "" A\n' for n, a in enumerate("XYZ")
     )
-    found = guess_bench(parse_codec(text, "m.dbc").messages, {}, seen((0.0, 0.0, -1.0)), None)
+    found = guess_bench(parse_codec(text, "m.dbc").messages, {}, seen((0.0, 0.0, -1.0)), None, {})
     why = "reads +0.00 g at rest: not vertical"
     assert found["Imu.AccX"] == found["Imu.AccY"] == Guess(Quantity.UNUSED, None, 1, why, unit="g")
     vertical = found["Imu.AccZ"]

@@ -114,7 +114,7 @@ def test_a_hub_sensor_that_shows_no_gravity_is_one_of_an_ac_coupled_sensor(
     samples = Samples(name, np.arange(n) * 2_000_000, value, np.zeros(n, np.uint8))
     known = {message.name: next(iter(traffic_of(rest_and_pushes()[0]).values()))}
     seen = Seen(known, Decoded({name: samples}, DecodeCounts(0, 0, 0, 0, 0)))
-    guess = guess_bench([message], {}, seen, None)[name]
+    guess = guess_bench([message], {}, seen, None, {})[name]
     assert (guess.quantity is Quantity.HUB_ACCELERATION) == is_hub
     assert (guess.corner is FL) == is_hub
     assert ("is it AC-coupled" in guess.ask) == (level_g == 0.09)

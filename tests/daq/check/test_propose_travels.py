@@ -54,7 +54,7 @@ def test_a_travel_without_a_unit_is_proposed_and_asked_for() -> None:
     samples = Samples(name, np.arange(n) * 5_000_000, np.full(n, 120.0), np.zeros(n, np.uint8))
     known = {"TPDO1": next(iter(traffic_of(rest_and_pushes()[0]).values()))}
     seen = Seen(known, Decoded({name: samples}, DecodeCounts(0, 0, 0, 0, 0)))
-    guess = guess_bench([MESSAGE], {}, seen, None)[name]
+    guess = guess_bench([MESSAGE], {}, seen, None, {})[name]
     assert guess.quantity is Quantity.SUSPENSION_TRAVEL
     assert (guess.corner, guess.unit, guess.asked) == (Corner.FRONT_LEFT, "mm", Asked.UNIT)
     assert guess.ask == "no unit is stated: is it mm?"

@@ -73,7 +73,8 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     contents = read_journal(journal.paths)
 
     assert contents.head == HEAD
-    assert (contents.bench_text, contents.dbc_text) == (HEAD.bench_text, HEAD.dbc_text)
+    head = contents.head
+    assert (head.bench_text, head.dbc_text) == (HEAD.bench_text, HEAD.dbc_text)
     assert_same(contents.frames, FrameBatch.concatenate([block(0), block(2, 3, 64)]))
     assert contents.events == events
     assert contents.lost.text == ""

@@ -42,7 +42,7 @@ def test_runs_are_labelled_in_the_order_of_the_campaign_and_stored(
     assert runs_of(events) == PLANNED
     for k, event in enumerate(e for e in events if e.code == "bump"):
         assert event.t_ns == START_NS + round((k * PERIOD_S + 0.501) * 1e9)
-    assert recording.complete
+    assert status_of(recording).phase is Phase.COMPLETE
     assert recording.losses == Losses()
     journal.close()
     contents = read_journal(journal.paths)

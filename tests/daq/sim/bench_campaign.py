@@ -9,7 +9,14 @@ from dataclasses import dataclass, field
 from daq.bench.config import Bench, bench_codec
 from daq.bus.source import HopLosses
 from daq.clocks import Now
-from daq.control.messages import DiskStatus, QueueStatus, SessionStatus, Status, StorageStatus
+from daq.control.messages import (
+    DiskStatus,
+    Phase,
+    QueueStatus,
+    SessionStatus,
+    Status,
+    StorageStatus,
+)
 from daq.control.orders import Arm, Until
 from daq.errors import BusError
 from daq.recorder.recording import Recording
@@ -72,7 +79,7 @@ def record(
             recorder.carry_out(Arm(Until.COMPLETE), "test", now)
             armed = True
         statuses[:] = [recorder.status(now, HOST)]
-        if recorder.complete:
+        if statuses[-1].phase is Phase.COMPLETE:
             break
     source.dismantle()
     return kept, statuses[-1]
