@@ -13,6 +13,7 @@ from .fit.estimation import Estimation
 from .fit.generic_vehicles import generic_vehicles
 from .trust.cause_ranking import Suspect, rank_causes
 from .trust.consistency import one_run_is_wrong
+from .trust.linear_effects import TURNED
 from .trust.misfit import CHI2_LIMIT
 from .trust.swaps import swap_explanation
 
@@ -62,4 +63,5 @@ def explained_by_elements(
 
 def of_bench(suspect: Suspect) -> bool:
     """Return whether a cause is a fault of a sensor."""
-    return suspect.cause.endswith(" late") or suspect.cause.startswith("gain of ")
+    cause = suspect.cause
+    return cause == TURNED or cause.endswith(" late") or cause.startswith("gain of ")

@@ -11,7 +11,7 @@ from ..fit.estimation import Estimation
 from ..fit.uncertainty import COVERAGE_95
 from ..model.chi_squared import exceeded_by_chance
 from ..numbers import with_half
-from .linear_effects import Effect, gains, lateness, structural
+from .linear_effects import Effect, gains, lateness, structural, turns
 from .nonlinear_effects import suspension_forces
 from .refit import largest_shift
 from .score_test import FittedDecay, Score, Trace, fitted_decays, scores
@@ -64,7 +64,12 @@ class Suspect:
 def rank_causes(estimation: Estimation) -> tuple[Suspect, ...]:
     """Test every known cause on the residuals; the one that explains most comes first."""
     fitted = fitted_decays(estimation, _RATE_HZ)
-    kinds = [structural(estimation, fitted), lateness(estimation), gains(estimation)]
+    kinds = [
+        structural(estimation, fitted),
+        lateness(estimation),
+        gains(estimation),
+        turns(estimation),
+    ]
     forces = suspension_forces(estimation)
     effects = [effect for kind in (*kinds, forces) for effect in kind.effects]
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.channels import Quantity
 from daq.vehicle import RICHEST, MassState, parameter_unit
 
 from ..fit.estimation import Estimation
@@ -26,6 +27,11 @@ WEIGHTS = "added weights off by a common factor"
 """Name of the cause: the scale on which the weights were weighed, or their unit."""
 ONE_WEIGHT = "an added weight is wrong"
 TYRE_DAMPING = "tyre damping"
+TURNED = "IMU turned about z"
+_PITCH_AND_ROLL = (
+    (Quantity.PITCH_RATE, Quantity.ROLL_RATE),
+    (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
+)
 _LATE_S = 0.001
 
 
@@ -160,6 +166,34 @@ def gains(estimation: Estimation) -> Effects:
         for r in one.decay.recordings:
             own = np.array([[c.name == name for name in names] for c in r.group.channels], float)
             traces.append(motion(one.at, r.group, z, 0)[..., None] * own[:, None])
+        return tuple(traces)
+
+    return Effects(effects, trace_of)
+
+
+def turns(estimation: Estimation) -> Effects:
+    """Return the turn about z of each IMU: its pitch and roll then show a part of each other.
+
+    It is positive to the left, as seen from above.
+    """
+    pairs = {}
+    for group in estimation.box.groups:
+        at = {channel.quantity: i for i, channel in enumerate(group.channels)}
+        for pitch, roll in _PITCH_AND_ROLL:
+            if pitch in at and roll in at:
+                pairs[group.name] = at[pitch], at[roll]
+    effects = tuple(Effect(TURNED, name, "deg", 180.0 / np.pi) for name in pairs)
+
+    def trace_of(one: FittedDecay) -> Traces:
+        z = modal_start(one)
+        traces = []
+        for r in one.decay.recordings:
+            shown = motion(one.at, r.group, z, 0)
+            trace = np.zeros((*shown.shape, len(pairs)))
+            for q, (name, (pitch, roll)) in enumerate(pairs.items()):
+                if name == r.group.name:
+                    trace[pitch, :, q], trace[roll, :, q] = -shown[roll], shown[pitch]
+            traces.append(trace)
         return tuple(traces)
 
     return Effects(effects, trace_of)

@@ -1,0 +1,77 @@
+"""An IMU whose axes are turned about z against the car's: pitch and roll show a part of each other.
+
+Through the simulated car, which is written from forces.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daq.bench.config import load_bench
+from daq.channels import Channel, Quantity
+from daq.runs import Run
+from daq.sessions import Session
+from identify.decays.decay import ChannelGroup
+from identify.fit.grey_box import GreyBox
+from identify.pipeline import identify_parameters
+from identify.trust.finding import Verdict
+from identify.trust.linear_effects import turns
+
+from ...flow.coverage import simulated_session
+from .campaigns import by_gate, estimated
+
+CODE = "IMU_turned_about_z"
+
+
+def _turned(run: Run, angle: float) -> Run:
+    """Return a run as an IMU shows it that is turned to the left, as seen from above."""
+    groups = []
+    for group in run.groups:
+        shown = dict(group.values)
+        if "roll_rate" in shown:
+            roll, pitch = shown["roll_rate"], shown["pitch_rate"]  # about x forward, y to the left
+            shown["roll_rate"] = np.cos(angle) * roll + np.sin(angle) * pitch
+            shown["pitch_rate"] = np.cos(angle) * pitch - np.sin(angle) * roll
+        groups.append(replace(group, values=shown))
+    return replace(run, groups=tuple(groups))
+
+
+@pytest.fixture(scope="module")
+def straight() -> Session:
+    return simulated_session(load_bench(None), 500)
+
+
+@pytest.mark.parametrize("angle_deg", [-2.0, 5.0])
+def test_the_angle_of_a_turned_imu_is_found(straight: Session, angle_deg: float) -> None:
+    angle = np.radians(angle_deg)
+    turned = replace(straight, runs=tuple(_turned(run, angle) for run in straight.runs))
+    found = identify_parameters(turned)
+    assert found.quality.verdict is Verdict.DOUBTFUL
+    text = by_gate(found.quality.findings)[CODE].text
+    assert "with its x axis along the car" in text
+    size, half = re.findall(r"IMU_Rate (\S+) ± (\S+) deg", text)[0]
+    # To first order, and what remains of a large turn widens nothing.
+    assert abs(float(size) - angle_deg) < max(2.0 * float(half), 0.03 * abs(angle_deg))
+    assert found.forces is None  # no element of the car is sought for a fault of the bench
+
+
+def test_an_imu_that_is_straight_is_no_finding(straight: Session) -> None:
+    assert CODE not in by_gate(identify_parameters(straight).quality.findings)
+
+
+def test_only_rates_of_one_message_turn_together() -> None:
+    """Of two messages, neither shows the other's axis at its own times."""
+    result = estimated("linear", 1)
+    pitch, roll = Channel("p", Quantity.PITCH_RATE), Channel("r", Quantity.ROLL_RATE)
+    further = Channel("q", Quantity.PITCH_ACCELERATION), Channel("s", Quantity.ROLL_ACCELERATION)
+    for groups, names in (
+        ((ChannelGroup("one", (pitch, roll)),), ["one"]),
+        ((ChannelGroup("one", (pitch,)), ChannelGroup("two", (roll,))), []),
+        ((ChannelGroup("one", (pitch, further[1])), ChannelGroup("two", further)), ["two"]),
+    ):
+        box = GreyBox(groups, result.box.mass_states, None)
+        assert [effect.label for effect in turns(replace(result, box=box)).effects] == names
