@@ -97,7 +97,7 @@ def identify(
     ) -> None:
         # The modes of a car with friction change as it comes to rest: it has no fixed modes.
         if estimation.nonlinear is None:
-            finding.update(_begun(estimation.records, decays, not signs, executor))
+            finding.update(_begun(estimation, decays, not signs, executor))
         fitted(estimation)
 
     found = _parameters(session, progress, begin)
@@ -203,17 +203,24 @@ def _parameters(
 
 
 def _begun(
-    records: Sequence[Record],
+    estimation: Estimation,
     decays: Sequence[FreeDecay],
     symmetric: bool,
     executor: Executor | None,
 ) -> dict[str, Callable[[], SensedModes | None]]:
-    """Return a call for the sensed modes of each mass state; an executor begins at once."""
+    """Return a call for the sensed modes of each mass state; an executor begins at once.
+
+    With the fitted gains taken out: else a symmetric vehicle does not look symmetric.
+    """
+    gains = estimation.box.gains(estimation.fit.eta)
     of_state: dict[str, list[tuple[Record, FreeDecay]]] = {}
-    for record, decay in zip(records, decays, strict=True):
+    for record, decay in zip(estimation.records, decays, strict=True):
         if not decay.recordings:  # all its clocks jump soon after the bump
             continue
-        of_state.setdefault(record.mass_state, []).append((record, decay.thinned(_SENSED_RATE_HZ)))
+        before = tuple(part.calibrated(gains) for part in record.recordings)
+        after = tuple(p.thinned(_SENSED_RATE_HZ).calibrated(gains) for p in decay.recordings)
+        pair = replace(record, recordings=before), replace(decay, recordings=after)
+        of_state.setdefault(record.mass_state, []).append(pair)
     begun: dict[str, Callable[[], SensedModes | None]] = {}
     for name, pairs in of_state.items():
         work = partial(_sensed, pairs, symmetric)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,6 +58,11 @@ class Recording:
         own = (len(self.time_s) - 1) / float(self.time_s[-1] - self.time_s[0])
         step = max(1, round(own / rate_hz))
         return Recording(self.group, self.time_s[::step], self.values[::step])
+
+    def calibrated(self, gains: Mapping[str, float]) -> Recording:
+        """Return the samples divided by the gains of their channels; 1 for one without a gain."""
+        factors = np.array([gains.get(channel.name, 1.0) for channel in self.group.channels])
+        return Recording(self.group, self.time_s, self.values / factors)
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)

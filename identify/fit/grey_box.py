@@ -162,6 +162,10 @@ class GreyBox:
         channels = {c.name: c for c in self._channels}
         return {self._first_gain + i: channels[name] for i, name in enumerate(self._scaled)}
 
+    def gains(self, eta: NDArray[np.float64]) -> dict[str, float]:
+        """Return the fitted scale of each uncertain channel over the stated one, by its name."""
+        return {channel.name: 1.0 + float(eta[i]) for i, channel in self.scaled.items()}
+
     def pulls(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far each of `corrections` lies from what is stated, in its sigmas."""
         stated = slice(len(self.parameters), len(self.parameters) + len(self.corrections))

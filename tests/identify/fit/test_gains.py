@@ -12,11 +12,11 @@ from daq.channels import Quantity
 from daq.sim.car import SimulatedCar
 from daq.sim.faults import SensorFault
 from daq.sim.reported import true_parameters
-from identify.decays.decay import ChannelGroup, Record
+from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import Fit, fit
 from identify.fit.uncertainty import motion_ratio_estimates
-from identify.pipeline import identify_parameters
+from identify.pipeline import identify, identify_parameters
 
 from ...flow.coverage import simulated_session
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
@@ -100,6 +100,32 @@ def test_sensors_that_show_three_per_cent_too_much_are_within_the_intervals(
     assert abs(blind.parameters[lost].value - truth[lost]) > 20.0 * blind.parameters[lost].std
     assert "gains" in {finding.code for finding in blind.quality.findings}
     assert "gains" not in {finding.code for finding in found.quality.findings}
+
+
+def test_the_modes_of_a_symmetric_car_are_symmetric_whatever_the_gains_are() -> None:
+    """Each mode moves left and right wheels alike, as the fitted gains are taken out before."""
+    bench = load_bench(None)
+    wide = tuple(
+        replace(c, gain_sigma=0.02) if c.quantity is not Quantity.UNUSED else c
+        for c in bench.channels
+    )
+    session = simulated_session(replace(bench, channels=wide), 500)  # gains off by some 2 %
+    found = identify(session)
+    fitted = found.estimation.box.gains(found.estimation.fit.eta) if found.estimation else {}
+    assert max(fitted.values()) - min(fitted.values()) > 0.03
+    for sensed in found.sensed.values():
+        names = [c.name for c in wide if c.quantity is not Quantity.UNUSED]
+        for side in ("hub_acc_f", "hub_acc_r", "travel_f", "travel_r"):
+            left, right = (abs(sensed.shapes[names.index(side + end)]) for end in "lr")
+            np.testing.assert_allclose(left, right, rtol=1e-9)
+
+
+def test_samples_are_divided_by_the_gains_of_their_channels() -> None:
+    time_s, values = np.arange(3.0), np.arange(12.0).reshape(3, 4)
+    group = ChannelGroup("g", GROUP.channels[:4])
+    made = Recording(group, time_s, values).calibrated({GROUP.channels[1].name: 0.5})
+    np.testing.assert_array_equal(made.values, values * [1.0, 2.0, 1.0, 1.0])
+    np.testing.assert_array_equal(made.time_s, time_s)
 
 
 def test_the_slope_of_a_row_by_its_ratio_is_the_row() -> None:
