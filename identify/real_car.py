@@ -31,8 +31,8 @@ def explained_by_elements(
 
     A car differs from the linear model in all runs: where one run is wrong, no elements are sought,
     nor in decays that end before the body has swung once.  A fault of the bench (a late or wrongly
-    scaled sensor) that explains the misfit with one number takes precedence over a dozen elements
-    that explain it equally well.
+    scaled sensor, swapped labels) that explains the misfit with one number or none takes precedence
+    over a dozen elements that explain it equally well.
 
     `session`: with the elements that `[vehicle.structure]` forces or forbids.  `linear`: a linear
     fit that does not hold, nor does one from a later start.  `log`: receives a line for each
@@ -43,7 +43,9 @@ def explained_by_elements(
         return None
     n = sum(sum(left.freedom.values()) for left in linear.residuals)
     excess = max(linear.chi2_per_n - 1.0, 0.0)
-    fault = max((s.explained for s in rank_causes(linear) if of_bench(s)), default=0.0)
+    exchange = swap_explanation(linear)
+    faults = [s.explained for s in rank_causes(linear) if of_bench(s)]
+    fault = max([exchange.explained if exchange else 0.0, *faults])
     if 1.0 + excess * (1.0 - min(fault, 1.0)) <= linear.chi2_limit:
         return None
     from .nonlinear.real_car import real_car  # with Numba: a third of a second to import
@@ -51,9 +53,6 @@ def explained_by_elements(
     found = real_car(linear, generic_vehicles(), session.vehicle.elements, log)
     if found is None or not found.estimation.chi2_per_n <= CHI2_LIMIT:
         return None
-    if not found.estimation.holds:
-        exchange = swap_explanation(linear)
-        fault = max(fault, exchange.explained if exchange else 0.0)
     left = excess * (1.0 - min(fault, 1.0))
     kept = sum(choice.threshold for choice in found.forces.choices if choice.kept)
     by_elements = max(found.estimation.chi2_per_n - 1.0, 0.0) * n + kept

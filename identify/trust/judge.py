@@ -58,7 +58,7 @@ def judge(
     parameters = parameter_findings(estimation)
     findings = [
         *unused,
-        *(causes.findings if known else ()),
+        *(() if holds else causes.findings),  # what to do before what is wrong
         *misfit_findings(estimation),
         *(f for f in parameters if not (explained and f.code == "contradiction")),
         *(scale_findings(estimation.box) if determined else ()),
@@ -66,7 +66,7 @@ def judge(
         *sampling_findings(session, estimation.records),
         *saturation_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),
-        *(() if known else causes.findings),
+        *(causes.findings if holds else ()),
     ]
     if determined and holds:
         findings += whiteness_findings(estimation)

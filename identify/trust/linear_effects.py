@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from daq.channels import Quantity
 from daq.vehicle import RICHEST, MassState, parameter_unit
 
+from ..decays.decay import ChannelGroup
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
 from ..fit.varpro import evaluate, motion, slopes
@@ -176,27 +177,28 @@ def turns(estimation: Estimation) -> Effects:
 
     It is positive to the left, as seen from above.
     """
-    pairs = {}
-    for group in estimation.box.groups:
-        at = {channel.quantity: i for i, channel in enumerate(group.channels)}
-        for pitch, roll in _PITCH_AND_ROLL:
-            if pitch in at and roll in at:
-                pairs[group.name] = at[pitch], at[roll]
-    effects = tuple(Effect(TURNED, name, "deg", 180.0 / np.pi) for name in pairs)
+    names = dict.fromkeys(group.name for group in estimation.box.groups if _pitch_and_roll(group))
+    effects = tuple(Effect(TURNED, name, "deg", 180.0 / np.pi) for name in names)
 
     def trace_of(one: FittedDecay) -> Traces:
         z = modal_start(one)
         traces = []
         for r in one.decay.recordings:
             shown = motion(one.at, r.group, z, 0)
-            trace = np.zeros((*shown.shape, len(pairs)))
-            for q, (name, (pitch, roll)) in enumerate(pairs.items()):
-                if name == r.group.name:
-                    trace[pitch, :, q], trace[roll, :, q] = -shown[roll], shown[pitch]
+            trace = np.zeros((*shown.shape, len(names)))
+            for pitch, roll in _pitch_and_roll(r.group):
+                q = tuple(names).index(r.group.name)
+                trace[pitch, :, q], trace[roll, :, q] = -shown[roll], shown[pitch]
             traces.append(trace)
         return tuple(traces)
 
     return Effects(effects, trace_of)
+
+
+def _pitch_and_roll(group: ChannelGroup) -> list[tuple[int, int]]:
+    """Return the columns of pitch and roll of a group that has both."""
+    at = {channel.quantity: i for i, channel in enumerate(group.channels)}
+    return [(at[p], at[r]) for p, r in _PITCH_AND_ROLL if p in at and r in at]
 
 
 def modal_start(one: FittedDecay) -> NDArray[np.complex128]:

@@ -112,7 +112,7 @@ def test_a_model_that_does_not_hold_is_refused(bump_s: float, noise_db: float) -
         runs.append((run.mass_state, str(run.excitation), samples))
     result = identify(session_from_arrays(runs, delta_mass=PAPER_DELTA_MASS, bump_s=bump_s))
     assert result.quality.verdict is Verdict.REFUSED
-    assert "chi2/n" in result.quality.reasons[0]
+    assert any("chi2/n" in reason for reason in result.quality.reasons[:2])
 
 
 @pytest.mark.parametrize("missing", [BASELINE, ADDED])
