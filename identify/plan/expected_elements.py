@@ -51,10 +51,10 @@ class ExpectedElements:
 
 
 def element_label(name: str) -> str:
-    """Return the unknown of an axle in words: `friction front` of `F_cf`."""
+    """Return the unknown of an axle in words: `front friction` of `F_cf`."""
     label = next(label for label, kind in KINDS.items() if kind == name[:-1])
     words = "compliance of the mount" if label == MOUNT_LABEL else label.replace("_", " ")
-    return f"{words} {'front' if name[-1] == 'f' else 'rear'}"
+    return f"{'front' if name[-1] == 'f' else 'rear'} {words}"
 
 
 def unknowns_with(

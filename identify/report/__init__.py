@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from .pdf import pdf_of as pdf_of
     from .words import HEADLINE as HEADLINE
     from .words import MEANING as MEANING
+    from .words import NOT_OK as NOT_OK
     from .words import SEVERITY as SEVERITY
     from .words import parameter_words as parameter_words
     from .words import plain as plain

@@ -7,6 +7,8 @@ from functools import partial
 from math import isnan
 from typing import Any
 
+from dbc.words import counted
+
 from ..change import Change
 from ..document import EstimateEntry, unit_text
 from ..estimate_text import high_text, low_text
@@ -24,8 +26,9 @@ def unchanged_line(change: Change) -> str:
     what = "all else" if change.outcome == "parameters" else "everything"
     if change.apart:
         what = f"{what} that all sessions have"
+    freedom = f"{counted(change.rest_freedom, 'degree')} of freedom"
     return (
-        f"Test that {what} is unchanged: chi2 {change.rest_chi2:.1f} on {change.rest_freedom},"
+        f"Test that {what} is unchanged: chi2 {change.rest_chi2:,.1f} on {freedom},"
         f" chance {_chance_text(change.rest_p)}."
     )
 
@@ -53,10 +56,11 @@ def change_table(change: Change, document: Mapping[str, Any]) -> Table:
                     cited(document, *named, "p", form=_chance_text),
                 )
             )
+    title, line = "What changed, by one joint fit", unchanged_line(change)
     if not rows:
-        rows = [(Cell(change.sentence), *(Cell("") for _ in range(7)))]
+        return Table(title, ("what changed", ""), ((Cell(change.sentence), Cell("")),), line)
     columns = ("what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance")
-    return Table("What changed, by one joint fit", columns, tuple(rows), unchanged_line(change))
+    return Table(title, columns, tuple(rows), line)
 
 
 def _chance_text(p: float) -> str:

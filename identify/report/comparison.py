@@ -17,6 +17,7 @@ from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
 from .change import change_table
 from .overlay import overlay_gallery
 from .panels import DifferencePanel, TrendPanel
+from .words import NOT_OK
 
 _DRAWN = 24
 """Largest number of trends with a figure, the parameters first."""
@@ -50,7 +51,7 @@ def comparison_sections(
             ("Modes", "modes", comparison.modes),
         ):
             if rows:
-                name = f"{title}: {label} less {labels[0]}"
+                name = f"{title}: {label} minus {labels[0]}"
                 blocks.append(_differences(name, document, part, rows, number_))
     sections = [Section("differences", "Differences", METHOD, tuple(blocks))]
     gallery = overlay_gallery(labels, estimations)
@@ -77,9 +78,7 @@ METHOD = (
 def _sessions(comparison: Comparison) -> Table:
     pairs = zip(comparison.labels, comparison.verdicts, strict=True)
     rows = tuple((Cell(f"{i + 1}"), Cell(a), Cell(b)) for i, (a, b) in enumerate(pairs))
-    note = "" if set(comparison.verdicts) == {"ok"} else (
-        "Where a verdict is not ok, neither intervals nor significances hold."
-    )  # fmt: skip
+    note = "" if set(comparison.verdicts) == {"ok"} else NOT_OK
     return Table("Sessions", ("#", "session", "verdict"), rows, note)
 
 
@@ -120,7 +119,7 @@ def _picture(comparison: Comparison, which: int) -> Picture:
     value = np.array([row.estimates[0].value for row in rows])
     return Picture(
         f"differences_{which + 1}",
-        f"{comparison.labels[which + 1]} less {comparison.labels[0]}",
+        f"{comparison.labels[which + 1]} minus {comparison.labels[0]}",
         "Bars: 95 % interval of each difference by itself. Diamonds differ significantly, circles "
         "do not.",
         DifferencePanel(
@@ -156,6 +155,7 @@ def _trends(comparison: Comparison, document: dict[str, Any]) -> Section:
                 (
                     Cell(row.name),
                     cited(document, part, i, "trend", form=_slope_text),
+                    Cell(unit_text(row.estimates[0].unit)),
                     Cell("✓ drifts" if t.drifts else "· none"),
                     Cell(f"{t.chi2:.1f} / {t.freedom}", f"{part}/{i}/trend/chi2"),
                     Cell("✓ varies" if t.varies else "· constant"),
@@ -166,7 +166,7 @@ def _trends(comparison: Comparison, document: dict[str, Any]) -> Section:
                 half = np.array([(e.high - e.low) / 2.0 for e in row.estimates])
                 panel = TrendPanel(value, half, t.slope, unit_text(row.estimates[0].unit))
                 pictures.append(Picture(f"trend_{part}_{i}", row.name, "", panel))
-    columns = ("", "#per session", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
+    columns = ("", "#per session", "unit", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
     return Section(
         "trend",
         "Trend over the sessions",

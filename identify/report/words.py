@@ -51,6 +51,8 @@ MEANING: Mapping[Verdict, str] = MappingProxyType(
 SEVERITY: Mapping[Verdict, str] = MappingProxyType(
     {Verdict.OK: "note", Verdict.DOUBTFUL: "doubt", Verdict.REFUSED: "refused"}
 )
+NOT_OK = "Where a verdict is not ok, neither intervals nor significances hold."
+"""Caution beside a comparison of sessions."""
 
 
 def parameter_words(name: str) -> str:

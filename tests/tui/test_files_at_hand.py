@@ -268,12 +268,13 @@ def test_a_batch_counts_names_and_ends_with_1(
     for number, path in enumerate(bad):
         path.write_text(f"no session {number}")
     out_file = tmp_path / "t.csv"
-    words = ["batch", "--workers", "1", "--out", str(out_file)]
+    page = tmp_path / "t.html"
+    words = ["batch", "--workers", "1", "--out", str(out_file), "--page", str(page)]
     out, _ = said(capsys, *words, *map(str, (*files, *bad)), code=1)
     lines = out.splitlines()
     assert lines[0] == "22 sessions: 21 failed, 1 refused"
     assert lines[1].startswith("22 of them done now in ")
-    assert lines[1].endswith(f": {out_file}")
+    assert lines[1].endswith(f": {out_file}, {page}")
     assert len([line for line in lines if line.startswith("  - ")]) == 21
     assert lines[-1] == "  - and 2 more in the table"
     table = out_file.read_bytes()

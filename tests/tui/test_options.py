@@ -18,7 +18,7 @@ from tui.cli import app, run
 NUMBERS = {
     "demo": {"--seed": (1, 0, None)},
     "simulate": {"--seed": (1, 0, None), "--push": (None, 0, 600)},
-    "plan": {"--bump-mm": (50, 0.1, 500), "--rate": (None, 40, 5000)},
+    "plan": {"--bump-mm": (None, 0.1, 500), "--rate": (None, 40, 5000)},
     "check": {
         "--seconds": (5, 0.1, 600),
         "--push": (0, 0, 600),

@@ -49,15 +49,15 @@ def test_a_comparison_has_one_for_each_pair_and_the_rest_at_the_end(
 ) -> None:
     print_comparison(comparison(3))
     assert heads(capsys) == [
-        "Parameters: two less one",
-        "Modes: two less one",
-        "Parameters: three less one",
-        "Modes: three less one",
+        "Parameters: two minus one",
+        "Modes: two minus one",
+        "Parameters: three minus one",
+        "Modes: three minus one",
         "Trend",
         "not compared, not determined in a session: t_f",
     ]
     print_comparison(comparison(2, open=()))
-    assert heads(capsys)[-1] == "one: ok"
+    assert heads(capsys)[-1] == "verdict of one: ok"
 
 
 def test_the_contents_of_a_session_have_one_for_each_table(

@@ -60,13 +60,14 @@ def test_rate_and_height(capsys: pytest.CaptureFixture[str]) -> None:
     assert 1 <= len(plain["next_steps"]) <= 12
     assert all(step["worst_before"] == plain["worst"] for step in plain["next_steps"])
     low = _json(capsys, "--rate", "200", "--bump-mm", "10")
-    # Noise counts five times as much; less where gains, places and delays count as well.
+    # Noise counts four times as much; less where gains, places and delays count as well.
     ratio = {n: low["parameters"][n]["std"] / e["std"] for n, e in plain["parameters"].items()}
-    assert 4.0 < ratio["k_tf"] <= 5.001
-    assert 1.0 < min(ratio.values()) <= max(ratio.values()) <= 5.001
+    assert 3.2 < ratio["k_tf"] <= 4.001
+    assert 1.0 < min(ratio.values()) <= max(ratio.values()) <= 4.001
     higher = "a bump of 20 mm instead of 10 mm"
     assert higher in [step["action"] for step in low["next_steps"]]
-    assert "bump" not in " ".join(step["action"] for step in plain["next_steps"])
+    advised = [step["action"] for step in plain["next_steps"] if "bump" in step["action"]]
+    assert advised == ["a bump of 50 mm instead of 40 mm"]  # the shipped bench says 40 mm
 
 
 def test_no_roll_is_no_plan(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -203,18 +203,19 @@ def comparison(sessions: int, **changed: Any) -> Comparison:
 def test_a_comparison_of_three_is_printed_with_its_trends(printed: Printed) -> None:
     lines = printed(print_comparison, comparison(3))
     for row in (
-        ["Parameters: two less one"],
-        ["Modes: three less one"],
-        ["first", "this", "difference", "z", "at 95 %"],
-        ["m_s", "50.0", "52.0", "+4.0 ± 2.4 %", "+2.50", "differs"],
-        ["m_s", "50.0", "54.0", "+8.0 ± 2.4 %", "+2.50", "differs"],
-        ["mode 1 Hz", "50.0", "52.0", "+4.0 ± 2.4 %", "+2.50"],
-        ["per session", "chi2 / n", "at 95 %"],
-        ["m_s", "+2.00 ± 0.49", "12.5 / 2", "drifts varies"],
-        ["mode 1 Hz", "+2.00 ± 0.49", "12.5 / 2"],
+        ["Parameters: two minus one"],
+        ["Modes: three minus one"],
+        ["first", "this", "unit", "difference", "z", "at 95 %"],
+        ["m_s", "50.0", "52.0", "kg", "+4.0 ± 2.4 %", "+2.50", "differs"],
+        ["m_s", "50.0", "54.0", "kg", "+8.0 ± 2.4 %", "+2.50", "differs"],
+        ["mode 1 Hz", "50.0", "52.0", "kg", "+4.0 ± 2.4 %", "+2.50"],
+        ["per session", "unit", "chi2 / n", "at 95 %"],
+        ["m_s", "+2.00 ± 0.49", "kg", "12.5 / 2", "drifts varies"],
+        ["mode 1 Hz", "+2.00 ± 0.49", "kg", "12.5 / 2"],
         ["not compared, not determined in a session: t_f"],
-        ["one: ok"],
-        ["two: doubtful"],
+        ["verdict of one: ok"],
+        ["verdict of two: doubtful"],
+        ["Where a verdict is not ok, neither intervals nor significances hold."],
     ):
         assert row in lines, row
     assert lines[-1][0].endswith("in common are wheelbase_m.")
@@ -249,14 +250,20 @@ def test_the_terminals_comparison_names_what_differs() -> None:
     assert lines[:3] == ["1  one: ok", "2  two: doubtful", ""]
     assert lines[3].endswith("in 1:")
     assert lines[4] == "  m_s"
-    head = "Parameters                         1         2         2 less 1       z"
-    row = "m_s                             50.0      52.0     +4.0 ± 2.4 %   +2.50  differs"
+    head = "Parameters                         1         2        2 minus 1       z"
+    row = "m_s, kg                         50.0      52.0     +4.0 ± 2.4 %   +2.50  differs"
     at = lines.index(head)
     assert lines[at - 1] == ""
     assert lines[at + 1] == row
-    assert "mode 1 Hz                       50.0      52.0     +4.0 ± 2.4 %   +2.50" in lines
+    assert "mode 1 Hz, kg                   50.0      52.0     +4.0 ± 2.4 %   +2.50" in lines
     assert any(line.startswith("Not compared") and line.endswith("t_f.") for line in lines)
     assert lines[-1].endswith("in common are wheelbase_m.")
+    long = "added: body roll, frequency"
+    lines = list(
+        comparison_lines(comparison(2, modes=(compared(long, (50.0, 52.0), True, False),)))
+    )
+    at = lines.index(f"{long}, kg")
+    assert lines[at + 1] == row.replace("m_s, kg", " " * 7)
     rows = (compared("m_s", (50.0, 52.0), False, False),)
     none = comparison(2, parameters=rows, common=(), open=(), change=Change("nothing"))
     lines = list(comparison_lines(none))

@@ -11,6 +11,8 @@ from ..diagnostics import ExitCode
 from ..options import OldPlanBench
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from daq import Bench, Session
     from identify.plan import Advice, NextStep, Outlook, Plan
 
@@ -31,7 +33,12 @@ def plan(
             help="Expect a car of `bumpbench demo --car`, with its friction and damper curves.",
         ),
     ] = "",
-    bump_mm: Annotated[float, typer.Option(min=0.1, max=500.0, help="Height of the bump.")] = 50.0,
+    bump_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1, max=500.0, help="Height of the bump in mm; default: that of the bench.toml."
+        ),
+    ] = None,
     rate: Annotated[
         float | None,
         typer.Option(
@@ -65,7 +72,8 @@ def plan(
         else:
             expected = named_one(car) if car else typical()
         expected = with_structure(expected, described)
-        campaign = planned(described, expected.vehicle, rate, bump_mm * 1e-3, expected.elements)
+        high_m = described.procedure.bump_height_m if bump_mm is None else bump_mm * 1e-3
+        campaign = planned(described, expected.vehicle, rate, high_m, expected.elements)
         known = KnownRuns()
         advice = advise(campaign, lambda done, text: stage(0.2 + 0.5 * done, text), known)
         others = compare_campaigns(
@@ -180,21 +188,20 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
         if not advice.remedies:
             print_line("  - no known step changes that")
         print_line()
-    steps = [["(as planned)", *_cells(now)]]
-    steps += [[step.action, *_cells(step.outlook)] for step in advice.steps]
-    columns = ["next step, each by itself", "worst", "mean", "not determined"]
-    print_table("What would improve it (95 % intervals, share of the value)", columns, steps)
+    steps = [("(as planned)", now), *((step.action, step.outlook) for step in advice.steps)]
+    title = "What would improve it (95 % intervals, share of the value)"
+    _print_outlooks(title, "next step, each by itself", steps)
     if others:
         print_line()
-        rows = [[other.action, *_cells(other.outlook)] for other in others]
-        columns = ["campaign instead of it", "worst", "mean", "not determined"]
-        print_table("Other campaigns with the same sensors", columns, rows)
+        campaigns = [(other.action, other.outlook) for other in others]
+        title = "Other campaigns with the same sensors"
+        _print_outlooks(title, "campaign instead of it", campaigns)
 
 
 def _print_elements(now: Outlook) -> None:
     """Print the expected precision of friction, dampers and further elements."""
     from identify.plan import element_label
-    from identify.report import half_width, number, rounded
+    from identify.report import half_width, rounded
 
     from ..output import print_line, print_table
 
@@ -206,13 +213,24 @@ def _print_elements(now: Outlook) -> None:
     print_table("Elements", ["element", "expected", "95 % interval", "unit"], rows)
     print_line()
     rows = [
-        [p.axle, f"{p.speed_m_s:+.1f}", number(p.force_n), f"± {number(2.0 * p.std_n)}",
-         f"{200.0 * p.std_n / abs(p.force_n):.2f} %"]
+        [p.axle, f"{p.speed_m_s:+.1f}", rounded(p.force_n, low, high)[0],
+         f"± {half_width(p.force_n, high)}", f"{200.0 * p.std_n / abs(p.force_n):.2f} %"]
         for p in now.dampers
+        for low, high in [(p.force_n - 2.0 * p.std_n, p.force_n + 2.0 * p.std_n)]
     ]  # fmt: skip
     columns = ["axle", "speed m/s", "force N", "95 % interval", "±"]
     print_table("Damper curves, compression positive", columns, rows)
     print_line()
+
+
+def _print_outlooks(title: str, what: str, rows: Sequence[tuple[str, Outlook]]) -> None:
+    """Print what each choice would give; the last column only if one leaves a parameter open."""
+    from ..output import print_table
+
+    width = 4 if any(outlook.undetermined for _, outlook in rows) else 3
+    columns = [what, "worst", "mean", "not determined"]
+    cells = [[name, *_cells(outlook)][:width] for name, outlook in rows]
+    print_table(title, columns[:width], cells)
 
 
 def _cells(outlook: Outlook) -> list[str]:

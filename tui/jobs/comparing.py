@@ -9,7 +9,8 @@ from dataclasses import replace
 from daq import read_foreign_samples
 from identify import Identification, identify_parameters
 from identify.compare import Compared, Comparison
-from identify.report import plus_minus, plus_minus_percent, rounded, unchanged_line
+from identify.document import unit_text
+from identify.report import NOT_OK, plus_minus, plus_minus_percent, rounded, unchanged_line
 
 from ..output import Stage, print_line, print_table
 from .spread import map_items
@@ -51,7 +52,7 @@ def print_comparison(comparison: Comparison) -> None:
         ):
             if not rows:
                 continue
-            _print_differences(f"{title}: {label} less {first}", rows, which)
+            _print_differences(f"{title}: {label} minus {first}", rows, which)
             print_line()
     if len(comparison.labels) > 2:
         _print_trends(comparison)
@@ -59,7 +60,9 @@ def print_comparison(comparison: Comparison) -> None:
     if comparison.open:
         print_line(f"not compared, not determined in a session: {', '.join(comparison.open)}")
     for label, verdict in zip(comparison.labels, comparison.verdicts, strict=True):
-        print_line(f"{label}: {verdict}")
+        print_line(f"verdict of {label}: {verdict}")
+    if set(comparison.verdicts) != {"ok"}:
+        print_line(NOT_OK)
     print_line(
         "z: each quantity by itself; errors of the sessions are taken as independent"
         + (f"; in common are {', '.join(comparison.common)}." if comparison.common else ".")
@@ -73,8 +76,8 @@ def _print_differences(title: str, quantities: tuple[Compared, ...], which: int)
         values = [rounded(e.value, e.low, e.high)[0] for e in (a, b)]
         share = plus_minus_percent(d.value, d.half, a.value)
         found = "differs" if d.significant else ""
-        rows.append([row.name, *values, share, f"{d.z:+.2f}", found])
-    print_table(title, ["", "first", "this", "difference", "z", "at 95 %"], rows)
+        rows.append([row.name, *values, unit_text(a.unit), share, f"{d.z:+.2f}", found])
+    print_table(title, ["", "first", "this", "unit", "difference", "z", "at 95 %"], rows)
 
 
 def _print_trends(comparison: Comparison) -> None:
@@ -84,5 +87,6 @@ def _print_trends(comparison: Comparison) -> None:
         if t is not None:
             found = " ".join(["drifts"] * t.drifts + ["varies"] * t.varies)
             slope = plus_minus(t.slope, t.half)
-            rows.append([row.name, slope, f"{t.chi2:.1f} / {t.freedom}", found])
-    print_table("Trend", ["", "per session", "chi2 / n", "at 95 %"], rows)
+            unit = unit_text(row.estimates[0].unit)
+            rows.append([row.name, slope, unit, f"{t.chi2:,.1f} / {t.freedom}", found])
+    print_table("Trend", ["", "per session", "unit", "chi2 / n", "at 95 %"], rows)

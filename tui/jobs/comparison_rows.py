@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from textwrap import wrap
 
 from identify.compare import Compared, Comparison
+from identify.document import unit_text
 from identify.report import plus_minus_percent, rounded, unchanged_line
 
 
@@ -37,8 +38,8 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
         if not rows:
             continue
         yield ""
-        yield f"{title:<26}{'1':>10}{'2':>10}{'2 less 1':>17}{'z':>8}"
-        yield from (_row(row) for row in rows)
+        yield f"{title:<26}{'1':>10}{'2':>10}{'2 minus 1':>17}{'z':>8}"
+        yield from (line for row in rows for line in _lines(row))
     yield ""
     if comparison.open:
         yield f"Not compared, not determined in one of them: {', '.join(comparison.open)}."
@@ -46,9 +47,15 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
     yield f"Errors of the sessions are taken as independent{common}."
 
 
-def _row(row: Compared) -> str:
+def _lines(row: Compared) -> Iterator[str]:
+    """Yield the line of a quantity; a name that is too long for its column is a line before it."""
     a, b = (rounded(e.value, e.low, e.high)[0] for e in row.estimates[:2])
     difference = row.differences[0]
     share = plus_minus_percent(difference.value, difference.half, row.estimates[0].value)
     word = "  differs" if difference.significant else ""
-    return f"{row.name:<26}{a:>10}{b:>10}{share:>17}{difference.z:>+8.2f}{word}"
+    unit = unit_text(row.estimates[0].unit)
+    name = f"{row.name}, {unit}" if unit else row.name
+    if len(name) > 25:
+        yield name
+        name = ""
+    yield f"{name:<26}{a:>10}{b:>10}{share:>17}{difference.z:>+8.2f}{word}"

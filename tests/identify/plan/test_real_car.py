@@ -158,10 +158,10 @@ def test_an_identification_lends_what_it_kept() -> None:
     eta = unknowns_with(model, lent, vehicle)
     middle = eta[model.names.index("h_f2")] * 1000.0
     assert middle == pytest.approx(-400.0, abs=25.0)  # 1900 in rebound, 1500 in compression
-    assert element_label("s_mf") == "compliance of the mount front"
-    assert element_label("F_cr") == "friction rear"
+    assert element_label("s_mf") == "front compliance of the mount"
+    assert element_label("F_cr") == "rear friction"
     # Whatever an identification reports has an unknown, and a name in words.
-    assert [element_label(f"{kind}f") for kind in KINDS.values()][11] == "springs left right front"
+    assert [element_label(f"{kind}f") for kind in KINDS.values()][11] == "front springs left right"
 
 
 def test_a_curve_that_ends_early_goes_on_straight() -> None:

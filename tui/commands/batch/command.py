@@ -11,6 +11,8 @@ from ...diagnostics import ExitCode
 from ...options import Force
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from .tally import Tally
 
 _SHOWN = 20
@@ -104,17 +106,18 @@ def batch(
         files_written = {"out": str(out), **({} if page is None else {"page": str(page)})}
         print_json({**asdict(tally), **files_written, "seconds": seconds})
     else:
-        _print(tally, out if page is None else page, seconds)
+        _print(tally, [out, *([] if page is None else [page])], seconds)
     return ExitCode.ANSWER_IS_NO if tally.bad else ExitCode.OK
 
 
-def _print(tally: Tally, out: Path, seconds: float) -> None:
+def _print(tally: Tally, written: Sequence[Path], seconds: float) -> None:
     from ...output import print_line
 
     counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(tally.verdicts.items()))
+    files = ", ".join(map(str, written))
     many = "session" if tally.sessions == 1 else "sessions"
     print_line(f"{tally.sessions} {many}: {counts or 'none'}")
-    print_line(f"{tally.done_now} of them done now in {seconds:.1f} s: {out}")
+    print_line(f"{tally.done_now} of them done now in {seconds:.1f} s: {files}")
     for case in tally.bad[:_SHOWN]:
         print_line(f"  - {case['verdict']}: {case['file']}: {case['reasons']}")
     if len(tally.bad) > _SHOWN:

@@ -80,8 +80,8 @@ function show() {
   at("rows").replaceChildren(...chosen.slice(first, first + PAGE).map((i) => {
     const row = data.rows[i], line = document.createElement("tr"), std = p in row[STD] ? row[STD][p] : null;
     const value = p in row[VALUE] ? row[VALUE][p] : null, bad = row[VERDICT] === "refused" && value !== null;
-    line.append(linked(row), element("td", row[VEHICLE]), element("td", row[CREATED].slice(0, 16).replace("T", " ")),
-      element("td", row[ORIGIN] === "real" ? "measured" : row[ORIGIN]));
+    line.append(linked(row), element("td", row[VEHICLE]), element("td", row[CREATED].slice(0, 16).replace("T", " "), "whole"),
+      element("td", row[ORIGIN] === "real" ? "measured" : row[ORIGIN], "whole"));
     const verdict = document.createElement("td");
     verdict.append(element("span", (row[VERDICT] === "refused" ? "✕ " : "") + row[VERDICT], "word " + row[VERDICT]));
     line.append(verdict, element("td", number(row[CHI2]), "n"),
