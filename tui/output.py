@@ -42,6 +42,17 @@ def print_line(text: str = "") -> None:
     console().print(_visible(text), markup=False, highlight=False, soft_wrap=True)
 
 
+def print_item(text: str) -> None:
+    """Write an item of a list; on a terminal it is folded between words."""
+    import textwrap
+
+    lines = [f"  - {_visible(text)}"]
+    if sys.stdout.isatty():
+        lines = textwrap.wrap(lines[0], console().width, subsequent_indent="    ")
+    for line in lines:
+        print_line(line)
+
+
 def print_labelled(rows: Sequence[tuple[str, str]]) -> None:
     """Write a text beside each label; all texts begin in one column.
 

@@ -21,7 +21,7 @@ from identify.report import (
     value_text,
 )
 
-from .output import print_line, print_table
+from .output import print_item, print_line, print_table
 
 if TYPE_CHECKING:
     from identify import Document
@@ -51,9 +51,9 @@ def print_identification(document: Document, truth: Mapping[str, float]) -> None
     fit = f"   chi2/n {chi2:.3f}" if isfinite(chi2) else ""
     print_line(f"verdict: {document['verdict']}{fit}")
     for finding in document["findings"]:
-        print_line(f"  - {SEVERITY[Verdict(finding['severity'])]}: {finding['text']}")
+        print_item(f"{SEVERITY[Verdict(finding['severity'])]}: {finding['text']}")
     for line in survival_lines(document):
-        print_line(f"  - {line}")
+        print_item(line)
 
 
 def _print_beside_truth(

@@ -126,6 +126,20 @@ BO_ 2566849022 Motor: 8 A
 """One message with the J1939 identifier 0x18FF01FE: its group is 0xFF01, its source 0xFE."""
 
 
+def test_a_value_has_the_shortest_text_that_reads_back_as_the_same_number(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """-29 times 0.001 is -0.029: not the 17 digits of the nearest binary number."""
+    log, dbc = tmp_path / "a.log", tmp_path / "motor.dbc"
+    dbc.write_text(MOTOR.replace("(1,0)", "(0.001,0)"), "utf-8")
+    log.write_text("(2.5) can0 18FF01FE#1500E3FF00000000\n", "ascii")
+    assert run(["decode", str(log), "--dbc", str(dbc)]) == 0
+    assert capsys.readouterr().out.splitlines()[1:] == [
+        '2.500000000,Motor,speed,0.5,"1,min"',
+        "2.500000000,Motor,torque,-0.029,Nm",
+    ]
+
+
 def test_another_source_of_a_parameter_group_is_decoded_where_that_is_asked_for(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -64,7 +64,6 @@ TEXTS = {
     "report": {"--operator": "", "--approver": ""},
     "batch": {"--out": "bumpbench-batch.csv"},
     "import": {"--out": "session.h5"},
-    "export": {"--separator": ",", "--decimal": "."},
     "study table2": {"--response": "exact"},
     "study noise": {"--cases": "bounce,pitch,roll", "--sensors": "paper"},
     "study fleet": {"--sensors": "all"},

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tui.output import print_labelled, print_line, print_table
+from tui.output import print_item, print_labelled, print_line, print_table
 
 SHORT = ("OK   bus", "3999 frames in 1.00 s")
 LONG = ("FAIL channel accelerometer_hub_fl", "zero all the time -> plug it in, then check again")
@@ -41,6 +41,18 @@ def test_in_a_file_a_text_is_one_line_whatever_its_length(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert shown([("a", "word " * 100)], capsys) == ["a  " + "word " * 100]
+
+
+def test_an_item_is_folded_between_words_at_a_terminal_alone(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "20")
+    text = "weigh the added weights again"
+    print_item(text)
+    assert capsys.readouterr().out.splitlines() == [f"  - {text}"]
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    print_item(text)
+    assert capsys.readouterr().out.splitlines() == ["  - weigh the added", "    weights again"]
 
 
 def test_at_a_terminal_texts_are_folded_within_its_width(

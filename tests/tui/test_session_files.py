@@ -69,6 +69,8 @@ def test_the_suffix_tells_the_format_and_a_folder_the_place(
         (["--format", "mat", "--run", "warp"], "there is no run warp"),
         (["--format", "csv", "--separator", ",", "--decimal", ","], "--separator"),
         (["--format", "mat", "--modes"], "--modes"),
+        (["--format", "mat", "--decimal", ","], "--separator, --decimal: mat has neither"),
+        (["--out", "x.parquet", "--separator", ";"], "parquet has neither (use --format csv)"),
         (["--out", "/dev/null/x.mat"], "name another folder"),
     ],
 )

@@ -181,9 +181,11 @@ def _rows(codec: Codec, decoded: Decoded, described: _Described | None) -> list[
         times.append(stamps)
         tail = f",{place}{shown},{signal},"
         unit = _quoted(units[name])
+        # The shortest text that reads back as the same number; whole ones as integers.
+        values = [repr(value).removesuffix(".0") for value in samples.value[present].tolist()]
         lines += [
-            f"{t // 1_000_000_000}.{t % 1_000_000_000:09d}{tail}{value:.17g},{unit}\n"
-            for t, value in zip(stamps.tolist(), samples.value[present].tolist(), strict=True)
+            f"{t // 1_000_000_000}.{t % 1_000_000_000:09d}{tail}{value},{unit}\n"
+            for t, value in zip(stamps.tolist(), values, strict=True)
         ]
     order = np.argsort(np.concatenate(times), kind="stable")
     return [lines[i] for i in order.tolist()]

@@ -43,8 +43,12 @@ def export(
     run: Annotated[list[str] | None, typer.Option(help="Only this run; repeatable.")] = None,
     sensor: Sensors = None,
     bus: Buses = None,
-    separator: Annotated[str, typer.Option(help="Column separator of CSV.")] = ",",
-    decimal: Annotated[str, typer.Option(help="Decimal mark of CSV: point or comma.")] = ".",
+    separator: Annotated[
+        str | None, typer.Option(help="Column separator of CSV; default: comma.")
+    ] = None,
+    decimal: Annotated[
+        str | None, typer.Option(help="Decimal mark of CSV, point or comma; default: point.")
+    ] = None,
     modes: Annotated[
         bool, typer.Option("--modes", help="Identify, and add the mode shapes (UFF).")
     ] = False,
@@ -82,7 +86,9 @@ def export(
         raise InputError("--modes", f"{wanted} holds no mode shapes", "use --format uff")
     if rate is not None and wanted is not ExportFormat.UFF:
         raise InputError("--rate", f"{wanted} takes times as they are", "use --format uff")
-    style = CsvStyle(separator, decimal)
+    if (separator or decimal) and wanted is not ExportFormat.CSV:
+        raise InputError("--separator, --decimal", f"{wanted} has neither", "use --format csv")
+    style = CsvStyle(separator or ",", decimal or ".")
     whole = read_foreign_session(session)
     chosen = _part(chosen_runs(whole, run or []), sensor or [], bus or [])
     chosen = with_even_times(chosen, rate) if rate is not None else chosen

@@ -152,7 +152,7 @@ def _document(
 def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: str) -> None:
     from identify.report import half_width, rounded
 
-    from ..output import print_line, print_table
+    from ..output import print_item, print_line, print_table
 
     now = advice.outlook
     runs = ", ".join(f"{r.repeats} x {r.mass_state} {r.excitation.words}" for r in planned.runs)
@@ -182,11 +182,11 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
     if now.undetermined:
         print_line(f"not determined: {', '.join(now.undetermined)}")
         for reason in now.reasons:
-            print_line(f"  - {reason}")
+            print_item(reason)
         for action in advice.remedies:
-            print_line(f"  - add: {action}")
+            print_item(f"add: {action}")
         if not advice.remedies:
-            print_line("  - no known step changes that")
+            print_item("no known step changes that")
         print_line()
     steps = [("(as planned)", now), *((step.action, step.outlook) for step in advice.steps)]
     title = "What would improve it (95 % intervals, share of the value)"

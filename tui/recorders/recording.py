@@ -169,7 +169,7 @@ def print_outline(path: Path, vehicle: str, runs: Sequence[RunOutline]) -> None:
     for run in runs:
         losses = ", ".join(f"{n} {name}" for name, n in asdict(run.losses).items() if n)
         rows.append(
-            [run.label, str(run.status), f"{run.length_s:.1f}", f"{run.frames}", losses or "none"]
+            [run.label, str(run.status), f"{run.length_s:.1f}", f"{run.frames:,}", losses or "none"]
         )
     columns = ["run", "status", "length s", "frames", "losses"]
     print_table(f"{vehicle}: {counted(len(runs), 'run')}", columns, rows)

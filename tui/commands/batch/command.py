@@ -111,7 +111,7 @@ def batch(
 
 
 def _print(tally: Tally, written: Sequence[Path], seconds: float) -> None:
-    from ...output import print_line
+    from ...output import print_item, print_line
 
     counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(tally.verdicts.items()))
     files = ", ".join(map(str, written))
@@ -119,6 +119,6 @@ def _print(tally: Tally, written: Sequence[Path], seconds: float) -> None:
     print_line(f"{tally.sessions} {many}: {counts or 'none'}")
     print_line(f"{tally.done_now} of them done now in {seconds:.1f} s: {files}")
     for case in tally.bad[:_SHOWN]:
-        print_line(f"  - {case['verdict']}: {case['file']}: {case['reasons']}")
+        print_item(f"{case['verdict']}: {case['file']}: {case['reasons']}")
     if len(tally.bad) > _SHOWN:
-        print_line(f"  - and {len(tally.bad) - _SHOWN} more in the table")
+        print_item(f"and {len(tally.bad) - _SHOWN} more in the table")

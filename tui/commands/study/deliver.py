@@ -53,7 +53,7 @@ def deliver(study: Study, json: bool, figure: Path | None) -> None:
 
 
 def _print(study: Study) -> None:
-    from ...output import print_line, print_table
+    from ...output import print_item, print_line, print_table
 
     rows = [
         [_cell(cell, column) for cell, column in zip(row, study.columns, strict=True)]
@@ -62,7 +62,7 @@ def _print(study: Study) -> None:
     print_table(study.title, [column.heading for column in study.columns], rows)
     print_line()
     for note in study.notes:
-        print_line(f"  - {note}")
+        print_item(note)
 
 
 def document(study: Study) -> dict[str, Any]:
