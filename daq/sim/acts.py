@@ -108,7 +108,7 @@ class Acts:
         return act
 
     def _bump(self, mass_state: str, excitation: Excitation, height: float) -> Act:
-        plant, height_m = self._rig.plants[mass_state], height * self._rig.car.bump_height_m
+        plant, height_m = self._rig.plants[mass_state], height * self._bench.procedure.bump_height_m
         method = self._bench.procedure.method
         if method is Method.ROLL_OVER:
             return self._act(self._driven(mass_state, excitation, height), LEAD_S + SWING_S)
@@ -122,7 +122,7 @@ class Acts:
         return self._act(drop, end_s, lead_s)
 
     def _driven(self, mass_state: str, excitation: Excitation, height: float) -> Motion:
-        height_m = height * self._rig.car.bump_height_m
+        height_m = height * self._bench.procedure.bump_height_m
         bump = Bump(excitation, height_m, LEAD_S, self._bench.bump_s)
         return drive(self._rig.plants[mass_state], bump, LEAD_S + SWING_S + _MARGIN_S)
 

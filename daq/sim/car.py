@@ -66,8 +66,6 @@ class SimulatedCar:
 
     parameters: VehicleParameters = FORD_GRANADA
     """The unloaded car."""
-    bump_height_m: float = 0.05
-    """Height of the half-sine bump, m."""
     noise: Spread = NOISE
     """Noise of the sensors, in addition to the errors stated in bench.toml."""
     bias: Spread = BIAS

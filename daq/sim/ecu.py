@@ -122,7 +122,7 @@ def _motions(bench: Bench, rig: Rig) -> dict[tuple[str, Excitation], Motion]:
 
     Raises InputError if the weights of a mass state would tip the car over.
     """
-    car = rig.car
+    car, height_m = rig.car, bench.procedure.bump_height_m
     kinds = list(dict.fromkeys((s.mass_state, s.excitation) for s in bench.campaign.steps))
     starts = {}
     for mass_state in dict.fromkeys(mass_state for mass_state, _ in kinds):
@@ -134,7 +134,7 @@ def _motions(bench: Bench, rig: Rig) -> dict[tuple[str, Excitation], Motion]:
             ) from error
     motions = drive_all(
         [rig.plants[mass_state] for mass_state, _ in kinds],
-        [Bump(excitation, car.bump_height_m, car.lead_s, bench.bump_s) for _, excitation in kinds],
+        [Bump(excitation, height_m, car.lead_s, bench.bump_s) for _, excitation in kinds],
         car.run_s,
         [starts[mass_state] for mass_state, _ in kinds],
     )

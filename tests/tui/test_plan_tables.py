@@ -75,7 +75,7 @@ def test_a_plan_is_printed_with_its_elements_steps_and_other_campaigns(
 ) -> None:
     lines = printed(capsys, code=0)
     assert lines[0][0].startswith("Runs: 2 x baseline bounce, 2 x baseline pitch")
-    assert lines[0][0].endswith("2 x added roll; bump of 40 mm")
+    assert lines[0][0].endswith("2 x added roll; bump of 50 mm")
     assert lines[1] == ["Sensors: 11 at 500 .. 1000 Hz, with the usual noise of their kind"]
     for row in (
         ["parameter", "expected", "95 % interval", "±", "unit"],
@@ -95,7 +95,7 @@ def test_a_plan_is_printed_with_its_elements_steps_and_other_campaigns(
         assert row in lines, row
     assert not any(line[0].startswith("not determined") for line in lines)
     (plan,) = answer[1:]
-    assert plan.bump.height_m == 0.04  # that of the shipped bench
+    assert plan.bump.height_m == 0.05  # that of the shipped bench
 
 
 def test_a_plan_that_leaves_something_open_says_what_and_why(

@@ -48,11 +48,14 @@ def decoded(batches: list[FrameBatch], codec: Codec) -> Decoded:
     return codec.decode(FrameBatch.concatenate(batches))
 
 
-def quiet_run(codec: Codec, excitation: Excitation) -> dict[str, NDArray[np.float64]]:
+def quiet_run(
+    codec: Codec, excitation: Excitation, height_m: float = 0.05
+) -> dict[str, NDArray[np.float64]]:
     shipped = load_bench(None)
     exact = tuple(replace(channel, gain_sigma=0.0) for channel in shipped.channels)
     campaign = Campaign((excitation,), 1, ("baseline",))
-    bench = replace(shipped, channels=exact, campaign=campaign)
+    procedure = replace(shipped.procedure, bump_height_m=height_m)
+    bench = replace(shipped, channels=exact, campaign=campaign, procedure=procedure)
     (batch,) = campaign_frames(bench, codec, QUIET, SEED, START_NS)
     return {name: samples.value for name, samples in codec.decode(batch).samples.items()}
 
@@ -188,6 +191,14 @@ def test_bounce_lifts_all_wheels_alike_and_roll_only_the_left(codec: Codec) -> N
     # The left side goes up first: positive roll rate.
     rate = roll["IMU_Rate.rate_x"]
     assert rate[np.flatnonzero(np.abs(rate) > 1.0)[0]] > 0
+
+
+def test_the_car_is_driven_over_the_boards_that_the_bench_states(codec: Codec) -> None:
+    high, low = (
+        quiet_run(codec, Excitation.BOUNCE, height_m)["SUSP_Front.travel_fl"]
+        for height_m in (0.05, 0.025)
+    )
+    np.testing.assert_allclose(low, 0.5 * high, atol=0.01)  # mm, the step of the signal
 
 
 def test_a_frame_carries_the_value_of_its_true_delay_ago(codec: Codec) -> None:

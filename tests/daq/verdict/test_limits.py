@@ -62,11 +62,11 @@ def test_a_bump_is_ten_times_the_noise(peak: float, passed: bool) -> None:
     assert finding.value == pytest.approx(peak, rel=0.003)
 
 
-@pytest.mark.parametrize(("travel_m", "passed"), [(0.0599, True), (0.06, True), (0.0601, False)])
+@pytest.mark.parametrize(("travel_m", "passed"), [(0.0749, True), (0.075, True), (0.0751, False)])
 def test_travel_may_exceed_the_planned_height_by_half(travel_m: float, passed: bool) -> None:
-    finding = one(too_strong, {TRAVEL: pulse(travel_m)})  # 40 mm are planned
+    finding = one(too_strong, {TRAVEL: pulse(travel_m)})  # 50 mm are planned
     assert finding.passed is passed
-    assert "60 mm (limit 60 mm: 1.5 times the planned height)" in finding.text, finding.text
+    assert "75 mm (limit 75 mm: 1.5 times the planned height)" in finding.text, finding.text
     assert not found(too_strong, {HUB: pulse(100.0)})
 
 

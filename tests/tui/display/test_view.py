@@ -149,7 +149,7 @@ def test_rows_and_sketch_follow_what_is_due(recorder: FakeRecorder) -> None:
     assert [row.due for row in page.rows] == [True, False, False, False, False, False]
     assert page.sketch is not None
     assert page.sketch.wheels == (True, True, True, True)
-    assert page.sketch.legend == "board, 40 mm"
+    assert page.sketch.legend == "board, 50 mm"
     for _ in range(2):
         recorder.bump()
         recorder.judge()
@@ -162,8 +162,8 @@ def test_rows_and_sketch_follow_what_is_due(recorder: FakeRecorder) -> None:
 @pytest.mark.parametrize(
     ("method", "wheels", "hand", "legend"),
     [
-        ("drop", (True, True, False, False), None, "wheel on a block, 40 mm"),
-        ("push", (False, False, False, False), (1, 0), "push 40 mm down here"),
+        ("drop", (True, True, False, False), None, "wheel on a block, 50 mm"),
+        ("push", (False, False, False, False), (1, 0), "push 50 mm down here"),
     ],
 )
 def test_the_sketch_shows_the_way_of_bumping(
