@@ -82,9 +82,8 @@ def main(campaigns: int, name: str = GRANADA) -> None:
     stds = np.array([o.stds for o in outcomes])
     z = errors / stds
     chi2 = np.array([o.quality.chi2_per_n for o in outcomes])
-    print(
-        f"{campaigns} campaigns of {name}, shipped bench, {bench.procedure.bump_height_m * 1e3:.0f} mm bump"
-    )
+    height_mm = bench.procedure.bump_height_m * 1e3
+    print(f"{campaigns} campaigns of {name}, shipped bench, {height_mm:.0f} mm bump")
     print(f"{'':6} rms error %  stated %  covered %  rms z")
     for i, parameter in enumerate(names):
         rms = np.sqrt(np.mean(errors[:, i] ** 2)) * 100
