@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from daq.channels import Quantity
+from daq.channels import Channel, Quantity
 from daq.remarks import notes_of, overrides_of
 from daq.runs import Run
 from daq.samples.trigger import BUMP
@@ -121,6 +121,12 @@ def _trace(session: Session, source: Source) -> Table:
     return Table("Trace", ("", ""), tuple((Cell(name), Cell(text)) for name, text in rows))
 
 
+def _scale(channel: Channel) -> str:
+    """Return the factor of a sensor's signal with its stated uncertainty."""
+    sigma = f" ± {channel.scale_sigma * 100:.2g} %" if channel.scale_sigma else ", exact"
+    return f"{channel.sign * channel.scale:.4g}{sigma}"
+
+
 def _channels(session: Session, document: Document) -> Table:
     rows = []
     for c in session.channels:
@@ -134,6 +140,7 @@ def _channels(session: Session, document: Document) -> Table:
                 Cell(c.name),
                 Cell(plain(c.quantity)),
                 Cell(place),
+                Cell(_scale(c) if used else ""),
                 Cell(f"{c.delay_s * 1e3:.2f} ± {c.delay_sigma_s * 1e3:.2f}" if used else ""),
                 noise,
                 Cell(c.unit if used else ""),
@@ -142,6 +149,6 @@ def _channels(session: Session, document: Document) -> Table:
         )
     return Table(
         "Channels",
-        ("channel", "measures", "where", "#delay, ms", "#noise", "unit", "signal"),
+        ("channel", "measures", "where", "#scale", "#delay, ms", "#noise", "unit", "signal"),
         tuple(rows),
     )

@@ -38,6 +38,7 @@ from .pages import sources, tables, texts
 SOURCE = Source("car.h5", "ab" * 32, "1.2", {"numpy": "2.1", "scipy": "1.14"}, "2026-11-22")
 CHANNELS = (
     Channel("z_s", Quantity.BODY_ACCELERATION, "m/s2", "Imu.az", x_m=-1.2, y_m=0.34,
+            sign=-1.0, gain=1.02, gain_sigma=0.005,
             delay_s=0.0025, delay_sigma_s=0.0005, serial_number="SN1", calibrated="2026-01-02"),
     Channel("cg", Quantity.BODY_DISPLACEMENT, "m", "Imu.z", at_cg=True),
     Channel("hub", Quantity.HUB_ACCELERATION, "m/s2", "Hub.a", corner=Corner.REAR_LEFT),
@@ -81,17 +82,17 @@ def result() -> Identification:
     return Identification(Judgement((), 1.0), {}, noise={"z_s": 0.03})
 
 
-def test_channels_stand_with_their_place_and_lateness() -> None:
+def test_channels_stand_with_their_place_scale_and_lateness() -> None:
     made, document = session(), result().document()
     channels = tables(provenance_section(made, document, SOURCE))["Channels"]
     assert texts(channels) == [
-        ["z_s", "body acceleration", "x -1.200, y 0.340 m", "2.50 ± 0.50", "0.030000", "m/s2",
-         "Imu.az"],
-        ["cg", "body displacement", "CG", "0.00 ± 0.00", "", "m", "Imu.z"],
-        ["hub", "hub acceleration", "RL", "0.00 ± 0.00", "", "m/s2", "Hub.a"],
-        ["spare", "unused", "", "", "", "", "Hub.b"],
+        ["z_s", "body acceleration", "x -1.200, y 0.340 m", "-1.02 ± 0.5 %", "2.50 ± 0.50",
+         "0.030000", "m/s2", "Imu.az"],
+        ["cg", "body displacement", "CG", "1, exact", "0.00 ± 0.00", "", "m", "Imu.z"],
+        ["hub", "hub acceleration", "RL", "1, exact", "0.00 ± 0.00", "", "m/s2", "Hub.a"],
+        ["spare", "unused", "", "", "", "", "", "Hub.b"],
     ]  # fmt: skip
-    assert sources(channels)[0][4] == "noise/z_s"
+    assert sources(channels)[0][5] == "noise/z_s"
 
 
 def test_a_trace_names_file_hashes_programs_and_what_persons_wrote() -> None:
