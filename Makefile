@@ -49,11 +49,10 @@ bursts: .venv/test
 coverage: .venv/test
 	$(BIN)/python -m tests.flow.coverage $(or $(CAMPAIGNS),100) $(CAR)
 
-# Small faults in the sources, each against the tests of its room: lists those that no test finds.
-# PATHS: files and folders; without it what differs from main, or all packages.
+# Small faults in the sources (cosmic-ray), each against the tests of its room and then the commands': lists
+# those that no test finds.  PATHS: files; without it all packages.
 mutate: .venv/test
-	$(BIN)/python -m tests.mutate --count $(or $(N),200) --seed $(or $(SEED),1) \
-	    --jobs $(or $(JOBS),$(shell getconf _NPROCESSORS_ONLN)) $(PATHS)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.house.mutate --count $(or $(N),200) --seed $(or $(SEED),1) $(PATHS)
 
 # Mutated databases, session files, logs, files of channels and exports: no traceback, no hang, bounded memory.
 fuzz: .venv/test
