@@ -8,6 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.finding import Finding, Severity
 from dbc.units import G_M_S2
 
 from .vehicle import (
@@ -21,6 +25,17 @@ from .vehicle import (
 )
 
 Weight = BodyWeight | HubWeight
+
+_BARS = 1.3
+"""Ratio of a usual car's roll stiffness to that of its springs alone, because of its bars."""
+_ROLL_SPREAD = 0.3
+"""Spread of the logarithm of that ratio over usual cars."""
+_CONTRADICTED = 8.0
+"""Drop of chi2 by one changed weight from which the stated one is contradicted (2.8 sigma)."""
+_EXPLAINED = 9.0
+"""Largest chi2 of the three motions of the body (bounce of each axle, roll) that is agreement."""
+_AS_LIKELY = 4.0
+"""Difference of chi2 below which another weight explains the sag as well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +108,106 @@ def sag_stiffness(
         stiffness = load_kg * G_M_S2 / sum_m if sum_m else 0.0
         found.append(stiffness if stiffness > 0.0 else None)
     return found[0], found[1]
+
+
+def wrong_weights(
+    weights: Sequence[Weight],
+    car: VehicleParameters,
+    sag_m: Mapping[Corner, float],
+    sigma_m: float = 1.5e-3,
+    spread: float = 0.4,
+    axle_spread: float = 0.25,
+) -> tuple[Finding, ...]:
+    """Return the one weight on the body that the sag contradicts, if changing it alone explains it.
+
+    It tries each weight with another mass, the other sign of x or of y, and front for rear.  An
+    axle sinks by its load over its two springs, and the body rolls by the moment over the springs
+    of both axles (and a usual car's bars); weights on hubs load no suspension spring.
+
+    `weights`: as stated.  `car`: its lengths and springs.  `sag_m`: change of suspension travel at
+    rest by the weights, m, positive in compression; an axle without both travels is not used.
+    `sigma_m`: standard uncertainty of each, m (friction of the dampers).  `spread`, `axle_spread`:
+    standard uncertainty of the logarithm of both springs together, and of each axle's; the defaults
+    are for the springs of `expected_car`.
+    """
+    body = [(i, w) for i, w in enumerate(weights) if isinstance(w, BodyWeight)]
+    axles = [
+        [sag_m[c] for c in Corner if c.front is front and c in sag_m] for front in (True, False)
+    ]
+    axle_known = np.array([len(pair) == 2 for pair in axles])
+    if not body or not axle_known.any():
+        return ()
+    wheelbase_m, half_m = car.a + car.b, np.array([car.t_f, car.t_r])
+    axle_n_m = 2.0 * np.array([car.k_sf, car.k_sr])
+    mean_m = np.array([sum(pair) / 2 if len(pair) == 2 else 0.0 for pair in axles])
+    left_m = np.array([pair[0] - pair[1] if len(pair) == 2 else 0.0 for pair in axles])
+    roll = float(left_m @ half_m) / (2 * float(half_m**2 @ axle_known))
+    seen = np.array([*mean_m, roll])
+    sigma = np.array(
+        [
+            *np.where(axle_known, sigma_m / np.sqrt(2.0), np.inf),
+            sigma_m / np.sqrt(2.0 * float(half_m**2 @ axle_known)),
+        ]
+    )
+    roll_n_m = _BARS * float(axle_n_m @ half_m**2)
+    share = np.array([axle_spread, axle_spread, np.hypot(axle_spread, _ROLL_SPREAD)])
+
+    def sag(w: Weight) -> NDArray[np.float64]:
+        assert isinstance(w, BodyWeight)  # hub weights are never changed
+        front_kg, rear_kg = axle_loads([w], wheelbase_m)
+        by_kg = [front_kg / axle_n_m[0], rear_kg / axle_n_m[1], w.mass_kg * w.y_m / roll_n_m]
+        return G_M_S2 * np.array(by_kg)
+
+    total = np.sum([sag(w) for _, w in body], axis=0)
+    changes: list[tuple[int, str, BodyWeight]] = []
+    for i, w in body:
+        for factor in np.logspace(-1.5, 1.5, 121).tolist():
+            now = replace(w, mass_kg=w.mass_kg * factor)
+            changes.append((i, f"{w.mass_kg:g} kg; the body sank as for {now.mass_kg:.2g} kg", now))
+        for x_m in (-w.x_m, -wheelbase_m - w.x_m):
+            text = f"x = {w.x_m:+.2f} m; the body sank as for {x_m:+.2f} m"
+            changes.append((i, text, replace(w, x_m=x_m)))
+        text = f"y = {w.y_m:+.2f} m; the body sank as for {-w.y_m:+.2f} m"
+        changes.append((i, text, replace(w, y_m=-w.y_m)))
+    sags = np.array([total, *(total + sag(now) - sag(weights[i]) for i, _, now in changes)])
+    stated, *misfit = _misfit(sags, seen, sigma, spread, share).tolist()
+    least = min(misfit)
+    if stated - least < _CONTRADICTED or least > _EXPLAINED:
+        return ()
+    best: dict[int, str] = {}
+    for chi2, (i, text, _) in sorted(zip(misfit, changes, strict=True), key=lambda t: t[0]):
+        if chi2 < least + _AS_LIKELY:
+            best.setdefault(i, text)
+    text = ", or ".join(f"weight {i + 1} says {what}" for i, what in best.items())
+    subject = f"weight {next(iter(best)) + 1}"
+    advice = "weigh it and measure its place again, then correct it"
+    return (Finding("weight_sag", Severity.ERROR, text, subject, advice, stated, _CONTRADICTED),)
+
+
+def _misfit(
+    expected: NDArray[np.float64],
+    seen: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    spread: float,
+    share: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return chi2, (n,), of expected sags, (n, 3), whose springs are uncertain.
+
+    The least over the logarithm of a factor of all springs, and of one of each motion, in units of
+    their standard uncertainties.
+    """
+    steps, grid = np.linspace(-3.0, 3.0, 31), np.linspace(-6.0, 6.0, 49)[:, None, None, None]
+    stiff = expected * np.exp(spread * steps)[:, None, None]
+    cost = ((seen - stiff * np.exp(share * grid)) / sigma) ** 2 + grid**2
+    own = grid.ravel()[cost.argmin(axis=0)]
+    least = cost.min(axis=0)
+    for _ in range(4):  # Gauss-Newton from the best point of the grid
+        sag = stiff * np.exp(share * own)
+        slope = share * sag / sigma
+        own = np.clip(slope * ((seen - sag) / sigma + slope * own) / (1.0 + slope**2), -9.0, 9.0)
+        sag = stiff * np.exp(share * own)
+        least = np.minimum(least, ((seen - sag) / sigma) ** 2 + own**2)
+    return np.asarray((least.sum(axis=2) + steps[:, None] ** 2).min(axis=0))
 
 
 def expected_car(vehicle: Vehicle) -> VehicleParameters:

@@ -1,9 +1,11 @@
 """What weights do to a car, against the simulated car's balance of forces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from daq.loading import axle_loads, expected_car, loading, sag_stiffness
+from daq.loading import axle_loads, expected_car, loading, sag_stiffness, wrong_weights
 from daq.sim.balance import contact, static_pose
 from daq.sim.imperfections import NONE
 from daq.sim.load import load_car
@@ -19,6 +21,7 @@ from daq.vehicle import (
     HubWeight,
     Vehicle,
     VehicleGeometry,
+    VehicleParameters,
 )
 
 WEIGHTS = (
@@ -95,3 +98,47 @@ def test_the_expected_car_has_the_loads_and_lengths_that_were_measured() -> None
     assert (car.a + car.b, 2 * car.t_f, 2 * car.t_r) == pytest.approx((2.4, 1.4, 1.5))
     geometry = VehicleGeometry(1.1, 1.3, 0.7, 0.75)
     assert expected_car(Vehicle("car", geometry, facts=reported)).geometry == geometry
+
+
+def _sag(weights: tuple[BodyWeight, ...], car: VehicleParameters) -> dict[Corner, float]:
+    """Return how far the simulated car's suspension is compressed by weights, m."""
+    travel = []
+    for added in (AddedMass(), AddedMass(weights)):
+        plant = load_car(car, added)
+        pose = static_pose(plant)
+        travel.append((pose[3:] - corner_motion(plant, pose[:3]))[:, 0])
+    return dict(zip(Corner, (travel[1] - travel[0]).tolist(), strict=True))
+
+
+BOLTED = tuple(BodyWeight(32.5, x, y) for x in (0.14, -2.64) for y in (0.55, -0.55))
+SOFT, STIFF = (replace(FORD_GRANADA, k_sf=f * 17e3, k_sr=f * 22e3) for f in (0.7, 1.25))
+
+
+@pytest.mark.parametrize("car", [FORD_GRANADA, SOFT, STIFF])
+@pytest.mark.parametrize("number", range(4))
+def test_a_weight_that_the_sag_contradicts_is_named(car: VehicleParameters, number: int) -> None:
+    sag, right = _sag(BOLTED, car), BOLTED[number]
+    assert wrong_weights(BOLTED, FORD_GRANADA, sag) == ()
+    for wrong, words in (
+        (replace(right, mass_kg=325.0), "325 kg; the body sank as for 3"),
+        (replace(right, mass_kg=3.25), "3.25 kg; the body sank as for 3"),
+        (replace(right, y_m=-right.y_m), f"the body sank as for {right.y_m:+.2f} m"),
+    ):
+        stated = (*BOLTED[:number], wrong, *BOLTED[number + 1 :])
+        (finding,) = wrong_weights(stated, FORD_GRANADA, sag, sigma_m=1e-3)
+        assert f"weight {number + 1} says" in finding.text
+        assert words in finding.text
+    rear = replace(right, x_m=-2.76 - right.x_m)
+    stated = (*BOLTED[:number], rear, *BOLTED[number + 1 :])
+    (finding,) = wrong_weights(stated, car, sag, spread=0.05, axle_spread=0.05)
+    assert f"weight {number + 1} says x" in finding.text
+
+
+def test_springs_of_another_car_are_not_a_wrong_weight() -> None:
+    for k_sf, k_sr in ((60e3, 40e3), (40e3, 60e3), (9e3, 14e3), (17e3, 40e3)):
+        sag = _sag(BOLTED, replace(FORD_GRANADA, k_sf=k_sf, k_sr=k_sr))
+        assert wrong_weights(BOLTED, FORD_GRANADA, sag) == ()
+    one_side = {c: 1e-3 * c.side for c in Corner}  # friction holds the body a little askew
+    sag = {c: travel + one_side[c] for c, travel in _sag(BOLTED, FORD_GRANADA).items()}
+    assert wrong_weights(BOLTED, FORD_GRANADA, sag) == ()
+    assert wrong_weights(BOLTED, FORD_GRANADA, {Corner.FRONT_LEFT: 0.1}) == ()
