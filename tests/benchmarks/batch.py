@@ -10,6 +10,7 @@ processors that share a core or a cache are less than twice one.
 from __future__ import annotations
 
 import contextlib
+import csv
 import io
 import json
 import subprocess
@@ -119,8 +120,8 @@ def _batch(folder: Path, name: str, *options: str) -> float:
     with contextlib.redirect_stdout(said):
         assert run(["batch", str(folder / "s"), "--out", str(out), "--json", *options]) == 0
     busy, idle = (b - a for a, b in zip((busy_s, idle_s), _machine(), strict=True))
-    rows = [json.loads(line) for line in Path(f"{out}.jsonl").read_text().splitlines()]
-    work = sum(row["seconds"] for row in rows)
+    with out.open(newline="") as stream:
+        work = sum(float(row["seconds"]) for row in csv.DictReader(stream))
     wall = float(json.loads(said.getvalue())["seconds"])
     print(
         f"  {name}: {wall:.1f} s wall, {work:.1f} s inside sessions; the whole machine: "

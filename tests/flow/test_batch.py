@@ -5,9 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import os
-import signal
-import subprocess
-import sys
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -23,22 +20,6 @@ from tui.jobs import executors
 
 from .dask_cluster import cluster
 
-_KILLS_ITSELF = """
-import os, signal, sys
-from daq import read_session
-from identify.batch import session_row
-from tests.tui.batches import progress_that
-from tui import output
-from tui.cli import run
-
-def die():
-    os.kill(os.getpid(), signal.SIGKILL)
-
-if __name__ == "__main__":
-    output.progress = progress_that(die, rows=3)
-    run(["batch", *sys.argv[1:]])
-"""
-
 
 def _table(path: Path) -> dict[str, dict[str, str]]:
     with path.open(newline="") as stream:
@@ -46,20 +27,6 @@ def _table(path: Path) -> dict[str, dict[str, str]]:
     by_hash = {row["sha256"]: row for row in rows}
     assert len(by_hash) == len(rows)  # each once
     return by_hash
-
-
-def test_kill_9_loses_only_what_was_running(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    write_all(tmp_path / "s", refused_session, 8)
-    out = tmp_path / "t.csv"
-    arguments = [str(tmp_path / "s"), "--workers", "2", "--out", str(out)]
-    killed = subprocess.run([sys.executable, "-c", _KILLS_ITSELF, *arguments], check=False)
-    assert killed.returncode == -signal.SIGKILL
-    assert len((tmp_path / "t.csv.jsonl").read_text().splitlines()) == 3
-    assert run(["batch", *arguments, "--json"]) == 1
-    assert json.loads(capsys.readouterr().out)["done_now"] == 5
-    assert len(_table(out)) == 8
 
 
 @pytest.mark.long

@@ -25,7 +25,6 @@ EXTRAS = {
     "mf4": "import asammdf",
     "modal": "import pyuff",
     "cluster": "import dask, distributed",
-    "remote": "import fsspec",
     "web": "import textual_serve.server",
 }
 """Extra to what it is for."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,6 @@ from daq.runs import Excitation
 from daq.vehicle import DOF, Vehicle
 from identify.batch import Row
 from tests.identify.bumps import PAPER_DELTA_MASS, paper_records
-from tui.commands.batch.work import software
 
 
 def paper_session(seed: int) -> Session:
@@ -89,14 +87,8 @@ def synthetic_rows(count: int, vehicles: tuple[str, ...] = ("Golf", "Transit")) 
             "baseline_1_hz": 1.2,
             "baseline_1_hz_std": 0.01,
             "seconds": 1.0,
-            "software": software(),
+            "software": "bumpbench",
             "libraries": "",
         }
         for i in range(count)
     ]
-
-
-def write_journal(path: Path, rows: Iterable[Row]) -> Path:
-    """Write rows as a journal and return its path."""
-    path.write_text("".join(f"{json.dumps(row)}\n" for row in rows))
-    return path

@@ -16,7 +16,7 @@ from dbc.finding import Finding, Severity
 from identify import Judgement
 from identify.study import SENSOR_SETS, fig2_study
 from tui.cli import run
-from tui.jobs import reporting, spread
+from tui.jobs import executors, reporting
 
 from .conftest import Stages
 
@@ -53,7 +53,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
         seen.append(work.args[0])
         return "outcomes"
 
-    monkeypatch.setattr(spread, "map_items", map_items)
+    monkeypatch.setattr(executors, "map_items", map_items)
     return seen
 
 

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import csv
 import errno
-import fcntl
 import json
 import os
 import shutil
-import signal
 from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from dbc.errors import InputError
 from tui import output
 from tui.cli import run
-from tui.jobs.executors import Processes, as_finished
+from tui.commands.batch_page import outliers, page_of
 
-from .batches import progress_that, refused_session, write_all
+from .batches import progress_that, refused_session, synthetic_rows, write_all
 
 
 def _batch(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 1) -> dict[str, Any]:
@@ -37,12 +35,6 @@ def _table(path: Path) -> list[dict[str, str]]:
 
 def _interrupt() -> None:
     raise KeyboardInterrupt
-
-
-def _dies_of_three(item: int) -> int:
-    if item == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return -item
 
 
 def test_a_row_for_each_and_then_no_more(
@@ -78,35 +70,36 @@ def test_a_row_for_each_and_then_no_more(
 
 
 def test_parquet_says_what_csv_says(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write_all(tmp_path / "s", refused_session, 2)
+    for name in ("t.csv", "t.parquet"):
+        done = _batch(capsys, str(tmp_path / "s"), "--out", str(tmp_path / name))
+        assert done["done_now"] == 2
+    again = _batch(capsys, str(tmp_path / "s"), "--out", str(tmp_path / "t.parquet"))
+    assert (again["sessions"], again["done_now"]) == (2, 0)
+    for row, csv_row in zip(_parquet(tmp_path), _table(tmp_path / "t.csv"), strict=True):
+        assert row.keys() == csv_row.keys()
+        for key in row.keys() - {"seconds"}:
+            text, cell = csv_row[key], row[key]
+            assert float(text) == cell if isinstance(cell, float) else text == (cell or "")
+
+
+def _parquet(folder: Path) -> list[dict[str, Any]]:
     from pyarrow import parquet
 
-    write_all(tmp_path / "s", refused_session, 2)
-    _batch(capsys, str(tmp_path / "s"), "--out", str(tmp_path / "t.csv"))
-    shutil.copy(tmp_path / "t.csv.jsonl", tmp_path / "t.parquet.jsonl")
-    done = _batch(capsys, str(tmp_path / "s"), "--out", str(tmp_path / "t.parquet"))
-    assert done["done_now"] == 0
-    rows = parquet.read_table(tmp_path / "t.parquet").to_pylist()
-    texts = [{k: "" if v is None else str(v) for k, v in row.items()} for row in rows]
-    numbers = {"runs_accepted", "seconds"}
-    for parquet_row, csv_row in zip(texts, _table(tmp_path / "t.csv"), strict=True):
-        assert parquet_row.keys() == csv_row.keys()
-        for key, value in csv_row.items():
-            same = float(value) == float(parquet_row[key]) if key in numbers else None
-            assert same if key in numbers else value == parquet_row[key]
+    rows: list[dict[str, Any]] = parquet.read_table(folder / "t.parquet").to_pylist()
+    return rows
 
 
-def test_rows_of_another_version_and_half_rows_are_made_again(
+def test_rows_of_another_version_are_made_again(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     write_all(tmp_path / "s", refused_session, 3)
-    out, journal = tmp_path / "t.csv", tmp_path / "t.csv.jsonl"
+    out = tmp_path / "t.csv"
     _batch(capsys, str(tmp_path / "s"), "--out", str(out))
-    first, second, third = journal.read_text().splitlines()
-    old = json.dumps({**json.loads(first), "software": "bumpbench 0.0.1"})
-    journal.write_text("\n".join([old, second, third[:-20]]))
-    assert _batch(capsys, str(tmp_path / "s"), "--out", str(out))["done_now"] == 2
+    out.write_text(out.read_text().replace("bumpbench ", "bumpbench 0.0.", 1))
+    assert _batch(capsys, str(tmp_path / "s"), "--out", str(out))["done_now"] == 1
     assert len(_table(out)) == 3
-    assert "bumpbench 0.0.1" not in out.read_text()
+    assert "bumpbench 0.0." not in out.read_text()
 
 
 def test_ctrl_c_keeps_the_rows(
@@ -125,43 +118,38 @@ def test_ctrl_c_keeps_the_rows(
     assert len(_table(out)) == 6
 
 
-def test_a_row_that_the_disk_refuses_ends_the_batch_and_is_named(
+def test_a_table_that_the_disk_refuses_is_named(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """The table, which the full disk refuses next, does not say that the rows are safe."""
-
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     (file,) = map(str, write_all(tmp_path / "s", refused_session, 1))
-    monkeypatch.setattr("tui.commands.batch.journal.os.fsync", full)
+    monkeypatch.setattr("daq.files.os.fsync", full)
     assert run(["batch", "--workers", "1", file, "--out", str(tmp_path / "t.csv")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "t.csv.jsonl: No space left on device (make room, and run the same command" in line
+    assert "t.csv: No space left on device (make room, and run the same command" in line
 
 
-def test_only_the_item_that_kills_its_worker_fails() -> None:
-    with Processes(2) as crew:
-        outcomes = dict(as_finished(crew, _dies_of_three, range(8)))
-    failed = [item for item, future in outcomes.items() if future.exception()]
-    assert failed == [3]
-    assert all(outcomes[i].result() == -i for i in range(8) if i != 3)
-    assert active_children() == []
+def test_a_table_of_something_else_is_left_alone(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (file,) = write_all(tmp_path, refused_session, 1)
+    (tmp_path / "t.csv").write_text("my,notes\n1,2\n")
+    assert run(["batch", str(file), "--out", str(tmp_path / "t.csv")]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (tmp_path / "t.csv").read_text() == "my,notes\n1,2\n"
+    _batch(capsys, str(file), "--out", str(tmp_path / "t.csv"), "--force")
+    assert len(_table(tmp_path / "t.csv")) == 1
 
 
-def test_no_more_in_flight_than_the_workers_need() -> None:
-    taken = 0
-
-    def items() -> Any:
-        nonlocal taken
-        for i in range(40):
-            taken += 1
-            yield i
-
-    with Processes(1) as crew:
-        for finished, _ in enumerate(as_finished(crew, abs, items())):
-            assert taken - finished <= crew.ahead
-    assert taken == 40
+def test_a_link_that_leads_nowhere_is_one_session_that_fails(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    write_all(tmp_path / "s", refused_session, 1)
+    (tmp_path / "s" / "gone.h5").symlink_to(tmp_path / "nowhere")
+    done = _batch(capsys, str(tmp_path / "s"), "--out", str(tmp_path / "t.csv"))
+    assert done["verdicts"] == {"refused": 1, "failed": 1}
 
 
 @pytest.mark.parametrize(
@@ -209,34 +197,46 @@ def test_a_missing_library_is_named_with_its_extra(
     assert "bumpbench[cluster]" in capsys.readouterr().err
 
 
-def test_two_batches_do_not_write_to_one_table(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+# The page -----------------------------------------------------------------------------------------
+
+
+def test_the_page_has_rows_parameters_outliers_and_reports(tmp_path: Path) -> None:
+    rows = synthetic_rows(40)
+    (tmp_path / "my car.html").touch()
+    rows[3] = {**rows[3], "file": str(tmp_path / "my car.h5"), "m_s": "1700.0"}  # as a CSV has it
+    rows[4] = {**rows[4], "verdict": "refused", "m_s": 9000.0, "origin": "simulated"}
+    rows[5] = {**rows[5], "vehicle": "</script><script>alert(1)"}
+    page = page_of(list(rows[0]), rows, tmp_path / "out")
+    data = json.loads(
+        page.split('<script type="application/json" id="data">')[1].split("</script>")[0]
+    )
+    assert data["parameters"] == [["m_s", "kg"]]  # modes are none
+    assert data["rows"][3][1] == "../my%20car.html"
+    assert data["rows"][2][1] == ""
+    assert data["rows"][4][4:6] == ["simulated", "refused"]
+    assert data["rows"][5][2] == "</script><script>alert(1)"
+    assert "alert(1)" not in page.replace("\\u003cscript\\u003ealert(1)", "")
+    (apart,) = data["outliers"]  # not the refused one
+    assert apart[:2] == [3, 0]
+    assert apart[2] == pytest.approx(1500.0, abs=5.0)
+    assert 3.5 < apart[3] == round(apart[3], 1)
+    assert "http" not in page.replace("http://www.w3.org", "")
+
+
+@pytest.mark.parametrize(("value", "n", "count"), [(3.4, 5, 0), (3.6, 5, 1), (3.6, 4, 0)])
+def test_a_value_is_apart_beyond_three_and_a_half_deviations(
+    value: float, n: int, count: int
 ) -> None:
-    (file,) = write_all(tmp_path, refused_session, 1)
-    with (tmp_path / "t.csv.jsonl").open("ab") as stream:
-        fcntl.flock(stream, fcntl.LOCK_EX)
-        assert run(["batch", str(file), "--out", str(tmp_path / "t.csv")]) == 2
-    assert "another batch" in capsys.readouterr().err
+    # Equal values but one: the deviation is that of the one itself, 2.
+    values = np.full((n, 1), 10.0)
+    values[0] += 2.0 * value
+    assert len(outliers(["car"] * n, values, np.full((n, 1), 2.0))) == count
 
 
-def test_a_journal_of_something_else_is_left_alone(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    (file,) = write_all(tmp_path, refused_session, 1)
-    journal = tmp_path / "t.csv.jsonl"
-    journal.write_text('{"my": "notes"}\n')
-    assert run(["batch", str(file), "--out", str(tmp_path / "t.csv")]) == 2
-    assert ".jsonl:1" in capsys.readouterr().err
-    assert journal.read_text() == '{"my": "notes"}\n'
-
-
-def test_an_error_crosses_from_a_worker_whole() -> None:
-    with Processes(1) as crew:
-        ((_, future),) = as_finished(crew, _refuses, [7])
-    error = future.exception()
-    assert isinstance(error, InputError)
-    assert (error.where, error.what, error.advice) == ("item 7", "is odd", "give an even one")
-
-
-def _refuses(item: int) -> int:
-    raise InputError(f"item {item}", "is odd", "give an even one")
+def test_scatter_of_the_sessions_counts_with_their_own_uncertainty() -> None:
+    # Median 0, median absolute deviation 2: a standard deviation of 2.9652; with 4 it is 4.979.
+    values = np.array([[-2.0], [-2.0], [0.0], [2.0], [17.0], [np.nan]])
+    assert len(outliers(["car"] * 6, values, np.full((6, 1), 4.0))) == 0
+    ((_, _, _, sigmas),) = outliers(["car"] * 6, values, np.full((6, 1), np.nan))
+    assert sigmas == pytest.approx(17.0 / 2.9652)
+    assert outliers(["a", "b", "a", "b", "a", "b"], values, np.zeros((6, 1))) == []

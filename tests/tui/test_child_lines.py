@@ -6,18 +6,12 @@ import asyncio
 import io
 import os
 import signal
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from dbc.errors import InputError
-from tui.commands.batch import work
-from tui.commands.batch.work import Job, job_of, row_of
 from tui.jobs.lines import Done, Line, ListTask, Progress, Trouble, line_bytes, task_text
 from tui.jobs.worker import lines_of
-
-from .batches import refused_session, write_all
 
 TASK = ListTask("/bench")
 
@@ -114,49 +108,3 @@ def test_a_process_that_cannot_be_started_is_trouble(monkeypatch: pytest.MonkeyP
         "no process can be started (Resource temporarily unavailable)",
         "end other programs, and try again",
     )
-
-
-# A row of a batch ---------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Job:
-    clock = iter((10.0, 12.34567))
-    monkeypatch.setattr(work, "perf_counter", lambda: next(clock))
-    (file,) = write_all(tmp_path, refused_session, 1)
-    return job_of(str(file))
-
-
-def test_a_row_says_how_long_it_took_and_with_what(job: Job) -> None:
-    row = row_of(job)
-    assert (row["file"], row["sha256"], row["verdict"]) == (job.file, job.sha256, "refused")
-    assert len(job.sha256) == 64
-    assert row["seconds"] == 2.346
-    assert list(row)[:2] == ["file", "sha256"]
-    assert str(row["libraries"]).startswith("numpy ")
-
-
-@pytest.mark.parametrize(
-    ("error", "reason"),
-    [
-        (InputError("PATH", "is odd", "correct it"), "is odd (correct it)"),
-        (ValueError("odd"), "ValueError in test_child_lines.py:LINE: odd"),
-    ],
-)
-def test_what_goes_wrong_with_one_session_is_its_reason(
-    error: Exception, reason: str, job: Job, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def odd(_: object) -> None:
-        if isinstance(error, InputError):
-            raise InputError(job.file, error.what, error.advice)
-        raise error
-
-    monkeypatch.setattr("identify.batch.session_row", odd)
-    row = row_of(job)
-    line = str(odd.__code__.co_firstlineno + 3)
-    assert (row["verdict"], row["reasons"]) == ("failed", reason.replace("LINE", line))
-    assert row["seconds"] == 2.346
-
-
-def test_a_file_that_is_not_there_has_no_hash(tmp_path: Path) -> None:
-    assert job_of(str(tmp_path / "absent.h5")) == Job(str(tmp_path / "absent.h5"), "")

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +12,6 @@ import typer
 
 from daq import write_session
 from tui.invocation import invoke
-from tui.jobs.start import ignoring_interrupts, sigterm_deferred
 from tui.signals import ended_by_signals
 
 from ..daq.small_session import small_session
@@ -86,16 +84,6 @@ def ended() -> Iterator[list[int]]:
     before = signal.signal(signal.SIGTERM, lambda number, _: came.append(number))
     yield came
     signal.signal(signal.SIGTERM, before)
-
-
-def test_sigterm_waits_until_a_process_is_started(ended: list[int]) -> None:
-    with sigterm_deferred():
-        signal.raise_signal(signal.SIGTERM)
-        signal.raise_signal(signal.SIGTERM)
-        assert ended == []
-    assert ended == [signal.SIGTERM]
-    signal.raise_signal(signal.SIGTERM)
-    assert len(ended) == 2
 
 
 def test_sigterm_is_an_exit_with_the_code_of_a_process_that_it_ends(ended: list[int]) -> None:
@@ -181,32 +169,6 @@ export.write_csv = ended
 sys.argv = ["bumpbench", *sys.argv[1:]]
 main()
 """
-
-
-def test_ctrl_c_does_not_reach_what_is_started_meanwhile() -> None:
-    """A process inherits the signals that its parent has blocked."""
-
-    def blocked() -> bool:
-        return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-
-    with ignoring_interrupts():
-        assert blocked()
-    assert not blocked()
-
-
-def test_only_the_main_thread_defers_signals(ended: list[int]) -> None:
-    seen: list[bool] = []
-
-    def work() -> None:
-        before = signal.getsignal(signal.SIGTERM)
-        with sigterm_deferred():
-            seen.append(signal.getsignal(signal.SIGTERM) is before)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert seen == [True]
-    assert ended == []
 
 
 def test_what_is_loaded_is_hardly_searched_for_garbage() -> None:

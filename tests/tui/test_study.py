@@ -18,9 +18,9 @@ from identify import Identification
 from identify.study.fleet import FleetCase
 from identify.trust.finding import Judgement
 from tui.cli import run
-from tui.jobs import spread
+from tui.jobs import executors
+from tui.jobs.executors import map_items
 from tui.jobs.fleet import identified_car
-from tui.jobs.spread import map_items
 
 QUICK = ["fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9"]
 ALL = ["table2", "table3", *QUICK, "noise", "fleet"]
@@ -111,7 +111,7 @@ def test_ctrl_c_ends_the_workers(
     def begun(function: object, seeds: range, count: int, *_: object) -> list[int]:
         return map_items(abs, range(50), count, interrupted, "sizes")
 
-    monkeypatch.setattr(spread, "map_items", begun)
+    monkeypatch.setattr(executors, "map_items", begun)
     assert run(["study", "noise", "--fits", "50"]) == 130
     assert capsys.readouterr() == ("", "")
     assert active_children() == []
@@ -170,7 +170,7 @@ def _made_up(work: object, items: range, *_: object) -> list[FleetCase]:
 def test_a_fleet_is_as_asked(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(spread, "map_items", _made_up)
+    monkeypatch.setattr(executors, "map_items", _made_up)
     asked = ["study", "fleet", "--cars", "3", "--seed", "7", "--facts", "--sensors", "imu+hubs"]
     assert run([*asked, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)

@@ -13,7 +13,7 @@ from identify.document import unit_text
 from identify.report import NOT_OK, plus_minus, plus_minus_percent, rounded, unchanged_line
 
 from ..output import Stage, print_line, print_table
-from .spread import map_items
+from .executors import map_items
 
 
 def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:

@@ -1,271 +1,198 @@
-"""Executors: processes of this machine, or a Dask cluster.
-
-Only a few items for each worker are queued, so that memory does not grow with the number of items.
-"""
+"""Applies a function to many items, in processes of this machine or on a Dask cluster."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+import gc
+import signal
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager
 from importlib.metadata import version
-from math import inf
+from itertools import islice
 from multiprocessing import active_children
-from time import monotonic
-from typing import Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from .pool import Pool
-from .start import end_with_parent, ignoring_interrupts, preloaded, sigterm_deferred
+from .start import end_with_parent, preloaded
+
+if TYPE_CHECKING:
+    from ..output import Stage
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_AHEAD = 2
-"""Items in flight for each worker: one at work, one waiting."""
-_ITEMS_A_POOL = 200
-"""Items after which a worker is replaced by a fresh one, which frees the memory that libraries
-leak."""
-_LOOK_AFTER_S = 2.0
 _CONNECT_S = 4.0
-_NO_WORKER_S = 60.0
-
-
-class Workers(Protocol):
-    """Workers that take items."""
-
-    @property
-    def ahead(self) -> int:
-        """Number of items that may be in flight."""
-
-    def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
-        """Hand over one item."""
-
-    def check(self) -> None:
-        """Raise InputError if no worker is left for the items in flight."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None: ...
-
-
-def workers_of(workers: int, scheduler: str | None) -> Workers:
-    """Return processes of this machine, or the cluster at a scheduler's address.
-
-    Raises InputError if Dask is not installed, no scheduler answers, or it has no workers.
-    """
-    return Processes(workers) if scheduler is None else Cluster(scheduler)
+_LOOK_AFTER_S = 60.0
+"""Time without a result after which the cluster is asked whether it still has workers, s."""
 
 
 def as_finished(
-    crew: Workers, function: Callable[[Item], Result], items: Iterable[Item]
-) -> Iterator[tuple[Item, Future[Result]]]:
+    function: Callable[[Item], Result],
+    items: Iterable[Item],
+    workers: int,
+    scheduler: str | None = None,
+) -> Generator[tuple[Item, Future[Result]], None, None]:
     """Yield each item with its finished future, in the order in which they finish.
 
-    A worker process that dies does not report its item.  All items that were in flight are then
-    done again one at a time, and only an item whose worker dies while it is alone fails, with
-    `BrokenProcessPool`.
+    A worker process that dies takes all items in flight with it: these are done again one at a
+    time, and only an item whose process dies while it is alone fails, with `BrokenProcessPool`.
 
-    `function`: picklable: a module's function, or a `functools.partial` of one.  `items`: taken
-    only as there is room.
+    `function`: picklable: a function of a module, or a `functools.partial` of one.  `items`: taken
+    only as there is room.  `scheduler`: address of a Dask scheduler, whose workers then do the
+    work.  Raises InputError if Dask is not installed, no scheduler answers, or it has no workers.
     """
     source = iter(items)
-    again: deque[Item] = deque()
-    running: dict[Future[Result], Item] = {}
-    alone: Future[Result] | None = None
-    while True:
-        careful = bool(again)
-        while len(running) < (1 if careful else crew.ahead):
-            try:
-                item = again.popleft() if careful else next(source)
-            except StopIteration:
+    lost: list[Item] = []
+    crew = _workers(workers) if scheduler is None else _cluster(scheduler)
+    with crew as (executor, ahead, check):
+        running: dict[Future[Result], Item] = {}
+        while not lost:
+            for item in islice(source, ahead - len(running)):
+                try:
+                    running[executor.submit(function, item)] = item
+                except BrokenProcessPool:
+                    lost.append(item)
+                    break
+            if not running:
                 break
-            future = crew.submit(function, item)
-            running[future] = item
-            alone = future if careful else None
-        if not running:
-            return
-        done, _ = wait(running, _LOOK_AFTER_S, FIRST_COMPLETED)
-        if not done:
-            crew.check()
-        for future in done:
-            item = running.pop(future)
-            if future is not alone and _worker_died(future):
-                again.append(item)
-            else:
-                yield item, future
+            done, _ = wait(running, _LOOK_AFTER_S, FIRST_COMPLETED)
+            if not done:
+                check()
+            for future in done:
+                if not future.cancelled() and _process_died(future):
+                    lost.append(running.pop(future))
+                else:
+                    yield running.pop(future), future
+        lost += running.values()
+    for item in lost:
+        with processes(1) as executor:
+            future = executor.submit(function, item)
+            wait([future])
+            yield item, future
+    if lost:
+        yield from as_finished(function, source, workers)
 
 
-def _worker_died(future: Future[Result]) -> bool:
-    return not future.cancelled() and isinstance(future.exception(), BrokenProcessPool)
+def map_items(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    workers: int,
+    stage: Stage,
+    subject: str,
+    scheduler: str | None = None,
+) -> list[Result]:
+    """Return ``function(item)`` of every item, in their order, and report progress to `stage`.
 
-
-class Processes:
-    """Worker processes on this machine.
-
-    Ctrl-C reaches only the parent, which then ends its workers: they print nothing and leave
-    nothing behind.
+    The first error ends the work.  `subject`: name of the work in the error if a worker dies, which
+    is raised as InputError.  Other arguments and errors: as of `as_finished`.
     """
+    from dbc import InputError  # this loads NumPy, which --help does not need
 
-    def __init__(self, workers: int) -> None:
-        self._workers = workers
-        self._pool = self._open()
-        self._given = 0
-
-    @property
-    def ahead(self) -> int:
-        """Number of items that may be in flight."""
-        return _AHEAD * self._workers
-
-    def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
-        """Hand over one item; to fresh processes, if the old ones have died or done enough."""
-        if self._given == _ITEMS_A_POOL * self._workers:
-            self._renew()
+    results: dict[Item, Result] = {}
+    for item, future in as_finished(function, items, workers, scheduler):
         try:
-            return self._submit(function, item)
+            results[item] = future.result()
         except BrokenProcessPool:
-            self._renew()
-            return self._submit(function, item)
-
-    def check(self) -> None:
-        """Do nothing: a process that dies sets an exception in its future."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """End the workers: after their work, or at once if something went wrong."""
-        if kind is not None:
-            # Otherwise the pool would first finish what it has begun.
-            for worker in active_children():
-                worker.terminate()
-        self._pool.shutdown(cancel_futures=True)
-
-    def _open(self) -> Pool:
-        return Pool(self._workers, preloaded(("identify",)), end_with_parent)
-
-    def _renew(self) -> None:
-        self._pool.shutdown(wait=False)  # it finishes the items that it has begun
-        self._pool = self._open()
-        self._given = 0
-
-    def _submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
-        self._given += 1
-        with sigterm_deferred(), ignoring_interrupts():  # a worker may start here
-            return self._pool.submit(function, item)
+            raise InputError(
+                subject, "a worker process died", "close other programs; it needs memory"
+            ) from None
+        stage(len(results) / len(items), f"{len(results)} of {len(items)}")
+    return [results[item] for item in items]
 
 
-class Cluster:
-    """The workers of a Dask scheduler, however many there are at the moment.
+def _process_died(future: Future[Any]) -> bool:
+    return isinstance(future.exception(), BrokenProcessPool)
 
-    The scheduler gives the items of a lost worker to another one.
 
-    `address`: such as ``tcp://host:8786``.  Raises InputError if Dask is not installed, no
-    scheduler answers there, or it has no workers.
+@contextmanager
+def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[Executor]:
+    """Yield processes of this machine that share loaded modules; after an error they end at once.
+
+    Ctrl-C reaches only the parent, which then ends them; they end, too, when it is killed.  Raises
+    InputError if no process can be started.
     """
+    from dbc import InputError
 
-    def __init__(self, address: str) -> None:
-        import asyncio
-        import logging
+    pool = ProcessPoolExecutor(workers, preloaded(modules), _prepare_process)
+    try:
+        yield pool
+    except BaseException as error:
+        for process in active_children():
+            process.terminate()
+        if isinstance(error, OSError):
+            what = f"no process can be started ({error})"
+            raise InputError("processes", what, "end other programs, and try again") from error
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
-        from dbc import InputError
 
-        try:
-            import distributed
-        except ImportError:
-            raise InputError(
-                "--scheduler", "needs Dask, which is not installed", "install bumpbench[cluster]"
-            ) from None
-        # Dask logs lost connections with tracebacks; everything that matters arrives as an
-        # exception.
-        for name in ("distributed", "tornado", "asyncio"):
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-        self._address = address
-        try:
-            asyncio.run(asyncio.wait_for(_greet(address), _CONNECT_S + 1.0))
-        except Exception as error:  # whatever listens there may answer anything, or nothing
-            known = isinstance(error, (OSError, ValueError)) and str(error)
-            raise InputError(
-                f"--scheduler {address}",
-                f"no Dask scheduler answers: {known or 'something else listens there'}",
-                "start one with: dask scheduler",
-            ) from None
-        connect: Any = distributed.Client  # typed in part only
-        self._client = connect(address, timeout=_CONNECT_S, set_as_default=False)
-        try:
-            self._client.wait_for_workers(1, timeout=_CONNECT_S)
-        except TimeoutError:
-            self._client.close(timeout=0.5)
+def _prepare_process() -> None:
+    """Leave Ctrl-C to the parent, end with it, and search what is loaded for garbage no more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
+    gc.freeze()
+
+
+_Crew = tuple[Executor, int, Callable[[], None]]
+"""An executor, the number of items that may be in flight, and a check that it still works."""
+
+
+@contextmanager
+def _workers(workers: int) -> Iterator[_Crew]:
+    with processes(workers) as pool:
+        yield pool, 2 * workers, lambda: None
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[_Crew]:
+    """Yield the workers of a Dask scheduler, which gives the items of a lost worker to another."""
+    import logging
+
+    from dbc import InputError
+
+    try:
+        import distributed
+    except ImportError:
+        raise InputError(
+            "--scheduler", "needs Dask, which is not installed", "install bumpbench[cluster]"
+        ) from None
+    for name in ("distributed", "tornado", "asyncio"):  # what matters arrives as an exception
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    connect: Any = distributed.Client  # typed in part only
+    try:
+        client = connect(address, timeout=_CONNECT_S, set_as_default=False)
+    except Exception as error:  # whatever listens there may answer anything, or nothing
+        known = isinstance(error, (OSError, ValueError)) and str(error)
+        raise InputError(
+            f"--scheduler {address}",
+            f"no Dask scheduler answers: {known or 'something else listens there'}",
+            "start one with: dask scheduler",
+        ) from None
+
+    def check() -> None:
+        if not client.scheduler_info()["workers"]:
             raise InputError(
                 address, "the scheduler has no workers", f"start some with: dask worker {address}"
-            ) from None
-        self._same_version()
-        self._executor = self._client.get_executor(pure=False)
-        self._threads = 1
-        self._asked_s = self._seen_s = -inf
-        self.check()
-
-    def _same_version(self) -> None:
-        """Raise InputError if a worker has another version, whose rows would not be comparable."""
-        from dbc import InputError
-
-        own = version("bumpbench")
-        # A function of the standard library: a worker without Bumpbench could not find ours.
-        found = self._client.run(version, "bumpbench", on_error="return")
-        for worker, other in found.items():
-            if other != own:
-                self._client.close(timeout=0.5)
-                what = f"worker {worker} has no bumpbench"
-                if isinstance(other, str):
-                    what = f"worker {worker} has bumpbench {other}, here is {own}"
-                raise InputError(self._address, what, "install one version everywhere")
-
-    @property
-    def ahead(self) -> int:
-        """Number of items that may be in flight; it follows the number of workers."""
-        if monotonic() - self._asked_s > _LOOK_AFTER_S:
-            self.check()
-        return _AHEAD * max(1, self._threads)
-
-    def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
-        """Hand over one item."""
-        future: Future[Result] = self._executor.submit(function, item)
-        return future
-
-    def check(self) -> None:
-        """Raise InputError if the scheduler has gone, or all workers have for a minute."""
-        from dbc import InputError
-
-        self._asked_s = monotonic()
-        try:
-            workers = self._client.scheduler_info()["workers"].values()
-        except (OSError, TimeoutError, RuntimeError):
-            raise InputError(
-                self._address, "the scheduler has gone", "start it, and run this again"
-            ) from None
-        self._threads = sum(int(worker["nthreads"]) for worker in workers)
-        if self._threads:
-            self._seen_s = self._asked_s
-        elif self._asked_s - self._seen_s > _NO_WORKER_S:
-            raise InputError(
-                self._address, "all its workers have gone", "start some, and run this again"
             )
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Leave the cluster; what is in flight is cancelled."""
-        with suppress(OSError, TimeoutError):  # the scheduler may be what went wrong
-            self._executor.shutdown(wait=False)
-            self._client.close(timeout=0.5)
-
-
-async def _greet(address: str) -> None:
-    """Exchange only Dask's greeting: a client that fails in this gives up slowly."""
-    from distributed.comm.core import connect
-
-    greet: Any = connect
-    comm = await greet(address, timeout=_CONNECT_S)
-    await comm.close()
+    try:
+        try:
+            client.wait_for_workers(1, timeout=_CONNECT_S)
+        except TimeoutError:
+            check()
+        # A function of the standard library: a worker without Bumpbench could not find ours.
+        for worker, other in client.run(version, "bumpbench", on_error="return").items():
+            if other != version("bumpbench"):
+                what = f"worker {worker} has no bumpbench"
+                if isinstance(other, str):
+                    what = f"worker {worker} has bumpbench {other}, here is {version('bumpbench')}"
+                raise InputError(address, what, "install one version everywhere")
+        threads = sum(int(one["nthreads"]) for one in client.scheduler_info()["workers"].values())
+        yield client.get_executor(pure=False), 2 * threads, check
+    except (OSError, TimeoutError, RuntimeError):
+        raise InputError(
+            address, "the scheduler has gone", "start it, and run this again"
+        ) from None
+    finally:
+        client.close(timeout=0.5)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from multiprocessing import active_children
 from threading import Thread
 
-from .pool import Pool
-from .start import end_with_parent, ignoring_interrupts, preloaded
+from .executors import processes
 
 _HELPERS = 2
 """Number of helpers: one works while the parent works, both while the parent waits."""
@@ -28,10 +25,10 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
     """
     from dbc import InputError
 
-    with Pool(_HELPERS, preloaded(modules), _made_ready) as pool:
+    with processes(_HELPERS, modules) as pool:
 
         def start() -> None:
-            with ignoring_interrupts(), suppress(InputError):  # a use raises it again
+            with suppress(OSError):  # a use raises it again
                 for _ in range(_HELPERS):
                     pool.submit(int)
 
@@ -42,17 +39,5 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
         except BrokenProcessPool:
             what, advice = "a helper process died", "close other programs: it needs memory"
             raise InputError("helpers", what, advice) from None
-        except BaseException:  # such as Ctrl-C: what was begun need not be finished
-            starting.join()
-            for helper in active_children():
-                helper.terminate()
-            raise
         finally:
             starting.join()
-            pool.shutdown(cancel_futures=True)
-
-
-def _made_ready() -> None:
-    """Make a helper ready: what is loaded stays, and is searched for garbage no more."""
-    end_with_parent()
-    gc.freeze()

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-import signal
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from multiprocessing import get_all_start_methods, get_context, parent_process
 from multiprocessing.connection import wait
 from multiprocessing.context import BaseContext
 from multiprocessing.util import get_temp_dir
-from threading import Thread, current_thread, main_thread
+from threading import Thread
 
 _LONGEST_FOLDER = 70
 """Longest path of a folder, bytes, in which multiprocessing can have its sockets: it adds 32 bytes,
@@ -38,39 +37,6 @@ def _place_sockets() -> None:
             get_temp_dir()  # made once, and kept for this process
     finally:
         tempfile.tempdir = before
-
-
-@contextmanager
-def ignoring_interrupts() -> Iterator[None]:
-    """Make processes that are started in the body ignore Ctrl-C: they inherit the signal mask."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-
-
-@contextmanager
-def sigterm_deferred() -> Iterator[None]:
-    """Let SIGTERM wait for the end of the body.
-
-    Only then does the parent know a process that is started in the body: a parent that ended before
-    would leave a process behind, which then prints a traceback because its locks are gone.
-    """
-    if current_thread() is not main_thread():  # only the main thread handles signals
-        yield
-        return
-    came: list[int] = []
-    before = signal.signal(signal.SIGTERM, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-        for number in came[:1]:
-            signal.raise_signal(number)
 
 
 def end_with_parent() -> None:

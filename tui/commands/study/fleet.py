@@ -38,8 +38,8 @@ def fleet(
     from dbc import counted
     from identify.study import fleet_study, fractions
 
+    from ...jobs.executors import map_items
     from ...jobs.fleet import identified_car
-    from ...jobs.spread import map_items
     from ...output import print_json, progress
 
     work = partial(identified_car, seed, facts, sensors is FleetSensors.ALL)

@@ -48,7 +48,7 @@ def table3(
     from identify.study import attempt, table3_campaign
     from identify.study import table3_study as study
 
-    from ...jobs.spread import map_items
+    from ...jobs.executors import map_items
     from ...output import progress
 
     check_figure_file(figure)
@@ -98,7 +98,7 @@ def noise(
         outcome,
     )
 
-    from ...jobs.spread import map_items
+    from ...jobs.executors import map_items
     from ...output import progress
 
     check_figure_file(figure)

@@ -1,0 +1,118 @@
+"""Work on many items: processes that die, and a cluster that is of no use."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import active_children
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from dbc.errors import InputError
+from tui.jobs.executors import as_finished, map_items, processes
+
+ADDRESS = "tcp://host:8786"
+
+
+def _dies_of_three(item: int) -> int:
+    if item == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return -item
+
+
+def _refuses(item: int) -> int:
+    raise InputError(f"item {item}", "is odd", "give an even one")
+
+
+def test_only_the_item_that_kills_its_worker_fails() -> None:
+    results = dict(as_finished(_dies_of_three, range(12), 2))
+    assert isinstance(results.pop(3).exception(), BrokenProcessPool)
+    assert {item: future.result() for item, future in results.items()} == {
+        item: -item for item in range(12) if item != 3
+    }
+    assert active_children() == []
+
+
+def test_no_more_items_are_taken_than_the_workers_need() -> None:
+    taken: list[int] = []
+
+    def items() -> Any:
+        for item in range(100):
+            taken.append(item)
+            yield item
+
+    work = as_finished(abs, items(), 2)
+    next(work)
+    assert len(taken) <= 5
+    work.close()
+    assert active_children() == []
+
+
+def test_an_error_crosses_from_a_worker_whole_and_ends_the_work() -> None:
+    with pytest.raises(InputError) as caught:
+        map_items(_refuses, [7, 8], 1, lambda done, text="": None, "study")
+    error = caught.value
+    assert (error.where, error.what, error.advice) == ("item 7", "is odd", "give an even one")
+
+
+def test_results_are_in_the_order_of_the_items_and_the_share_is_reported() -> None:
+    shares: list[tuple[float, str]] = []
+    work = map_items(abs, [-3, -1, -2], 2, lambda done, text="": shares.append((done, text)), "x")
+    assert work == [3, 1, 2]
+    assert shares[-1] == (1.0, "3 of 3")
+
+
+def test_no_process_to_be_had_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("multiprocessing.context.ForkServerProcess._Popen", refused)
+    with pytest.raises(InputError, match="no process can be started"), processes(1) as pool:
+        pool.submit(abs, -3)
+
+
+@pytest.mark.parametrize(
+    ("workers", "error", "why"),
+    [
+        ({}, None, f"{ADDRESS}: the scheduler has no workers"),
+        ({"one": "0.0.1"}, None, "worker one has bumpbench 0.0.1, here is "),
+        ({"two": ImportError()}, None, "worker two has no bumpbench (install one version"),
+        ({}, OSError("refused"), f"--scheduler {ADDRESS}: no Dask scheduler answers: refused"),
+        ({}, KeyError("op"), "no Dask scheduler answers: something else listens there"),
+    ],
+)
+def test_a_cluster_that_is_of_no_use_is_named(
+    workers: dict[str, object],
+    error: Exception | None,
+    why: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def wait_for_workers(*_: object, **__: object) -> None:
+        if not workers:
+            raise TimeoutError
+
+    def client(*_: object, **__: object) -> SimpleNamespace:
+        if error is not None:
+            raise error
+        return SimpleNamespace(
+            wait_for_workers=wait_for_workers,
+            scheduler_info=lambda: {"workers": workers},
+            run=lambda *_, **__: workers,
+            close=lambda **_: None,
+        )
+
+    library = SimpleNamespace(Client=client)
+    monkeypatch.setitem(sys.modules, "distributed", cast(Any, library))
+    with pytest.raises(InputError) as caught:
+        list(as_finished(abs, [1], 1, ADDRESS))
+    assert why in str(caught.value)
+
+
+def test_a_cluster_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match="needs Dask, which is not installed"):
+        list(as_finished(abs, [1], 1, ADDRESS))

@@ -1,0 +1,348 @@
+"""`bumpbench batch`: one result row for each of any number of sessions."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from hashlib import file_digest
+from importlib.util import find_spec
+from pathlib import Path
+from time import monotonic, perf_counter
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..diagnostics import ExitCode
+from ..options import Force
+
+if TYPE_CHECKING:
+    from identify.batch import Cell
+
+    Row = dict[str, Cell]
+
+_SHOWN = 20
+"""Largest number of refused and failed sessions to name; the table has all."""
+_WRITE_S = 20.0
+"""Time between two writings of the table while the batch runs, s: what a kill can cost."""
+_FAILED = "failed"
+"""Verdict of a session that has no identification."""
+_LAST = ("seconds", "software", "libraries")
+"""Last columns of the table, which failed sessions have, too."""
+
+
+def batch(
+    files: Annotated[
+        list[str],
+        typer.Argument(help="Session files, folders with such, or patterns ('2026-*/*.h5')."),
+    ],
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, max=64, help="Number of processes; default: one for each core."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Use the Dask cluster at tcp://HOST:PORT, whose workers have bumpbench installed "
+            "and see the files under the same paths; start them with --nthreads 1.",
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Table to write: *.csv or *.parquet.")] = Path(
+        "bumpbench-batch.csv"
+    ),
+    page: Annotated[
+        Path | None,
+        typer.Option(help="Also write a page over the rows: filters, trends, outliers (*.html)."),
+    ] = None,
+    force: Force = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> int:
+    """Identify many sessions: one row each, with parameters, modes, verdict and reasons.
+
+    A session that fails is a row with its reason.  Run the same command again, after Ctrl-C or a
+    crash or with more files, and it continues: sessions that have a row of this version of
+    bumpbench in the table are not done again, unless they failed.
+
+    Exit code 1 if any of the sessions was refused or failed.
+    """
+    import os
+
+    from dbc import InputError
+
+    from ..diagnostics import say
+    from ..jobs.executors import as_finished
+    from ..output import print_json, progress
+
+    if scheduler is not None and workers is not None:
+        raise InputError(
+            "--workers", "a cluster has its own workers", "leave it out with --scheduler"
+        )
+    _check_outputs(out, page)
+    sessions = session_files(files)
+    began_s = written_s = perf_counter()
+    rows = _rows_so_far(out, replace=force)
+    jobs = {job.sha256 or job.file: job for job in map(_job_of, sessions)}  # a copy counts once
+    open_jobs = [job for key, job in jobs.items() if not _is_done(rows.get(key))]
+    done = len(jobs) - len(open_jobs)
+    work = as_finished(row_of, open_jobs, workers or os.cpu_count() or 1, scheduler)
+    try:
+        with progress("batch") as stage:
+            for job, future in work:
+                rows = {k: r for k, r in rows.items() if r["file"] != job.file}
+                rows[job.sha256 or job.file] = _row_from(job, future)
+                done += 1
+                stage(done / len(jobs), f"{done} of {len(jobs)}")
+                if monotonic() - written_s > _WRITE_S:
+                    _write(out, page, rows)
+                    written_s = monotonic()
+    except (KeyboardInterrupt, SystemExit):
+        say("stopped; the rows so far are kept, the same command continues from here")
+        raise
+    finally:
+        work.close()
+        _write(out, page, rows)
+    seconds = round(perf_counter() - began_s, 2)
+    mine = [rows[key] for key in jobs if key in rows]
+    verdicts = dict(Counter(str(row["verdict"]) for row in mine))
+    bad = [
+        {name: str(row[name]) for name in ("file", "verdict", "reasons")}
+        for row in mine
+        if row["verdict"] in ("refused", _FAILED)
+    ]
+    written = {"out": str(out), **({} if page is None else {"page": str(page)})}
+    summary = {"sessions": len(jobs), "done_now": len(open_jobs), "verdicts": verdicts, "bad": bad}
+    if json:
+        print_json({**summary, **written, "seconds": seconds})
+    else:
+        _print(len(jobs), len(open_jobs), verdicts, bad, list(written.values()), seconds)
+    return ExitCode.ANSWER_IS_NO if bad else ExitCode.OK
+
+
+def _print(
+    sessions: int,
+    done_now: int,
+    verdicts: dict[str, int],
+    bad: Sequence[dict[str, str]],
+    written: Sequence[str],
+    seconds: float,
+) -> None:
+    from ..output import print_item, print_line
+
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
+    many = "session" if sessions == 1 else "sessions"
+    print_line(f"{sessions} {many}: {counts or 'none'}")
+    print_line(f"{done_now} of them done now in {seconds:.1f} s: {', '.join(written)}")
+    for row in bad[:_SHOWN]:
+        print_item(f"{row['verdict']}: {row['file']}: {row['reasons']}")
+    if len(bad) > _SHOWN:
+        print_item(f"and {len(bad) - _SHOWN} more in the table")
+
+
+def session_files(names: Sequence[str]) -> list[str]:
+    """Return the named session files, each once, as absolute paths.
+
+    `names`: files, folders (every .h5 in them and below), patterns such as ``2026-*/*.h5``.  Raises
+    InputError if a name matches no file.
+    """
+    from dbc import InputError
+
+    found: dict[str, None] = {}
+    for name in names:
+        path = Path(name)
+        if path.is_dir():
+            files = sorted(path.rglob("*.h5"))
+        elif path.exists() or not set(name) & set("*?["):
+            files = [path]
+        else:
+            files = sorted(Path(path.anchor or ".").glob(str(path.relative_to(path.anchor))))
+        # A link that leads nowhere is a session that fails, not one that hides the others.
+        files = [file for file in files if file.is_file() or not file.exists()]
+        if not files or (files == [path] and not path.exists()):
+            what = "holds no session file (*.h5)" if path.is_dir() else "no such file"
+            raise InputError(name, what, "name session files, folders or patterns")
+        found |= dict.fromkeys(str(file.absolute()) for file in files)
+    return list(found)
+
+
+# One session --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    file: str
+    """Absolute path, as a cluster's workers have other working directories."""
+    sha256: str
+    """Hash of the content; empty if it cannot be read: the row says why."""
+
+
+def _job_of(file: str) -> _Job:
+    try:
+        with Path(file).open("rb") as stream:
+            return _Job(file, file_digest(stream, "sha256").hexdigest())
+    except OSError:
+        return _Job(file, "")
+
+
+def row_of(job: _Job) -> Row:
+    """Read and identify a session, and return its row; any error becomes its reason."""
+    from traceback import extract_tb
+
+    from daq import read_samples
+    from dbc import BumpbenchError
+    from identify.batch import session_row
+
+    began_s = perf_counter()
+    try:
+        row = session_row(read_samples(Path(job.file)))
+    except BumpbenchError as error:
+        row = _failed(str(error).removeprefix(f"{job.file}: "))  # the row names the file
+    except Exception as error:  # one strange session of thousands must not stop the others
+        last = extract_tb(error.__traceback__)[-1]
+        where = f"{Path(last.filename).name}:{last.lineno}"
+        row = _failed(f"{type(error).__name__} in {where}: {error}")
+    return _with_provenance(job, row, perf_counter() - began_s)
+
+
+def _row_from(job: _Job, future: Future[Row]) -> Row:
+    """Return the row that a worker made, or one that says why it made none."""
+    from dbc import InputError
+
+    if future.cancelled():
+        raise InputError(
+            "--scheduler", "the cluster has gone", "the same command continues from here"
+        )
+    error = future.exception()
+    if error is None:
+        return future.result()
+    reason = f"its worker failed: {type(error).__name__}: {error}"
+    if isinstance(error, BrokenProcessPool):
+        reason = "its worker process died, most likely for want of memory"
+    return _with_provenance(job, _failed(reason), 0.0)
+
+
+def _failed(reason: str) -> Row:
+    from dbc.errors import printable
+
+    return {"verdict": _FAILED, "reasons": printable(reason, 800)}
+
+
+def _with_provenance(job: _Job, row: Row, seconds: float) -> Row:
+    import numpy as np
+    import scipy
+
+    return {
+        # A table holds UTF-8 only, which the name of a file need not be.
+        "file": job.file.encode("utf-8", "backslashreplace").decode(),
+        "sha256": job.sha256,
+        **row,
+        "seconds": round(seconds, 3),
+        "software": _software(),
+        "libraries": f"numpy {np.__version__}, scipy {scipy.__version__}",
+    }
+
+
+def _software() -> str:
+    from importlib.metadata import version
+
+    return f"bumpbench {version('bumpbench')}"
+
+
+# The table ----------------------------------------------------------------------------------------
+
+
+def _check_outputs(out: Path, page: Path | None) -> None:
+    """Refuse files that could not be written, before hours of computing; make their folders."""
+    from daq.files import make_room
+    from dbc import InputError
+
+    from ..endings import PAGES, require_ending
+
+    if out.suffix.lower() not in (".csv", ".parquet"):
+        raise InputError(
+            str(out), "is not a table that can be written", "name it *.csv or *.parquet"
+        )
+    if out.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
+        what = "Parquet needs pyarrow, which is not installed"
+        raise InputError(str(out), what, "install bumpbench[data]")
+    if page is not None:
+        require_ending(page, "page", PAGES)
+    for path in (out, *([] if page is None else [page])):
+        if path.is_dir():
+            raise InputError(str(path), "is a directory", "name a file")
+        make_room(path)
+
+
+def _rows_so_far(out: Path, *, replace: bool) -> dict[str, Row]:
+    """Return the rows of a table by the hash of their session; the numbers of a CSV stay text.
+
+    Raises InputError if the file is there and is not the table of a batch, unless `replace`.
+    """
+    from daq.files import refuse_existing
+
+    if replace or not out.exists():
+        return {}
+    rows: list[Row] = []
+    try:
+        if out.suffix.lower() == ".csv":
+            with out.open(newline="", encoding="utf-8") as stream:
+                rows = [dict(row) for row in csv.DictReader(stream)]
+        else:
+            from pyarrow import parquet
+
+            rows = parquet.read_table(out).to_pylist()
+        return {str(row["sha256"] or row["file"]): row for row in rows if row["software"]}
+    except (OSError, ValueError, KeyError, csv.Error):
+        refuse_existing(out, replace=False)
+        raise
+
+
+def _is_done(row: Row | None) -> bool:
+    """Return whether a session need not be done again; a failure may be due to the machine."""
+    return row is not None and row["verdict"] != _FAILED and row["software"] == _software()
+
+
+def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
+    """Write table and page; each is complete or as it was before.
+
+    Raises InputError if one cannot be written.
+    """
+    from daq.files import replaced
+    from dbc import InputError
+
+    from .batch_page import page_of
+
+    names = dict.fromkeys(name for row in rows.values() for name in row)
+    columns = [name for name in names if name not in _LAST] + [n for n in _LAST if n in names]
+    path = out
+    try:
+        with replaced([out]) as (part,):
+            if out.suffix.lower() == ".csv":
+                with part.open("w", encoding="utf-8", newline="") as stream:
+                    writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
+                    writer.writeheader()
+                    writer.writerows(rows.values())
+            else:
+                _write_parquet(part, columns, list(rows.values()))
+        if page is not None:
+            path = page
+            with replaced([page]) as (part,):
+                part.write_text(page_of(columns, list(rows.values()), page.parent), "utf-8")
+    except OSError as error:
+        raise InputError(
+            str(path), error.strerror or "cannot be written", "make room, and run the same command"
+        ) from None
+
+
+def _write_parquet(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    def kind(name: str) -> pa.DataType:
+        return pa.string() if any(isinstance(row.get(name), str) for row in rows) else pa.float64()
+
+    schema = pa.schema([(name, kind(name)) for name in columns])
+    parquet.write_table(pa.Table.from_pylist(list(rows), schema), path)

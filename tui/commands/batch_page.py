@@ -1,0 +1,127 @@
+"""Makes a page from the rows of a batch: table with filters, trends by vehicle, outliers, reports.
+
+One HTML file with its data, style and script; nothing is fetched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from math import isfinite, nan
+from os.path import relpath
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from daq.strict_json import json_in_html
+from dbc.errors import printable
+from identify.batch import Cell, Row
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_MOST_OUTLIERS = 200
+"""Largest number of outliers that the page lists, the farthest first."""
+_DIGITS = 7
+_NO_PARAMETER = ("_hz", "_damping")
+_LEAST = 5
+"""Least number of sessions of a vehicle to know its usual value."""
+_APART = 3.5
+"""Standard deviations, robust, beyond which a value counts as apart (Iglewicz and Hoaglin 1993)."""
+_SIGMA_OF_MAD = 1.4826
+"""Standard deviation of a normal variable whose median absolute deviation is 1."""
+
+
+def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
+    """Return the page; links lead from `folder` to reports that are next to their sessions."""
+    import numpy as np
+
+    names = [
+        name for name in columns if f"{name}_std" in columns and not name.endswith(_NO_PARAMETER)
+    ]
+    shown, values, stds = [], [], []
+    for row in rows:
+        value = [_rounded(row.get(name)) for name in names]
+        std = [_rounded(row.get(f"{name}_std")) for name in names]
+        shown.append([*_about(row, folder), value, std])
+        usable = row["verdict"] in ("ok", "doubtful")
+        values.append([nan if v is None or not usable else v for v in value])
+        stds.append([nan if s is None else s for s in std])
+    shape = len(rows), len(names)
+    vehicles = [str(row.get("vehicle") or "") for row in rows]
+    apart = outliers(vehicles, np.reshape(values, shape), np.reshape(stds, shape))
+    document = {
+        "parameters": [[name, _unit(name)] for name in names],
+        "rows": shown,
+        "outliers": [
+            [row, parameter, _rounded(usual), round(sigmas, 1)]
+            for row, parameter, usual, sigmas in apart[:_MOST_OUTLIERS]
+        ],
+        "outliers_in_all": len(apart),
+    }
+    data = json_in_html(document, separators=(",", ":"))
+    here = files(__package__)
+    page = (here / "batch_page.html").read_text("utf-8")
+    style = files("identify.report").joinpath("report.css").read_text("utf-8")
+    script = (here / "batch_page.js").read_text("utf-8")
+    for mark, part in (("STYLE", style), ("SCRIPT", script), ("DATA", data)):
+        page = page.replace(f"<!--{mark}-->", part, 1)
+    return page
+
+
+def outliers(
+    vehicles: Sequence[str], values: NDArray[np.float64], stds: NDArray[np.float64]
+) -> list[tuple[int, int, float, float]]:
+    """Return values that lie apart from those of the vehicle's other sessions, the farthest first.
+
+    `vehicles`: vehicle of each row.  `values` and `stds`, (n, p): SI, NaN where a row does not
+    count.  Each is its row, its parameter, the median of the vehicle's sessions, and its distance
+    from that in standard deviations (scatter of the sessions and own uncertainty).
+    """
+    import numpy as np
+
+    apart = []
+    names = np.array(vehicles, dtype=object)
+    for vehicle in dict.fromkeys(vehicles):
+        sessions = np.flatnonzero(names == vehicle)
+        for p in range(values.shape[1]):
+            rows = sessions[np.isfinite(values[sessions, p])]
+            if len(rows) < _LEAST:
+                continue
+            usual = float(np.median(values[rows, p]))
+            away = values[rows, p] - usual
+            scatter = _SIGMA_OF_MAD * float(np.median(np.abs(away)))
+            size = np.hypot(scatter, np.nan_to_num(stds[rows, p]))
+            sigmas = away / np.where(size > 0.0, size, np.inf)
+            beyond = np.flatnonzero(np.abs(sigmas) > _APART)
+            apart += [(int(rows[i]), p, usual, float(sigmas[i])) for i in beyond]
+    return sorted(apart, key=lambda one: -abs(one[3]))
+
+
+def _about(row: Row, folder: Path) -> list[Any]:
+    """Return file, report, vehicle, date, origin, verdict, chi2/n and reasons of a row."""
+    file = str(row["file"])
+    report = Path(file).with_suffix(".html")
+    link = quote(Path(relpath(report, folder)).as_posix()) if report.is_file() else ""
+    about = [str(row.get(name) or "") for name in ("vehicle", "created", "origin")]
+    reasons = printable(str(row.get("reasons") or ""), 300)
+    chi2 = _rounded(row.get("chi2_per_n"))
+    return [file, link, *about, str(row["verdict"]), chi2, reasons]
+
+
+def _rounded(cell: Cell) -> float | None:
+    """Return a number, also one that a CSV holds as text; None where there is none."""
+    try:
+        number = float(cell if cell is not None else nan)
+    except ValueError:
+        return None
+    return float(f"{number:.{_DIGITS}g}") if isfinite(number) else None
+
+
+def _unit(name: str) -> str:
+    """Return the unit of a parameter with a symbol; the names of element forces include theirs."""
+    from daq.vehicle import parameter_unit
+
+    symbol, _, _ = name.partition("_")
+    return parameter_unit(name) if len(symbol) == 1 else ""
