@@ -16,7 +16,7 @@ import pytest
 
 from tui import output
 from tui.cli import run
-from tui.commands.batch_page import outliers, page_of
+from tui.jobs.batch_page import outliers, page_of
 
 from .batches import progress_that, refused_session, synthetic_rows, write_all
 

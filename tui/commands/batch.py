@@ -313,7 +313,7 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
     from daq.files import replaced
     from dbc import InputError
 
-    from .batch_page import page_of
+    from ..jobs.batch_page import page_of
 
     names = dict.fromkeys(name for row in rows.values() for name in row)
     columns = [name for name in names if name not in _LAST] + [n for n in _LAST if n in names]
