@@ -13,6 +13,7 @@ from typing import Any, cast
 import pytest
 
 from dbc.errors import InputError
+from tui.jobs import executors
 from tui.jobs.executors import as_finished, map_items, processes
 
 ADDRESS = "tcp://host:8786"
@@ -95,9 +96,11 @@ def test_a_cluster_that_is_of_no_use_is_named(
         if not workers:
             raise TimeoutError
 
-    def client(*_: object, **__: object) -> SimpleNamespace:
+    async def greet(_: str) -> None:
         if error is not None:
             raise error
+
+    def client(*_: object, **__: object) -> SimpleNamespace:
         return SimpleNamespace(
             wait_for_workers=wait_for_workers,
             scheduler_info=lambda: {"workers": workers},
@@ -107,6 +110,7 @@ def test_a_cluster_that_is_of_no_use_is_named(
 
     library = SimpleNamespace(Client=client)
     monkeypatch.setitem(sys.modules, "distributed", cast(Any, library))
+    monkeypatch.setattr(executors, "_greet", greet)
     with pytest.raises(InputError) as caught:
         list(as_finished(abs, [1], 1, ADDRESS))
     assert why in str(caught.value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import signal
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -159,9 +160,8 @@ def _cluster(address: str) -> Iterator[_Crew]:
         ) from None
     for name in ("distributed", "tornado", "asyncio"):  # what matters arrives as an exception
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-    connect: Any = distributed.Client  # typed in part only
     try:
-        client = connect(address, timeout=_CONNECT_S, set_as_default=False)
+        asyncio.run(_greet(address))
     except Exception as error:  # whatever listens there may answer anything, or nothing
         known = isinstance(error, (OSError, ValueError)) and str(error)
         raise InputError(
@@ -169,6 +169,8 @@ def _cluster(address: str) -> Iterator[_Crew]:
             f"no Dask scheduler answers: {known or 'something else listens there'}",
             "start one with: dask scheduler",
         ) from None
+    connect: Any = distributed.Client  # typed in part only
+    client = connect(address, timeout=_CONNECT_S, set_as_default=False)
 
     def check() -> None:
         if not client.scheduler_info()["workers"]:
@@ -196,3 +198,12 @@ def _cluster(address: str) -> Iterator[_Crew]:
         ) from None
     finally:
         client.close(timeout=0.5)
+
+
+async def _greet(address: str) -> None:
+    """Exchange Dask's greeting: a client that fails in it gives up slowly and may block another."""
+    from distributed.comm.core import connect
+
+    greet: Any = connect
+    comm = await asyncio.wait_for(greet(address, timeout=_CONNECT_S), _CONNECT_S + 1.0)
+    await comm.close()
