@@ -77,6 +77,29 @@ _ADVICE = {
     "slcan": "channel is the serial device, like /dev/ttyACM0 or /dev/ttyUSB0@115200",
     "udp_multicast": "channel is a multicast group, like 239.74.163.2",
 }
+_DRIVERS = {
+    "canalystii": "the Python package canalystii",
+    "cantact": "the Python package cantact",
+    "etas": "ETAS BOA, for Windows",
+    "gs_usb": "the Python package gs_usb, and libusb",
+    "iscan": "Thorsis isCAN",
+    "ixxat": "IXXAT VCI, for Windows",
+    "kvaser": "Kvaser CANlib",
+    "neousys": "Neousys WDT_DIO",
+    "neovi": "the Python package python-ics, of Intrepid",
+    "nican": "NI-CAN, for Windows",
+    "nixnet": "NI-XNET, for Windows",
+    "pcan": "PEAK PCAN-Basic",
+    "systec": "SYS TEC USB-CANmodul, for Windows",
+    "usb2can": "8devices USB2CAN, for Windows",
+    "vector": "Vector XL Driver Library, for Windows",
+}
+"""Driver that each interface needs beside python-can."""
+_NAMED_CHANNELS = frozenset(
+    {"etas", "nican", "nixnet", "pcan", "robotell", "seeedstudio", "serial", "slcan", "socketcan"}
+    | {"socketcand", "udp_multicast", "usb2can", "virtual"}
+)
+"""Interfaces whose channel is a name even if it consists of digits; all others count channels."""
 
 # python-can logs every vendor library that is not installed.
 logging.getLogger("can").addHandler(logging.NullHandler())
@@ -119,10 +142,12 @@ def open_bus(config: BusConfig) -> can.BusABC:
 
     Raises BusError as `open_source`.
     """
-    channel = int(config.channel) if config.channel.isdecimal() else config.channel
+    channel: str | int | None = config.channel or None  # None: the interface's own first channel
+    if config.channel.isdecimal() and config.interface not in _NAMED_CHANNELS:
+        channel = int(config.channel)
     with _one_line(config):
         bus = can.Bus(
-            channel=channel or None,
+            channel=channel,
             interface=config.interface,
             ignore_config=True,  # only bench.toml decides, not a can.conf elsewhere
             bitrate=config.bitrate,
@@ -140,7 +165,7 @@ def open_buses(configs: Sequence[BusConfig]) -> Iterator[tuple[can.BusABC, ...]]
 
 
 def _name(config: BusConfig) -> str:
-    return f"{config.interface} {config.channel}"
+    return f"{config.interface} {config.channel}".rstrip()
 
 
 @contextlib.contextmanager
@@ -156,10 +181,22 @@ def _one_line(config: BusConfig) -> Iterator[None]:
         yield
     except BusError:
         raise
+    except TypeError as error:
+        if config.channel:
+            raise _closed(config, _reason(error)) from error
+        raise _closed(config, "no channel is named") from error
+    except (NameError, AttributeError, ImportError) as error:  # what its library would define
+        raise _closed(config, "its driver does not load") from error
     except Exception as error:
-        advice = _ADVICE.get(config.interface, "check [bus] in bench.toml, cable and driver")
-        advice = advice.format(channel=config.channel, bitrate=config.bitrate)
-        raise BusError(_name(config), f"cannot be opened: {_reason(error)}", advice) from error
+        raise _closed(config, _reason(error)) from error
+
+
+def _closed(config: BusConfig, reason: str) -> BusError:
+    advice = _ADVICE.get(config.interface, "check [bus] in bench.toml, cable and driver")
+    if driver := _DRIVERS.get(config.interface):
+        advice = f"check channel and cable, and that its driver is installed: {driver}"
+    advice = advice.format(channel=config.channel, bitrate=config.bitrate)
+    return BusError(_name(config), f"cannot be opened: {reason}", advice)
 
 
 def _reason(error: BaseException) -> str:

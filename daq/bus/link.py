@@ -72,7 +72,7 @@ class Link:
         else:
             try:
                 frames = self._source.read(timeout_s)
-            except Exception as error:  # any exception of a driver: the bus is opened again
+            except BaseException as error:  # drivers raise anything, even SystemExit
                 self._fail(error)
         now_s = self._clock()
         if len(frames):
@@ -112,7 +112,7 @@ class Link:
             return
         try:
             self._source = self._open_source(self.config, self.index)
-        except Exception as error:  # backends raise any exception, also NameError
+        except BaseException as error:  # as above
             self._fail(error)
             return
         self._alive_s = self._clock()
@@ -120,7 +120,7 @@ class Link:
         self._was_open = True
         self._facts = replace(self._facts, connected=True, error="", advice="", reopened=reopened)
 
-    def _fail(self, error: Exception) -> None:
+    def _fail(self, error: BaseException) -> None:
         self._drop()
         self._next_try_s = self._clock() + self._pause_s
         self._pause_s = min(2 * self._pause_s, BACK_OFF_S[1])
@@ -137,12 +137,12 @@ class Link:
             return
         self._before = self._losses()
         source, self._source = self._source, None
-        with suppress(Exception):  # an unplugged device cannot be closed properly
+        with suppress(BaseException):  # an unplugged device cannot be closed properly
             source.close()
 
     def _losses(self) -> SourceLosses:
         now = SourceLosses()
         if self._source is not None:
-            with suppress(Exception):
+            with suppress(BaseException):
                 now = self._source.losses()
         return self._before.plus(now)
