@@ -105,7 +105,7 @@ clean:
 	touch $@
 
 .venv/demo: .venv/python pyproject.toml constraints.txt
-	$(INSTALL) --editable .
+	$(INSTALL) --editable '.[web]'
 	touch $@
 
 .venv/test: .venv/python pyproject.toml constraints.txt

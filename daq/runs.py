@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, freeze_arrays, read_only
+from dbc.words import counted
 
 BASELINE = "baseline"
 ADDED = "added"
@@ -96,16 +97,23 @@ class Losses:
     """Remote frames, which have no payload; stored raw."""
 
     @property
+    def unusable(self) -> int:
+        """Number of frames that are stored, and did not become samples."""
+        return self.crc_bad + self.wrong_length
+
+    @property
     def measured(self) -> int:
         """Number of frames that did not become samples, without those of foreign identifiers."""
-        return (
-            self.bus_dropped
-            + self.bus_garbled
-            + self.queue_dropped
-            + self.counter_gaps
-            + self.crc_bad
-            + self.wrong_length
-        )
+        lost = self.bus_dropped + self.bus_garbled + self.queue_dropped + self.counter_gaps
+        return lost + self.unusable
+
+    @property
+    def words(self) -> str:
+        """What `measured` counts, like `3 frames lost, 100 unusable`; empty if there is none."""
+        lost, unusable = self.measured - self.unusable, self.unusable
+        if not lost:
+            return f"{counted(unusable, 'frame')} unusable" if unusable else ""
+        return f"{counted(lost, 'frame')} lost" + (f", {unusable:,} unusable" if unusable else "")
 
 
 @dataclass(frozen=True, slots=True)

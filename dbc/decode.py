@@ -56,7 +56,7 @@ def decode_message(reader: MessageReader, frames: MessageFrames) -> tuple[dict[s
     """Decode all signals of frames that carry the same message.
 
     Returns samples by `Message.signal` (a multiplexed signal only in frames whose selector names
-    it) and the number of frames whose checksum does not match.
+    it) and the number of frames of the right length whose checksum does not match.
     """
     layout = reader.layout
     bad = _crc_misfit(layout, frames)
@@ -88,7 +88,7 @@ def decode_message(reader: MessageReader, frames: MessageFrames) -> tuple[dict[s
         name = f"{layout.name}.{signal.name}"
         own_ns = t_ns if rows is None else read_only(part.t_ns)
         samples[name] = Samples(name, own_ns, read_only(value), read_only(marks))
-    return samples, int(np.count_nonzero(bad))
+    return samples, int(np.count_nonzero(bad & (frames.length == layout.length)))
 
 
 def _mark(quality: NDArray[np.uint8], where: NDArray[np.bool_], bit: Quality) -> NDArray[np.uint8]:

@@ -78,6 +78,6 @@ def status_line(status: Status) -> str:
         f"lag {status.disk.lag_s * 1e3:.0f} ms",
         f"{room} free",
     ]
-    if status.losses.measured:
-        parts.append(f"{counted(status.losses.measured, 'frame')} lost")
+    if status.losses.words:
+        parts.append(status.losses.words)
     return ", ".join(parts)

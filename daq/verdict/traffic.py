@@ -114,7 +114,7 @@ def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     lost = window.losses.measured
     came = sum(len(t_ns) for t_ns in _messages(bench.channels, window).values())
     share = lost / max(lost + came, 1)
-    text = f"{counted(lost, 'frame')} lost or unusable, {share:.1%} (limit {LOST_SHARE:.0%})"
+    text = f"{window.losses.words or '0 frames lost'}, {share:.1%} (limit {LOST_SHARE:.0%})"
     gap_s, limit_s, name = _early_gap(window, signals)
     if gap_s > limit_s and share <= LOST_SHARE:
         text = (

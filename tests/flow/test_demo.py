@@ -2,6 +2,9 @@
 
 import json
 import math
+import os
+import shlex
+import subprocess
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +23,9 @@ from dbc import Codec, FrameBatch
 from identify import Identification
 from identify.trust.finding import Judgement
 from tui.cli import run
+from tui.commands.demo import next_commands
+
+from .bench_terminal import PtyTerminal, end_recorder
 
 
 def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
@@ -29,8 +35,10 @@ def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]
     return document
 
 
-def test_demo(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    out = tmp_path / "demo"
+def test_demo(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "a demo"
     result = _json(capsys, "demo", "--seed", "11", "--out", str(out))
     assert result["verdict"] == "ok", result["reasons"]
     assert 0.9 < result["chi2_per_n"] < 1.1
@@ -62,6 +70,23 @@ def test_demo(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     start = int(np.searchsorted(journal.frames.t_ns, first.t_ns[0]))
     same = journal.frames.select(slice(start, start + len(first)))
     np.testing.assert_array_equal(same.data, first.data)
+
+    # The commands with which it ends can be pasted, also where no shell knows the program.
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", os.defpath)
+    *desk, bench = next_commands(session)
+    made = [subprocess.Popen(command, shell=True, stdout=subprocess.DEVNULL) for command in desk]
+    assert [each.wait(120.0) for each in made] == [0, 0]
+    assert session.with_suffix(".html").stat().st_size > 100_000
+    assert session.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+    program, *words = shlex.split(bench)
+    assert os.access(program, os.X_OK)
+    terminal = PtyTerminal(*words[1:])
+    try:
+        terminal.until(b"]2;")  # the window's title: it is there
+        terminal.kill()
+    finally:
+        end_recorder(tmp_path / "bumpbench-tui")
 
 
 def test_a_session_without_its_added_mass_is_refused_with_the_reason(

@@ -19,6 +19,7 @@ from daq.control.messages import Phase, SessionState, SessionStatus, Status
 from dbc.finding import Finding, Severity
 from identify import Judgement
 from tui.cli import run
+from tui.commands.demo import next_commands
 from tui.recorders.daemon import Lifetime
 
 from ..daq.a_status import a_status
@@ -65,6 +66,8 @@ def test_a_demonstration_prints_what_was_recorded_and_identified(
     assert paragraphs[1].splitlines()[0].strip() == "Parameters"
     row = next(line for line in paragraphs[1].splitlines() if line.startswith("m_s"))
     assert row.split()[:3] == ["m_s", "1,380.0", "1,380.0"], "the truth, then the estimate"
+    next_lines = [f"  {command}" for command in next_commands(tmp_path / "session_0001.h5")]
+    assert paragraphs[-1].splitlines() == ["Next, to paste:", *next_lines]
     assert stages == {"record": [(0.5, "recording")], "identify": []}
     bench, folder, lifetime = recorded
     assert folder == out

@@ -120,6 +120,10 @@ def test_progress_counts_the_planned_runs_and_not_those_beyond() -> None:
 def test_progress_says_what_is_wrong_with_the_frames() -> None:
     status = replace(a_status(), losses=Losses(counter_gaps=4))
     assert progress_words(status)[1] == "0 of 0 runs, 4 frames lost"
+    spoilt = replace(status, losses=Losses(counter_gaps=4, crc_bad=100))
+    assert progress_words(spoilt)[1] == "0 of 0 runs, 4 frames lost, 100 unusable"
+    spoilt = replace(status, losses=Losses(wrong_length=1))
+    assert progress_words(spoilt)[1] == "0 of 0 runs, 1 frame unusable"
     # can0 and can1 have 12345 and 6000 frames.
     strange = replace(status, losses=Losses(unknown_id=18_345))
     assert progress_words(strange)[1] == "0 of 0 runs, none of 18,345 frames is in the DBC"

@@ -107,7 +107,35 @@ def demo(
         print_summary(path, session)
         print_line()
         print_identification(document, truth)
+        print_line()
+        print_line("Next, to paste:")
+        for command in next_commands(path):
+            print_line(f"  {command}")
     return ExitCode.ANSWER_IS_NO if document["verdict"] == "refused" else ExitCode.OK
+
+
+def next_commands(session: Path) -> tuple[str, str, str]:
+    """Return what a new user does after a demonstration, as lines for a shell.
+
+    `session`: its session file.  The program's name is its path where the shell does not find it.
+    """
+    import os
+    import shlex
+    import shutil
+    import sys
+
+    program = Path(sys.executable).with_name("bumpbench")
+    if shutil.which(program.name):
+        program = Path(program.name)
+    elif program.is_relative_to(Path.cwd()):
+        program = program.relative_to(Path.cwd())
+    name, where = shlex.quote(str(program)), shlex.quote(os.fspath(session))
+    pdf = shlex.quote(os.fspath(session.with_suffix(".pdf")))
+    return (
+        f"{name} report {where} --pdf {pdf}",
+        f"{name} plan --from {where}",
+        f"{name} tui --demo --out bumpbench-tui",
+    )
 
 
 def due_bumps(latest: Callable[[], Status], stop: Event) -> Iterator[Step]:

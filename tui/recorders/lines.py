@@ -81,8 +81,8 @@ def progress_words(status: Status) -> tuple[float, str]:
         text += ", no frame yet"
     elif status.losses.unknown_id == frames:
         text += f", none of {counted(frames, 'frame')} is in the DBC"
-    if status.losses.measured:
-        text += f", {counted(status.losses.measured, 'frame')} lost"
+    if status.losses.words:
+        text += f", {status.losses.words}"
     return (done / planned if planned else 0.0), text
 
 

@@ -72,6 +72,19 @@ def test_what_is_not_decoded_is_counted_by_kind() -> None:
     assert found.wrong_length == 1
 
 
+def test_a_frame_of_wrong_length_with_a_bad_checksum_is_counted_once() -> None:
+    wide = np.zeros((100, 64), np.uint8)
+    wide[:, :12] = 0x7F  # HUB_Front has 6 bytes, as issued; FD frames of 12 with its identifier
+    n = np.arange(100)
+    fd = np.full(100, FrameFlag.FD, np.uint16)
+    front = CODEC.message("HUB_Front").can_id
+    bus, length = np.zeros(100, np.uint8), np.full(100, 12, np.uint8)
+    batch = FrameBatch(n, np.full(100, front, np.uint32), fd, bus, length, wide)
+    losses = _health(batch, 10).losses
+    assert (losses.crc_bad, losses.wrong_length, losses.measured) == (0, 100, 100)
+    assert losses.words == "100 frames unusable"
+
+
 def test_a_restart_of_a_sensor_is_reported_and_not_taken_for_loss() -> None:
     first, second = _frames(300), _frames(300)
     later = FrameBatch(
