@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-import logging
-import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
-from aiohttp.web import Application
-from textual_serve.server import Server
 
 from daq.bench.origin import Origin
 from daq.control.client import OrderRefusedError, RecorderGoneError
 from daq.control.messages import Reply, Setup, Status
 from daq.control.orders import AskStatus, Order
-from daq.errors import InputError
 from tui.browser import server
 from tui.cli import run
 from tui.terminal.screens.display_link import DisplayLinkScreen
@@ -123,51 +118,19 @@ def test_who_is_not_named_is_the_user_to_the_recorder_and_asked_on_the_screen(
 # Browsers -----------------------------------------------------------------------------------------
 
 
-def test_a_browser_gets_the_same_command_behind_a_link(
+def test_a_browser_gets_the_same_command_if_a_port_is_free(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    served: list[Server] = []
-    monkeypatch.setattr(Server, "serve", lambda self: served.append(self))
+    served: list[Sequence[str]] = []
     monkeypatch.setattr(sys, "argv", ["bumpbench", "tui", "--web", "--out", "my day", "--demo"])
-    assert run(["tui", "--web", "--demo"]) == 0
-    (made,) = served
-    command = f"{sys.executable} -m tui tui --out 'my day' --demo"
-    assert (made.command, made.host, made.title) == (command, "127.0.0.1", "Bumpbench")
-    assert made.templates_path == Path(server.__file__).parent / "templates"
-    root = logging.getLogger()
-    before = root.level
-    made.initialize_logging()
-    assert root.level == logging.WARNING
-    root.setLevel(before)
-    asyncio.run(made.on_startup(Application()))
-    said = capsys.readouterr().err
-    assert said.startswith(f"open http://127.0.0.1:{made.port}/")
-    assert said.count("\n") == 1
-
-
-def test_a_browser_gets_a_free_port(monkeypatch: pytest.MonkeyPatch) -> None:
-    ports: list[int] = []
-    monkeypatch.setattr(server._Guarded, "serve", lambda self: ports.append(self.port))
-    with socket.socket() as taken:
-        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            taken.bind(("127.0.0.1", 8000))
-        except OSError:
-            """Another program has it: as good."""
-        else:
-            taken.listen()
-        server.serve([])
-    assert ports[0] not in (0, 8000)
-
-    class Full(socket.socket):
-        def bind(self, place: Any) -> None:
-            """Refuse."""
-            raise OSError
-
-    monkeypatch.setattr("socket.socket", Full)
-    with pytest.raises(InputError, match=r"--web: no port of 127\.0\.0\.1 is free"):
-        server.serve([])
-    assert len(ports) == 1
+    with monkeypatch.context() as patch:
+        patch.setattr(server, "serve", served.append)
+        assert run(["tui", "--web", "--demo"]) == 0
+    assert served == [["tui", "--out", "my day", "--demo"]]
+    taken = OSError(98, "Address already in use")
+    monkeypatch.setattr(server, "listen", Mock(side_effect=taken))
+    assert run(["tui", "--web", "--demo"]) == 2
+    assert "--web: no port of 127.0.0.1 is free" in capsys.readouterr().err
 
 
 def test_without_its_library_browsers_get_nothing(

@@ -1,20 +1,29 @@
-"""Admits only requests that have the link of a served page, and only from pages of this server.
+"""Serves pages to those who have the link, and lets nobody else cost or end anything.
 
 Any program and any user of this machine can reach a port of 127.0.0.1, and any page in a browser
 can send requests to it.  The link has a random token in its path, which neither of them knows.  In
-addition, the request must name this server as its host, and come from this server's own page: a
-foreign name that is made to point at 127.0.0.1 reads nothing.
+addition, a request must name this server as its host, and come from this server's own page: a
+foreign name that is made to point at 127.0.0.1 reads nothing.  A connection that has not yet shown
+the token is one of at most `MOST_STRANGERS`, and is closed after `STRANGER_S`.
 """
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import secrets
-from collections.abc import Awaitable, Callable
+import socket
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from contextlib import asynccontextmanager
 
 from aiohttp import hdrs, web
 
-_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
-
+MOST_STRANGERS = 64
+"""Most connections without the token at a time: one more closes the oldest."""
+STRANGER_S = 5.0
+"""Time within which a connection must show the token, s."""
+_KEPT_S = 75.0
+"""Time for which a page may keep a connection without a request, s."""
 _TOKEN_BYTES = 32
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -24,14 +33,38 @@ _HEADERS = {
 }
 """Headers of every answer: the address has the token, so a browser must neither keep nor pass it
 on."""
+_SILENT = logging.Logger("requests of strangers", logging.CRITICAL + 1)
+"""Nobody may read what this process writes, and anybody may send malformed requests."""
+
+_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def listen(host: str, usual: int) -> socket.socket:
+    """Return a socket that listens on a port of an address, on `usual` if that is free.
+
+    Raises OSError if `host` is not an address of this machine.
+    """
+    for port in (usual, 0):
+        try:
+            family, _, _, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            return socket.create_server(place, family=family, backlog=socket.SOMAXCONN)
+        except OSError as error:
+            last = error
+    raise last
 
 
 class Guard:
-    """The token of one server, and its checks."""
+    """The token of one server, and its checks.
 
-    def __init__(self, host: str, port: int) -> None:
-        self._host = f"{host}:{port}"
+    `host`: address on which `listening` listens.
+    """
+
+    def __init__(self, host: str, listening: socket.socket) -> None:
+        self._listening = listening
+        port = listening.getsockname()[1]
+        self._host = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self._token = secrets.token_urlsafe(_TOKEN_BYTES)
+        self._strangers: dict[asyncio.BaseTransport | None, asyncio.TimerHandle] = {}
         self.origin = f"http://{self._host}"
         """Scheme, host and port of the server."""
         self.prefix = f"/{self._token}"
@@ -39,34 +72,75 @@ class Guard:
         self.link = f"{self.origin}{self.prefix}/"
         """The address to open."""
 
-    def application(self, pages: web.Application, most_bytes: int = 1_048_576) -> web.Application:
-        """Return an application that serves `pages` below the prefix, and nothing else.
+    @asynccontextmanager
+    async def serving(
+        self, pages: web.Application, most_bytes: int = 1_048_576
+    ) -> AsyncGenerator[None]:
+        """Serve `pages` below the prefix, and nothing else, until the block ends.
 
         `most_bytes`: largest body of a request; that of `pages` itself counts for nothing.
         """
-
-        @web.middleware
-        async def check(request: web.Request, handler: _Handler) -> web.StreamResponse:
-            if refusal := self.refusal(request):
-                return web.Response(status=403, text=f"refused: {refusal}\n")
-            return await handler(request)
-
-        guarded = web.Application(middlewares=[check], client_max_size=most_bytes)
+        guarded = web.Application(middlewares=[self._check], client_max_size=most_bytes)
         guarded.on_response_prepare.append(_add_headers)
         guarded.add_subapp(self.prefix, pages)
-        return guarded
+        runner = web.AppRunner(
+            guarded,
+            access_log=None,
+            logger=_SILENT,
+            keepalive_timeout=_KEPT_S,
+            shutdown_timeout=0.5,
+        )
+        await runner.setup()
+        assert runner.server is not None
+        door = asyncio.create_task(self._admit(runner.server))
+        try:
+            yield
+        finally:
+            door.cancel()
+            self._listening.close()
+            await runner.cleanup()
 
-    def refusal(self, request: web.Request) -> str:
+    async def _admit(self, server: web.Server) -> None:
+        """Accept connections one by one, so that between two of them others are served."""
+        loop = asyncio.get_running_loop()
+        self._listening.setblocking(False)
+        while True:
+            try:
+                connection, _ = await loop.sock_accept(self._listening)
+                transport, _ = await loop.connect_accepted_socket(server, connection)
+            except OSError:  # it has gone again, or this process has no descriptor left
+                await asyncio.sleep(0.1)
+                continue
+            if len(self._strangers) >= MOST_STRANGERS:
+                self._dismiss(next(iter(self._strangers)))
+            self._strangers[transport] = loop.call_later(STRANGER_S, self._dismiss, transport)
+
+    def _dismiss(self, stranger: asyncio.BaseTransport | None) -> None:
+        self._strangers.pop(stranger).cancel()
+        if isinstance(stranger, asyncio.WriteTransport):
+            stranger.abort()
+
+    @web.middleware
+    async def _check(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
+        if refusal := self._refusal(request):
+            refused = web.Response(status=403, text=f"refused: {refusal}\n")
+            refused.force_close()
+            return refused
+        if known := self._strangers.pop(request.transport, None):
+            known.cancel()
+        return await handler(request)
+
+    def _refusal(self, request: web.Request) -> str:
         """Return why a request is refused; empty if it is not."""
-        token = request.path.split("/")[1]
+        token = request.path.removeprefix("/").partition("/")[0]
         origin = request.headers.get(hdrs.ORIGIN)
-        socket = request.headers.get(hdrs.UPGRADE, "").lower() == "websocket"
+        is_socket = request.headers.get(hdrs.UPGRADE, "").lower() == "websocket"
         if request.headers.getall(hdrs.HOST, []) != [self._host]:
             return "this address leads elsewhere"
         # A browser names the origin of every socket, but not of a page that is opened.
-        if origin != self.origin and (socket or origin is not None):
+        if origin != self.origin and (is_socket or origin is not None):
             return "this is for pages of this server only"
-        if not secrets.compare_digest(token.encode(), self._token.encode()):
+        if not secrets.compare_digest(token.encode(errors="replace"), self._token.encode()):
             return "open the link that was printed when this server was started"
         return ""
 

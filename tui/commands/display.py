@@ -13,7 +13,7 @@ from ..options import Operator, RecorderFolder
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..display.served import Served
+    from ..display.link import Served
 
 
 def display(
@@ -28,6 +28,10 @@ def display(
         bool, typer.Option("--control", help="Let the page start, reject and pause, for a number.")
     ] = False,
     operator: Operator = "",
+    json: Annotated[
+        bool,
+        typer.Option("--json", help="Print the link as JSON, and end when standard input ends."),
+    ] = False,
 ) -> int:
     """Show the state of a folder's recorder in one word that fills a screen.
 
@@ -35,6 +39,10 @@ def display(
     given.
     """
     import getpass
+    import sys
+    import threading
+    from dataclasses import asdict
+    from json import dumps
 
     from daq import InputError
     from daq.control import control_address, is_running, unreachable_words
@@ -42,8 +50,7 @@ def display(
     from ..diagnostics import say
 
     try:
-        from ..display.link import print_link
-        from ..display.run import run_display
+        from ..display.server import run_display
     except ImportError as error:
         raise InputError("display", "aiohttp is not installed", "install bumpbench[web]") from error
 
@@ -51,12 +58,22 @@ def display(
         what = "does not exist" if not folder.exists() else "is not a folder"
         raise InputError(str(folder), what, "name the folder that the recorder was started in")
 
-    def announce(served: Served, _: Callable[[], object]) -> None:
-        print_link(served)
-        if not is_running(control_address(folder)):
+    def end_with_stdin(end: Callable[[], object]) -> None:
+        sys.stdin.read()
+        end()
+
+    def announce(served: Served, end: Callable[[], object]) -> None:
+        for line in served.lines(sys.stderr.isatty()):
+            sys.stderr.write(f"{line}\n")
+        if json:  # a program started it, which says the rest
+            sys.stdout.write(dumps(asdict(served)) + "\n")
+            sys.stdout.flush()
+            threading.Thread(target=end_with_stdin, args=(end,), daemon=True).start()
+        elif not is_running(control_address(folder)):
             why = unreachable_words(folder) or "no recorder runs there"
             say(f"{folder}: {why}; the page waits for one (bumpbench record)")
 
     run_display(folder, host, operator or getpass.getuser(), control, announce)
-    say("the display has ended; the recorder goes on")
+    if not json:
+        say("the display has ended; the recorder goes on")
     return ExitCode.OK

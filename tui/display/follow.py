@@ -1,10 +1,14 @@
-"""Follows a recorder, and posts what the page shows whenever it changes."""
+"""Follows a recorder, and sends what the page shows to every page whenever it changes.
+
+Only the newest message of each topic is kept, once for all pages: a page that does not read misses
+states, and delays none.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Coroutine
+from collections.abc import AsyncGenerator
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -16,7 +20,6 @@ from daq.control import AskBench, AskHistory, Live, OrderRefusedError
 from ..terminal.state.feed import Feed, Lost, News
 from ..terminal.state.lanes import Lanes
 from .curves import AFTER_S, NO_CURVES, Curves, curves_of
-from .hub import Hub
 from .view import view
 
 if TYPE_CHECKING:
@@ -26,6 +29,65 @@ HISTORY_S = 60.0
 """Seconds of samples that are requested at the beginning: they usually include the last run."""
 CURVES_EVERY = 3
 """Number of live messages between two drawings of the run in progress: three drawings a second."""
+
+
+BEAT_S = 1.0
+"""Longest time between two messages, s: a page that has heard nothing for three of them reports
+the line lost."""
+
+
+class Hub:
+    """The newest message of each topic, numbered; all calls in one event loop."""
+
+    def __init__(self) -> None:
+        self._messages: dict[str, tuple[int, bytes]] = {}
+        self._number = 0
+        self._waiting: set[asyncio.Event] = set()
+        self._closed = False
+
+    @property
+    def pages(self) -> int:
+        """Number of pages that are connected."""
+        return len(self._waiting)
+
+    def post(self, topic: str, data: bytes) -> None:
+        """Keep a message as the newest of its topic, and wake the pages if it has changed."""
+        if topic in self._messages and self._messages[topic][1] == data:
+            return
+        self._number += 1
+        self._messages[topic] = self._number, data
+        for event in self._waiting:
+            event.set()
+
+    def close(self) -> None:
+        """End what all pages read."""
+        self._closed = True
+        for event in self._waiting:
+            event.set()
+
+    async def messages(self) -> AsyncGenerator[bytes, None]:
+        """Yield server-sent events: first all topics, then changed ones, and heartbeats."""
+        fresh = asyncio.Event()
+        self._waiting.add(fresh)
+        seen = 0
+        try:
+            while not self._closed:
+                fresh.clear()
+                newer = [(n, t, data) for t, (n, data) in self._messages.items() if n > seen]
+                seen = self._number
+                if newer:
+                    yield b"".join(_event(topic, data) for _, topic, data in sorted(newer))
+                try:
+                    async with asyncio.timeout(BEAT_S):
+                        await fresh.wait()
+                except TimeoutError:
+                    yield _event("beat", b"")
+        finally:
+            self._waiting.discard(fresh)
+
+
+def _event(topic: str, data: bytes) -> bytes:
+    return b"event: %s\ndata: %s\n\n" % (topic.encode(), data)
 
 
 class Follower:
@@ -84,7 +146,9 @@ class Follower:
         if status.bench_crc32 != self._bench_crc32:
             begins = self._bench_crc32 is None
             self._bench_crc32 = status.bench_crc32
-            self._run(self._ask_bench(begins))
+            task = asyncio.get_running_loop().create_task(self._ask_bench(begins))
+            self._tasks.add(task)  # the loop itself keeps no reference to it
+            task.add_done_callback(self._tasks.discard)
 
     def _draw(self) -> None:
         """Post the curves of the last bump, until its last sample has come."""
@@ -114,11 +178,6 @@ class Follower:
         self._drawn = (0, True)
         self._draw()
         self._post_view()
-
-    def _run(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.get_running_loop().create_task(work)
-        self._tasks.add(task)  # the loop itself keeps no reference to it
-        task.add_done_callback(self._tasks.discard)
 
     def _post_view(self) -> None:
         shown = view(self._last, self._lost, self._bench)

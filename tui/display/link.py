@@ -4,101 +4,86 @@ from __future__ import annotations
 
 import ipaddress
 import socket
-import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import segno
 
 from daq import InputError
 
-from ..browser.ports import free_port
-from .served import Served
+from ..browser.guard import listen
 
 HERE, LAN = "here", "lan"
 """Words for the address that only this machine reaches, and for its address in the network."""
-_LOOPBACK = "127.0.0.1"
 _PORT = 8010
 _SOMEWHERE = ("192.0.2.1", 9)
-"""An address that belongs to no machine (RFC 5737): nothing is sent, only the route is
-requested."""
+"""An address that belongs to no machine (RFC 5737): nothing is sent, only the route is asked."""
 
 
-def address_of(host: str) -> str:
-    """Return the address to listen on.
+@dataclass(frozen=True, slots=True)
+class Served:
+    """A display that is being served."""
+
+    link: str
+    """Address of the page, with its token."""
+    host: str
+    """Address on which the display listens."""
+    secret: str
+    """Number that gives control; empty for a display without control."""
+
+    def lines(self, colours: bool) -> Iterator[str]:
+        """Yield what a terminal shows: link, warning, number, and a code for a phone's camera.
+
+        `colours`: False where the terminal would show escape sequences as text; then there is no
+        code.
+        """
+        yield f"display: open {self.link}"
+        if not is_loopback(self.host):
+            yield (
+                "warning: anyone with this link sees the bench, and nothing is encrypted: use a "
+                "network that you trust"
+            )
+        if self.secret:
+            yield (
+                f"control: type {self.secret[:3]} {self.secret[3:]} on the page; anyone who knows "
+                "it can start, reject and pause runs"
+            )
+        # Black on white whatever the terminal's colours are: cameras want dark on light.
+        yield from (f"\x1b[38;5;16;48;5;231m{line}\x1b[0m" for line in self.code if colours)
+
+    @property
+    def code(self) -> tuple[str, ...]:
+        """The link as a QR code, two rows of it in a line; empty for this machine's browsers."""
+        if is_loopback(self.host):
+            return ()
+        rows = [tuple(row) for row in segno.make_qr(self.link, error="l").matrix_iter(border=2)]
+        rows += [(0,) * len(rows[0])] * (len(rows) % 2)
+        pairs = (zip(*two, strict=True) for two in zip(rows[::2], rows[1::2], strict=True))
+        return tuple("".join(" ▀▄█"[(up & 1) + 2 * (low & 1)] for up, low in row) for row in pairs)
+
+
+def listen_on(host: str) -> tuple[str, socket.socket]:
+    """Return an address and a socket that listens there, on the usual port if that is free.
 
     `host`: an address or a name of this machine, or `HERE` or `LAN`.  Raises InputError if there is
-    none.
+    no such address, or if it is every address.
     """
-    if host == HERE:
-        return _LOOPBACK
-    if host == LAN:
-        return _address_in_network()
-    if (address := _parsed(host)) is not None and address.is_unspecified:
+    address = "127.0.0.1" if host == HERE else _address_in_network() if host == LAN else host
+    parsed = _parsed(address)
+    if parsed is not None and parsed.is_unspecified:
         advice = "name one address of this machine, or lan"
         raise InputError("display", f"{host} is every address", advice)
-    return host
+    try:
+        return address, listen(address, _PORT)
+    except OSError as error:
+        what = f"cannot listen on {address}: {error.strerror or error}"
+        raise InputError("display", what, "name an address of this machine, or lan") from error
 
 
 def is_loopback(host: str) -> bool:
     """Return True for an address that no other machine can reach."""
     address = _parsed(host)
     return host == "localhost" if address is None else address.is_loopback
-
-
-def port_of(host: str) -> int:
-    """Return a port that nothing listens on, the usual one if possible.
-
-    Raises InputError if the address is not one of this machine's.
-    """
-    try:
-        return free_port(host, _PORT)
-    except OSError as error:
-        what = f"cannot listen on {host}: {error.strerror or error}"
-        raise InputError("display", what, "name an address of this machine, or lan") from error
-
-
-def host_in_link(host: str) -> str:
-    """Return an address as a link contains it: that of IPv6 in brackets."""
-    return f"[{host}]" if ":" in host else host
-
-
-def print_link(served: Served) -> None:
-    """Write link, warning, number and code to stderr."""
-    for line in link_lines(served, sys.stderr.isatty()):
-        sys.stderr.write(f"{line}\n")
-
-
-def link_lines(served: Served, colours: bool) -> Iterator[str]:
-    """Yield what a terminal shows: link, warning, number, and a code for a phone's camera.
-
-    `colours`: False where the terminal would show escape sequences as text; then there is no code.
-    """
-    secret = served.secret
-    yield f"display: open {served.link}"
-    if not is_loopback(served.host):
-        yield (
-            "warning: anyone with this link sees the bench, and nothing is encrypted: use a "
-            "network that you trust"
-        )
-    if secret:
-        yield (
-            f"control: type {secret[:3]} {secret[3:]} on the page; anyone who knows it can start, "
-            "reject and pause runs"
-        )
-    if colours and not is_loopback(served.host):
-        for line in qr_lines(served.link):
-            # Black on white whatever the terminal's colours are: cameras want dark on light.
-            yield f"\x1b[38;5;16;48;5;231m{line}\x1b[0m"
-
-
-def qr_lines(link: str) -> Iterator[str]:
-    """Yield a link as a QR code, two rows of it in a line, dark where a character is drawn."""
-    rows = [tuple(row) for row in segno.make_qr(link, error="l").matrix_iter(border=2)]
-    if len(rows) % 2:
-        rows.append((0,) * len(rows[0]))
-    for upper, lower in zip(rows[::2], rows[1::2], strict=True):
-        halves = zip(upper, lower, strict=True)
-        yield "".join(" ▀▄█"[(up & 1) + 2 * (low & 1)] for up, low in halves)
 
 
 def _parsed(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import secrets
+import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import aclosing, suppress
+from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from aiohttp import web
@@ -19,16 +21,19 @@ from aiohttp import web
 from daq.control import Hello, OrderRefusedError
 
 from ..browser.guard import Guard
-from ..terminal.state.feed import Feed
+from ..terminal.state.feed import Feed, RecorderFeed
 from .buttons import order_of
-from .control import Control, NoControlError
-from .follow import Follower
-from .hub import Hub
+from .follow import Follower, Hub
+from .link import Served, listen_on
 
 MOST_PAGES = 32
 """Most pages at a time; a further one is refused and tries again."""
 STALLED_S = 10.0
 """Time after which a page that takes nothing is disconnected, s."""
+TRIES = 5
+"""Wrong numbers in a minute after which none is accepted: to try a million then takes 140 days."""
+LOCKED_S = 60.0
+"""Time for which no number is accepted then, s."""
 _MOST_BYTES = 1_000
 """Largest body of an order, bytes."""
 _COOKIE = "bumpbench_control"
@@ -48,6 +53,76 @@ _POLICY = (
 becomes markup."""
 
 
+def run_display(
+    folder: Path,
+    host: str,
+    name: str,
+    control: bool,
+    announce: Callable[[Served, Callable[[], object]], None],
+) -> None:
+    """Serve the display of a folder's recorder until Ctrl-C or SIGTERM.
+
+    `host`: as of `listen_on`.  `announce`: called once with the link, and with a function that ends
+    the display from any thread.  Raises InputError if it cannot listen there.
+    """
+    address, listening = listen_on(host)
+    guard = Guard(address, listening)
+    feed = RecorderFeed(folder, name, lambda: None, control=False)
+    server = DisplayServer(guard, feed, folder, name, Control() if control else None)
+
+    async def serve() -> None:
+        loop, ended = asyncio.get_running_loop(), asyncio.Event()
+        failures: list[BaseException] = []
+
+        def fail(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+            if {"socket", "transport", "protocol"} & context.keys():
+                return  # the end of a connection, whoever made it
+            # A page that went on without its recorder would show an old state as the present one.
+            failures.append(context.get("exception") or RuntimeError(context["message"]))
+            ended.set()
+
+        loop.set_exception_handler(fail)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
+        served = Served(guard.link, address, server.secret)
+        end = partial(loop.call_soon_threadsafe, ended.set)
+        await server.serve(ended, partial(announce, served, end))
+        if failures:
+            raise failures[0]
+
+    asyncio.run(serve())
+
+
+class Control:
+    """A number that is shown at the terminal, and the pages on which it was typed."""
+
+    def __init__(self) -> None:
+        self.secret = f"{secrets.randbelow(10**6):06}"
+        """Six digits."""
+        self._wrong_s: list[float] = []
+        self._pages: list[str] = []
+
+    def grant(self, typed: str, now_s: float) -> tuple[str, str]:
+        """Return the key of a page on which the number was typed, or why there is none.
+
+        `now_s`: of a clock that is never set.
+        """
+        self._wrong_s = [wrong_s for wrong_s in self._wrong_s if now_s - wrong_s < LOCKED_S]
+        if len(self._wrong_s) >= TRIES:
+            return "", "too many wrong numbers: wait a minute"
+        digits = "".join(typed.split())
+        if not secrets.compare_digest(digits.encode(errors="replace"), self.secret.encode()):
+            self._wrong_s.append(now_s)
+            return "", "that is not the number shown at the terminal"
+        key = secrets.token_urlsafe()
+        self._pages = [*self._pages[-MOST_PAGES + 1 :], key]
+        return key, ""
+
+    def holds(self, key: str) -> bool:
+        """Return True if a page has control."""
+        return any(secrets.compare_digest(key.encode(), page.encode()) for page in self._pages)
+
+
 class DisplayServer:
     """The page of one recorder.
 
@@ -59,13 +134,13 @@ class DisplayServer:
         self, guard: Guard, feed: Feed, folder: Path, name: str, control: Control | None
     ) -> None:
         self._guard, self._feed, self._name, self._control = guard, feed, name, control
+        self.secret = control.secret if control else ""
+        """Number that gives control; empty for a display without control."""
         self._hub = Hub()
         self._follower = Follower(feed, folder, self._hub)
         self._orders = asyncio.Lock()
 
-    async def serve(
-        self, host: str, port: int, ended: asyncio.Event, listening: Callable[[], object]
-    ) -> None:
+    async def serve(self, ended: asyncio.Event, listening: Callable[[], object]) -> None:
         """Serve until `ended` is set; `listening` is called once pages can be opened."""
         pages = web.Application()
         pages.on_response_prepare.append(_add_policy)
@@ -75,18 +150,14 @@ class DisplayServer:
         for path in sorted(_FILES.iterdir()):
             place = "/" if path.name == "index.html" else f"/{path.name}"
             pages.router.add_get(place, _file(path))
-        guarded = self._guard.application(pages, _MOST_BYTES)
-        runner = web.AppRunner(guarded, access_log=None, shutdown_timeout=0.5)
-        await runner.setup()
-        try:
-            await web.TCPSite(runner, host, port).start()
-            self._follower.start()
-            listening()
-            await ended.wait()
-        finally:
-            self._hub.close()
-            await asyncio.to_thread(self._feed.stop)
-            await runner.cleanup()
+        async with self._guard.serving(pages, _MOST_BYTES):
+            try:
+                self._follower.start()
+                listening()
+                await ended.wait()
+            finally:
+                self._hub.close()
+                await asyncio.to_thread(self._feed.stop)
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
         if self._hub.pages >= MOST_PAGES:
@@ -107,10 +178,9 @@ class DisplayServer:
         body = await _body(request)
         if self._control is None or body is None:
             return _refused(403, "this display only looks on")
-        try:
-            key = self._control.grant(str(body.get("number", "")), time.monotonic())
-        except NoControlError as error:
-            return _refused(403, str(error))
+        key, refusal = self._control.grant(str(body.get("number", "")), time.monotonic())
+        if refusal:
+            return _refused(403, refusal)
         answer = web.json_response({})
         path = f"{self._guard.prefix}/"
         answer.set_cookie(_COOKIE, key, path=path, httponly=True, samesite="Strict")
@@ -142,15 +212,15 @@ class DisplayServer:
         return self._control is not None and self._control.holds(key)
 
 
-async def _body(request: web.Request) -> Mapping[str, Any] | None:
+async def _body(request: web.Request) -> dict[str, Any] | None:
     """Return the JSON object of a request; None if it is not one, or names no page of ours."""
     if request.headers.get("Origin") is None or request.content_type != "application/json":
         return None
     try:
-        found = await request.json()
+        document = await request.json()
     except ValueError:
         return None
-    return MappingProxyType(found) if isinstance(found, dict) else None
+    return document if isinstance(document, dict) else None
 
 
 def _file(path: Path) -> Any:

@@ -1,4 +1,4 @@
-"""Starts a display next to a recorder or a terminal, and ends it with them."""
+"""Starts a display beside a recorder or a terminal, and ends it with them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
 
 from daq import InputError
 
 from ..terminal.state.display_link import DisplayLink
-from .served import Served
 
 _END_S = 2.0
 """Time that a display may take to end, s; it takes 0.1."""
@@ -20,13 +21,13 @@ _END_S = 2.0
 
 @contextmanager
 def display_beside_recorder(folder: Path, host: str | None, control: bool) -> Iterator[None]:
-    """Serve the display of a recorder in this process; the display writes link and code to stderr.
+    """Serve the display of a recorder; it writes link and code to the recorder's stderr.
 
-    Nothing waits for it.  `host`: as of `tui.display.link.address_of`; None for no display.  Raises
+    Nothing waits for it.  `host`: as of `tui.display.link.listen_on`; None for no display.  Raises
     InputError if it cannot listen there.
     """
-    if _wanted(host, control):
-        with _ending(_start(folder, str(host), "display", control, subprocess.DEVNULL, None)):
+    if _is_wanted(host, control):
+        with _display(folder, str(host), "display", control, subprocess.DEVNULL, None):
             yield
     else:
         yield
@@ -40,25 +41,25 @@ def display_beside_terminal(
 
     Parameters and errors are those of `display_beside_recorder`.
     """
-    if not _wanted(host, control):
+    if not _is_wanted(host, control):
         yield None
         return
-    from .link import is_loopback, link_lines, qr_lines
+    from .link import Served
 
-    process = _start(folder, str(host), operator, control, subprocess.PIPE, subprocess.PIPE)
-    with _ending(process):
+    with (
+        TemporaryFile("w+") as said,  # not a pipe, which somebody would have to read
+        _display(folder, str(host), operator, control, subprocess.PIPE, said) as process,
+    ):
         assert process.stdout is not None
-        assert process.stderr is not None
         if not (line := process.stdout.readline()):
-            said = process.stderr.read().strip().splitlines() or ["it did not start"]
-            raise InputError("display", said[-1], "start it alone: bumpbench display")
+            said.seek(0)
+            why = said.read().strip().splitlines() or ["it did not start"]
+            raise InputError("display", why[-1], "start it alone: bumpbench display")
         served = Served(**json.loads(line))
-        words = tuple(link_lines(served, colours=False))
-        code = () if is_loopback(served.host) else tuple(qr_lines(served.link))
-        yield DisplayLink(words, code)
+        yield DisplayLink(tuple(served.lines(colours=False)), served.code)
 
 
-def _wanted(host: str | None, control: bool) -> bool:
+def _is_wanted(host: str | None, control: bool) -> bool:
     """Return True if a display is wanted.
 
     Raises InputError if it cannot be served.
@@ -68,34 +69,29 @@ def _wanted(host: str | None, control: bool) -> bool:
             raise InputError("--display-control", "needs a display", "add --display lan")
         return False
     try:
-        from .link import address_of, port_of
+        from .link import listen_on
     except ImportError as error:
-        raise InputError(
-            "--display", "aiohttp is not installed", "install bumpbench[web]"
-        ) from error
-    port_of(address_of(host))
+        what = "aiohttp is not installed"
+        raise InputError("--display", what, "install bumpbench[web]") from error
+    listen_on(host)[1].close()
     return True
 
 
-def _start(
-    folder: Path, host: str, operator: str, control: bool, stdout: int, stderr: int | None
-) -> subprocess.Popen[str]:
-    arguments = ["--host", host, "--operator", operator, *(["--control"] if control else [])]
-    return subprocess.Popen(
-        [sys.executable, "-m", "tui.display.attached", str(folder.resolve()), *arguments],
+@contextmanager
+def _display(
+    folder: Path, host: str, operator: str, control: bool, stdout: int, stderr: IO[str] | None
+) -> Iterator[subprocess.Popen[str]]:
+    """Run a display until the block ends: its stdin closes, also if this process is killed."""
+    words = ["display", str(folder.resolve()), "--host", host, "--operator", operator, "--json"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "tui", *words, *(["--control"] if control else [])],
         stdin=subprocess.PIPE,
         stdout=stdout,
         stderr=stderr,
         text=True,
-    )
-
-
-@contextmanager
-def _ending(process: subprocess.Popen[str]) -> Iterator[None]:
-    """End a display when the block ends: its stdin closes, also if this process is killed."""
-    with process:
+    ) as process:
         try:
-            yield
+            yield process
         finally:
             assert process.stdin is not None
             process.stdin.close()

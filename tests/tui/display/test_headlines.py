@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from aiohttp.test_utils import make_mocked_request
 
 from daq.control.messages import Alarm, Phase
 from daq.runs import Excitation
-from tui.browser.guard import Guard
-from tui.cli import run
-from tui.display.hub import Hub
+from tui.display.follow import Hub
 from tui.display.view import Headline, Kind, headline, view
 from tui.terminal.state.feed import Lost
 
@@ -195,95 +189,3 @@ def test_each_file_of_the_page_is_served_as_what_it_is_and_a_large_order_is_not_
                     assert answer.status == status
 
     asyncio.run(act())
-
-
-@pytest.mark.parametrize(
-    ("token", "headers", "refused"),
-    [
-        (True, {"Host": "127.0.0.1:8000"}, ""),
-        (True, {"Host": "127.0.0.1:8000", "Origin": "http://127.0.0.1:8000"}, ""),
-        (True, {"Host": "127.0.0.1:8001"}, "leads elsewhere"),
-        (True, {}, "leads elsewhere"),
-        (True, {"Host": "127.0.0.1:8000", "Origin": "http://evil.example"}, "this server only"),
-        (True, {"Host": "127.0.0.1:8000", "Upgrade": "WebSocket"}, "this server only"),
-        (
-            True,
-            {"Host": "127.0.0.1:8000", "Upgrade": "websocket", "Origin": "http://127.0.0.1:8000"},
-            "",
-        ),
-        (True, {"Host": "127.0.0.1:8000", "Upgrade": "h2c"}, ""),
-        (False, {"Host": "127.0.0.1:8000"}, "open the link"),
-    ],
-)
-def test_only_who_has_the_link_and_comes_from_its_page_is_let_in(
-    token: bool, headers: dict[str, str], refused: str
-) -> None:
-    guard = Guard("127.0.0.1", 8000)
-    assert guard.link == f"http://127.0.0.1:8000{guard.prefix}/"
-    assert len(guard.prefix) == 44, "32 bytes in base 64"
-    place = guard.prefix if token else f"/{'A' * 43}"
-    said = guard.refusal(make_mocked_request("GET", f"{place}/app.js", headers=headers))
-    assert (refused in said) if refused else said == ""
-
-
-class Socket:
-    """A socket whose ports are taken, all or the usual one."""
-
-    def __init__(self, taken: Callable[[int], bool]) -> None:
-        self._taken, self._port = taken, 0
-
-    def __enter__(self) -> Socket:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close."""
-
-    def setsockopt(self, *_: object) -> None:
-        """Take ports that have just been left."""
-
-    def bind(self, place: tuple[str, int]) -> None:
-        """Take a port."""
-        assert place[0] == "127.0.0.1"
-        if self._taken(place[1]):
-            raise OSError(98, "Address already in use")
-        self._port = place[1] or 40_000
-
-    def getsockname(self) -> tuple[str, int]:
-        """Say which it is."""
-        return "127.0.0.1", self._port
-
-
-@pytest.mark.parametrize(
-    ("taken", "port"),
-    [(lambda _: False, 8000), (lambda port: port == 8000, 40_000), (lambda _: True, None)],
-)
-def test_the_terminal_is_served_as_the_same_command_on_a_port_that_is_free(
-    taken: Callable[[int], bool],
-    port: int | None,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    served: list[Any] = []
-    sockets = SimpleNamespace(
-        socket=lambda *_: Socket(taken),
-        getaddrinfo=lambda host, port, **_: [(2, 1, 6, "", (host, port))],
-        SOL_SOCKET=1,
-        SO_REUSEADDR=2,
-        SOCK_STREAM=1,
-    )
-    monkeypatch.setattr("textual_serve.server.Server.serve", lambda self, *_: served.append(self))
-    monkeypatch.setattr("tui.browser.ports.socket", sockets)
-    words = ["tui", "--demo", "--web", "--speed", "2"]
-    monkeypatch.setattr(sys, "argv", ["bumpbench", *words])
-    assert run(words) == (2 if port is None else 0)
-    if port is None:
-        assert "no port of 127.0.0.1 is free" in capsys.readouterr().err
-        assert served == []
-        return
-    (one,) = served
-    assert one.command.split()[1:] == ["-m", "tui", "tui", "--demo", "--speed", "2"]
-    assert (one.host, one.port) == ("127.0.0.1", port)
-    asyncio.run(one.on_startup(None))
-    said = capsys.readouterr().err
-    assert said.startswith(f"open http://127.0.0.1:{port}/")
-    assert said.count("\n") == 1

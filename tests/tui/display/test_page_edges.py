@@ -22,13 +22,10 @@ from daq.control.orders import Arm, AskBench, AskHistory, Order, Pause
 from daq.errors import InputError
 from tui.cli import run
 from tui.display.buttons import buttons_of, order_of
-from tui.display.control import Control, NoControlError
 from tui.display.curves import NO_CURVES, curves_of
-from tui.display.follow import Follower
-from tui.display.hub import Hub
-from tui.display.link import address_of, link_lines, port_of, qr_lines
-from tui.display.served import Served
-from tui.display.server import MOST_PAGES
+from tui.display.follow import Follower, Hub
+from tui.display.link import Served, listen_on
+from tui.display.server import MOST_PAGES, Control
 from tui.display.view import Kind, view
 from tui.terminal.state.feed import Lost, Role
 from tui.terminal.state.lanes import Lanes
@@ -53,22 +50,19 @@ def test_wrong_numbers_are_forgotten_after_a_minute_one_by_one() -> None:
     control = Control()
     control.secret = "493217"
     for second in (0.0, 10.0, 20.0, 30.0, 40.0):
-        with pytest.raises(NoControlError, match="not the number"):
-            control.grant("000000", second)
-    with pytest.raises(NoControlError, match="wait a minute"):
-        control.grant("493217", 59.9)
-    assert control.holds(control.grant("493217", 60.0))
-    with pytest.raises(NoControlError, match="not the number"):
-        control.grant("493218", 60.0)
-    with pytest.raises(NoControlError, match="wait a minute"):
-        control.grant("493217", 69.9)
+        assert "not the number" in control.grant("000000", second)[1]
+    assert control.grant("493217", 59.9) == ("", "too many wrong numbers: wait a minute")
+    key, refusal = control.grant("493 217", 60.0)
+    assert (control.holds(key), refusal) == (True, "")
+    assert "not the number" in control.grant("493218", 60.0)[1]
+    assert "wait a minute" in control.grant("493217", 69.9)[1]
 
 
 def test_the_thirty_third_page_takes_control_from_the_first() -> None:
     control = Control()
-    keys = [control.grant(control.secret, 0.0) for _ in range(32)]
+    keys = [control.grant(control.secret, 0.0)[0] for _ in range(32)]
     assert all(map(control.holds, keys))
-    last = control.grant(control.secret, 0.0)
+    last, _ = control.grant(control.secret, 0.0)
     assert [control.holds(key) for key in (keys[0], keys[1], last)] == [False, True, True]
 
 
@@ -306,13 +300,15 @@ def test_the_curves_are_drawn_with_every_third_message_until_they_are_whole(
 
 def test_the_usual_port_is_taken_if_it_is_free() -> None:
     here = f"127.{1 + os.getpid() % 250}.0.2"  # of this machine, and nothing else listens there
-    assert address_of("here") == "127.0.0.1"
-    assert port_of(here) == 8010
-    with socket.socket() as taken:
-        taken.bind((here, 8010))
-        taken.listen()
-        assert port_of(here) not in (0, 8010)
-    assert port_of(here) == 8010
+    (address, taken), (_, other) = listen_on(here), listen_on(here)
+    with taken, other:
+        assert (address, taken.getsockname()[1]) == (here, 8010)
+        assert other.getsockname()[1] not in (0, 8010)
+    address, local = listen_on("here")
+    local.close()
+    assert address == "127.0.0.1"
+    with pytest.raises(InputError, match=r"cannot listen on 192\.0\.2\.1: .*or lan"):
+        listen_on("192.0.2.1")
 
 
 def test_the_address_in_the_network_is_that_of_the_way_to_others(
@@ -322,23 +318,27 @@ def test_the_address_in_the_network_is_that_of_the_way_to_others(
         raise OSError(101, "Network is unreachable")
 
     probed: list[object] = []
+    listened: list[tuple[str, int]] = []
+    monkeypatch.setattr("tui.display.link.listen", lambda *place: listened.append(place))
     monkeypatch.setattr(socket.socket, "connect", lambda _, place: probed.append(place))
     monkeypatch.setattr(socket.socket, "getsockname", lambda _: ("192.168.1.5", 40000))
-    assert address_of("lan") == "192.168.1.5"
+    assert listen_on("lan")[0] == "192.168.1.5"
+    assert listened == [("192.168.1.5", 8010)]
     assert probed == [("192.0.2.1", 9)]
     monkeypatch.setattr(socket.socket, "connect", unreachable)
     with pytest.raises(InputError, match="no network is connected"):
-        address_of("lan")
+        listen_on("lan")
 
 
 def test_without_colours_there_is_no_code_and_with_them_one_of_half_the_rows() -> None:
-    link = "http://192.0.2.7:8010/Zm9v/"
-    rows = list(qr_lines(link))
+    served = Served("http://192.0.2.7:8010/Zm9v/", "192.0.2.7", "")
+    rows = served.code
     assert {len(row) for row in rows} == {len(rows[0])}
     assert len(rows) == (len(rows[0]) + 1) // 2
     assert set("".join(rows)) <= set(" ▀▄█")
-    coloured = list(link_lines(Served(link, "192.0.2.7", ""), colours=True))[2:]
-    assert [line[len("\x1b[38;5;16;48;5;231m") : -len("\x1b[0m")] for line in coloured] == rows
+    assert len(list(served.lines(colours=False))) == 2
+    coloured = list(served.lines(colours=True))[2:]
+    assert [line[len("\x1b[38;5;16;48;5;231m") : -len("\x1b[0m")] for line in coloured] == [*rows]
 
 
 class Ended(io.StringIO):

@@ -1,4 +1,4 @@
-"""How a display is started, announced and ended; processes and pages are only noted."""
+"""How a display is started beside a recorder or a terminal, announced and ended."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import io
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,117 +20,78 @@ import pytest
 
 from daq.errors import InputError
 from tui.cli import run
-from tui.display import run as running
-from tui.display.run import run_display
-from tui.display.served import Served
+from tui.display import server
+from tui.display.link import Served, is_loopback
+from tui.display.server import run_display
 from tui.display.start import display_beside_recorder, display_beside_terminal
 
-LINK = "http://127.0.0.1:8010/token/"
+LINK = "http://192.0.2.7:8010/Zm9vYmFyYmF6Zm9vYmFyYmF6Zm9vYmFyYmF6Zm9vYmF/"
 
 
-class Child:
-    """A process that is only noted."""
-
-    def __init__(self, out: str = "", err: str = "", stays: bool = False) -> None:
-        self.command: list[str] = []
-        self.options: dict[str, Any] = {}
-        self.stdin, self.stdout, self.stderr = io.StringIO(), io.StringIO(out), io.StringIO(err)
-        self.stays, self.ended = stays, list[object]()
-
-    def __call__(self, command: list[str], **options: Any) -> Child:
-        self.command, self.options = command, options
-        return self
-
-    def __enter__(self) -> Child:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.ended.append("left")
-
-    def wait(self, timeout: float) -> None:
-        """Wait for it; its standard input has been closed."""
-        assert self.stdin.closed
-        self.ended.append(timeout)
-        if self.stays:
-            raise subprocess.TimeoutExpired("display", timeout)
-
-    def kill(self) -> None:
-        """End it."""
-        self.ended.append("killed")
+def test_beside_a_terminal_it_is_served_whoever_asks_until_the_terminal_ends(
+    tmp_path: Path,
+) -> None:
+    with display_beside_terminal(tmp_path, "here", "MK", control=True) as display:
+        assert display is not None
+        assert display.code == (), "this machine's browsers need no camera"
+        link = display.lines[0].removeprefix("display: open ")
+        assert display.lines[1].startswith("control: type ")
+        host, _, port = link.split("/")[2].partition(":")
+        for _ in range(100):  # nobody reads what it would say of them
+            with socket.create_connection((host, int(port))) as stranger:
+                stranger.sendall(
+                    b"OPTIONS * HTTP/1.1\r\nHost: %s:%s\r\n\r\n\0" % (host.encode(), port.encode())
+                )
+        with urllib.request.urlopen(link, timeout=10.0) as answer:
+            assert answer.status == 200
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(link)
 
 
-def started(monkeypatch: pytest.MonkeyPatch, child: Child) -> Child:
-    monkeypatch.setattr("tui.display.start.subprocess.Popen", child)
-    return child
-
-
-def test_beside_a_recorder_it_writes_its_link_to_the_same_stderr(
+def test_beside_a_recorder_nothing_waits_for_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    child = started(monkeypatch, Child())
+    started: list[tuple[Any, ...]] = []
+    opened = subprocess.Popen
+
+    def popen(command: list[str], **options: Any) -> subprocess.Popen[str]:
+        started.append((command, options["stdout"], options["stderr"]))
+        return opened([sys.executable, "-c", "import time; time.sleep(600)"], **options)
+
+    monkeypatch.setattr("tui.display.start.subprocess.Popen", popen)
+    monkeypatch.setattr("tui.display.start._END_S", 0.1)
     monkeypatch.chdir(tmp_path)
-    with display_beside_recorder(Path("day"), "here", control=False):
-        assert not child.stdin.closed
-    assert child.command == [
-        sys.executable, "-m", "tui.display.attached", str(tmp_path / "day"),
-        "--host", "here", "--operator", "display",
-    ]  # fmt: skip
-    assert child.options == {
-        "stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": None, "text": True,
-    }  # fmt: skip
-    assert child.ended == [2.0, "left"]
+    with display_beside_recorder(Path("day"), "here", control=True):
+        pass  # and one that does not end is killed
+    ((command, stdout, stderr),) = started
+    assert command[1:6] == ["-m", "tui", "display", str(tmp_path / "day"), "--host"]
+    assert command[6:] == ["here", "--operator", "display", "--json", "--control"]
+    assert (stdout, stderr) == (subprocess.DEVNULL, None)
 
 
-def test_one_that_does_not_end_within_two_seconds_is_killed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    child = started(monkeypatch, Child(stays=True))
-    with display_beside_recorder(tmp_path, "here", control=True):
-        pass
-    assert child.command[-1] == "--control"
-    assert child.ended == [2.0, "killed", "left"]
-
-
-def test_beside_a_terminal_in_the_network_it_shows_a_code_for_cameras(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    said = {"link": LINK, "host": "192.0.2.7", "secret": "493217"}
-    child = started(monkeypatch, Child(json.dumps(said) + "\n"))
-    with display_beside_terminal(tmp_path, "here", "MK", control=True) as link:
-        assert link is not None
-        assert link.lines[0] == f"display: open {LINK}"
-        assert "493 217" in link.lines[2]
-        assert not any("\x1b" in line for line in link.lines)
-        assert len(link.code) > 10
-        assert link.code[1][2:9] == "█▀▀▀▀▀█"
-    assert child.command[-3:] == ["--operator", "MK", "--control"]
-    assert child.options["stdout"] == child.options["stderr"] == subprocess.PIPE
-
-
-@pytest.mark.parametrize(
-    ("err", "why"),
-    [
-        ("Traceback\nOSError: no port \n", "OSError: no port (start it alone: bumpbench display)"),
-        ("", "it did not start (start it alone"),
-    ],
-)
-def test_one_that_does_not_start_says_its_last_words(
-    err: str, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    child = started(monkeypatch, Child(err=err))
-    with (
-        pytest.raises(InputError) as refused,
-        display_beside_terminal(tmp_path, "here", "MK", control=False),
-    ):
-        pass
-    assert f"display: {why}" in str(refused.value)
-    assert child.ended == [2.0, "left"]
-
-
-def test_without_its_library_nothing_is_started(
+def test_one_that_cannot_be_served_is_refused_before_anything_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    with display_beside_terminal(tmp_path, None, "MK", control=False) as display:
+        assert display is None
+    for host, said in (
+        (None, "needs a display"),
+        ("0.0.0.0", "every address"),
+        ("::", "every address"),
+        ("192.0.2.7", r"cannot listen on 192\.0\.2\.7"),
+    ):
+        with (
+            pytest.raises(InputError, match=said),
+            display_beside_recorder(tmp_path, host, control=True),
+        ):
+            pass
+    with (
+        pytest.raises(InputError, match=r"nosuch: does not exist .*start it alone"),
+        display_beside_terminal(tmp_path / "nosuch", "here", "MK", control=False),
+    ):
+        pass
     monkeypatch.setitem(sys.modules, "tui.display.link", None)
+    monkeypatch.delitem(sys.modules, "tui.display.server")
     with (
         pytest.raises(InputError, match=r"--display: aiohttp is not installed"),
         display_beside_recorder(tmp_path, "here", control=False),
@@ -135,6 +99,22 @@ def test_without_its_library_nothing_is_started(
         pass
     assert run(["display", str(tmp_path)]) == 2
     assert "display: aiohttp is not installed (install bumpbench[web])" in capsys.readouterr().err
+
+
+def test_a_link_into_the_network_comes_with_a_warning_and_a_code() -> None:
+    assert [is_loopback(host) for host in ("127.0.0.1", "::1", "localhost")] == [True] * 3
+    assert [is_loopback(host) for host in ("192.168.0.4", "bench.local")] == [False] * 2
+    served = Served(LINK, "192.0.2.7", "493217")
+    lines = list(served.lines(colours=True))
+    assert lines[0] == f"display: open {LINK}"
+    assert lines[1].startswith("warning: ")
+    assert "493 217" in lines[2]
+    assert all(line.startswith("\x1b[") for line in lines[3:])
+    assert list(Served(LINK, "127.0.0.1", "").lines(colours=True)) == [f"display: open {LINK}"]
+    assert len(served.code) <= 20
+    assert len(served.code[0]) <= 40
+    corner = "█▀▀▀▀▀█"  # the first two rows of a finder, behind a margin of two
+    assert served.code[1][2:9] == served.code[1][-9:-2] == corner
 
 
 # The server ---------------------------------------------------------------------------------------
@@ -146,14 +126,12 @@ class Pages:
     made: list[tuple[Any, ...]]
     does: Callable[[], None] | None
 
-    def __init__(self, guard: Any, *rest: Any) -> None:
-        Pages.made.append((guard.link, *rest))
+    def __init__(self, guard: Any, feed: Any, folder: Path, name: str, control: Any) -> None:
+        self.secret = control.secret if control else ""
+        Pages.made.append((guard, feed, folder, name, control))
 
-    async def serve(
-        self, host: str, port: int, ended: asyncio.Event, listening: Callable[[], object]
-    ) -> None:
+    async def serve(self, ended: asyncio.Event, listening: Callable[[], object]) -> None:
         """Wait."""
-        Pages.made.append((host, port))
         listening()
         if Pages.does is not None:
             Pages.does()
@@ -165,8 +143,10 @@ def pages(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Pages]]:
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     monkeypatch.setattr(Pages, "made", [], raising=False)
     monkeypatch.setattr(Pages, "does", None, raising=False)
-    monkeypatch.setattr(running, "DisplayServer", Pages)
+    monkeypatch.setattr(server, "DisplayServer", Pages)
     yield Pages
+    for guard, *_ in Pages.made:
+        guard._listening.close()
     for number, handler in before.items():
         signal.signal(number, handler)
 
@@ -182,10 +162,9 @@ def test_a_display_is_announced_once_and_ended_from_anywhere(
         end()
 
     run_display(tmp_path, "here", "MK", control, announce)
-    ((link, feed, folder, name, granted), (host, port)) = pages.made
+    ((guard, feed, folder, name, granted),) = pages.made
     (served,) = announced
-    assert (served.link, served.host, host) == (link, "127.0.0.1", "127.0.0.1")
-    assert f":{port}/" in link
+    assert (served.link, served.host) == (guard.link, "127.0.0.1")
     assert (folder, name, feed._control) == (tmp_path, "MK", False)
     assert (granted is not None, bool(served.secret)) == (control, control)
     assert granted is None or granted.secret == served.secret
@@ -194,26 +173,24 @@ def test_a_display_is_announced_once_and_ended_from_anywhere(
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_a_display(number: int, tmp_path: Path, pages: type[Pages]) -> None:
     run_display(tmp_path, "here", "MK", False, lambda *_: os.kill(os.getpid(), number))
-    assert len(pages.made) == 2
+    assert len(pages.made) == 1
 
 
-def test_a_display_that_lost_its_recorder_by_a_fault_ends_with_the_fault(
+def test_only_a_fault_of_its_own_ends_a_display(
     tmp_path: Path, pages: type[Pages], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails() -> None:
         asyncio.get_running_loop().call_soon(lambda: [].pop())
 
     def says() -> None:
-        asyncio.get_running_loop().call_exception_handler({"message": "odd"})
+        loop = asyncio.get_running_loop()
+        loop.call_exception_handler({"message": "too many open files", "socket": 3})
+        loop.call_exception_handler({"message": "odd"})
 
     for does, error, words in ((fails, IndexError, "pop"), (says, RuntimeError, "odd")):
         monkeypatch.setattr(Pages, "does", staticmethod(does))
         with pytest.raises(error, match=words):
             run_display(tmp_path, "here", "MK", False, lambda *_: None)
-    assert len(pages.made) == 4
-
-
-# The command --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("recorder", [False, True])
@@ -224,21 +201,24 @@ def test_the_command_writes_link_and_number_and_whether_a_recorder_runs(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     asked: list[tuple[Any, ...]] = []
+    served = Served("http://127.0.0.1:8010/token/", "127.0.0.1", "493217")
 
     def serve(folder: Path, host: str, name: str, control: bool, announce: Any) -> None:
         asked.append((folder, host, name, control))
-        announce(Served(LINK, "127.0.0.1", "493217"), lambda: None)
+        announce(served, lambda: None)
 
-    monkeypatch.setattr(running, "run_display", serve)
+    monkeypatch.setattr(server, "run_display", serve)
     monkeypatch.setattr("daq.control.is_running", lambda _: recorder)
     monkeypatch.setattr("getpass.getuser", lambda: "somebody")
+    monkeypatch.setattr("sys.stdin", io.StringIO())
     assert run(["display", str(tmp_path)]) == 0
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == f"display: open {LINK}"
+    assert lines[0] == f"display: open {served.link}"
     assert lines[1].startswith("control: type 493 217")
     waits = f"bumpbench: {tmp_path}: no recorder runs there; the page waits for one"
     assert [line.startswith(waits) for line in lines[2:-1]] == [True] * (not recorder)
     assert lines[-1] == "bumpbench: the display has ended; the recorder goes on"
-    words = ["--host", "lan", "--control", "--operator", "MK"]
+    words = ["--host", "lan", "--control", "--operator", "MK", "--json"]
     assert run(["display", str(tmp_path), *words]) == 0
+    assert json.loads(capsys.readouterr().out)["link"] == served.link
     assert asked == [(tmp_path, "here", "somebody", False), (tmp_path, "lan", "MK", True)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tui.display.link import qr_lines
+from tui.display.link import Served
 from tui.terminal.app import BenchApp
 from tui.terminal.palette import commands
 from tui.terminal.screens.display_link import DisplayLinkScreen
@@ -20,7 +20,7 @@ async def test_the_terminal_shows_link_and_code(make_app: Callable[..., BenchApp
     recorder = FakeRecorder()
     recorder.mark("vehicle", "check")
     app = make_app(recorder)
-    code = tuple(qr_lines(LINK))
+    code = Served(LINK, "192.0.2.7", "").code
     words = (f"display: open {LINK}", "warning: ...", "control: type 1")
     app.display_link = lambda: DisplayLinkScreen(DisplayLink(words, code))
     async with app.run_test(size=(80, 24)) as pilot:
