@@ -31,9 +31,9 @@ from .marks import open_questions
 from .result import WORDS, about, judged, ok, warn
 
 _INCOMPLETE_SHARE = 0.01
-_PAUSE_S = 1.0
-"""Time without any frame, s, that counts as a pause: the bus was off, or the log was not
-written."""
+_PAUSE_S, _PAUSE_INTERVALS = 0.1, 50.0
+"""Time without any frame, s and in usual intervals of the whole traffic, that counts as a pause:
+the bus was off, or the log was not written (an exported session has 0.6 s between runs)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,9 @@ def part_of(
 def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:
     """Return the longest stretch between pauses, because counters do not cover pauses."""
     gap_s = np.diff(frames.t_ns) * 1e-9
-    before = np.flatnonzero(gap_s > _PAUSE_S)
+    if not len(gap_s):
+        return frames, []
+    before = np.flatnonzero(gap_s > max(_PAUSE_S, _PAUSE_INTERVALS * float(np.median(gap_s))))
     if not len(before):
         return frames, []
     first, last = np.append(0, before + 1), np.append(before, len(frames) - 1)

@@ -92,27 +92,35 @@ def judge_push(
 
     `lanes`: the last seconds as an envelope, NaN where there is no sample; all have the same bins,
     and most bins are at rest.  `begin`: the first bin that counts: before it another corner may
-    have been pushed.  `bin_s`: width of a bin, s.
+    have been pushed; a motion that goes on there does not count either.  `bin_s`: width of a bin,
+    s.
     """
     asked = PushResult(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
     deviations = {
         c: found
         for c in channels
-        if c.quantity in _LEAST and (found := _deviation(c, lanes.get(c.name), begin)) is not None
+        if c.quantity in _LEAST and (found := _deviation(c, lanes.get(c.name))) is not None
     }
-    moves = {c: _move(c, deviation) for c, (deviation, least) in deviations.items()
-             if _peak(deviation) >= least}  # fmt: skip
+    if not deviations:
+        return asked
+    loud = np.any([np.abs(away) >= least for away, least in deviations.values()], axis=0)
+    begin = _at_rest(loud, begin, round(_SETTLED_S / bin_s))
+    moves = [
+        _move(c, away[begin:])
+        for c, (away, least) in deviations.items()
+        if _peak(away[begin:]) >= least
+    ]
+    if begin == len(loud) and loud.any():
+        return PushResult(corner, False, False, "moving: let it come to rest")
     if not moves:
         return asked
-    if not _over(list(deviations.values()), bin_s):
+    if not _over(loud[begin:], bin_s):
         return PushResult(corner, False, False, "moving: let it come to rest")
-    return _judged(corner, list(moves.values()), channels)
+    return _judged(corner, moves, channels)
 
 
-def _deviation(
-    channel: Channel, lane: Envelope | None, begin: int
-) -> tuple[NDArray[np.float64], float] | None:
-    """Return the deviation of a channel from rest since `begin`, and the limit for a movement."""
+def _deviation(channel: Channel, lane: Envelope | None) -> tuple[NDArray[np.float64], float] | None:
+    """Return the deviation of a channel from rest, and the limit for a movement."""
     if lane is None or not len(lane[0]):
         return None
     low, high = lane
@@ -122,8 +130,18 @@ def _deviation(
         return None
     rest = float(np.median(seen))
     noise = 1.48 * float(np.median(np.abs(seen - rest)))  # a push does not change a median
-    away = np.nan_to_num(middle - rest)[begin:]
-    return away, max(_LEAST[channel.quantity], _OVER_NOISE * noise)
+    return np.nan_to_num(middle - rest), max(_LEAST[channel.quantity], _OVER_NOISE * noise)
+
+
+def _at_rest(loud: NDArray[np.bool_], begin: int, quiet: int) -> int:
+    """Return the first bin from `begin` before which nothing has moved for `quiet` bins.
+
+    A motion that began earlier does not count: its first direction was not seen.
+    """
+    for moved in np.flatnonzero(loud).tolist():
+        if begin - quiet <= moved < begin:
+            begin = min(moved + quiet + 1, len(loud))
+    return begin
 
 
 def _peak(deviation: NDArray[np.float64]) -> float:
@@ -136,9 +154,8 @@ def _move(channel: Channel, deviation: NDArray[np.float64]) -> _Move:
     return _Move(channel, peak, int(np.sign(deviation[first])))
 
 
-def _over(deviations: Sequence[tuple[NDArray[np.float64], float]], bin_s: float) -> bool:
+def _over(loud: NDArray[np.bool_], bin_s: float) -> bool:
     """Return whether all channels are at rest again, or have moved for too long to wait."""
-    loud = np.any([np.abs(deviation) >= least for deviation, least in deviations], axis=0)
     begun_s, quiet_s = (len(loud) - 1 - np.flatnonzero(loud)[[0, -1]]) * bin_s
     return bool(quiet_s >= _SETTLED_S or begun_s >= _LONGEST_S)
 

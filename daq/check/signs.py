@@ -25,6 +25,9 @@ _BODY_HZ = (0.7, 2.5)
 """Band of frequencies, Hz, in which the body swings and the wheels hardly do."""
 _AGAINST = -0.5
 """Correlation from which two channels move against each other."""
+_SHOWN = 0.3
+"""Share of the travels' motion that must be roll (or pitch), or of a gyroscope's that must lie in
+the body's band, for a run to show the sign of a rate: a bounce does not show that of the roll."""
 _LAG_S = 0.06
 """Delay, s, that inverts a sign at 8 Hz: a correlation must be strongest without delay."""
 
@@ -55,6 +58,19 @@ class _Spectra:
         """Return the sum of channels with these signs."""
         return np.asarray(np.sum([n * self.of[name] for name, n in signs.items()], axis=0))
 
+    def tilts(self, signs: Mapping[str, int]) -> bool:
+        """Return whether the travels' motion is in large part that with these signs."""
+        body = (self.hz >= _BODY_HZ[0]) & (self.hz < _BODY_HZ[1])
+        together = float(np.sum(np.abs(self.sum(signs)[body]) ** 2))
+        each = sum(float(np.sum(np.abs(self.of[name][body]) ** 2)) for name in signs)
+        return together > _SHOWN * len(signs) * each
+
+    def swings(self, rate: str) -> bool:
+        """Return whether the motion of a gyroscope is in large part a swing of the body."""
+        body = (self.hz >= _BODY_HZ[0]) & (self.hz < _BODY_HZ[1])
+        power = np.abs(self.of[rate]) ** 2
+        return float(np.sum(power[body])) > _SHOWN * float(np.sum(power))
+
     def rate(self, displacement: Spectrum) -> Spectrum:
         """Return the time derivative of a displacement."""
         return np.asarray(2j * np.pi * self.hz * displacement)
@@ -65,8 +81,8 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
 
     `runs`: with their samples, SI, signs applied.  `channels`: of the session.  Travels are
     compared with the hub accelerometers; then rates of pitch and roll with the travels or, if not
-    every wheel has one, with the first rate of their kind.  A channel without a channel for
-    comparison is not judged.
+    every wheel has one, with the first rate of their kind, in the runs that show that motion.  A
+    channel without a channel for comparison, or without such a run, is not judged.
     """
     moved = [each for run in runs if (each := _spectra(run)) is not None]
     travels = {c.corner: c.name for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL}
@@ -87,18 +103,21 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
         }
         by_travels = len(signs) == len(Corner)
         first = rates[0] if rates and not by_travels else ""
-        turned = [
-            name
-            for name in rates
-            if _is_opposed(
-                [
-                    (s, s.of[name], s.rate(s.sum(signs)) if by_travels else s.of[first])
-                    for s in moved
-                    if {name, *(signs if by_travels else [first])} <= set(s.of)
-                ],
-                _BODY_HZ,
-            )
-        ]
+        compared = set(signs) if by_travels else {first}
+        turned = []
+        for name in rates:
+            showing = [
+                s
+                for s in moved
+                if {name, *compared} <= set(s.of)
+                and (s.tilts(signs) if by_travels else s.swings(name) and s.swings(first))
+            ]
+            pairs = [
+                (s, s.of[name], s.rate(s.sum(signs)) if by_travels else s.of[first])
+                for s in showing
+            ]
+            if _is_opposed(pairs, _BODY_HZ):
+                turned.append(name)
         found += _finding(turned, "against the travels" if by_travels else f"against {first}")
     return found
 

@@ -241,3 +241,23 @@ def test_peaks_kicks_and_turns_of_each_push() -> None:
     before = t_ns < found.spans[FL][0]
     assert found.peaks((t_ns[before], value[before])) == dict.fromkeys(ORDER, 0.0)
     assert found.turns((t_ns[before], value[before])) == dict.fromkeys(ORDER, 0.0)
+
+
+@pytest.mark.parametrize(("begin", "passed"), [(48, True), (53, False)])
+def test_a_push_that_is_under_way_at_the_key_press_is_not_judged(begin: int, passed: bool) -> None:
+    """Its rebound alone would tell to invert a sign that is right."""
+    travel = channel(Quantity.SUSPENSION_TRAVEL)
+    pushed = [0.005, 0.02, 0.02, 0.005, -0.012, -0.008, 0.004]
+    result = judged(FL, {travel: lane(pushed)}, begin)
+    assert (result.done, result.passed, result.inverted) == (passed, passed, ())
+    again = lane(pushed)
+    again[80:87] = pushed
+    assert judged(FL, {travel: again}, begin).passed
+
+
+def test_a_body_that_rests_elsewhere_after_a_push_can_be_pushed_again() -> None:
+    travel = channel(Quantity.SUSPENSION_TRAVEL)
+    stuck = lane([0.02, 0.01], 150, 400)
+    stuck[152:] = 0.006
+    stuck[300:302] = [0.03, 0.0]
+    assert judged(FL, {travel: stuck}, 250).passed

@@ -145,3 +145,22 @@ def test_rates_without_travels_are_held_against_each_other() -> None:
     (finding,) = opposed_signs([run_of({"a": roll, "b": -roll, "c": roll})], channels)
     assert (finding.subject, finding.text) == ("b", "b moves against a")
     assert finding.advice.startswith("change the sign of one side")
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_a_single_run_gives_no_advice_on_a_sign_that_is_right(number: int) -> None:
+    session = recorded()
+    assert named(replace(session, runs=session.runs[number : number + 1])) == []
+
+
+def test_a_bounce_does_not_show_the_sign_of_the_roll_rate() -> None:
+    session = turned(recorded(), "roll_rate", "pitch_rate")
+    shown = {
+        kind: named(replace(session, runs=tuple(r for r in session.runs if r.excitation is kind)))
+        for kind in (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+    }
+    assert shown == {
+        Excitation.BOUNCE: [],
+        Excitation.PITCH: ["pitch_rate"],
+        Excitation.ROLL: ["roll_rate"],
+    }

@@ -151,11 +151,17 @@ async def test_a_failure_blocks_and_its_sign_can_be_turned(make_app: Make) -> No
     assert (signs["hub_acc_fl"], signs["hub_acc_fr"]) == (-1, 1)
 
 
-async def _push(pilot: Pilot[None], recorder: FakeRecorder, corner: Corner, sign: float) -> None:
-    """Push a corner for half a second between 11 s and 2 s of rest, all in live samples."""
+async def _push(
+    pilot: Pilot[None],
+    recorder: FakeRecorder,
+    corner: Corner,
+    sign: float,
+    after_s: float = 2.0,
+) -> None:
+    """Push a corner for half a second between 11 s and `after_s` of rest, all in live samples."""
     app = pilot.app
     assert isinstance(app, BenchApp)
-    first, bins = app.lanes.end, round(13.5 / BIN_S)
+    first, bins = app.lanes.end, round((11.5 + after_s) / BIN_S)
     time = np.arange(bins) * BIN_S - 11.0
     hump = np.where((time > 0) & (time < 0.5), np.sin(np.pi * time / 0.5) ** 2, 0.0)
     pitch = np.where((time > 0) & (time < 0.5), np.sin(2 * np.pi * time / 0.5), 0.0)
@@ -208,6 +214,27 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
     assert not any(tare for name, tare in tares.items() if name != "travel_fl")
     assert OverrideWarning("channel hub_acc_rr", "old sensor") in recorder.orders
     assert Mark("step check done") in recorder.orders
+
+
+async def test_a_push_that_nobody_saw_is_asked_for_again(make_app: Make) -> None:
+    recorder = _checked()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
+        recorder.post(Live(0, BIN_S, ()))
+        await pilot.press("space")
+        await until(pilot, lambda: Mark("push FL") in recorder.orders)
+        names = [c.name for c in recorder.bench.channels]
+        for seconds, asked in ((14.9, 1), (0.2, 2), (29.8, 2), (0.4, 3)):
+            still = (0.0,) * round(seconds / BIN_S)
+            lanes = tuple(Lane(name, still, still) for name in names)
+            recorder.post(Live(app.lanes.end, BIN_S, lanes))
+            await pilot.pause()
+            await until(pilot, lambda n=asked: recorder.orders.count(Mark("push FL")) == n)
+        assert "push DOWN at the front LEFT again" in screen_text(app)
+        await _push(pilot, recorder, Corner.FRONT_LEFT, 1.0, after_s=25.0)  # a screen that lagged
+        await until(pilot, lambda: Mark("push FR") in recorder.orders)
 
 
 async def test_a_push_the_wrong_way_is_a_failure_that_i_corrects(make_app: Make) -> None:

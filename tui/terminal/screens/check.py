@@ -13,7 +13,7 @@ from textual.widgets import Static
 
 from daq import Corner, InputError, Status
 from daq.bench import with_channel
-from daq.check import ORDER, PushResult, judge_push, shows_push
+from daq.check import ORDER, PushResult, judge_push, shows_push, spoken
 from daq.control import AskCheck, CheckItem, Configure, Mark, OverrideWarning, Phase
 from daq.errors import printable
 
@@ -34,6 +34,7 @@ from ..state.bench_check import (
     zero_offsets,
 )
 from ..state.drafts import write_draft
+from ..state.lanes import RING_S
 from ..state.steps import BenchStep
 from ..widgets.check_line import check_line
 from ..widgets.row_list import RowList
@@ -47,7 +48,11 @@ AGAIN_S, WINDOW_S = 1.0, 3.0
 """Seconds between two checks, and seconds of samples in each."""
 HANDS_OFF_S = 5.0
 """Seconds over which the zero is measured."""
-_SEEN_S = 10.0
+_BEFORE_S = 10.0
+"""Seconds before a push that are looked at for the level at rest."""
+_ASK_AGAIN_S = 15.0
+"""Seconds of the recording without a push after which it is asked for again, twice as many each
+time."""
 _ZERO = "zero"
 _PUSH = "SPACE = push the corners"
 _HANDS_OFF = "SPACE = zero: hands off the car"
@@ -82,6 +87,7 @@ class CheckScreen(BenchScreen):
         self._asking = self._asked = self._zeroed = False
         self._corner: Corner | None = None
         self._begin_bin = 0
+        self._ask_again_s = _ASK_AGAIN_S
         self._pushed: dict[Corner, PushResult] = {}
         self._skipped: set[str] = set()
         self._failing: set[str] = set()
@@ -314,6 +320,7 @@ class CheckScreen(BenchScreen):
             return
         self._pushed.pop(corner, None)
         self._corner, self._begin_bin = corner, app.lanes.end
+        self._ask_again_s = _ASK_AGAIN_S
         self._show_rows()
         self._mark_row(push_subject(corner))
         if await app.ask(Mark(push_subject(corner))) is None:
@@ -325,14 +332,21 @@ class CheckScreen(BenchScreen):
         app, corner = self.bench_app, self._corner
         if corner is None or app.bench is None or not app.lanes.bin_s:
             return
-        count = round(_SEEN_S / app.lanes.bin_s)
-        first = app.lanes.end - count
+        bin_s, end = app.lanes.bin_s, app.lanes.end
+        # From the begin, however late this screen gets its turn: a push is over in a second.
+        before = round(_BEFORE_S / bin_s)
+        begin = max(self._begin_bin, end - round(RING_S / bin_s))
+        first, count = begin - before, end - begin + before
         seen = {c.name: app.lanes.window(c.name, first, count) for c in app.bench.channels}
-        begin = max(0, self._begin_bin - first)
-        result = judge_push(corner, app.bench.channels, seen, begin, app.lanes.bin_s)
+        result = judge_push(corner, app.bench.channels, seen, before, bin_s)
         self._pushed[corner] = result
         if result.done:
             await self._go_on()
+        elif (end - begin) * bin_s >= self._ask_again_s:
+            self._ask_again_s, self._begin_bin = 2.0 * self._ask_again_s, end
+            self.app.bell()
+            app.inform(f"no push was seen: push DOWN at the {spoken(corner)} again")
+            await app.ask(Mark(push_subject(corner)))
         else:
             self._show_rows()
 
