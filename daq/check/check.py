@@ -24,6 +24,7 @@ from ..samples.bench_mapping import mapped_channels
 from ..samples.groups import sample_groups, timekeeping
 from ..samples.trigger import trigger_channels
 from ..signal_names import sensor_of, sensor_of_signal
+from ..vehicle import BodyWeight
 from .bus_checks import check_traffic
 from .channel_checks import check_channel
 from .frame_checks import check_messages, frame_table
@@ -88,6 +89,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
         reason = "no channel can trigger"
         lines.append(Finding("trigger", Severity.ERROR, reason, "trigger", advice))
     lines += open_questions(bench.text)
+    lines += _exact_weights(bench)
     for m in mapped:
         lines += check_channel(m, keeping, decoded, bench.calibration_days, today)
     return CheckReport(seconds, len(frames), tuple(lines))
@@ -111,6 +113,21 @@ def part_of(
     if not sensors and not buses:
         return report
     return replace(report, lines=tuple(filter(is_wanted, report.lines)))
+
+
+def _exact_weights(bench: Bench) -> list[Finding]:
+    """Return a note on weights that are stated without an uncertainty: nobody weighs exactly."""
+    exact = [
+        str(i)
+        for state in bench.mass_states
+        for i, weight in enumerate(state.added.weights, 1)
+        if not weight.sigma_kg or (isinstance(weight, BodyWeight) and not weight.position_sigma_m)
+    ]
+    if not exact:
+        return []
+    text = f"{', '.join(exact)}: stated as exact (± 0 kg or ± 0 m)"
+    advice = "state sigma_kg and position_sigma_m: nobody weighs or measures exactly"
+    return about("weights", [judged("exact_weights", Severity.NOTE, text, advice)])
 
 
 def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:

@@ -25,6 +25,7 @@ from tui.terminal.forms.inventory import (
     axle_loads_with,
     effect_line,
     gain_line,
+    known_car,
     sag_line,
     shift_line,
     sketch,
@@ -275,11 +276,11 @@ def test_an_outlook_without_remedies_names_what_is_lost() -> None:
 
 
 def test_a_body_that_sinks_by_less_than_half_a_millimetre_has_not() -> None:
-    before = {f"travel_{corner.lower()}": 0.0 for corner in Corner}
     weights = [BodyWeight(100.0, -1.38, 0.0)]
+    car = known_car(BENCH, None)
 
     def said(sunk_m: float) -> str:
-        return sag_line(BENCH, weights, before, dict.fromkeys(before, sunk_m))
+        return sag_line(BENCH, weights, dict.fromkeys(Corner, sunk_m), car)
 
     assert "has not sunk" in said(0.00049)
     # 25 kg on each corner: 245.2 N over 0.51 mm.

@@ -15,7 +15,7 @@ from daq.bench.procedure import Method
 from daq.check.push_test import PushResult
 from daq.control.messages import BusState, BusStatus, CheckItem, DiskStatus
 from daq.runs import Excitation
-from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, HubWeight
+from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, Fact, HubWeight
 from tui.jobs.gain import GAIN, Gain, Shift, measured_spread
 from tui.terminal.forms.inventory import (
     Entry,
@@ -23,7 +23,9 @@ from tui.terminal.forms.inventory import (
     entries_of,
     entry_values,
     gain_line,
+    known_car,
     sag_line,
+    sag_m,
     shift_line,
     sketch,
     with_bolted,
@@ -129,17 +131,26 @@ def test_the_expected_gain_is_that_of_the_paper_in_a_process_without_the_termina
 
 
 def test_the_sag_tells_the_springs() -> None:
-    names = [f"travel_{c.lower()}" for c in Corner]
-    before = dict.fromkeys(names, 0.001)
+    before = {f"travel_{c.lower()}": 0.001 for c in Corner}
     weights = [BodyWeight(100.0, 0.0, 0.0)]  # all of it on the front axle
     after = before | {"travel_fl": 0.021, "travel_fr": 0.021, "travel_rl": 0.001}
-    assert sag_line(BENCH, weights, before, after) == (
+    sag, car = sag_m(BENCH, before, after), known_car(BENCH, None)
+    assert sag_line(BENCH, weights, sag, car) == (
         "spring front 24.5 kN/m (expected 17), rear ? kN/m (expected 22)"
     )
-    assert "not measured" in sag_line(BENCH, weights, {}, after)
-    assert "has not sunk" in sag_line(BENCH, weights, before, before)
+    assert "not measured" in sag_line(BENCH, weights, sag_m(BENCH, {}, after), car)
+    assert "has not sunk" in sag_line(BENCH, weights, sag_m(BENCH, before, before), car)
     blind = replace(BENCH, channels=BENCH.channels[:6])
-    assert sag_line(blind, weights, before, after) == "no travel sensor"
+    assert sag_line(blind, weights, {}, car) == "no travel sensor"
+
+
+def test_the_known_springs_are_those_of_facts_or_of_the_bounce() -> None:
+    usual = known_car(BENCH, None)
+    assert known_car(BENCH, 2 * 1.1964).k_sf == pytest.approx(4 * usual.k_sf, rel=1e-3)
+    fact = Fact("k_sf", 30e3, 300.0)
+    stated = replace(BENCH, vehicle=replace(BENCH.vehicle, facts=(fact,)))
+    assert known_car(stated, None).k_sf == 30e3
+    assert known_car(stated, None).k_sr == usual.k_sr
 
 
 def test_recorder_lines_say_bus_disk_and_clock() -> None:

@@ -1,14 +1,16 @@
 """The masses: weight after weight by SPACE alone, typed, undone, and what they bring."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 import pytest
 
-from daq.control.orders import Configure, Mark, Note
+from daq.control.orders import Configure, Mark, Note, OverrideWarning
 from daq.vehicle import BodyWeight, Corner, HubWeight
 from tui.jobs.gain import Gain, Shift
+from tui.terminal.app import BenchApp
 from tui.terminal.screens.masses import MassesScreen
 
 from .conftest import at_every_size, screen_text
@@ -147,3 +149,39 @@ async def test_the_body_that_sank_tells_the_springs(make_app: Make) -> None:
         )
         await pilot.press("r")
         await until(pilot, lambda: "spring front 17.0 kN/m" in screen_text(app))
+
+
+@pytest.mark.usefixtures("_quick")
+async def test_a_weight_that_the_sag_contradicts_stops_space(make_app: Make) -> None:
+    """A weight typed as 325 instead of 32.5 kg is named before any run with it."""
+    recorder = _loaded()
+    app = make_app(recorder)
+    rest = {f"travel_{c.lower()}": 0.0 for c in Corner}
+    (app.folder / "rest.json").write_text(json.dumps(rest))
+    down = {f"travel_{c.lower()}": 0.0191 if c.front else 0.0144 for c in Corner}
+    recorder.check = tuple(
+        replace(item, figures={"level": down.get(item.subject[8:], 9.81)})
+        for item in recorder.check
+    )
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, MassesScreen)
+        await pilot.press("e", "tab", *["backspace"] * 8, *"325", "ctrl+s")
+        await until(pilot, lambda: "325.00" in screen_text(app))
+        for _ in range(10):
+            await pilot.press("space")
+        await until(pilot, lambda: "FAIL weight 1 says 325 kg; the body sank as for 3" in text(app))
+        await pilot.press("space")
+        await pilot.pause()
+        assert Mark("step masses done") not in recorder.orders
+        assert "SPACE Next" not in screen_text(app)
+        await pilot.press("o", *"scale", "enter")
+        await until(pilot, lambda: Mark("step masses done") in recorder.orders)
+    (override,) = orders_of(recorder, OverrideWarning)
+    assert isinstance(override, OverrideWarning)
+    assert override.reason.startswith("weight 1 says 325 kg; the body sank as for 3")
+    assert override.reason.endswith(": scale")
+
+
+def text(app: BenchApp) -> str:
+    """Return what the screen shows, each run of blanks as one."""
+    return " ".join(screen_text(app).split())

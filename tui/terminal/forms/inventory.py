@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import pi, sqrt
 from typing import Any
 
 from daq import BASELINE, Bench, BodyWeight, Corner, HubWeight, Quantity, Status, VehicleParameters
-from daq.loading import Loading, expected_car, sag_stiffness
+from daq.loading import Loading, expected_car, sag_stiffness, wrong_weights
 from daq.runlog import LoggedStatus
 
 from ...jobs.gain import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift, measured_spread
@@ -155,30 +156,56 @@ def gain_line(gain: Gain) -> tuple[str, str]:
     return text, ""
 
 
-def sag_line(
-    bench: Bench, weights: Sequence[Weight], before: Mapping[str, Any], after: Mapping[str, float]
-) -> str:
-    """Return the spring rates that the sag of the body gives, and the expected ones.
+def sag_m(
+    bench: Bench, before: Mapping[str, float], after: Mapping[str, float]
+) -> dict[Corner, float]:
+    """Return the sag of each corner that has a travel, m, from its levels without and with weights.
 
-    `before` and `after`: levels of the channels at rest without and with the weights.
+    `before` and `after`: levels of the channels at rest, SI, by name.
     """
-    travels = {
-        c.name: c.corner
+    return {
+        c.corner: after[c.name] - before[c.name]
         for c in bench.channels
         if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is not None
+        if c.name in before and c.name in after
     }
-    if not travels:
-        return "no travel sensor"
+
+
+def known_car(bench: Bench, bounce_hz: float | None) -> VehicleParameters:
+    """Return the expected car with its springs from facts, or from the bounce frequency."""
     car = expected_car(bench.vehicle)
-    was, now = (
-        {corner: float(levels[name]) for name, corner in travels.items() if name in levels}
-        for levels in (before, after)
+    known = {fact.quantity: fact.value for fact in bench.vehicle.facts}
+    usual_hz = sqrt(2.0 * (car.k_sf + car.k_sr) / car.m_s) / (2.0 * pi)
+    stiffer = (bounce_hz / usual_hz) ** 2 if bounce_hz else 1.0
+    return replace(
+        car,
+        k_sf=known.get("k_sf", stiffer * car.k_sf),
+        k_sr=known.get("k_sr", stiffer * car.k_sr),
     )
-    sunk = [abs(now[corner] - was[corner]) for corner in now if corner in was]
-    if not sunk:
+
+
+def contradiction(
+    weights: Sequence[Weight], sag: Mapping[Corner, float], car: VehicleParameters
+) -> str:
+    """Return what the sag contradicts in the weights, in words; empty if nothing.
+
+    A body that has not sunk at all has its weights still beside it.
+    """
+    if max(map(abs, sag.values()), default=0.0) < _SUNK_M:
+        return ""
+    return "; ".join(finding.text for finding in wrong_weights(weights, car, sag))
+
+
+def sag_line(
+    bench: Bench, weights: Sequence[Weight], sag: Mapping[Corner, float], car: VehicleParameters
+) -> str:
+    """Return the spring rates that the sag of the body gives, and those of the car."""
+    if not any(c.quantity is Quantity.SUSPENSION_TRAVEL for c in bench.channels):
+        return "no travel sensor"
+    if not sag:
         return "not measured: R, with the weights on and hands off"
-    stiffness = sag_stiffness(weights, car.a + car.b, was, now)
-    if max(sunk) < _SUNK_M or stiffness == (None, None):
+    stiffness = sag_stiffness(weights, car.a + car.b, dict.fromkeys(sag, 0.0), sag)
+    if max(map(abs, sag.values())) < _SUNK_M or stiffness == (None, None):
         return "the body has not sunk: R measures again, with the weights on"
     parts = []
     for name, k, usual in zip(("front", "rear"), stiffness, (car.k_sf, car.k_sr), strict=True):
@@ -195,15 +222,18 @@ def axle_loads_with(load: Loading, car: VehicleParameters) -> tuple[float, tuple
     return car.m_s + 2 * (car.m_uf + car.m_ur), (front, rear)
 
 
+def baseline_hz(status: Status | None, excitation: str) -> list[float]:
+    """Return a frequency, Hz, in each accepted baseline run."""
+    return [
+        finding.value
+        for run in (status.runs if status else ())
+        if run.mass_state == BASELINE and run.excitation == excitation
+        if run.status is LoggedStatus.ACCEPTED
+        for finding in run.findings
+        if finding.unit == "Hz"
+    ]
+
+
 def baseline_spread(status: Status | None, excitation: str) -> float | None:
     """Return the scatter of a frequency over the accepted baseline runs, as a share."""
-    return measured_spread(
-        [
-            finding.value
-            for run in (status.runs if status else ())
-            if run.mass_state == BASELINE and run.excitation == excitation
-            if run.status is LoggedStatus.ACCEPTED
-            for finding in run.findings
-            if finding.unit == "Hz"
-        ]
-    )
+    return measured_spread(baseline_hz(status, excitation))

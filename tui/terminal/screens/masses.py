@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from functools import cached_property, partial
+from statistics import median
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
@@ -16,9 +17,9 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.widgets import Static
 
-from daq import InputError, Status, VehicleParameters
+from daq import Corner, Excitation, InputError, Status, VehicleParameters
 from daq.bench import with_weights
-from daq.control import AskCheck, Configure, Mark, Note
+from daq.control import AskCheck, Configure, Mark, Note, OverrideWarning
 from daq.errors import printable
 from daq.loading import expected_car, loading
 
@@ -30,12 +31,16 @@ from ..forms.fields import FieldError
 from ..forms.inventory import (
     Entry,
     axle_loads_with,
+    baseline_hz,
     baseline_spread,
+    contradiction,
     effect_line,
     entries_of,
     entry_values,
     gain_line,
+    known_car,
     sag_line,
+    sag_m,
     shift_line,
     sketch,
     table_head,
@@ -49,6 +54,7 @@ from ..state.steps import BenchStep
 from ..widgets.row_list import RowList
 from .base import BenchScreen
 from .check import REST
+from .dialogs import Question
 from .limits import ask_limits
 from .weight import WeightScreen
 
@@ -77,6 +83,7 @@ class MassesScreen(BenchScreen):
         Binding("u", "undo", "Undo", tooltip="Undo the last change"),
         Binding("b", "bolt", "Bolted", tooltip="The marked weight is bolted, or is not"),
         Binding("r", "measure", "Sag", tooltip="Measure the sag again"),
+        Binding("o", "override", "Override", show=False, tooltip="Go on in spite of the sag"),
         Binding("l", "limits", "Limits", tooltip="Permitted axle loads"),
         Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next weight"),
         Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the weight before"),
@@ -93,6 +100,8 @@ class MassesScreen(BenchScreen):
         self._limits: AxleLimits | None = None
         self._asked_text = ""
         self._levels: dict[str, float] = {}
+        self._failed = ""
+        """What the sag with all weights on contradicts."""
         self._rest: dict[str, float] = {}
 
     def compose_body(self) -> ComposeResult:
@@ -106,7 +115,7 @@ class MassesScreen(BenchScreen):
     @property
     def ready(self) -> bool:
         """True while SPACE would go on."""
-        return self._filled and not self._errors()
+        return self._filled and not self._errors() and not self._failed
 
     @property
     def acts(self) -> bool:
@@ -147,6 +156,26 @@ class MassesScreen(BenchScreen):
     def _weights(self) -> tuple[Any, ...]:
         return tuple(entry.weight for entry in self._entries)
 
+    @property
+    def _known_car(self) -> VehicleParameters:
+        app = self.bench_app
+        assert app.bench is not None  # show_status returns earlier without one
+        hz = baseline_hz(app.status, Excitation.BOUNCE)
+        return known_car(app.bench, median(hz) if hz else None)
+
+    @property
+    def _sag(self) -> dict[Corner, float]:
+        bench = self.bench_app.bench
+        return sag_m(bench, self._rest, self._levels) if bench else {}
+
+    def _contradicted(self) -> str:
+        """Return what the sag contradicts, unless somebody has overridden it."""
+        status = self.bench_app.status
+        if self._loose() or status is None:
+            return ""
+        words = contradiction(self._weights, self._sag, self._known_car)
+        return "" if any(words in o.reason for o in status.overrides) else words
+
     def _errors(self) -> tuple[FieldError, ...]:
         if self.bench_app.bench is None:
             return ()
@@ -177,7 +206,7 @@ class MassesScreen(BenchScreen):
         else:
             lines += self._expected(self._gain)
         lines.append(
-            Content(f"Sag       {sag_line(app.bench, self._weights, self._rest, self._levels)}")
+            Content(f"Sag       {sag_line(app.bench, self._weights, self._sag, self._known_car)}")
         )
         lines.append(Content(f"Axles     {axles_line(axles, total, self._limits)}"))
         box = self.query_one("#outlook", Static)
@@ -209,6 +238,9 @@ class MassesScreen(BenchScreen):
         errors = self._errors()
         if errors:
             return Content.styled(f"{self.bench_app.glyphs.bad} {errors[0]}", "bold $error")
+        if self._failed:
+            text = f"{self.bench_app.glyphs.bad} FAIL {self._failed}; E corrects it, O overrides"
+            return Content.styled(text, "bold $error")
         loose = self._loose()
         if not loose:
             return Content.styled("SPACE = all are bolted: go on to step 5 Added", "bold $accent")
@@ -236,6 +268,7 @@ class MassesScreen(BenchScreen):
         self._after_change(predict)
 
     def _after_change(self, predict: bool) -> None:
+        self._failed = ""  # the sag is compared again when SPACE goes on
         if predict:
             self._predict()
         self._show_all()
@@ -355,6 +388,22 @@ class MassesScreen(BenchScreen):
             self._levels = rest_levels(reply.check)
             self._show_outlook()
 
+    def action_override(self) -> None:
+        """Go on in spite of the sag, with a reason."""
+        failed = self._failed
+        if not failed:
+            self.bench_app.warn("O overrides a FAIL of the sag: there is none")
+            return
+
+        async def answered(reason: str | None) -> None:
+            app = self.bench_app
+            if reason and await app.ask(OverrideWarning("sag under the weights", f"{failed}: {reason}")):
+                self._failed = ""
+                await self._apply()
+
+        question = f"{failed}. Why is that acceptable here?"
+        self.app.push_screen(Question(question, "reason"), answered)
+
     # SPACE --------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
@@ -376,6 +425,12 @@ class MassesScreen(BenchScreen):
             if len(loose) > 1:
                 rows.move_to(loose[1])
                 self._show_outlook()
+            return
+        await self.action_measure()  # all are on now
+        self._failed = self._contradicted()
+        if self._failed:
+            self._show_outlook()
+            app.warn(self._failed)
             return
         await self._apply()
 
