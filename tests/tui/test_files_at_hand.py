@@ -6,13 +6,18 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import daq
+from daq.control import Phase
+from daq.control.messages import Due, Status
 from daq.python_can import can
-from dbc import shipped_dbc
+from daq.runlog.runlog import Remark
+from dbc import FrameBatch, shipped_dbc
 from tui.cli import run
 
+from ..daq.a_status import a_status
 from ..daq.small_campaign import bumps, small_codec
 from ..daq.small_session import small_session
 from .batches import refused_session, write_all
@@ -207,6 +212,52 @@ def test_the_simulated_car_plays_its_campaign(
     assert again[1].split() == ["parameter", "truth"]
     assert any(line.split() == ["m_s", "1,380.0"] for line in again)
     assert [message.data for message in wire] != first
+
+
+def test_the_simulated_car_is_bumped_again_when_the_recorder_rejects(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    wire: list[can.Message],
+) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text(BENCH)
+    step = daq.load_bench(bench).campaign.steps[0]
+    due = Due(step, 0, 1, 0, "bump")
+    idle = replace(a_status(), phase=Phase.IDLE, due=due)
+    armed, rejected = (replace(idle, phase=phase) for phase in (Phase.ARMED, Phase.REJECTED))
+    asked = replace(idle, notes=(Remark(0, "push FL", ""),))
+    once = [armed] * 35 + [rejected] * 10  # a status for each 0.2 s of the car
+    script = [*[idle] * 5, *once, *once, *[asked] * 20]
+    news: list[Status | None] = [each for status in script for each in (status, None)]
+
+    class Recorder:
+        first_status = None
+
+        def __init__(self, *_: object, **__: object) -> None: ...
+
+        def news(self, _: float) -> Status | None:
+            return news.pop(0)
+
+        def close(self) -> None: ...
+
+    answers = [False] * 5 + [True] * (len(script) - 1)
+    monkeypatch.setattr("daq.control.client.Client", Recorder)
+    monkeypatch.setattr("daq.control.address.is_running", lambda _: bool(answers and answers.pop()))
+    monkeypatch.setattr("daq.replay.replay._Pace.wait_for", lambda *_: None)
+    said(capsys, "simulate", str(bench), *UDP[:-1], "--recorder", str(tmp_path), code=0)
+    sent = FrameBatch(
+        t_ns=np.array([round(m.timestamp * 1e9) for m in wire]),
+        can_id=np.array([m.arbitration_id for m in wire], np.uint32),
+        flags=np.zeros(len(wire), np.uint16),
+        bus=np.zeros(len(wire), np.uint8),
+        length=np.array([m.dlc for m in wire], np.uint8),
+        data=np.array([[*m.data, *bytes(8 - m.dlc)] for m in wire], np.uint8),
+    )
+    hub = daq.bench_codec(daq.load_bench(bench)).decode(sent)["HUB_Front.acc_fl"]
+    moved_s = hub.t_ns[np.abs(hub.value - np.median(hub.value)) > 3.0] * 1e-9
+    assert len(np.flatnonzero(np.diff(moved_s) > 4.0)) == 1, "two bumps"
+    assert "--fast" in said(capsys, "simulate", *UDP, "--fast", "--recorder", ".", code=2)[1]
 
 
 def test_a_pushed_car_goes_on_until_it_is_interrupted(

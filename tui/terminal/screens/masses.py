@@ -397,7 +397,8 @@ class MassesScreen(BenchScreen):
 
         async def answered(reason: str | None) -> None:
             app = self.bench_app
-            if reason and await app.ask(OverrideWarning("sag under the weights", f"{failed}: {reason}")):
+            order = OverrideWarning("sag under the weights", f"{failed}: {reason}"[:500])
+            if reason and await app.ask(order) is not None:
                 self._failed = ""
                 await self._apply()
 
