@@ -7,17 +7,6 @@ from typing import Annotated
 
 import typer
 
-CarName = Annotated[
-    str,
-    typer.Option(
-        "--car",
-        metavar="NAME",
-        help="Which car: granada (linear), granada-rough, granada-worn, escort, escort-worn,"
-        " bmw-320i, bmw-330i, vanagon, vanagon-worn, cherokee.",
-    ),
-]
-"""Names of `daq.sim.cars.car_names`, written out so that --help need not read a file."""
-
 Sensors = Annotated[
     list[str] | None, typer.Option("--sensor", help="Only this sensor; repeatable.")
 ]

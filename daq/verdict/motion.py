@@ -40,7 +40,7 @@ END_S = 0.5
 """Time over which the remaining motion is taken, s: half a period of a body at 1 Hz."""
 SHIFTED_SHARE = 0.2
 """Largest ratio of the change of the rest position to the peak of the travel.  Friction holds a car
-with leaf springs at 0.16 after a roll, and the other named cars at 0.02: more is a slipped weight
+with leaf springs at 0.16 after a roll, and other cars at 0.02: more is a slipped weight
 or a person on the car."""
 STRUCK_S = 0.1
 """Time over which the energy of a strike is taken, s: one period of the wheels."""

@@ -11,10 +11,6 @@ if TYPE_CHECKING:
     from .campaign import Campaign as Campaign
     from .fig9 import fig9_study as fig9_study
     from .figures import svg as svg
-    from .fleet import FleetCase as FleetCase
-    from .fleet import fleet_case as fleet_case
-    from .fleet import fleet_study as fleet_study
-    from .fleet import fractions as fractions
     from .geometry_error import fig8_study as fig8_study
     from .noise import bound_percent as bound_percent
     from .noise import noise_study as noise_study

@@ -15,7 +15,6 @@ from daq.channels import Quantity
 from daq.runs import ADDED, BASELINE, Excitation, Run
 from daq.samples.trigger import TriggerState, advance, trigger_channels
 from daq.sessions import Session
-from daq.sim.campaign import Plan, PlannedBump, recorded
 from daq.sim.car import SimulatedCar, Truth, draw
 from daq.sim.excitation import Bump
 from daq.sim.imperfections import NONE, Imperfections
@@ -26,6 +25,7 @@ from daq.sim.stepping import State
 from daq.vehicle import AddedMass, BodyWeight, HubWeight
 from daq.verdict import RunMeasure, RunWindow, judge
 from dbc.finding import Finding
+from tests.simulated.campaign import Plan, PlannedBump, recorded
 
 Array = NDArray[np.float64]
 REST_S, DECAY_S, BUMP_S = 1.1, 2.4, 0.2

@@ -18,12 +18,12 @@ from daq.journal.contents import HopCounts
 from daq.runs import Event
 from daq.sessions import Session
 from daq.sim.car import SimulatedCar
-from daq.sim.cars import GRANADA, named_car
 from daq.sim.ecu import campaign_frames
 from daq.sim.reported import true_parameters
 from dbc import FrameBatch, parse_codec
 from identify.pipeline import identify_parameters
 from identify.trust.finding import Judgement, Verdict
+from tests.simulated.cars import GRANADA, named_car
 
 START_NS = 1_760_000_000_000_000_000
 CAR = SimulatedCar()

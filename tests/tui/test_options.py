@@ -49,14 +49,11 @@ NUMBERS = {
         "--seed": (1, 0, None),
         "--workers": (2, 1, 64),
     },
-    "study fleet": {"--cars": (20, 1, 100_000), "--seed": (1, 0, None), "--workers": (2, 1, 64)},
 }
 """Default, least and largest value of each option that takes a number."""
 TEXTS = {
-    "demo": {"--out": "bumpbench-demo", "--car": "granada"},
-    "simulate": {"--car": "granada"},
+    "demo": {"--out": "bumpbench-demo"},
     "notebook": {"--out": "bump_test.ipynb"},
-    "plan": {"--car": ""},
     "tui": {"--glyphs": "auto", "--theme": "bench-dark", "--operator": ""},
     "record": {"--out": "."},
     "display": {"folder": ".", "--host": "here", "--operator": ""},
@@ -66,10 +63,9 @@ TEXTS = {
     "import": {"--out": "session.h5"},
     "study table2": {"--response": "exact"},
     "study noise": {"--cases": "bounce,pitch,roll", "--sensors": "paper"},
-    "study fleet": {"--sensors": "all"},
 }
 """Default of each option that takes a text, a file or a choice, where it is not None."""
-WORDS = {"--car": "NAME", "--figure": "FILE.svg", "--scheduler": "ADDRESS", "--display": "ADDRESS"}
+WORDS = {"--figure": "FILE.svg", "--scheduler": "ADDRESS", "--display": "ADDRESS"}
 """Word for the value in help, where it is not that of its type."""
 
 

@@ -165,28 +165,6 @@ def test_a_session_without_a_vehicle_gives_the_typical_car(
     assert document["parameters"]["m_s"]["value"] == pytest.approx(1380.0)
 
 
-def test_a_car_with_friction_is_planned_with_its_elements(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    bench = _bench(tmp_path, 'excitations = ["bounce", "pitch", "roll"]', 'excitations = ["roll"]')
-    arguments = ["--car", "granada-rough", "--bench", bench, "--rate", "60"]
-    document = _json(capsys, *arguments)
-    assert document["vehicle"] == "Ford Granada with friction and real dampers"
-    assert document["elements"]["F_cf"]["value"] == 50.0
-    assert 0.0 < document["elements"]["F_cf"]["std"] < 10.0
-    assert len(document["dampers"]) == 12
-    worst = {other["campaign"]: other["worst"] for other in document["campaigns"]}
-    assert "roll, rear pitch once in each mass state, bumps of 50 mm" in worst
-    assert any("rear pitch run" in step["action"] for step in document["next_steps"])
-
-
-def test_a_car_and_a_session_are_one_too_many(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    assert run(["plan", "--car", "escort", "--from", str(tmp_path / "none.h5")]) == 2
-    assert "name a car or a session" in capsys.readouterr().err
-
-
 def test_elements_that_the_bench_forces_are_of_usual_size() -> None:
     bench = load_bench(None)
     assert with_structure(typical(), bench).elements is None

@@ -5,25 +5,19 @@ from __future__ import annotations
 import json
 import math
 import os
-from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
-from daq.sessions import Session
 from dbc.errors import InputError
-from identify import Identification
-from identify.study.fleet import FleetCase
-from identify.trust.finding import Judgement
 from tui.cli import run
 from tui.jobs import executors
 from tui.jobs.executors import map_items
-from tui.jobs.fleet import identified_car
 
 QUICK = ["fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9"]
-ALL = ["table2", "table3", *QUICK, "noise", "fleet"]
+ALL = ["table2", "table3", *QUICK, "noise"]
 
 
 def _silent(done: float, text: str = "") -> None:
@@ -157,44 +151,3 @@ def test_a_figure_that_cannot_be_written(
     folder.mkdir()
     assert run(["study", "fig2", "--figure", str(folder)]) == 2
     assert "is a directory" in capsys.readouterr().err
-
-
-def _made_up(work: object, items: range, *_: object) -> list[FleetCase]:
-    assert isinstance(work, partial)
-    return [
-        FleetCase(f"{n} {work.args}", "ok", 1.0, 2.0, "k_sf", 13, 13, 9.0, ("bars",), ())
-        for n in items
-    ]
-
-
-def test_a_fleet_is_as_asked(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(executors, "map_items", _made_up)
-    asked = ["study", "fleet", "--cars", "3", "--seed", "7", "--facts", "--sensors", "imu+hubs"]
-    assert run([*asked, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert [row["car"] for row in document["rows"]] == [f"{n} (7, True, False)" for n in range(3)]
-    assert document["summary"]["usable"] == 1.0
-    assert document["title"] == "3 plausible cars, imu+hubs sensors, scales and tape measure"
-    assert run(["study", "fleet"]) == 0
-    table = capsys.readouterr().out
-    assert "20 plausible cars, all sensors, added mass" in table
-    assert "100 % of 20 cars end ok or doubtful" in table
-    assert "19 (1, False, True)" in table
-
-
-def test_a_car_of_the_fleet_is_simulated_and_identified(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The linear answer is at hand: an identification that finds nothing is refused."""
-    seen: list[int] = []
-
-    def refuse(session: Session) -> Identification:
-        seen.append(len(session.runs))
-        return Identification(Judgement((), math.nan), session.provenance)
-
-    monkeypatch.setattr("identify.identify", refuse)
-    case = identified_car(1, False, True, 3)
-    assert case.name == "3 formula"
-    assert seen == [7]
-    assert {"friction", "damper_curve"} <= set(case.there)
-    assert (case.judged, case.worst) == (0, "")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import CarName, JsonResult, Seed
+from ..options import JsonResult, Seed
 
 if TYPE_CHECKING:
     from threading import Event
@@ -29,7 +29,6 @@ def demo(
         "bumpbench-demo"
     ),
     seed: Seed = 1,
-    car: CarName = "granada",
     json: JsonResult = False,
 ) -> int:
     """Bump a simulated car, record it on a virtual bus, identify it and compare with the truth."""
@@ -40,11 +39,11 @@ def demo(
 
     import identify as method
     from daq import bench_codec, file_sha256, load_bench, open_source
-    from daq.bench import Origin, on_bus, parse_bench, with_vehicle
+    from daq.bench import Origin, on_bus
     from daq.bus import open_bus
     from daq.control import Phase, lone_recorder
     from daq.replay import play
-    from daq.sim import GRANADA, campaign_frames, named_car, present_parameters
+    from daq.sim import SimulatedCar, campaign_frames, present_parameters
 
     from ..output import print_json, print_line, progress
     from ..recorders.daemon import Lifetime
@@ -58,14 +57,9 @@ def demo(
     )
     from ..result import print_identification
 
-    chosen = named_car(car)
-    described = load_bench(None)
-    if car != GRANADA:
-        text = with_vehicle(described.text, chosen.title, described.vehicle.structure)
-        described = parse_bench(text, "bench.toml (shipped)", Path())
-    bench = on_bus(described, "virtual", f"bumpbench-demo-{os.getpid()}")
+    bench = on_bus(load_bench(None), "virtual", f"bumpbench-demo-{os.getpid()}")
     bench = replace(bench, origin=Origin.SIMULATED)
-    simulated = chosen.simulated()
+    simulated = SimulatedCar()
     armed, stop = threading.Event(), threading.Event()
     latest: list[Status] = []
 

@@ -26,13 +26,6 @@ def plan(
     session: Annotated[
         Path | None, typer.Option("--from", help="Session that describes the expected vehicle.")
     ] = None,
-    car: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Expect a car of `bumpbench demo --car`, with its friction and damper curves.",
-        ),
-    ] = "",
     bump_mm: Annotated[
         float | None,
         typer.Option(
@@ -55,13 +48,11 @@ def plan(
     from identify.plan import KnownRuns, advise, compare_campaigns
 
     from ..bench import named_once
-    from ..jobs.expected_car import named_one, of_session, typical, with_structure
+    from ..jobs.expected_car import of_session, typical, with_structure
     from ..jobs.planning import planned
     from ..output import print_json, progress
 
     bench = named_once(bench, old, "bench.toml")
-    if car and session:
-        raise daq.InputError("--car", "goes without --from", "name a car or a session")
     with progress("plan") as stage:
         stage(0.05, "reading")
         held = None if session is None else daq.read_foreign_samples(session)
@@ -70,7 +61,7 @@ def plan(
         if session is not None and held is not None:
             expected = of_session(session, held)
         else:
-            expected = named_one(car) if car else typical()
+            expected = typical()
         expected = with_structure(expected, described)
         high_m = described.procedure.bump_height_m if bump_mm is None else bump_mm * 1e-3
         campaign = planned(described, expected.vehicle, rate, high_m, expected.elements)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..options import BenchFile, CarName, Fast, Interface, InterfaceChannel, Seed
+from ..options import BenchFile, Fast, Interface, InterfaceChannel, Seed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -40,7 +40,6 @@ def simulate(
             max=600,
         ),
     ] = None,
-    car: CarName = "granada",
     json: Annotated[bool, typer.Option("--json", help="Print the truth as JSON.")] = False,
 ) -> None:
     """Play a campaign of the simulated car, each sensor on its bus, in real time.
@@ -48,7 +47,7 @@ def simulate(
     With --recorder the car waits for the recorder of that folder; else it plays each bump once.
     """
     from daq import InputError
-    from daq.sim import named_car, present_parameters
+    from daq.sim import SimulatedCar, present_parameters
     from dbc import counted
     from identify.report import number
 
@@ -60,7 +59,7 @@ def simulate(
     if recorder is not None and fast:
         raise InputError("--recorder", "waits for a recorder, in real time", "leave out --fast")
     # On a busy host the frames of a bump arrive late, and the rest after it must still be recorded.
-    simulated = named_car(car).simulated(tail_s=3.5)
+    simulated = SimulatedCar(tail_s=3.5)
     described = shared_bench(bench, interface, channel)
     if push is not None:
         _push(described, simulated, seed, push)

@@ -1,4 +1,4 @@
-"""Returns the car that a plan expects: a named one, that of a session, or a typical one."""
+"""Returns the car that a plan expects: that of a session, or a typical one."""
 
 from __future__ import annotations
 
@@ -28,24 +28,6 @@ class ExpectedCar:
     """Friction, damper curves and further elements; None for a linear car."""
     whose: str
     """Source of the parameters, in words."""
-
-
-def named_one(name: str) -> ExpectedCar:
-    """Return a car of `daq.sim` by its name.
-
-    Raises InputError if there is no such car.
-    """
-    from daq.sim import named_car, true_elements, true_parameters
-    from identify.plan import ExpectedElements, full_vector
-
-    car = named_car(name)
-    simulated = car.simulated()
-    truth = true_elements(simulated)
-    vehicle = full_vector(true_parameters(simulated))
-    if not set(truth.groups) - _LINEAR:
-        return ExpectedCar(vehicle, None, car.title)
-    elements = ExpectedElements(truth.groups, truth.values, truth.curves)
-    return ExpectedCar(vehicle, elements, car.title)
 
 
 def of_session(path: Path, held: Session) -> ExpectedCar:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from daq.runs import ADDED, BASELINE, Excitation
-from daq.sim.campaign import Plan, PlannedBump, Simulated, simulate
 from daq.sim.car import SimulatedCar, Spread
 from daq.sim.imperfections import Friction, Imperfections
-from daq.sim.instruments import HUBS, IMU, MESSAGES, Fitting, channels
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState
+from tests.simulated.campaign import Plan, PlannedBump, Simulated, simulate
+from tests.simulated.instruments import HUBS, IMU, MESSAGES, Fitting, channels
 
 SILENT = Spread(0.0, 0.0, 0.0, 0.0, 0.0)
 WEIGHTS = AddedMass(

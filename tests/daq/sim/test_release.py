@@ -17,12 +17,12 @@ from daq.sim.car import SimulatedCar
 from daq.sim.dampers import Branch, Digressive
 from daq.sim.ecu import rig_of
 from daq.sim.imperfections import Friction, Imperfections
-from daq.sim.instruments import HUBS, IMU, TRAVELS, Fitting, channels
 from daq.sim.load import load_car
 from daq.sim.motion import Kinematics
 from daq.sim.release import Release, dropped, pushed_down
 from daq.sim.reported import present_parameters, true_parameters
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
+from tests.simulated.instruments import HUBS, IMU, TRAVELS, Fitting, channels
 
 Array = NDArray[np.float64]
 PLANT = load_car(FORD_GRANADA, AddedMass())

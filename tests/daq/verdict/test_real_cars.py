@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from daq.bench.campaign import Step
 from daq.bench.config import load_bench
-from daq.sim.cars import named_car
 from daq.verdict import RunMeasure, RunWindow, judge
+from tests.simulated.cars import named_car
 
 from ...flow.coverage import simulated_session
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.sim import fleet_car, true_parameters
+from daq.sim import true_parameters
 from daq.vehicle import Structure
 from identify.decays.decay import Recording
 from identify.decays.onset import decay_start_s
@@ -20,6 +20,7 @@ from identify.nonlinear.run import run_of
 from identify.nonlinear.unknowns import KNOTS
 from identify.pipeline import identify
 from identify.trust.finding import Verdict
+from tests.simulated.fleet import fleet_car
 
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 

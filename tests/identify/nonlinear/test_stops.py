@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from daq.bench.config import default_bench_text, parse_bench
-from daq.sim.cars import named_car
 from identify.pipeline import identify_parameters
+from tests.simulated.cars import named_car
 
 from ...flow.coverage import simulated_session
 

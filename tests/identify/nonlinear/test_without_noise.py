@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.sim import fleet_car
 from daq.sim.car import Spread
 from daq.vehicle import FORD_GRANADA
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
@@ -26,6 +25,7 @@ from identify.nonlinear.problem import Normal, Problem, point
 from identify.nonlinear.run import run_of
 from identify.nonlinear.unknowns import KNOTS
 from identify.pipeline import identify
+from tests.simulated.fleet import fleet_car
 
 from .cars import RICH, bent, model_of, moving
 from .truth import BASELINE, NOISE, Truth, campaign, channels, drive, records

@@ -16,7 +16,6 @@ from dbc.errors import InputError
 from identify.study.campaign import Campaign, box_of, records_of, require_noise
 from identify.study.fig9 import fig9_study
 from identify.study.fir import taps
-from identify.study.fleet import FleetCase, fleet_study
 from identify.study.noise import Outcome, noise_study
 from identify.study.result import CurvePanel, DotPanel
 from identify.study.table2 import table2_study
@@ -143,45 +142,6 @@ def test_the_filtered_decay_begins_when_the_filter_has_left_the_bump() -> None:
     expected = 10.0 * np.log10(np.mean(signal**2) / np.mean(noise**2))
     rows, _ = fig9()
     assert rows["z_uA"][4] == pytest.approx(expected, abs=1e-6)
-
-
-def case(name: str, verdict: str, worst: float, covered: int, cpu_s: float) -> FleetCase:
-    return FleetCase(
-        name, verdict, 1.02, worst, "k_sf", covered, 13, cpu_s, ("friction", "bump_stops"),
-        ("friction", "damper_mounts"), ("friction", "bump_stops"),
-    )  # fmt: skip
-
-
-def test_a_fleet_has_a_row_for_each_car_and_remarks_on_all() -> None:
-    cases = [
-        case("1 city", "ok", 2.0, 13, 10.0),
-        case("2 van", "ok", 6.0, 12, 30.0),
-        case("3 van", "doubtful", 4.0, 10, 20.0),
-        case("4 bus", "refused", 50.0, 1, 90.0),
-    ]
-    study = fleet_study("A fleet", cases)
-    assert study.title == "A fleet"
-    assert study.panels == ()
-    assert study.rows[1] == (
-        "2 van", "ok", 1.02, 6.0, "k_sf", 12.0, 13.0, 30.0, "friction, damper_mounts", "bump_stops",
-        "damper_mounts",
-    )  # fmt: skip
-    assert [(c.key, c.heading, c.form) for c in study.columns[2:5]] == [
-        ("chi2_per_n", "chi2/n", ".3f"), ("worst_percent", "worst %", ".2f"),
-        ("worst", "of", "+z.2f"),
-    ]  # fmt: skip
-    assert study.notes == (
-        "75 % of 4 cars end ok or doubtful, 50 % ok",
-        "of these 33 % have all masses, inertias, stiffnesses and lengths within 3 %, 67 % within "
-        "5 %",
-        "1 car is called ok with an error above 5 %",
-        "95 % intervals hold 96.2 % for ok",
-        "95 % intervals hold 76.9 % for doubtful",
-        "50.0 % of the force elements with an effect above its 95 % interval are named; of the "
-        "named ones 50.0 % are not there",
-        "median 20.0 CPU s for the usable ones",
-        "median 90.0 CPU s for the refused ones",
-    )
 
 
 def test_table_2_draws_the_printed_errors_beside_those_found() -> None:

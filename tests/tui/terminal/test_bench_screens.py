@@ -216,6 +216,10 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
     assert Mark("step check done") in recorder.orders
 
 
+def _asked(recorder: FakeRecorder, times: int) -> bool:
+    return recorder.orders.count(Mark("push FL")) == times
+
+
 async def test_a_push_that_nobody_saw_is_asked_for_again(make_app: Make) -> None:
     recorder = _checked()
     app = make_app(recorder)
@@ -231,7 +235,7 @@ async def test_a_push_that_nobody_saw_is_asked_for_again(make_app: Make) -> None
             lanes = tuple(Lane(name, still, still) for name in names)
             recorder.post(Live(app.lanes.end, BIN_S, lanes))
             await pilot.pause()
-            await until(pilot, lambda n=asked: recorder.orders.count(Mark("push FL")) == n)
+            await until(pilot, partial(_asked, recorder, asked))
         assert "push DOWN at the front LEFT again" in screen_text(app)
         await _push(pilot, recorder, Corner.FRONT_LEFT, 1.0, after_s=25.0)  # a screen that lagged
         await until(pilot, lambda: Mark("push FR") in recorder.orders)

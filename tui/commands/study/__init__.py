@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import typer
 
-from .fleet import fleet
 from .monte_carlo import noise, table3
 from .noise_free import fig2, fig8, fig9, mass_error_command, table2
 
@@ -27,4 +26,3 @@ for figure, quantity in (
 study.command()(fig8)
 study.command()(fig9)
 study.command()(noise)
-study.command()(fleet)

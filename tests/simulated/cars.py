@@ -11,11 +11,11 @@ from importlib.resources import files
 from math import inf
 from typing import Any
 
-from ..errors import InputError
-from ..vehicle import FORD_GRANADA, VehicleParameters
-from .car import SimulatedCar
-from .dampers import Branch, DamperCurve, Digressive, Straight, Table, scaled, secant_ns_m
-from .imperfections import ALIKE, NONE, Friction, Imperfections, PerAxle
+from daq.errors import InputError
+from daq.sim.car import SimulatedCar
+from daq.sim.dampers import Branch, DamperCurve, Digressive, Straight, Table, scaled, secant_ns_m
+from daq.sim.imperfections import ALIKE, NONE, Friction, Imperfections, PerAxle
+from daq.vehicle import FORD_GRANADA, VehicleParameters
 
 GRANADA = "granada"
 """The paper's car: linear, without imperfections."""

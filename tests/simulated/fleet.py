@@ -16,15 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from ..vehicle import AddedMass, VehicleParameters
+from daq.sim.car import SimulatedCar
+from daq.sim.dampers import Branch, Digressive, Table, damper_law, scaled, secant_ns_m
+from daq.sim.imperfections import Friction, Imperfections, PerAxle, PerCorner, half_differences
+from daq.sim.load import load_car
+from daq.sim.masses import GRAVITY_M_S2
+from daq.vehicle import AddedMass, VehicleParameters
+
 from .campaign import Plan, Simulated, simulate
-from .car import SimulatedCar
-from .dampers import Branch, Digressive, Table, damper_law, scaled, secant_ns_m
 from .fleet_bench import facts_of, fitted_plan, spread
-from .imperfections import Friction, Imperfections, PerAxle, PerCorner, half_differences
 from .instruments import HUBS, IMU, MESSAGES
-from .load import load_car
-from .masses import GRAVITY_M_S2
 from .nonlinear_truth import nonlinear_sizes, with_axles
 
 Facts = Mapping[str, Any]

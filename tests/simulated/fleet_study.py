@@ -1,22 +1,25 @@
-"""Measures how well a fleet of different cars is identified: one row for each car, and fractions.
+"""Measures how well a fleet of cars is identified.  `python -m tests.simulated.fleet_study 20`.
 
 The true properties of each car come from a simulator that is independent of the method.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite, nan
+from math import inf, nan
+from time import process_time
 
 import numpy as np
 
-from dbc.words import counted
+import identify
+from daq.sim.reported import true_parameters
+from identify.identification import Identification
+from identify.nonlinear.forces import Forces
+from identify.trust.finding import Verdict
 
-from ..identification import Identification
-from ..nonlinear.forces import Forces
-from ..trust.finding import Verdict
-from .result import Column, Study
+from .fleet import elements, fleet_car
 
 JUDGED = (
     "m_s", "I_yy", "I_xx", "m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "a", "b", "t_f", "t_r",
@@ -76,7 +79,7 @@ def fleet_case(
     """Compare an identification with its true car.
 
     `truth`: its true parameters.  `there`: its force elements with their true sizes
-    (`daq.sim.fleet.elements`).  `cpu_s`: processor time of the identification, s.
+    (`tests.simulated.fleet.elements`).  `cpu_s`: processor time of the identification, s.
     """
     found = {p: result.parameters[p] for p in JUDGED if p in result.parameters}
     errors = {p: 100.0 * abs(e.value / truth[p] - 1.0) for p, e in found.items()}
@@ -122,40 +125,6 @@ def _expected(forces: Forces | None, there: Mapping[str, Mapping[str, float]]) -
     )
 
 
-def fleet_study(title: str, cases: Sequence[FleetCase]) -> Study:
-    """Return the table of the cars of a fleet, with remarks on all of them."""
-    columns = (
-        Column("car", "car"),
-        Column("verdict", "verdict"),
-        Column("chi2_per_n", "chi2/n", ".3f"),
-        Column("worst_percent", "worst %", ".2f"),
-        Column("worst", "of"),
-        Column("covered", "covered", ".0f"),
-        Column("judged", "of", ".0f"),
-        Column("cpu_s", "CPU s", ".1f"),
-        Column("named", "named"),
-        Column("missed", "missed"),
-        Column("false", "false"),
-    )
-    rows = tuple(
-        (
-            case.name,
-            case.verdict,
-            case.chi2_per_n,
-            case.worst_percent,
-            case.worst,
-            float(case.covered),
-            float(case.judged),
-            case.cpu_s,
-            ", ".join(case.named),
-            ", ".join(case.missed),
-            ", ".join(case.false),
-        )
-        for case in cases
-    )
-    return Study(title, columns, rows, tuple(_notes(cases)), ())
-
-
 def fractions(cases: Sequence[FleetCase]) -> dict[str, float]:
     """Return the fractions by which the fleet is judged; NaN where the denominator is zero.
 
@@ -198,28 +167,17 @@ def _median(values: Sequence[float]) -> float:
     return float(np.median(values)) if values else nan
 
 
-def _notes(cases: Sequence[FleetCase]) -> list[str]:
-    of = fractions(cases)
-    end = counted(len(cases), "car ends", "cars end")
-    lines = [f"{100 * of['usable']:.0f} % of {end} ok or doubtful, {100 * of['ok']:.0f} % ok"]
-    if isfinite(of["good"]):
-        lines.append(
-            f"of these {100 * of['good']:.0f} % have all masses, inertias, stiffnesses and lengths"
-            f" within {GOOD_PERCENT:g} %, {100 * of['fair']:.0f} % within {FAIR_PERCENT:g} %"
-        )
-    wrong = counted(round(of["false_ok"]), "car is", "cars are")
-    lines.append(f"{wrong} called ok with an error above {FAIR_PERCENT:g} %")
-    for verdict in (Verdict.OK, Verdict.DOUBTFUL):
-        held = of[f"coverage_{verdict.value}"]
-        if isfinite(held):
-            lines.append(f"95 % intervals hold {100 * held:.1f} % for {verdict.value}")
-    if isfinite(of["elements_named"]):
-        lines.append(
-            f"{100 * of['elements_named']:.1f} % of the force elements with an effect above its"
-            f" 95 % interval are named; of the named ones {100 * of['elements_false']:.1f} % are"
-            " not there"
-        )
-    for name, whose in (("median_cpu_s", "usable"), ("median_refused_cpu_s", "refused")):
-        if isfinite(of[name]):
-            lines.append(f"median {of[name]:.1f} CPU s for the {whose} ones")
-    return lines
+def identified_car(number: int, seed: int, facts: bool = False, travels: bool = True) -> FleetCase:
+    """Simulate a car of a fleet, identify it, and compare; arguments of `fleet_car`."""
+    drawn = fleet_car(number, seed, facts, travels)
+    simulated = drawn.simulate()
+    began = process_time()
+    result = identify.identify(simulated.session)
+    cpu_s = process_time() - began
+    truth, there = true_parameters(drawn.car), elements(drawn, simulated)
+    return fleet_case(f"{number} {drawn.kind}", result, truth, there, cpu_s)
+
+
+if __name__ == "__main__":
+    study = [identified_car(number, 1) for number in range(int(sys.argv[1]))]
+    sys.stdout.write("\n".join(map(str, [*study, fractions(study)])) + "\n")

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from ..channels import Channel, Quantity
-from ..vehicle import Corner
+from daq.channels import Channel, Quantity
+from daq.vehicle import Corner
 
 IMU = "IMU"
 """The message of the inertial unit: acceleration of a body point, roll and pitch rate."""

@@ -15,18 +15,18 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..channels import Channel
-from ..runs import BASELINE, Excitation, Run, RunStatus, SampleGroup
-from ..sessions import Session
-from ..signal_names import message_of
-from ..vehicle import MassState, Vehicle
-from .car import SensorTruth, SimulatedCar, Truth, draw
-from .excitation import Bump
-from .faults import low_pass
-from .load import load_car
-from .motion import Kinematics, Motion, drive_all, standing
-from .plant import Array, Plant
-from .sensors import Installation, install, measured, true_reading
+from daq.channels import Channel
+from daq.runs import BASELINE, Excitation, Run, RunStatus, SampleGroup
+from daq.sessions import Session
+from daq.signal_names import message_of
+from daq.sim.car import SensorTruth, SimulatedCar, Truth, draw
+from daq.sim.excitation import Bump
+from daq.sim.faults import low_pass
+from daq.sim.load import load_car
+from daq.sim.motion import Kinematics, Motion, drive_all, standing
+from daq.sim.plant import Array, Plant
+from daq.sim.sensors import Installation, install, measured, true_reading
+from daq.vehicle import MassState, Vehicle
 
 FINE_S = 1e-4
 """Time step, s, at which a run is read before the sensors sample it: that of the simulation."""

@@ -8,9 +8,9 @@ from math import isfinite
 
 import numpy as np
 
-from .car import SimulatedCar
-from .dampers import Array, DamperCurve, damper_law
-from .imperfections import Imperfections, PerAxle, half_differences, means
+from daq.sim.car import SimulatedCar
+from daq.sim.dampers import Array, DamperCurve, damper_law
+from daq.sim.imperfections import Imperfections, PerAxle, half_differences, means
 
 _SPEEDS_M_S = np.linspace(-1.0, 1.0, 401)
 

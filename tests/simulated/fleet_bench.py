@@ -9,8 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ..runs import ADDED, BASELINE, Excitation
-from ..vehicle import (
+from daq.runs import ADDED, BASELINE, Excitation
+from daq.sim.balance import contact, static_pose
+from daq.sim.car import NOISE, SimulatedCar, Spread
+from daq.sim.load import load_car
+from daq.sim.masses import GRAVITY_M_S2
+from daq.vehicle import (
     AddedMass,
     BodyWeight,
     Corner,
@@ -20,12 +24,9 @@ from ..vehicle import (
     MassState,
     VehicleParameters,
 )
-from .balance import contact, static_pose
+
 from .campaign import Plan, PlannedBump
-from .car import NOISE, SimulatedCar, Spread
 from .instruments import Fitting, channels
-from .load import load_car
-from .masses import GRAVITY_M_S2
 
 _SCALE_KG, _WHEELBASE_M, _TRACK_M = 0.5, 0.002, 0.004
 """Standard uncertainty of a corner's scales, kg, and of the tape measure along the car and across
