@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from .units import SiUnit as SiUnit
     from .units import to_si as to_si
     from .words import counted as counted
+    from .words import csv_text as csv_text
     from .words import plural as plural
+    from .words import seconds_text as seconds_text
 else:
     __all__, __dir__, __getattr__ = lazy(__name__)

@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 import sys
+from io import TextIOWrapper
 
 _UNSEARCHED = 10_000
 """New objects before Python searches for garbage.  With its own 700 it does so 150 times while the
@@ -14,6 +15,9 @@ def main() -> None:
     """Load the command line and run it; Ctrl-C while it is loaded ends it without a traceback."""
     gc.set_threshold(_UNSEARCHED)
     _open_missing_streams()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # in the console's own encoding, ² may not exist
+            stream.reconfigure(errors="replace")
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:  # not where a shell has it ignored
         signal.signal(signal.SIGINT, signal.SIG_DFL)

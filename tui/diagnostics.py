@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from dbc import BumpbenchError, Codec, InputError
 
 _NAMED = 5
+_LONGEST = 4000
+"""Largest number of characters of a message."""
 _NO_CHOICE = re.compile(r"'([^']*)' is not one of (.*)")
 _CHOICE = re.compile(r"'([^']*)'")
 _NEAR = re.compile(r" \(Possible options: (.*)\)")
@@ -36,7 +38,9 @@ class ExitCode(IntEnum):
 
 def say(text: str) -> None:
     """Write one message line to stderr; stdout is for data."""
-    sys.stderr.write(f"bumpbench: {text}\n")
+    from dbc.errors import printable
+
+    sys.stderr.write(f"bumpbench: {printable(text, _LONGEST)}\n")
 
 
 def say_left_out(codec: Codec) -> None:

@@ -12,6 +12,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 
+import numpy as np
+
 from dbc import Codec
 from dbc.frames import FrameBatch
 from dbc.samples import Decoded
@@ -105,18 +107,30 @@ def build_session(
     mapped = mapped_channels(bench, codec)
     run_log = fold(events)
     check_runs(bench, events, run_log)
-    runs = []
-    for logged in run_log.runs:
-        own = frames.within([bench.trigger.window_ns(logged.t_ns)])
+    runs: dict[int, Run] = {}
+    for number, logged in sorted(enumerate(run_log.runs), key=lambda pair: pair[1].t_ns):
+        window_ns = bench.trigger.window_ns(logged.t_ns)
+        own = frames.within([window_ns])
         measured = measured_run(bench, codec, mapped, logged, own, events, hops)
-        runs.append(decided_run(logged, measured))
+        runs[number] = decided_run(logged, measured)
+        hops = _after(hops, window_ns[1])
     return Session(
         vehicle=bench.vehicle,
         channels=tuple(m.channel for m in mapped),
         mass_states=bench.mass_states,
-        runs=tuple(runs),
+        runs=tuple(runs[number] for number in sorted(runs)),
         provenance=provenance,
     )
+
+
+def _after(hops: HopCounts, stop_ns: int) -> HopCounts:
+    """Return the losses without those of the blocks up to a time: two runs may share a block."""
+    if not len(hops.t_ns):
+        return hops
+    last = min(int(np.searchsorted(hops.t_ns, stop_ns)), len(hops.t_ns) - 1)
+    t_ns = hops.t_ns[last:].copy()
+    t_ns[0] = np.iinfo(np.int64).min
+    return HopCounts(t_ns, hops.counts[last:])
 
 
 def check_runs(bench: Bench, events: Sequence[Event], run_log: RunLog) -> None:

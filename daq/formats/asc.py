@@ -26,12 +26,29 @@ from .text import (
     decimals,
     integers,
     is_word,
+    possible_times,
     spaced_bytes,
 )
 
 LACKS = "the payload of error frames"
 _BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 _START = re.compile(r"(?:date|begin\s+triggerblock)\s", re.IGNORECASE)
+
+
+_HEAD = re.compile(
+    rb"//|date\s|base\s|(no )?internal events|begin\s+triggerblock|end\s+triggerblock|"
+    rb"start of measurement|previous log file|next log file|comment|pid\b|measurement\s*uuid",
+    re.IGNORECASE,
+)
+"""Beginnings of the lines without a time."""
+_EVENT = re.compile(
+    rb"\d{1,3}\s+(statistic:|j1939tp|overloadframe|tcp|transceiver)|canfd\s+\d+\s+statistic:|"
+    rb"can\s+\d+\s+(status|overload)|start of measurement|(begin|end)\s+triggerblock|"
+    rb"(log|sv|gps|tfs|tfr|comment|global\s?marker|test\w*|diag\w*|trigger|user event)\b|"
+    rb"(li|lin|l|fr|f|most|mst|eth|ethernet|a429|afdx|kl|wlan)\d*\s|\S+\s+:=",
+    re.IGNORECASE,
+)
+"""Lines with a time that are no frame of a CAN bus: statistics, events, variables, other buses."""
 
 
 class AscParser:
@@ -44,38 +61,40 @@ class AscParser:
         self._last_ns = 0
 
     def __call__(self, block: bytes) -> Parsed:
-        """Return the frames of complete lines; events of other kinds are skipped."""
+        """Return the frames of complete lines; events of other known kinds are no frames."""
         lines = cut_lines(block)
         stamp_ns, timed = decimals(lines.text, *lines.token(0, np.arange(len(lines.first))), 9)
         timed &= lines.count > 1
-        starts, header = self._header(lines, np.flatnonzero(~timed))
+        starts, header, unknown = self._header(lines, np.flatnonzero(~timed))
+        possible = timed & possible_times(stamp_ns, starts)
         if self._relative:
-            stamp_ns = self._last_ns + np.cumsum(np.where(timed, stamp_ns, 0))
+            stamp_ns = self._last_ns + np.cumsum(np.where(possible, stamp_ns, 0))
             self._last_ns = int(stamp_ns[-1]) if len(stamp_ns) else self._last_ns
-        t_ns = stamp_ns + starts
+        t_ns = np.where(possible, stamp_ns, 0) + starts
 
-        bad: list[Index] = []
-        batches: list[FrameBatch] = []
-        places: list[Index] = []
-        events = np.flatnonzero(timed)
-        for rows, frames, torn in (
-            _classic(lines, events, t_ns, self._base),
-            _fd(lines, events, t_ns, self._base),
-            _error(lines, events, t_ns),
-        ):
-            bad.append(lines.number[torn])
-            batches.append(frames)
-            places.append(rows)
-        frames = interleaved([batch for batch in batches if len(batch)], places)
-        return Parsed(frames, np.sort(np.concatenate(bad)), header)
+        events = np.flatnonzero(possible)
+        found = [form(lines, events, t_ns, self._base) for form in (_classic, _fd, _error)]
+        frames = interleaved([frames for _, frames in found], [rows for rows, _ in found])
+        others = timed.copy()
+        for rows, _ in found:
+            others[rows] = False
+        for row in np.flatnonzero(others).tolist():
+            if not (possible[row] and _EVENT.match(lines.line(row).split(None, 1)[1])):
+                unknown.append(row)
+        return Parsed(frames, np.sort(lines.number[unknown]), header)
 
-    def _header(self, lines: Lines, rows: Index) -> tuple[NDArray[np.int64], bool]:
-        """Process the lines that are not events; return the start of time for each line."""
+    def _header(self, lines: Lines, rows: Index) -> tuple[NDArray[np.int64], bool, list[int]]:
+        """Process the lines without a time; return the start of time of each line.
+
+        Also returns whether there is a head, and the lines that are not known.
+        """
         start_ns = np.full(len(lines.first), self._start_ns)
-        header = False
+        header, unknown = False, []
         for row in rows.tolist():
             raw = lines.line(row)
-            if raw[:2] == b"//" or raw[:1].lower() not in b"db":
+            if not _HEAD.match(raw):
+                unknown.append(row)
+            if raw[:1].lower() not in b"db":
                 continue
             line = raw.decode("utf-8" if b"\xc3" in raw else "cp1252", "replace")
             if base := _BASE.match(line):
@@ -87,11 +106,11 @@ class AscParser:
                 if (date_ns := asc_date_ns(line)) is not None:
                     self._start_ns, self._last_ns = date_ns, 0
                     start_ns[row:] = date_ns
-        return start_ns, header
+        return start_ns, header, unknown
 
 
-_Found = tuple[Index, FrameBatch, Index]
-"""Rows that are frames of one form, these frames, and rows of incomplete frames."""
+_Found = tuple[Index, FrameBatch]
+"""Rows that are frames of one form, and these frames."""
 
 
 def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found:
@@ -125,7 +144,7 @@ def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _
     flags = flags_of(len(rows), extended=extended, remote=remote, fd=fd, sent=sent)
     good &= whole
     frames = good_frames(good, t_ns[rows], can_id, flags, _bus(bus), length, data)
-    return rows[good], frames, rows[~good]
+    return rows[good], frames
 
 
 def _coded_length(lines: Lines, rows: Index, places: Index, base: int) -> Index:
@@ -190,10 +209,10 @@ def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found
     length, can_id = np.where(remote, asked, size), np.where(error, 0, can_id)
     good &= whole
     frames = good_frames(good, t_ns[rows], can_id, flags, _bus(bus), length, data)
-    return rows[good], frames, rows[~good]
+    return rows[good], frames
 
 
-def _error(lines: Lines, rows: Index, t_ns: NDArray[np.int64]) -> _Found:
+def _error(lines: Lines, rows: Index, t_ns: NDArray[np.int64], _: int) -> _Found:
     """Return the error frames of the short form, which have no payload."""
     rows = rows[lines.count[rows] >= 3]
     bus, is_bus = integers(lines.text, *lines.token(1, rows), 10, longest=3)
@@ -203,7 +222,7 @@ def _error(lines: Lines, rows: Index, t_ns: NDArray[np.int64]) -> _Found:
     flags, nothing = flags_of(n, error=True), np.zeros(n, np.int64)
     data, good = np.zeros((n, 8), np.uint8), np.ones(n, bool)
     frames = good_frames(good, t_ns[rows], nothing, flags, _bus(bus), nothing, data)
-    return rows, frames, rows[:0]
+    return rows, frames
 
 
 def _identifiers(

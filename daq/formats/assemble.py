@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import counted
 
-from .losses import Ledger
+from .source import Ledger
 
 Marks = NDArray[np.bool_] | bool
 
@@ -20,11 +20,6 @@ def records_at(text: NDArray[np.uint8], at: NDArray[Any], layout: np.dtype[Any])
     """Return the numbers or structures of a NumPy type that begin at positions, (n,)."""
     raw = text[at[:, None] + np.arange(layout.itemsize)]
     return np.ascontiguousarray(raw).view(layout).reshape(len(at))
-
-
-def numbers_at(text: NDArray[np.uint8], at: NDArray[Any], kind: str) -> NDArray[np.int64]:
-    """Return the integers that begin at positions, (n,); `kind`: NumPy's word, such as ``<u4``."""
-    return records_at(text, at, np.dtype(kind)).astype(np.int64)
 
 
 def possible_ids(can_id: NDArray[np.int64], long: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -85,8 +80,9 @@ def flags_of(
 
 def interleaved(batches: Sequence[FrameBatch], places: Sequence[NDArray[Any]]) -> FrameBatch:
     """Return the frames of several batches in the order of their places in the log."""
-    joined = FrameBatch.concatenate(batches)
-    if len(batches) < 2:
+    held = [batch for batch in batches if len(batch)]
+    joined = FrameBatch.concatenate(held)
+    if len(held) < 2:
         return joined
     return joined.select(np.argsort(np.concatenate(places), kind="stable"))
 

@@ -11,8 +11,7 @@ from dbc.errors import InputError
 from dbc.frames import FrameBatch
 
 from .blf_objects import MAX_OBJECT_BYTES, find_objects, frames_of
-from .losses import Ledger
-from .unpacked import Readable
+from .source import Ledger, Readable
 
 LACKS = "the direction of error frames"
 BLOCK_BYTES = 1 << 19

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import counted
 
-from .assemble import count_impossible_ids, flags_of, good_frames, records_at
-from .losses import Ledger
-from .text import Index, Mask
+from .assemble import count_impossible_ids, flags_of, good_frames, interleaved, records_at
+from .source import Ledger
+from .text import LATEST_NS, LONGEST_NS, Index, Mask
 
 MAX_OBJECT_BYTES = 1 << 24
 HEADER = np.dtype(
@@ -24,7 +24,6 @@ HEADER = np.dtype(
 _GAP = 8
 """Limit of the padding after an object, bytes: it is shorter."""
 _TEN_US = 1
-_ONE_DAY_NS = 86_400 * 10**9
 
 
 def _layout(size: int, **fields: tuple[str, int]) -> np.dtype[np.void]:
@@ -60,6 +59,8 @@ _FD_64 = _layout(
     direction=("u1", 34),
     extra=("u1", 35),
 )
+_LOST_EVENTS = 126
+_LOST = _layout(16, count=("<u4", 12))
 _FD_ERROR_64 = _layout(4, bus=("u1", 0))
 
 
@@ -124,7 +125,7 @@ def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBat
     body = at + np.where(head["version"] == 2, 40, 32)
     room = at + head["size"] - body
     unit = np.where(head["flags"] == _TEN_US, 10_000, 1)
-    sane = head["stamp"] <= (36_500 * _ONE_DAY_NS) // unit
+    sane = head["stamp"] < (LONGEST_NS if start_ns else LATEST_NS) // unit
     t_ns = start_ns + np.where(sane, head["stamp"], 0).astype(np.int64) * unit
     places: list[Index] = []
     batches: list[FrameBatch] = []
@@ -158,10 +159,12 @@ def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBat
             of = f"of type {kinds[0]}"
             many = f"objects {of} are not frames"
             ledger.garbled(torn, counted(torn, f"object {of} is not a frame", many))
-    frames = FrameBatch.concatenate(batches)
-    if len(batches) > 1:
-        frames = frames.select(np.argsort(np.concatenate(places)))
-    return frames
+    lost = np.flatnonzero((head["kind"] == _LOST_EVENTS) & (room >= _LOST.itemsize))
+    for row in lost.tolist():
+        count = int(records_at(text, body[row : row + 1], _LOST)["count"][0])
+        when = np.datetime64(int(t_ns[row]), "ns")
+        ledger.dropped(count, f"the log states {counted(count, 'lost event')} at {when}Z")
+    return interleaved(batches, places)
 
 
 _Fields = tuple[NDArray[np.int64], NDArray[np.uint16], Index, Index, int]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .assemble import flags_of, good_frames, possible_ids
-from .text import Index, Lines, Mask, Parsed, cut_lines, decimals, integers
+from .text import Index, Lines, Mask, Parsed, cut_lines, decimals, integers, possible_times
 
 LACKS = "CAN FD (with its bits BRS and ESI), bus and direction"
 _HEADER = b"timestamp,arbitration_id,"
@@ -59,7 +59,7 @@ def _stamps(lines: Lines, rows: Index) -> tuple[NDArray[np.int64], Mask]:
             good[row] = True
         except (ValueError, OverflowError):
             continue
-    return t_ns, good
+    return t_ns, good & possible_times(t_ns)
 
 
 def _base64(lines: Lines, rows: Index, size: Index) -> tuple[NDArray[np.uint8], Mask]:

@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from .assemble import flags_of, good_frames
-from .text import Index, Lines, Mask, Parsed, character, cut_lines, decimals, integers, packed_bytes
+from .text import (
+    Index,
+    Lines,
+    Mask,
+    Parsed,
+    character,
+    cut_lines,
+    decimals,
+    integers,
+    packed_bytes,
+    possible_times,
+)
 
 LACKS = ""
 _ERROR_BIT = 0x2000_0000
 _BRS, _ESI = 1, 2
+_DROPPED = re.compile(rb"DROPCOUNT: dropped (\d{1,9}) CAN frames?")
+"""Line of candump, which states frames that its socket lost."""
 
 
 def parse_candump(block: bytes) -> Parsed:
@@ -19,10 +34,11 @@ def parse_candump(block: bytes) -> Parsed:
     stamp, stamp_end = lines.token(0, rows)
     t_ns, good = decimals(lines.text, stamp + 1, stamp_end - 1, 9)
     good &= (lines.text[stamp] == ord("(")) & (lines.text[stamp_end - 1] == ord(")"))
+    good &= possible_times(t_ns)
 
     start, end = lines.token(2, rows)
-    hash_at = _hash_at(lines, start, end)
-    can_id, extended, error, has_id = identifiers(lines, start, hash_at)
+    hash_at = _position_of_hash(lines, start, end)
+    can_id, extended, error, has_id = _identifiers(lines, start, hash_at)
     good &= has_id
 
     after = character(lines, hash_at + 1)
@@ -50,14 +66,17 @@ def parse_candump(block: bytes) -> Parsed:
         error_state=fd & (bits & _ESI != 0),
         sent=_transmitted(lines, rows),
     )
-    bus = bus_numbers(lines, *lines.token(1, rows))
+    bus = _bus_numbers(lines, *lines.token(1, rows))
     frames = good_frames(good, t_ns, can_id, flags, bus, length, data)
-    bad = np.concatenate([lines.number[lines.count < 3], lines.number[rows[~good]]])
-    return Parsed(frames, np.sort(bad))
+    others = np.sort(np.concatenate([np.flatnonzero(lines.count < 3), rows[~good]]))
+    stated = {row: _DROPPED.search(lines.line(row)) for row in others.tolist()}
+    bad = [row for row, match in stated.items() if match is None]
+    dropped = [(int(lines.number[row]), int(m[1])) for row, m in stated.items() if m is not None]
+    return Parsed(frames, lines.number[bad], dropped=tuple(dropped))
 
 
-def _hash_at(lines: Lines, start: Index, end: Index) -> Index:
-    """Return the end of the identifier; `end` if no # follows it."""
+def _position_of_hash(lines: Lines, start: Index, end: Index) -> Index:
+    """Return the position of the # after each identifier; `end` if there is none."""
     at = end.copy()
     for place in range(8, 0, -1):
         at = np.where(lines.text[start + place] == ord("#"), start + place, at)
@@ -69,7 +88,7 @@ def _transmitted(lines: Lines, rows: Index) -> Mask:
     return np.asarray((lines.count[rows] > 3) & (character(lines, last) == ord("t")))
 
 
-def identifiers(lines: Lines, start: Index, end: Index) -> tuple[Index, Mask, Mask, Mask]:
+def _identifiers(lines: Lines, start: Index, end: Index) -> tuple[Index, Mask, Mask, Mask]:
     """Return identifiers, masks of extended and error frames, and a mask of valid identifiers."""
     word, good = integers(lines.text, start, end, 16, longest=8)
     error = word & _ERROR_BIT != 0
@@ -79,7 +98,7 @@ def identifiers(lines: Lines, start: Index, end: Index) -> tuple[Index, Mask, Ma
     return word & (_ERROR_BIT - 1), extended, error, good
 
 
-def bus_numbers(lines: Lines, start: Index, end: Index) -> Index:
+def _bus_numbers(lines: Lines, start: Index, end: Index) -> Index:
     """Return the number at the end of an interface's name: 1 for vcan1, 0 if there is none."""
     bus = np.zeros(len(start), np.int64)
     for digits in (1, 2, 3):

@@ -3,26 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from dbc.frames import FrameBatch
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch, FrameFlag, read_only
+from dbc.words import counted, plural
 
 from ..bench.origin import Origin
 from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.reader import JournalReader
-from . import blf, capture, mf4_log, ros2_mcap
-from .detect import BLF, JOURNAL, MF4, PCAP, ROS2, LogFormat, detect
-from .losses import Ledger, LogLoss
+from . import blf, mf4
+from .detect import BLF, JOURNAL, MF4, LogFormat, detect
+from .source import Ledger, LogLoss, Unpacked
 from .text import LastLine, read_lines
-from .unpacked import Unpacked, on_disk
+
+RESTART_NS = 1_000_000_000
+"""Time, ns, by which stamps go back where a clock began anew, and not where a frame came late."""
+PAUSE_NS = 10_000_000_000
+"""Time, ns, that is put between two parts of a log whose clocks have nothing to do with each
+other: enough for the trigger to wait for rest again."""
+MOST_PARTS = 50
+"""Largest number of parts: two clocks whose frames are mixed are no parts."""
+_ALIKE = 50
+"""Number of frames by which a log is recognised that is stored twice."""
 
 
 class Log:
     """A log to be iterated once, block by block; memory does not grow with its length.
 
-    Iterating raises InputError if the file is found not to be a log of its format; damaged or
-    missing parts of a log are skipped and counted.
+    Frames come in the order of the file.  Where its times begin again, as in two logs one after
+    the other, what follows is a later part: its stamps are moved behind the part before it, and
+    `remarks` says so.  Iterating raises InputError if the file is found not to be a log of its
+    format; damaged or missing parts of a log are skipped and counted.
 
     `paths`: one file; of a journal, all its segments.  `form`: the format; detected if it is not
     given.  Raises InputError if a file is missing, empty or of no known format.
@@ -33,11 +49,17 @@ class Log:
         self.format = form or detect(paths[0])
         self.frames = 0
         """Number of frames returned so far."""
+        self.remarks: list[str] = []
+        """What was put right in the times so far."""
         self._bytes = sum(path.stat().st_size for path in paths)
         self._position: Callable[[], int] = int
         self._ledger = Ledger()
         self._hops = HopLosses()
         self._journal = JournalReader(self.paths) if self.format is JOURNAL else None
+        self._first: FrameBatch | None = None
+        self._latest_ns: int | None = None
+        self._shift_ns = 0
+        self._twice = 0
 
     @property
     def name(self) -> str:
@@ -66,13 +88,14 @@ class Log:
         if self._journal is None:
             return self._ledger.loss
         lost = self._journal.lost
-        return LogLoss(lost.blocks_corrupt + lost.blocks_missing, lost.bytes_cut, lost.notes)
+        return LogLoss(lost.blocks_corrupt + lost.blocks_missing, lost.bytes_cut, notes=lost.notes)
 
     @property
     def hops(self) -> HopLosses:
         """Losses before the log was written, as stated in it, and unreadable parts of it."""
         if self._journal is None:
-            return HopLosses(bus_garbled=self._ledger.loss.garbled)
+            lost = self._ledger.loss
+            return HopLosses(bus_dropped=lost.dropped, bus_garbled=lost.garbled)
         return self._hops
 
     @property
@@ -83,44 +106,119 @@ class Log:
     def __iter__(self) -> Iterator[FrameBatch]:
         try:
             for batch in self._batches():
-                if len(batch):
-                    self.frames += len(batch)
-                    yield batch
+                ordered = batch if self._journal is not None else self._in_order(batch)
+                if len(ordered):
+                    self.frames += len(ordered)
+                    yield ordered
         except OSError as error:
             what = f"cannot be read: {error.strerror or error}"
             raise InputError(self.name, what, "check the disk") from error
         if not self.frames:
             what = f"holds no frame ({self.format.name}); {self.loss.text}".removesuffix("; ")
             raise InputError(self.name, what, "check that it is the right log")
+        if self._twice:
+            are = counted(self._twice, "frame is", "frames are")
+            self.remarks.append(f"{are} stored twice, and taken once")
 
     def _batches(self) -> Iterator[FrameBatch]:
         if self._journal is not None:
             for block in self._journal:
                 self._hops = block.losses
                 yield block.frames
-        elif self.format is MF4:
-            with on_disk(self.paths[0], self._ledger) as path, path.open("rb") as file:
-                self._position = file.tell
-                yield from mf4_log.read_mf4(file, self.name, self._ledger)
-                self._position = lambda: self._bytes
-        else:
-            with self.paths[0].open("rb") as file:
-                self._position = file.tell
-                yield from self._forwards(Unpacked(file, self._ledger))
-                self._position = lambda: self._bytes
+            return
+        with self.paths[0].open("rb") as file:
+            self._position = file.tell
+            unpacked = Unpacked(file, self._ledger)
+            if self.format is MF4:
+                yield from mf4.read_mf4(file, unpacked, self.name, self._ledger)
+            elif self.format is BLF:
+                size = None if unpacked.packed else self._bytes
+                yield from blf.read_blf(unpacked, self.name, size, self._ledger)
+            else:
+                assert self.format.parser is not None
+                last = LastLine(self.format.states_length, self.format.spaced)
+                parser = self.format.parser()
+                yield from read_lines(unpacked, self.name, parser, self._ledger, last)
+            self._position = lambda: self._bytes
 
-    def _forwards(self, file: Unpacked) -> Iterator[FrameBatch]:
-        """Read a format that can be read forwards only."""
-        if self.format is BLF:
-            size = None if file.packed else self._bytes
-            return blf.read_blf(file, self.name, size, self._ledger)
-        if self.format is PCAP:
-            return capture.read_capture(file, self.name, self._ledger)
-        if self.format is ROS2:
-            return ros2_mcap.read_ros2(file, self.name, self._ledger)
-        assert self.format.parser is not None
-        last = LastLine(self.format.states_length, self.format.spaced)
-        return read_lines(file, self.name, self.format.parser(), self._ledger, last)
+    def _in_order(self, batch: FrameBatch) -> FrameBatch:
+        """Return a block with each part of the log after the one before it."""
+        if not len(batch):
+            return batch
+        batch = self._once(batch)
+        if self._first is None:
+            self._first, self._latest_ns = batch.select(slice(_ALIKE)), int(batch.t_ns[0])
+        assert self._latest_ns is not None
+        raw_ns = batch.t_ns
+        t_ns = raw_ns + self._shift_ns
+        wrong = np.zeros(len(batch), bool)
+        at = 0
+        while True:
+            before = np.maximum.accumulate(np.concatenate([[self._latest_ns], t_ns[at:]]))
+            back = np.flatnonzero(t_ns[at:] < before[:-1] - RESTART_NS)
+            if not len(back):
+                break
+            place = at + int(back[0])
+            earlier = int(before[max(int(back[0]) - 1, 0)])
+            if place > at and t_ns[place] >= earlier - RESTART_NS:
+                wrong[place - 1] = True  # one stamp was ahead of all others
+                t_ns[place - 1] = earlier
+                continue
+            latest_ns = int(before[int(back[0])])
+            if place + 1 < len(batch) and t_ns[place + 1] >= latest_ns - RESTART_NS:
+                wrong[place] = True  # one stamp is behind all others
+                t_ns[place] = latest_ns
+                continue
+            self._begin_part(batch.select(slice(place, None)), latest_ns, self.frames + place)
+            t_ns[place:] = raw_ns[place:] + self._shift_ns
+            self._latest_ns, at = int(t_ns[place]), place
+        self._latest_ns = int(before[-1])
+        if wrong.any():
+            n = int(wrong.sum())
+            place = self.frames + int(np.flatnonzero(wrong)[0]) + 1
+            what = f"{counted(n, 'time stamp')} out of line with {plural(n, 'its', 'their')}"
+            self._ledger.garbled(n, f"{what} neighbours, the first at frame {place}")
+            return replace(batch, t_ns=read_only(t_ns)).select(np.flatnonzero(~wrong))
+        return replace(batch, t_ns=read_only(t_ns)) if self._shift_ns else batch
+
+    def _begin_part(self, part: FrameBatch, latest_ns: int, frames: int) -> None:
+        """Move the stamps behind those of the part before it, of which so many frames were read.
+
+        Raises InputError if the part is the first one again, or the log has too many.
+        """
+        assert self._first is not None
+        again = part.select(slice(min(len(self._first), len(part))))
+        first = self._first.select(slice(len(again)))
+        if np.array_equal(again.t_ns, first.t_ns) and _same_content(again, first).all():
+            what = f"stores the same frames twice: they begin again after frame {frames}"
+            raise InputError(self.name, what, "cut the log there")
+        old_s, new_s = (latest_ns - self._shift_ns) * 1e-9, int(part.t_ns[0]) * 1e-9
+        went = f"its times go back from {old_s:.3f} to {new_s:.3f} s after frame {frames}"
+        if len(self.remarks) >= MOST_PARTS:
+            what = f"{went}, and {MOST_PARTS} times before"
+            raise InputError(self.name, what, "record with one clock, or cut the log there")
+        self._shift_ns = latest_ns + PAUSE_NS - int(part.t_ns[0])
+        self.remarks.append(
+            f"{went}: the rest is taken as a later part, {self._shift_ns * 1e-9:.3f} s later"
+        )
+
+    def _once(self, batch: FrameBatch) -> FrameBatch:
+        """Return a block without the frames that are the one before again, with its time."""
+        near = np.flatnonzero(batch.t_ns[1:] == batch.t_ns[:-1])
+        if not len(near):
+            return batch
+        one, two = batch.select(near), batch.select(near + 1)
+        same = _same_content(one, two) & (one.flags & FrameFlag.ERROR == 0)
+        self._twice += int(same.sum())
+        return batch.select(np.delete(np.arange(len(batch)), near[same] + 1))
+
+
+def _same_content(one: FrameBatch, two: FrameBatch) -> NDArray[np.bool_]:
+    """Return a mask of the frames that are alike but for their times."""
+    width = min(one.data.shape[1], two.data.shape[1])
+    same = (one.can_id == two.can_id) & (one.bus == two.bus) & (one.flags == two.flags)
+    same &= one.length == two.length
+    return np.asarray(same & (one.data[:, :width] == two.data[:, :width]).all(axis=1))
 
 
 def read_log(path: Path) -> Log:

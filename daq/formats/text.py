@@ -10,15 +10,19 @@ from numpy.typing import NDArray
 
 from dbc.errors import InputError, printable
 from dbc.frames import FrameBatch, FrameFlag
+from dbc.words import counted
 
-from .losses import Ledger
-from .unpacked import Readable
+from .source import Ledger, Readable
 
 BLOCK_BYTES = 1 << 18
 """Number of bytes that are read together: some 5,000 frames, parsed in a few milliseconds."""
 MAX_LINE_BYTES = 1 << 16
 MAX_NUMBER = 18
 """Longest number, digits: more decimal digits do not fit into 64 bits."""
+LATEST_NS = 4_102_444_800 * 10**9
+"""The year 2100, ns since 1970: a later stamp is not in the unit of the format."""
+LONGEST_NS = 10**18
+"""Longest time since the start of a log, ns: 31 years.  A longer one is a date."""
 _PAD = b"\n" * 160
 """Bytes appended to a block, so that reads after the last token find no characters of a token."""
 
@@ -75,6 +79,8 @@ class Parsed:
     """Numbers of the lines in the block that should be frames but cannot be read."""
     header: bool = False
     """True if the block has lines, other than frames, that occur only in this format."""
+    dropped: tuple[tuple[int, int], ...] = ()
+    """Lines that state lost frames: number of the line in the block, number of frames."""
 
 
 Parse = Callable[[bytes], Parsed]
@@ -111,31 +117,45 @@ def integers(
 
 
 def decimals(
-    text: NDArray[np.uint8], start: Index, end: Index, places: int
+    text: NDArray[np.uint8], start: Index, end: Index, places: int, marks: bytes = b"."
 ) -> tuple[NDArray[np.int64], Mask]:
     """Return decimal fractions in units of ``10**-places``, and a mask of valid ones.
 
-    Digits beyond `places` are cut off.
+    `marks`: the decimal marks that are read.  Digits beyond `places` are cut off.
     """
+    negative = text[start] == ord("-")
+    start = start + negative
     width = end - start
     value = np.zeros(len(start), np.int64)
     good = (width > 0) & (width <= MAX_NUMBER + 8)
-    scale = np.full(len(start), -1)  # digits after the point so far; -1 before it
+    scale = np.full(len(start), -1)  # digits after the mark so far; -1 before it
     digits = np.zeros(len(start), np.int64)
     for place in range(int(min(width.max(initial=0), MAX_NUMBER + 8))):
         character = text[start + place]
         digit = _DIGIT[character]
         inside = place < width
-        point = inside & (character == ord(".")) & (scale < 0)
+        mark = inside & np.isin(character, list(marks)) & (scale < 0)
         number = inside & (digit < 10)
-        good &= ~inside | point | number
+        good &= ~inside | mark | number
         taken = number & (scale < places)
         value = np.where(taken, value * 10 + digit, value)
         digits += taken
-        scale = np.where(point, 0, scale + (taken & (scale >= 0)))
+        scale = np.where(mark, 0, scale + (taken & (scale >= 0)))
     missing = places - np.maximum(scale, 0)
     good &= (digits > 0) & (digits + missing <= MAX_NUMBER + 1)
-    return value * 10 ** np.where(good, missing, 0), good
+    value = value * 10 ** np.where(good, missing, 0)
+    good &= value >= 0  # nine digits of ns and ten of s may not fit into 64 bits
+    return np.where(negative, -value, value), good
+
+
+def possible_times(t_ns: NDArray[np.int64], start_ns: NDArray[np.int64] | int = 0) -> Mask:
+    """Return a mask of the stamps that a clock can have.
+
+    `t_ns`: since 1970, or since the start of a log with or without a date.  `start_ns`: that date,
+    0 if there is none.
+    """
+    latest_ns = np.where(np.asarray(start_ns) != 0, LONGEST_NS, LATEST_NS)
+    return np.asarray((t_ns < latest_ns) & (t_ns > -LONGEST_NS))
 
 
 def packed_bytes(
@@ -205,10 +225,25 @@ class LastLine:
         return self.states_length or bool((same & (before.length == frames.length[0])).any())
 
 
+def without_zeros(data: bytes) -> tuple[bytes, int, int]:
+    """Return text without zero bytes and what they cut off; the numbers of bytes and of cut lines.
+
+    A file system may leave zero bytes where a log was written when the power failed.
+    """
+    if b"\0" not in data:
+        return data, 0, 0
+    torn, kept = 0, []
+    for line in data.split(b"\n"):
+        before, zero, after = line.rpartition(b"\0")
+        torn += bool(before.replace(b"\0", b"").strip())
+        kept.append(after if zero else line)
+    return b"\n".join(kept), data.count(0), torn
+
+
 def read_lines(
     file: Readable, where: str, parse: Parse, ledger: Ledger, last: LastLine
 ) -> Iterator[FrameBatch]:
-    """Read a text log block by block.
+    """Read a text log block by block; count each line that is not one of its format.
 
     `file`: at its beginning.  `where`: its name, for messages.  `parse`: parses complete lines,
     block by block.  `last`: judges a last line without an end.  Raises InputError if it is not
@@ -219,8 +254,9 @@ def read_lines(
     while more:
         piece = file.read(BLOCK_BYTES)
         more = bool(piece)
-        whole, newline, tail = (tail + piece).rpartition(b"\n")
-        if len(tail) > MAX_LINE_BYTES or (not known and b"\0" in piece):
+        data, zeros, torn = without_zeros(tail + piece)
+        whole, newline, tail = data.rpartition(b"\n")
+        if len(tail) > MAX_LINE_BYTES:
             raise InputError(where, "is not a text log", "check what it is")
         lines = [(whole + newline, True)] if newline else []
         if tail.strip() and not more:
@@ -231,17 +267,23 @@ def read_lines(
             if not known:
                 raise InputError(where, "begins with no line of a known log", "check what it is")
             if ended or last.whole(block, parsed.frames, recent, parse):
-                _count_bad_lines(parsed, block, before, ledger)
+                _count_lost_lines(parsed, block, before, ledger)
                 recent = parsed.frames
                 yield parsed.frames
-            elif tail.lstrip()[:1] in b"(0123456789":
+            elif len(parsed.frames) or len(parsed.bad):
                 ledger.cut(len(tail), f"line {before + 1} has no end")
             before += block.count(b"\n")
+        if zeros:
+            ledger.cut(zeros, f"{zeros} zero bytes up to line {before + 1}")
+        if torn:
+            ledger.garbled(torn, f"zero bytes cut {counted(torn, 'line')} up to line {before + 1}")
 
 
-def _count_bad_lines(parsed: Parsed, block: bytes, before: int, ledger: Ledger) -> None:
+def _count_lost_lines(parsed: Parsed, block: bytes, before: int, ledger: Ledger) -> None:
     if len(parsed.bad):
         number = int(parsed.bad[0])
         line = block.split(b"\n", number + 1)[number].decode("ascii", "backslashreplace")
         note = f"line {before + number + 1} is not a frame: {printable(line.strip(), 60)!r}"
         ledger.garbled(len(parsed.bad), note)
+    for number, frames in parsed.dropped:
+        ledger.dropped(frames, f"line {before + number + 1} states {counted(frames, 'lost frame')}")

@@ -85,8 +85,8 @@ class TriggerState:
     """Waiting for rest, armed, or in a run."""
     since_ns: int = 0
     """Time at which the phase began, ns; in a run, the time of the bump."""
-    now_ns: int = 0
-    """Latest time stamp so far, ns."""
+    now_ns: int | None = None
+    """Latest time stamp so far, ns; None before the first."""
     channels: Mapping[str, ChannelRest] = field(default_factory=lambda: MappingProxyType({}))
     """The trigger channels received so far."""
 
@@ -124,7 +124,7 @@ def advance(
         return state, ()
     events: list[Event] = []
     latest = max(int(t_ns[-1]) for t_ns, _ in pieces.values())
-    if latest < state.now_ns - round(CLOCK_STEP_S * 1e9):
+    if state.now_ns is not None and latest < state.now_ns - round(CLOCK_STEP_S * 1e9):
         events.append(Event(latest, CLOCK_STEP, (latest - state.now_ns) * 1e-9))
         state = TriggerState()
     if not state.channels:
@@ -147,20 +147,19 @@ def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
     `state`: from `advance`.  Returns no names in the other phases, and none of channels that are
     left out.
     """
-    if state.phase is not TriggerPhase.WAITING:
+    if state.phase is not TriggerPhase.WAITING or state.now_ns is None:
         return ()
-    rest_ns = round(config.rest_s * 1e9)
+    now_ns, rest_ns = state.now_ns, round(config.rest_s * 1e9)
     return tuple(
         name
         for name, channel in state.channels.items()
-        if not channel.given_up
-        and not channel.rested(state.now_ns, channel.quiet_since_ns, rest_ns)
+        if not channel.given_up and not channel.rested(now_ns, channel.quiet_since_ns, rest_ns)
     )
 
 
 def pre_trigger_full(config: TriggerConfig, state: TriggerState, first_ns: int) -> bool:
     """Return True if the samples kept since `first_ns` reach `pre_s` back from the latest one."""
-    return state.now_ns - first_ns >= round(config.pre_s * 1e9)
+    return state.now_ns is not None and state.now_ns - first_ns >= round(config.pre_s * 1e9)
 
 
 def _finite(t_ns: NDArray[np.int64], value: NDArray[np.float64]) -> Column:
@@ -185,7 +184,8 @@ def _advance_slot(
         )
         if onset_ns is not None and not before.given_up:
             onsets.append((onset_ns, name, size))
-    now = max(state.now_ns, *(int(t_ns[-1]) for t_ns, _ in part.values()))
+    now = max(int(t_ns[-1]) for t_ns, _ in part.values())
+    now = now if state.now_ns is None else max(state.now_ns, now)
     state = replace(state, now_ns=now, channels=MappingProxyType(channels))
     if state.phase is TriggerPhase.ARMED and onsets:
         onset_ns, name, size = min(onsets)

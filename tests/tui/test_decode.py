@@ -27,7 +27,9 @@ def _log(path: Path, foreign: int) -> list[can.Message]:
             data = row[: layout.length].tobytes()
             stamp = START_S + i * 0.01
             messages.append(can.Message(stamp, layout.can_id, is_extended_id=False, data=data))
-    messages += [can.Message(START_S, 0x7DF, is_extended_id=False, data=b"x")] * foreign
+    messages += [
+        can.Message(START_S + n, 0x7DF, is_extended_id=False, data=b"x") for n in range(foreign)
+    ]
     messages.sort(key=lambda message: message.timestamp)
     with can.Logger(path) as log:
         for message in messages:

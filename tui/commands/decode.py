@@ -14,12 +14,13 @@ from ..options import Buses, OldBench, Sensors
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from daq.formats import Log
     from dbc import Codec, Decoded, MessageLayout
 
 
 def decode(
     log: Annotated[
-        Path, typer.Argument(help="BLF, ASC, MF4, candump, pcap and others (docs/formats.md).")
+        Path, typer.Argument(help="BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal.")
     ],
     bench: Annotated[
         Path | None, typer.Argument(help="bench.toml: its sensors and buses, instead of --dbc.")
@@ -37,11 +38,14 @@ def decode(
 ) -> int:
     """Decode a log to CSV: time_s, message, signal, value, unit.
 
-    With a bench.toml, bus and sensor come before the message.
+    The bus comes before the message if there is more than one; with a bench.toml, bus and sensor.
     """
     import sys
     from collections import Counter
-    from dataclasses import asdict
+    from dataclasses import asdict, replace
+    from operator import itemgetter
+
+    import numpy as np
 
     from daq import InputError, read_log
     from dbc import counted
@@ -54,24 +58,36 @@ def decode(
     config = named_once(bench, config, "bench.toml")
     if config and dbc:
         raise InputError("--dbc", "and a bench.toml exclude each other", "name one of them")
-    described = _Described.of_bench(config, sensor or [], bus or []) if config else None
-    if described is None and (sensor or bus):
-        raise InputError("--sensor, --bus", "name no bench", "name the bench.toml after the log")
-    codec = described.codec if described else _databases(dbc or [])
-    codec = codec.by_parameter_group() if j1939 else codec
-    say_left_out(codec)
+    if sensor and not config:
+        raise InputError("--sensor", "names no bench", "name the bench.toml after the log")
+    if config:
+        source = _Source.of_bench(config, sensor or [], bus or [])
+    else:
+        source = _Source(_databases(dbc or []), (), _numbers(bus or []), False)
+    if j1939:
+        source = replace(source, codec=source.codec.by_parameter_group())
+    say_left_out(source.codec)
     totals: Counter[str] = Counter()
     samples: Counter[str] = Counter()
-    places = "bus,sensor," if described else ""
+    several = _has_several_buses(read_log(log), source.chosen)
+    places = "bus,sensor," if source.has_sensors else "bus," if several else ""
     header = "" if json else f"time_s,{places}message,signal,value,unit\n"
-    source = read_log(log)
-    for batch in source:
-        decoded = codec.decode(batch.on_buses(described.chosen) if described else batch)
-        totals.update(frames=len(batch), **asdict(decoded.counts))
-        samples.update({name: len(s.value) for name, s in decoded.samples.items()})
-        if not json and decoded.samples:
+    frames = read_log(log)
+    for batch in frames:
+        totals.update(frames=len(batch))
+        wanted = batch.on_buses(source.chosen)
+        rows = []
+        for number in np.unique(wanted.bus).tolist() if several else [None]:
+            part = wanted if number is None else wanted.on_buses(frozenset([number]))
+            decoded = source.codec.decode(part)
+            totals.update(asdict(decoded.counts))
+            samples.update({name: len(s.value) for name, s in decoded.samples.items()})
+            if not json:
+                rows += _rows(source, decoded, number)
+        if rows:
+            rows.sort(key=itemgetter(0))
             sys.stdout.write(header)
-            sys.stdout.writelines(_rows(codec, decoded, described))
+            sys.stdout.writelines([line for _, line in rows])
             header = ""
     if not samples:
         names = ", ".join(map(str, dbc or [])) or config or "the shipped DBC"
@@ -82,21 +98,25 @@ def decode(
     lost = [f"{number} {name}" for name, number in totals.items() if name != "frames" and number]
     if lost:
         say(f"of {counted(totals['frames'], 'frame')} not all were decoded: {', '.join(lost)}")
-    if source.loss.any:
-        say(f"{log} is not whole: {source.loss.text}")
-    return ExitCode.DATA_LOST if source.loss.any else ExitCode.OK
+    for remark in frames.remarks:
+        say(f"{log}: {remark}")
+    if frames.loss.any:
+        say(f"{log} is not whole: {frames.loss.text}")
+    return ExitCode.DATA_LOST if frames.loss.any else ExitCode.OK
 
 
 @dataclass(frozen=True, slots=True)
-class _Described:
-    """A bench as far as decoding needs it."""
+class _Source:
+    """The part of a log that is decoded, and how."""
 
     codec: Codec
     """Messages of the chosen sensors."""
     buses: Sequence[str]
-    """Names of its buses."""
+    """Names of the buses of the bench; none without one."""
     chosen: frozenset[int]
     """Buses whose frames are decoded; empty: all."""
+    has_sensors: bool
+    """True if messages are named by their sensors."""
 
     @classmethod
     def of_bench(cls, path: Path, sensors: Sequence[str], buses: Sequence[str]) -> Self:
@@ -119,13 +139,40 @@ class _Described:
         if not kept:
             raise InputError(str(path), "has no message left", "name other sensors")
         named = [bus.label for bus in bench.buses]
-        return cls(replace(codec, messages=kept), named, numbers)
+        return cls(replace(codec, messages=kept), named, numbers, True)
 
-    def place(self, message: MessageLayout) -> str:
-        """Return the columns bus and sensor of a message, each with its comma."""
-        bus = message.bus if message.bus is not None else 0 if len(self.buses) == 1 else None
-        named = "" if bus is None else self.buses[bus]
-        return f"{_quoted(named)},{message.name.rpartition('.')[0]},"
+    def place(self, message: MessageLayout, number: int | None) -> str:
+        """Return the columns bus and sensor of a message, each with its comma.
+
+        `number`: bus of its frames, None if the log has one.
+        """
+        if not self.has_sensors:
+            return "" if number is None else f"{number},"
+        bus = number if number is not None else message.bus
+        bus = 0 if bus is None and len(self.buses) == 1 else bus
+        named = "" if bus is None else self.buses[bus] if bus < len(self.buses) else str(bus)
+        return f"{_quoted(named)},{_quoted(message.name.rpartition('.')[0])},"
+
+
+def _numbers(buses: Sequence[str]) -> frozenset[int]:
+    """Return the numbers of buses, which count from 0 if no bench names them."""
+    from daq import InputError
+
+    for text in buses:
+        if not text.isdecimal():
+            advice = "write its number, from 0, or name the bench.toml after the log"
+            raise InputError("--bus", f"{text!r} is no number", advice)
+    return frozenset(map(int, buses))
+
+
+def _has_several_buses(log: Log, chosen: frozenset[int]) -> bool:
+    """Return True if frames of more than one of the chosen buses are in a log."""
+    seen: set[int] = set()
+    for batch in log:
+        seen |= set(batch.on_buses(chosen).bus.tolist())
+        if len(seen) > 1:
+            return True
+    return False
 
 
 def _databases(paths: Sequence[Path]) -> Codec:
@@ -162,35 +209,38 @@ def _databases(paths: Sequence[Path]) -> Codec:
     return codec
 
 
-def _rows(codec: Codec, decoded: Decoded, described: _Described | None) -> list[str]:
-    """Return the CSV lines of a block in order of time; a missing value is left out."""
+def _rows(source: _Source, decoded: Decoded, number: int | None) -> list[tuple[int, str]]:
+    """Return times and CSV lines of a block; a missing value is left out."""
     import numpy as np
+
+    from dbc import seconds_text
 
     units = {
         f"{message.name}.{signal.name}": signal.unit
-        for message in codec.messages
+        for message in source.codec.messages
         for signal in message.signals
     }
-    times, lines = [], []
+    rows: list[tuple[int, str]] = []
     for name, samples in decoded.samples.items():
         message, _, signal = name.rpartition(".")
-        place = described.place(codec.by_name[message]) if described else ""
-        shown = message.rpartition(".")[2] if described else message
+        place = source.place(source.codec.by_name[message], number)
+        shown = message.rpartition(".")[2] if source.has_sensors else message
         present = ~np.isnan(samples.value)
-        stamps = samples.t_ns[present]
-        times.append(stamps)
-        tail = f",{place}{shown},{signal},"
+        tail = f",{place}{_quoted(shown)},{_quoted(signal)},"
         unit = _quoted(units[name])
         # The shortest text that reads back as the same number; whole ones as integers.
-        values = [repr(value).removesuffix(".0") for value in samples.value[present].tolist()]
-        lines += [
-            f"{t // 1_000_000_000}.{t % 1_000_000_000:09d}{tail}{value},{unit}\n"
-            for t, value in zip(stamps.tolist(), values, strict=True)
+        rows += [
+            (t_ns, f"{seconds_text(t_ns)}{tail}{repr(value).removesuffix('.0')},{unit}\n")
+            for t_ns, value in zip(
+                samples.t_ns[present].tolist(), samples.value[present].tolist(), strict=True
+            )
         ]
-    order = np.argsort(np.concatenate(times), kind="stable")
-    return [lines[i] for i in order.tolist()]
+    return rows
 
 
 def _quoted(text: str) -> str:
-    """Return a CSV field: quoted where it must be."""
+    """Return foreign text as a field of CSV: quoted where it must be."""
+    from dbc import csv_text
+
+    text = csv_text(text)
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n\r') else text

@@ -29,8 +29,8 @@ def import_(
     logs: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Logs in order: BLF, ASC, MF4, candump, pcap and others (docs/formats.md); and a"
-            " bench.toml."
+            help="Logs in order: BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal; and"
+            " a bench.toml."
         ),
     ] = None,
     run: Annotated[
@@ -49,9 +49,7 @@ def import_(
     dbc: Annotated[Path | None, typer.Option(help="DBC to use instead of the bench's.")] = None,
     channels: Annotated[
         Path | None,
-        typer.Option(
-            help="Channel map of CSV, MF4, MAT, TDMS, Parquet or HDF5 files that are not logs."
-        ),
+        typer.Option(help="Channel map of CSV, MF4, MAT or Parquet files that are not logs."),
     ] = None,
     propose: Annotated[
         Path | None, typer.Option(help="Write a channel map guessed from such a file.")
@@ -268,7 +266,8 @@ def _remarks(sources: Sequence[Log], session: Session, bumps: int, planned: int)
     """Return remarks on what was imported."""
     from ..recorders.decoded import left_out_remarks
 
-    remarks = [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
+    remarks = [f"{s.name}: {remark}" for s in sources for remark in s.remarks]
+    remarks += [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
     lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
     remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]
     remarks += left_out_remarks(bumps, len(session.runs), planned)

@@ -81,9 +81,10 @@ def write_candump(frames: FrameBatch, path: Path) -> tuple[str, ...]:
                 bits = _BRS * bool(flags & FrameFlag.BITRATE_SWITCH)
                 bits |= _ESI * bool(flags & FrameFlag.ERROR_STATE)
                 content = f"#{bits:X}{content}"
-            seconds, rest_us = divmod(at_us, 1_000_000)
+            seconds, rest_us = divmod(abs(at_us), 1_000_000)
+            sign = "-" if at_us < 0 else ""
             way = "T" if flags & FrameFlag.TRANSMITTED else "R"
-            stream.write(f"({seconds:010d}.{rest_us:06d}) can{bus} {name}#{content} {way}\n")
+            stream.write(f"({sign}{seconds:010d}.{rest_us:06d}) can{bus} {name}#{content} {way}\n")
     return ("candump rounds times to 1 µs",) if (frames.t_ns % _NS_PER_US).any() else ()
 
 

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.words import csv_text
+
 from ...errors import InputError
 from ...runs import SampleGroup
 
@@ -51,7 +53,7 @@ def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvS
     names = [f"{name} [{units[name]}]" if units[name] else name for name in group.values]
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, delimiter=style.separator)
-        writer.writerow(["time_s", *names, "quality"])
+        writer.writerow(["time_s", *map(csv_text, names), "quality"])
         writer.writerows(zip(*columns, strict=True))
 
 

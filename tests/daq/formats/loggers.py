@@ -1,10 +1,9 @@
-"""Logs as loggers and other tools write them, each encoded here from its public description."""
+"""An MF4 as a logger leaves it behind, encoded here from the public description."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
-from datetime import datetime, timedelta
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,11 +11,6 @@ from .mixed import START_S, Frame
 
 Frames = Sequence[Frame]
 FD_CODES = {length: code for code, length in enumerate([*range(9), 12, 16, 20, 24, 32, 48, 64])}
-SOCKET_CAN, COOKED, COOKED_2 = 227, 113, 276
-
-
-def _stamp_ns(frame: Frame) -> int:
-    return START_S * 10**9 + frame.t_us * 1000
 
 
 class Mdf:
@@ -138,177 +132,3 @@ def write_logger_mf4(path: Path, frames: Frames) -> None:
         mdf.raw += b"\2" + struct.pack("<L", frame.length) + frame.data
         offset += 4 + frame.length
     path.write_bytes(mdf.raw)
-
-
-def socket_can(frame: Frame, order: str = ">") -> bytes:
-    """Return a frame as it stands in a packet of SocketCAN."""
-    number = frame.can_id | frame.extended << 31 | frame.remote << 30 | frame.error << 29
-    bits = frame.brs | frame.esi << 1 | frame.fd << 2
-    data = frame.data.ljust(64 if frame.fd else 8, b"\0")
-    return struct.pack(f"{order}L", number) + bytes([frame.length, bits, 0, 0]) + data
-
-
-def write_pcap(path: Path, frames: Frames, link: int = SOCKET_CAN, order: str = "<") -> None:
-    """Write a capture of one interface, times in ns; cooked ones have the order of the host."""
-    parts = [struct.pack(f"{order}LHHlLLL", 0xA1B23C4D, 2, 4, 0, 0, 65535, link)]
-    for frame in frames:
-        packet = socket_can(frame, ">" if link == SOCKET_CAN else "<")
-        protocol = 0x0D if frame.fd else 0x0C
-        if link == COOKED:
-            packet = struct.pack(">HHH8sH", 4 * frame.sent, 280, 0, b"", protocol) + packet
-        elif link == COOKED_2:
-            packet = (
-                struct.pack(">HHLHBB8s", protocol, 0, 7 + frame.bus, 280, 4 * frame.sent, 0, b"")
-                + packet
-            )
-        seconds, part = divmod(_stamp_ns(frame), 10**9)
-        parts += [struct.pack(f"{order}4L", seconds, part, len(packet), len(packet)), packet]
-    path.write_bytes(b"".join(parts))
-
-
-def write_pcapng(path: Path, frames: Frames) -> None:
-    """Write a capture of vcan0, vcan1 and vcan2 with their directions, times in ns."""
-
-    def block(kind: int, body: bytes) -> bytes:
-        size = struct.pack("<L", 12 + len(body))
-        return struct.pack("<L", kind) + size + body + size
-
-    def option(code: int, value: bytes) -> bytes:
-        return struct.pack("<HH", code, len(value)) + value + bytes(-len(value) % 4)
-
-    parts = [block(0x0A0D0D0A, struct.pack("<LHHq", 0x1A2B3C4D, 1, 0, -1))]
-    for bus in (2, 0, 1):
-        about = option(2, f"vcan{bus}".encode()) + option(9, b"\x09") + bytes(4)
-        parts.append(block(1, struct.pack("<HHL", SOCKET_CAN, 0, 0) + about))
-    for frame in frames:
-        packet, stamp = socket_can(frame), _stamp_ns(frame)
-        head = struct.pack(
-            "<5L", (frame.bus + 1) % 3, stamp >> 32, stamp & 0xFFFFFFFF, len(packet), len(packet)
-        )
-        about = option(2, struct.pack("<L", 1 + frame.sent)) + bytes(4)
-        parts.append(block(6, head + packet + bytes(-len(packet) % 4) + about))
-    path.write_bytes(b"".join(parts))
-
-
-def write_console(path: Path, frames: Frames) -> None:
-    """Write what candump -x -t a shows."""
-    lines = []
-    for f in frames:
-        number = f.can_id | 0x20000000 * f.error
-        can_id = f"{number:08X}" if f.extended or f.error else f"{number:03X}"
-        mark = f"{'TX' if f.sent else 'RX'} {'B' if f.brs else '-'} {'E' if f.esi else '-'}"
-        length = f"[{f.length:02d}]" if f.fd else f" [{f.length}]"
-        body = "remote request" if f.remote else f.data.hex(" ").upper()
-        tail = "   ERRORFRAME" if f.error else ""
-        stamp = f"({START_S + f.t_us // 10**6}.{f.t_us % 10**6:06d})"
-        lines.append(f" {stamp}  vcan{f.bus}  {mark}  {can_id}  {length}  {body}{tail}\n")
-    path.write_text("".join(lines))
-
-
-def write_gvret(path: Path, frames: Frames) -> None:
-    """Write what SavvyCAN saves."""
-    width = max(f.length for f in frames)
-    lines = ["Time Stamp,ID,Extended,Dir,Bus,LEN," + ",".join(f"D{n + 1}" for n in range(width))]
-    for f in frames:
-        cells = [str(START_S * 10**6 + f.t_us), f"{f.can_id:08X}", str(f.extended).lower()]
-        cells += [
-            "Tx" if f.sent else "Rx",
-            str(f.bus),
-            str(f.length),
-            *f.data.hex(" ").upper().split(),
-        ]
-        lines.append(",".join(cells) + ",")
-    path.write_text("\n".join(lines) + "\n")
-
-
-def write_crtd(path: Path, frames: Frames) -> None:
-    """Write CRTD with a bus in front of each kind."""
-    lines = [f"{START_S}.000 CXX made for a test\n"]
-    for f in frames:
-        stamp = f"{START_S + f.t_us // 10**6}.{f.t_us % 10**6:06d}"
-        kind = f"{f.bus + 1}{'T' if f.sent else 'R'}{29 if f.extended else 11}"
-        lines.append(f"{stamp} {kind} {f.can_id:X} {f.data.hex(' ').upper()}\n")
-    path.write_text("".join(lines))
-
-
-def write_busmaster(path: Path, frames: Frames) -> None:
-    """Write a log with the time of day to a tenth of a millisecond."""
-    start = datetime.fromtimestamp(START_S)
-    lines = [
-        "***BUSMASTER Ver 3.2.2***",
-        "***PROTOCOL CAN***",
-        "***[START LOGGING SESSION]***",
-        f"***START DATE AND TIME {start:%d:%m:%Y %H:%M:%S}:000***",
-        "***HEX***",
-        "***SYSTEM MODE***",
-        "***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***",
-    ]
-    for f in frames:
-        when = start + timedelta(microseconds=f.t_us)
-        kind = ("x" if f.extended else "s") + "r" * f.remote
-        stamp = f"{when:%H:%M:%S}:{when.microsecond // 100:04d}"
-        lines.append(
-            f"{stamp} {'Tx' if f.sent else 'Rx'} {f.bus + 1} 0x{f.can_id:X} {kind} {f.length} "
-            f"{f.data.hex(' ').upper()}"
-        )
-    path.write_text(
-        "\n".join([*lines, "***END DATE AND TIME***", "***[STOP LOGGING SESSION]***\n"])
-    )
-
-
-def write_ros2(path: Path, frames: Frames, packing: str = "zstd") -> None:
-    """Write three topics as rosbag2 does, through the library of the format."""
-    from mcap.writer import CompressionType, Writer
-
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=4096, compression=CompressionType[packing.upper()])
-        writer.start(profile="ros2", library="tests")
-        schemas = {
-            name: writer.register_schema(name, "ros2msg", b"uint32 id")
-            for name in (
-                "can_msgs/msg/Frame",
-                "ros2_socketcan_msgs/msg/FdFrame",
-                "std_msgs/msg/String",
-            )
-        }
-        classic, flexible, other = schemas.values()
-        extra = writer.register_channel("/rosout", "cdr", other)
-        channels = [
-            {
-                False: writer.register_channel(f"/can{bus}", "cdr", classic),
-                True: writer.register_channel(f"/can{bus}", "cdr", flexible),
-            }
-            for bus in range(3)
-        ]
-        for number, f in enumerate(frames):
-            writer.add_message(extra, _stamp_ns(f), b"\0\1\0\0\2\0\0\0a\0", _stamp_ns(f))
-            stamp = _stamp_ns(f)
-            writer.add_message(channels[f.bus][f.fd], stamp, _cdr(f, number), stamp)
-        finish: Callable[[], None] = writer.finish
-        finish()
-
-
-def _cdr(f: Frame, number: int) -> bytes:
-    name = f"can{number % 20}".encode() + b"\0"
-    seconds, rest = divmod(_stamp_ns(f), 10**9)
-    body = struct.pack("<iLL", seconds, rest, len(name)) + name
-    body += bytes(-len(body) % 4) + struct.pack("<L", f.can_id)
-    if f.fd:
-        body += bytes([f.extended, f.error, f.length])
-        body += bytes(-len(body) % 4) + struct.pack("<L", len(f.data)) + f.data
-    else:
-        body += bytes([f.remote, f.extended, f.error, f.length]) + f.data.ljust(8, b"\0")
-    return b"\0\1\0\0" + body
-
-
-WRITERS: dict[str, tuple[str, Callable[[Path, Frames], None]]] = {
-    "mf4": (".mf4", write_logger_mf4),
-    "pcap": (".pcap", write_pcap),
-    "pcapng": (".pcapng", write_pcapng),
-    "console": (".txt", write_console),
-    "gvret": (".csv", write_gvret),
-    "crtd": (".txt", write_crtd),
-    "busmaster": (".log", write_busmaster),
-    "ros2": (".mcap", write_ros2),
-}
-"""Suffix and writer of each format."""

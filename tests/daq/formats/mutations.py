@@ -21,9 +21,9 @@ import numpy as np
 from daq.errors import InputError
 from daq.formats.log import read_log
 
-from .loggers import WRITERS
+from .loggers import write_logger_mf4
 from .mixed import mixed
-from .test_import_loggers import CASES
+from .test_import_round_trips import write_with_python_can
 
 MAX_S, MAX_GROWTH_KIB = 5.0, 300 << 10
 _NUMBERS = (0, 1, 0x7F, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**45, 2**63 - 1, 2**64 - 1)
@@ -43,12 +43,15 @@ class Outcome:
 
 def seeds(folder: Path) -> dict[str, bytes]:
     """Return a small whole log of each format, one of them packed."""
-    found = {}
-    for name, (_, write) in WRITERS.items():
-        path = folder / name
-        write(path, [f for f in mixed(80) if CASES[name](f) is not None])
-        found[name] = path.read_bytes()
-    return found | {"packed": gzip.compress(found["pcap"])}
+    plain = [f for f in mixed(80) if not (f.fd or f.remote or f.error)]
+    raw = {}
+    for suffix in (".blf", ".asc", ".log", ".csv", ".trc"):
+        path = folder / f"a{suffix}"
+        write_with_python_can(path, plain)
+        raw[suffix] = path.read_bytes()
+    write_logger_mf4(folder / "a.mf4", mixed(80))
+    raw[".mf4"] = (folder / "a.mf4").read_bytes()
+    return raw | {"packed": gzip.compress(raw[".log"])}
 
 
 def mutants(raw: bytes, count: int, seed: int) -> Iterator[bytes]:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 
 import pytest
 
 from daq.errors import InputError
 from daq.formats.asc import AscParser, asc_date_ns
-from daq.formats.busmaster import BusmasterParser
 from daq.formats.candump import parse_candump
-from daq.formats.candump_console import ConsoleParser
-from daq.formats.losses import Ledger, LogLoss
+from daq.formats.source import Ledger, LogLoss
 from daq.formats.text import LastLine, Parse, read_lines
 from daq.formats.trc import TrcParser
 
@@ -202,97 +199,6 @@ def test_frames_of_all_forms_of_asc_keep_their_order() -> None:
     assert _seconds(AscParser(), text) == [1, 2, 3, 4, 5]
 
 
-MASTER = "***BUSMASTER***\n***START DATE AND TIME {}***\n***HEX***\n***{} MODE***\n"
-
-
-def _master(*stamps: str) -> str:
-    return "".join(f"{stamp} Rx 1 0x100 s 1 11\n" for stamp in stamps)
-
-
-MIDNIGHT = _local(2025, 10, 9)
-
-
-def test_times_of_busmaster_in_each_mode() -> None:
-    start = "9:10:2025 08:53:20:250"
-    began = MIDNIGHT + 8 * 3600 + 53 * 60 + 20.25
-    system = MASTER.format(start, "SYSTEM")
-    day = [("8:53:21:0", "23:59:59:9"), ("0:0:1:0", "12:00:00:0"), ("23:0:0:0",), ("0:0:2:0",)]
-    found = _seconds(BusmasterParser(), system, *(_master(*stamps) for stamps in day))
-    since = [32_001, 86_399.9, 86_401, 129_600, 169_200, 172_802]
-    assert found == [MIDNIGHT + t for t in since]
-    absolute = MASTER.format(start, "ABSOLUTE")
-    blocks = _master("0:0:1:0", "0:0:2:5"), _master("1:0:0:0")
-    assert _seconds(BusmasterParser(), absolute, *blocks) == [began + t for t in (1, 2.5, 3600)]
-    relative = MASTER.format(start, "RELATIVE")
-    found = _seconds(BusmasterParser(), relative, *blocks)
-    assert found == [began + t for t in (1, 3.5, 3603.5)]
-
-
-def test_a_step_back_of_busmaster_below_half_a_day_is_disorder() -> None:
-    head = MASTER.format("9:10:2025 00:00:00:0", "SYSTEM")
-    found = _seconds(BusmasterParser(), head, _master("13:0:0:0", "1:0:0:0", "2:0:0:0"))
-    assert found == [MIDNIGHT + t for t in (46_800, 3600, 7200)]
-    found = _seconds(BusmasterParser(), head, _master("13:0:1:0", "1:0:0:0", "2:0:0:0"))
-    assert found == [MIDNIGHT + t for t in (46_801, 90_000, 93_600)]
-
-
-@pytest.mark.parametrize(
-    ("start", "since"),
-    [
-        ("9:10:2025 00:00:00:5", 0.5),
-        ("9:10:2025 00:00:01:025", 1.025),
-        ("9:10:2025 01:02:03:000000001", 3723.000000001),
-        ("9:13:2025 00:00:00:5", -MIDNIGHT),
-        ("today", -MIDNIGHT),
-    ],
-)
-def test_a_busmaster_begins_at_its_date(start: str, since: float) -> None:
-    head = MASTER.format(start, "ABSOLUTE")
-    assert _seconds(BusmasterParser(), head, _master("0:0:0:0")) == [MIDNIGHT + since]
-
-
-def test_numbers_of_busmaster_have_the_base_of_the_head() -> None:
-    for base, expected in (("HEX", ["100", "11"]), ("DEC", ["64", "0b"])):
-        parser = BusmasterParser()
-        assert parser(f"***{base}***\n".encode()).header
-        parsed = parser(b"0:0:1:0 Rx 1 100 s 1 11\n")
-        assert [f.split()[2:5:2] for f in shown(parsed.frames)] == [expected]
-        assert not parsed.header
-
-
-def _screen(*times: str) -> str:
-    return "".join(f" ({t}) can0 123 [1] 11\n" for t in times)
-
-
-@pytest.mark.parametrize(
-    ("times", "seconds"),
-    [
-        (["1.0", "2.0", "4.0"], [1, 2, 4]),
-        (["0.0", "2.0", "1.0"], [0, 2, 3]),  # what falls is the distance from the line before
-        (["0.0", "9999999.0", "1.0"], [0, 9_999_999, 10_000_000]),
-        (["0.0", "10000000.0", "1.0"], [0, 10_000_000, 1]),
-        ([*("123456789"), "8", "9"], [1, 2, 3, 4, 5, 6, 7, 8, 9, 8, 9]),  # 1 of 11 is disorder
-        ([*("12345678"), "7", "8"], [1, 2, 3, 4, 5, 6, 7, 8, 7, 8]),
-        ([*("1234567"), "6", "7"], [1, 3, 6, 10, 15, 21, 28, 34, 41]),
-    ],
-)
-def test_what_times_of_a_screen_count_from(times: Sequence[str], seconds: list[float]) -> None:
-    assert _seconds(ConsoleParser(), _screen(*times)) == seconds
-
-
-def test_distances_of_a_screen_add_up_over_blocks() -> None:
-    parser = ConsoleParser()
-    assert _seconds(parser, _screen("0", "2", "1"), _screen("1", "2")) == [0, 2, 3, 4, 6]
-    assert _seconds(parser, "") == []
-    assert _seconds(parser, _screen("1")) == [7]
-
-
-def test_dates_of_a_screen_are_no_distances() -> None:
-    text = _screen("2025-10-09 08:53:21+00:00", "2025-10-09 08:53:20+00:00")
-    began = datetime(2025, 10, 9, 8, 53, 20, tzinfo=UTC).timestamp()
-    assert _seconds(ConsoleParser(), text) == [began + 1, began]
-
-
 LINE = b"(1.5) can0 123#0102\n"
 
 
@@ -312,7 +218,7 @@ def _read(raw: bytes) -> tuple[int, LogLoss]:
         (b"(2.5) can0 123#03", 2, 0, 17),
         (b"(2.5) can0 124#0304", 2, 0, 19),  # none before shows how long it is
         (b"(2.5) can1 123#R", 3, 0, 0),
-        (b"end of log", 2, 0, 0),
+        (b"end of log", 2, 0, 10),
         (b"   \t", 2, 0, 0),
         (b"no frame\n(2.5) can0 123#0304", 3, 1, 0),
     ],
@@ -339,9 +245,21 @@ def test_a_line_without_an_end_is_no_text_log() -> None:
         _read(LINE + b"(" + b"1" * 65_536)
 
 
-def test_zeros_make_no_text_log_but_behind_frames_they_are_none() -> None:
-    with pytest.raises(InputError, match="not a text log"):
-        _read(b"\0" + LINE)
+def test_zeros_after_a_power_cut_are_counted_with_the_line_that_they_cut() -> None:
     with pytest.raises(InputError, match="no line of a known log"):
         _read(b"nothing\n" + b"to see\n")
-    assert _read(LINE * 20_000 + b"\0" * 100)[0] == 20_000
+    for raw, frames, garbled, cut in (
+        (LINE * 20_000 + bytes(100), 20_000, 0, 100),
+        (LINE + bytes(100_000) + LINE, 2, 0, 100_000),
+        (bytes(7) + LINE, 1, 0, 7),
+        (LINE + b"(2.5) can0 123#01" + bytes(30) + LINE, 2, 1, 30),
+        (LINE * 12_000 + b"(2.5) can0 1" + bytes(600_000) + LINE, 12_001, 1, 600_000),
+    ):
+        found, loss = _read(raw)
+        assert (found, loss.garbled, loss.bytes_cut) == (frames, garbled, cut)
+
+
+def test_frames_that_candump_lost_are_those_that_it_states() -> None:
+    found, loss = _read(LINE + b"DROPCOUNT: dropped 13 CAN frames (total drops 13)\n" + LINE)
+    assert (found, loss.garbled, loss.dropped) == (2, 0, 13)
+    assert loss.text == "13 frames lost by its recorder; line 2 states 13 lost frames"

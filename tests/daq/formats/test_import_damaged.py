@@ -122,14 +122,14 @@ HOSTILE = {
     "text as BLF": (".blf", b"hello\n" * 100, "no line of a known log"),
     "half a header": (".blf", b"LOGG" + bytes(20), "cut off within its header"),
     "text as MF4": (".mf4", b"hello\n" * 100, "no line of a known log"),
-    "MF4 of nothing": (".mf4", b"MDF     4.10    " + bytes(100), "no header block"),
+    "MF4 of nothing": (".mf4", b"MDF     4.10    " + bytes(100), "cannot be read"),
     "text as journal": (".mcap", b"hello\n" * 100, "no line of a known log"),
     "no log": (".xyz", b"hello", "no line of a known log"),
-    **{f"noise {s}": (s, bytes(range(256)) * 4000, "not a log of a known format") for s in TEXTS},
+    **{f"noise {s}": (s, bytes(range(256)) * 4000, "no line of a known log") for s in TEXTS},
     **{
         f"prose {s}": (s, b"It was a dark night.\n" * 9000, "no line of a known log") for s in TEXTS
     },
-    **{f"one line {s}": (s, b"a" * 1_000_000, "is not a text log") for s in TEXTS},
+    **{f"one line {s}": (s, b"a" * 1_000_000, "no line of a known log") for s in TEXTS},
 }
 
 
@@ -145,24 +145,38 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, case: str) -> Non
 
 def test_claims_of_a_blf_are_not_believed(tmp_path: Path) -> None:
     path = tmp_path / "a.blf"
-    good = _container(_object() * 3)
+    good, more = (
+        _container(b"".join(_object(stamp_ns=first + n) for n in range(3))) for first in (1, 10)
+    )
     claims = {
-        "container of 1 GB": _container(_object(), claimed=1 << 30),
-        "object of 1 GB": _container(_object(1 << 30) + _object()),
-        "object of no bytes": _container(_object(0) * 100 + _object()),
+        "container of 1 GB": _container(_object(stamp_ns=9), claimed=1 << 30),
+        "object of 1 GB": _container(_object(1 << 30) + _object(stamp_ns=9)),
+        "object of no bytes": _container(_object(0) * 100 + _object(stamp_ns=9)),
         "bomb": _container(bytes(1000), packed=zlib.compress(bytes(1 << 24))),
     }
     for name, container in claims.items():
-        found, lost = _read(_blf(path, good, container, good))
+        found, lost = _read(_blf(path, good, container, more))
         assert len(found) in (6, 7), name
         assert lost, name
     with pytest.raises(InputError, match="has no object"):
         list(read_log(_blf(path, *[_container(bytes(1 << 23))] * 4)))
 
 
+def test_events_that_a_blf_states_as_lost_are_counted(tmp_path: Path) -> None:
+    lost = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 48, 126, 2, 0, 0, 1_500_000_000)
+    lost += struct.pack("<LQL", 0, 1_000_000_000, 17)
+    path = _blf(tmp_path / "a.blf", _container(_object() + lost + _object(stamp_ns=1)))
+    found, text = _read(path)
+    assert len(found) == 2
+    assert text == (
+        "17 frames lost by its recorder; the log states 17 lost events at "
+        "1970-01-01T00:00:01.500000000Z"
+    )
+
+
 def test_an_object_of_another_kind_is_no_loss(tmp_path: Path) -> None:
     other = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 40, 5, 2, 0, 0, 0) + bytes(8)
-    path = _blf(tmp_path / "a.blf", _container(_object() + other + _object()))
+    path = _blf(tmp_path / "a.blf", _container(_object() + other + _object(stamp_ns=1)))
     found, lost = _read(path)
     assert len(found) == 2
     assert not lost

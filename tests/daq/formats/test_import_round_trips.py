@@ -96,7 +96,7 @@ CASES: dict[str, tuple[str, Callable[[Path, list[Frame]], None], Callable[[Frame
     "candump": (".log", write_candump, everything),
     "candump by python-can": (".log", write_with_python_can, by_python_can_in_candump),
     "csv": (".csv", write_with_python_can, in_csv),
-    "trc": (".trc", write_trc, everything),
+    "trc": (".trc", write_trc, without_error_details),
     "mf4": (".mf4", write_with_python_can, everything),
     "journal": (".mcap", write_journal, everything),
 }

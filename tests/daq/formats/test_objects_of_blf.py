@@ -13,7 +13,7 @@ import pytest
 
 from daq.errors import InputError
 from daq.formats.blf import read_blf
-from daq.formats.losses import Ledger, LogLoss
+from daq.formats.source import Ledger, LogLoss
 from dbc import FrameBatch
 
 from .shown import shown
@@ -23,7 +23,7 @@ BAD = "bad"
 _8 = bytes(range(1, 9))
 _64 = bytes(range(1, 65))
 _0 = bytes(64)
-_CENTURY_NS = 3_153_600_000_000_000_000
+_CENTURY_NS = 4_102_444_800 * 10**9 - 1
 """36500 days."""
 
 
@@ -111,17 +111,17 @@ SEEN = "1500 0 123 8 0102030405060708 -"
 OBJECTS = {
     "classic": (CLASSIC, SEEN),
     "10 us": (_object(1, _classic(), unit=1, stamp=3), "30000 0 123 8 0102030405060708 -"),
-    "a century": (
+    "before 2100": (
         _object(1, _classic(dlc=0), stamp=_CENTURY_NS),
         f"{_CENTURY_NS} 0 123 0 - -",
     ),
-    "more than a century": (_object(1, _classic(), stamp=_CENTURY_NS + 1), BAD),
-    "a century in 10 us": (
-        _object(1, _classic(dlc=0), unit=1, stamp=315_360_000_000_000),
-        f"{_CENTURY_NS} 0 123 0 - -",
+    "from 2100 on": (_object(1, _classic(), stamp=_CENTURY_NS + 1), BAD),
+    "before 2100 in 10 us": (
+        _object(1, _classic(dlc=0), unit=1, stamp=410_244_479_999_999),
+        "4102444799999990000 0 123 0 - -",
     ),
-    "more than a century in 10 us": (
-        _object(1, _classic(), unit=1, stamp=315_360_000_000_001),
+    "from 2100 on in 10 us": (
+        _object(1, _classic(), unit=1, stamp=410_244_480_000_000),
         BAD,
     ),
     "head of 40 bytes": (_object(1, _classic(), version=2), SEEN),

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import gzip
 import io
-from pathlib import Path
 
 import pytest
 
-from daq.errors import InputError
-from daq.formats import unpacked
-from daq.formats.losses import Ledger, LogLoss
-from daq.formats.unpacked import Unpacked, on_disk
+from daq.formats.source import Ledger, Unpacked
 
 CONTENT = bytes(range(256)) * 400
 PACKED = gzip.compress(CONTENT, 1)
@@ -28,7 +24,6 @@ def test_pieces_of_a_file_and_how_many_bytes_they_are(packed: bool) -> None:
     assert file.read(1 << 20) == CONTENT[10:]
     assert file.read(5) == b""
     assert file.tell() == len(CONTENT)
-    assert file.position == len(PACKED if packed else CONTENT)
     assert not ledger.loss.any
 
 
@@ -57,51 +52,4 @@ def test_what_is_cut_off_or_damaged_ends_a_packed_file(raw: bytes) -> None:
     assert CONTENT.startswith(b"".join(pieces))
     assert file.read(10) == b""
     assert (ledger.loss.garbled, ledger.loss.bytes_cut) == (1, 0)
-    assert len(ledger.loss.notes) == 2
-
-
-def test_a_packed_file_is_unpacked_on_the_disk_as_long_as_it_is_needed(tmp_path: Path) -> None:
-    (tmp_path / "a.mf4.gz").write_bytes(PACKED)
-    (tmp_path / "b.mf4").write_bytes(CONTENT)
-    with on_disk(tmp_path / "a.mf4.gz", Ledger()) as path:
-        assert path.name == "a.mf4"
-        assert path.read_bytes() == CONTENT
-    assert not path.exists()
-    with on_disk(tmp_path / "b.mf4", Ledger()) as path:
-        assert path == tmp_path / "b.mf4"
-    assert path.exists()
-
-
-def test_a_file_that_unpacks_to_more_than_there_is_room_for_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "a.gz").write_bytes(gzip.compress(bytes(3 << 20)))
-    for limit, good in ((3 << 20, True), ((3 << 20) - 1, False)):
-        monkeypatch.setattr(unpacked, "MAX_UNPACKED_BYTES", limit)
-        if good:
-            with on_disk(tmp_path / "a.gz", Ledger()) as path:
-                assert path.stat().st_size == 3 << 20
-            continue
-        with (
-            pytest.raises(InputError, match="more than 2 MiB"),
-            on_disk(tmp_path / "a.gz", Ledger()),
-        ):
-            pass
-
-
-def test_the_account_of_a_log_has_its_first_eight_notes() -> None:
-    ledger = Ledger()
-    assert (ledger.loss.any, ledger.loss.text) == (False, "")
-    ledger.garbled(2, "first")
-    assert (ledger.loss.any, ledger.loss.text) == (True, "2 records unreadable; first")
-    ledger.cut(5, "second\n")
-    for n in range(3, 11):
-        ledger.cut(1, f"note {n}")
-    loss = ledger.loss
-    assert (loss.garbled, loss.bytes_cut, len(loss.notes)) == (2, 13, 8)
-    assert loss.text.startswith("2 records unreadable, 13 bytes cut off; first; second")
-    assert loss.text.endswith("; note 8")
-    assert LogLoss(0, 1, ()).any
-    assert LogLoss(0, 1, ()).text == "1 bytes cut off"
-    assert not LogLoss(0, 0, ("a note",)).any
-    assert LogLoss(0, 0, ("a note",)).text == ""
+    assert len(ledger.loss.notes) == 1
