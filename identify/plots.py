@@ -13,14 +13,14 @@ from dbc.errors import InputError
 
 from .identification import Identification
 from .modes.stabilisation import StabilisationDiagram
-from .report.blocks import Gallery, Picture
+from .report.blocks import Picture
+from .report.cars import shape_of, still_cars
 from .report.dampers import damper_picture
-from .report.decays import decay_section
-from .report.figures.panels import draw, figure_of, look, size_in
-from .report.modes import mode_text
-from .report.panels import CorrelationPanel, ShapePanel, StabilisationPanel
+from .report.decays import decay_drawing, decay_traces
+from .report.evidence import correlation_drawing
+from .report.figure import figure_of, look
+from .report.modes import mode_text, stabilisation_drawing
 from .report.parameters import parameter_section
-from .report.shapes import shape_of
 
 _ACROSS = 2
 _TITLE_IN = 0.22
@@ -33,19 +33,19 @@ def decays(result: Identification) -> Figure:
     """
     estimation = _fitted(result).estimation
     assert estimation is not None  # there is a fit
-    galleries = (b for b in decay_section(estimation).blocks if isinstance(b, Gallery))
-    pictures = [picture for gallery in galleries for picture in gallery.pictures]
-    width, height = size_in(pictures[0].panel)
-    down = -(-len(pictures) // _ACROSS)
+    runs = decay_traces(estimation)
+    first = decay_drawing(runs[0])
+    width, height = first.width_in, first.height_in
+    down = -(-len(runs) // _ACROSS)
     with matplotlib.rc_context(look()):
         figure = Figure(figsize=(_ACROSS * width, down * (height + _TITLE_IN)))
         parts = figure.subfigures(
             2 * down, _ACROSS, squeeze=False, height_ratios=down * [_TITLE_IN, height]
         )
-        for number, picture in enumerate(pictures):
+        for number, run in enumerate(runs):
             row, column = divmod(number, _ACROSS)
-            parts[2 * row, column].text(0.13, 0.1, picture.title, parse_math=False)
-            draw(picture.panel, parts[2 * row + 1, column])
+            parts[2 * row, column].text(0.13, 0.1, run.label, parse_math=False)
+            decay_drawing(run).draw(parts[2 * row + 1, column])
     return figure
 
 
@@ -55,7 +55,7 @@ def parameters(result: Identification) -> Figure:
     Raises InputError if the session was refused before a fit.
     """
     blocks = parameter_section(_fitted(result).document()).blocks
-    return figure_of(next(block.panel for block in blocks if isinstance(block, Picture)))
+    return figure_of(next(block.drawing for block in blocks if isinstance(block, Picture)))
 
 
 def dampers(result: Identification) -> Figure:
@@ -68,7 +68,7 @@ def dampers(result: Identification) -> Figure:
     if forces is None:
         what = "there is no damper curve: the linear model explains the decays"
         raise InputError("plot", what, "take c_sf and c_sr, or bump higher")
-    return figure_of(damper_picture(forces).panel)
+    return figure_of(damper_picture(forces).drawing)
 
 
 def correlation(result: Identification) -> Figure:
@@ -77,7 +77,7 @@ def correlation(result: Identification) -> Figure:
     Raises InputError if the session was refused before a fit.
     """
     known = _fitted(result).correlation
-    return figure_of(CorrelationPanel(known.names, known.matrix))
+    return figure_of(correlation_drawing(known.names, known.matrix))
 
 
 def modes(result: Identification, mass_state: str = "baseline") -> Figure:
@@ -95,7 +95,7 @@ def modes(result: Identification, mass_state: str = "baseline") -> Figure:
             result.mode_names[mass_state], model.modes, result.modes[mass_state], strict=True
         )
     )
-    return figure_of(ShapePanel(tuple(shapes)))
+    return figure_of(still_cars(tuple(shapes)))
 
 
 def stabilisation(diagram: StabilisationDiagram) -> Figure:
@@ -106,14 +106,8 @@ def stabilisation(diagram: StabilisationDiagram) -> Figure:
     frequency_hz = np.abs(diagram.poles) / (2.0 * np.pi)
     vibrating = diagram.poles.imag > 0.0
     highest = diagram.rank == np.max(diagram.rank[diagram.stable], initial=0)
-    return figure_of(
-        StabilisationPanel(
-            np.where(vibrating, frequency_hz, 0.0),
-            diagram.rank.astype(np.float64),
-            diagram.stable,
-            frequency_hz[diagram.stable & vibrating & highest],
-        )
-    )
+    modes_hz = frequency_hz[diagram.stable & vibrating & highest]
+    return figure_of(stabilisation_drawing(diagram, modes_hz))
 
 
 def _fitted(result: Identification) -> Identification:

@@ -9,17 +9,9 @@ from typing import TYPE_CHECKING
 from daq.vehicle import parameter_unit
 from identify import Verdict
 from identify.document import survival_lines, unit_text
-from identify.numbers import NOT_DETERMINED
-from identify.report import (
-    SEVERITY,
-    ends_text,
-    half_text,
-    largest_share,
-    number,
-    plain,
-    rounded,
-    value_text,
-)
+from identify.estimate_text import ends_text, half_text, value_text
+from identify.numbers import NOT_DETERMINED, largest_share, number, rounded
+from identify.report.words import SEVERITY, plain
 
 from .output import print_item, print_line, print_table
 
@@ -89,7 +81,7 @@ def _print_estimates(
 
 def _print_forces(forces: ForcesEntry) -> None:
     """Write force elements of both axles, forces at some speeds, and the other elements tried."""
-    from identify.report import damper_columns, damper_rows, element_answer  # with a report's nouns
+    from identify.report import damper_columns, damper_rows, element_answer
 
     rows = [
         [f"{axle} {plain(name)}", value_text(e), _interval(e), e["unit"].removeprefix("1")]

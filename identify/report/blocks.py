@@ -11,8 +11,8 @@ from dbc.finding import Finding
 from ..document import Document
 from ..numbers import number
 from ..trust.finding import Verdict
-from .panels import Panel
-from .shapes import Shape
+from .cars import Shape
+from .figure import Drawing
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +63,8 @@ class Picture:
     title: str
     caption: str
     """`title`, `caption`: content of the figure, and how to read it."""
-    panel: Panel
-    """Numbers of the figure."""
+    drawing: Drawing
+    """The figure."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,21 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from functools import partial
+from math import isnan
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dbc.words import counted
+
+from ..change import Change
 from ..compare import Compared, Comparison
-from ..document import unit_text
-from ..estimate_text import value_text
+from ..document import EstimateEntry, unit_text
+from ..estimate_text import high_text, low_text, value_text
 from ..fit.estimation import Estimation
-from ..fit.uncertainty import COVERAGE_95
+from ..fit.uncertainty import COVERAGE_95, Estimate
 from ..numbers import NOT_DETERMINED, half_width, plus_minus, signed
 from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
-from .change import change_table
-from .overlay import overlay_gallery
-from .panels import DifferencePanel, TrendPanel
+from .decays import overlay_gallery
+from .figure import (
+    HALF_IN,
+    INK,
+    PALETTE,
+    WIDTH_IN,
+    Drawing,
+    line_axes,
+    lines_height_in,
+    shared_legend,
+)
 from .words import NOT_OK
+
+if TYPE_CHECKING:
+    from matplotlib.figure import FigureBase
+
+Floats = NDArray[np.float64]
+
+_LEAST_CHANCE = 1e-9
 
 _DRAWN = 24
 """Largest number of trends with a figure, the parameters first."""
@@ -122,7 +143,7 @@ def _picture(comparison: Comparison, which: int) -> Picture:
         f"{comparison.labels[which + 1]} minus {comparison.labels[0]}",
         "Bars: 95 % interval of each difference by itself. Diamonds differ significantly, circles "
         "do not.",
-        DifferencePanel(
+        differences_drawing(
             tuple(row.name for row in rows),
             np.array([row.differences[which].value for row in rows]) / np.abs(value) * 100.0,
             np.array([row.differences[which].std for row in rows])
@@ -164,8 +185,8 @@ def _trends(comparison: Comparison, document: dict[str, Any]) -> Section:
             if len(pictures) < _DRAWN:
                 value = np.array([e.value for e in row.estimates])
                 half = np.array([(e.high - e.low) / 2.0 for e in row.estimates])
-                panel = TrendPanel(value, half, t.slope, unit_text(row.estimates[0].unit))
-                pictures.append(Picture(f"trend_{part}_{i}", row.name, "", panel))
+                drawing = trend_drawing(value, half, t.slope, unit_text(row.estimates[0].unit))
+                pictures.append(Picture(f"trend_{part}_{i}", row.name, "", drawing))
     columns = ("", "#per session", "unit", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
     return Section(
         "trend",
@@ -178,3 +199,133 @@ def _trends(comparison: Comparison, document: dict[str, Any]) -> Section:
                     tuple(pictures)),
         ),
     )  # fmt: skip
+
+
+# What changed -------------------------------------------------------------------------------------
+
+
+def unchanged_line(change: Change) -> str:
+    """Return the test that all else is unchanged, in one line."""
+    if change.outcome == "not compared":
+        return "Each quantity is compared by itself."
+    what = "all else" if change.outcome == "parameters" else "everything"
+    if change.apart:
+        what = f"{what} that all sessions have"
+    freedom = f"{counted(change.rest_freedom, 'degree')} of freedom"
+    return (
+        f"Test that {what} is unchanged: chi2 {change.rest_chi2:,.1f} on {freedom},"
+        f" chance {_chance_text(change.rest_p)}."
+    )
+
+
+def change_table(change: Change, document: Mapping[str, Any]) -> Table:
+    """Return the named changes with their intervals."""
+    rows: list[tuple[Cell, ...]] = []
+    for i, one in enumerate(change.named):
+        named = ("change", "named", i)
+        for k, estimate in enumerate(one.changes):
+            path = (*named, "changes", k)
+            share = partial(_percent, change=estimate)
+            name = ", or instead ".join((one.name, *one.instead))
+            rows.append(
+                (
+                    Cell(name if len(one.changes) == 1 else f"{name}, session {k + 2}"),
+                    Cell(one.kind),
+                    cited(document, *path, form=_amount_text),
+                    cited(document, *path, form=low_text),
+                    cited(document, *path, form=high_text),
+                    Cell(unit_text(estimate.unit)),
+                    Cell("")
+                    if isnan(one.shares[k])
+                    else cited(document, *named, "shares", k, form=share),
+                    cited(document, *named, "p", form=_chance_text),
+                )
+            )
+    title, line = "What changed, by one joint fit", unchanged_line(change)
+    if not rows:
+        return Table(title, ("what changed", ""), ((Cell(change.sentence), Cell("")),), line)
+    columns = ("what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance")
+    return Table(title, columns, tuple(rows), line)
+
+
+def _chance_text(p: float) -> str:
+    """Write a chance; one that is too small to matter is written as a bound."""
+    return f"{p:.2g}" if p >= _LEAST_CHANCE else f"below {_LEAST_CHANCE:g}"
+
+
+def _amount_text(change: EstimateEntry) -> str:
+    """Write a change with its sign and the digits that its interval justifies."""
+    return signed(change["value"], change["high"] - change["value"])
+
+
+def _percent(share: float, change: Estimate) -> str:
+    """Write the change as a share, with the digits of its interval."""
+    half = abs(change.high - change.value) / abs(change.value) if change.value else 0.0
+    return f"{signed(100.0 * share, 100.0 * half * abs(share))} %"
+
+
+# Figures ------------------------------------------------------------------------------------------
+
+
+def differences_drawing(
+    names: tuple[str, ...],
+    percent: Floats,
+    half_percent: Floats,
+    significant: NDArray[np.bool_],
+) -> Drawing:
+    """Return a drawing of each difference with its interval; significant ones by another mark.
+
+    All (n,): difference and half of its 95 % interval, % of the first session's value; True if the
+    difference is significant among all.
+    """
+    draw = partial(_draw_differences, names, percent, half_percent, significant)
+    return Drawing(WIDTH_IN, lines_height_in(len(names), 2), draw)
+
+
+def _draw_differences(
+    names: tuple[str, ...],
+    percent: Floats,
+    half_percent: Floats,
+    significant: NDArray[np.bool_],
+    figure: FigureBase,
+) -> None:
+    n = len(names)
+    (axes,) = line_axes(figure, n, (0.09,))
+    place = np.arange(n)
+    axes.hlines(
+        place, percent - half_percent, percent + half_percent,
+        PALETTE[1], lw=4.0, alpha=0.35,
+    )  # fmt: skip
+    for chosen, mark, hue, label in (
+        (significant, "D", 2, "differs"),
+        (~significant, "o", 1, "within chance"),
+    ):
+        axes.plot(percent[chosen], place[chosen], mark, ms=4.5, color=PALETTE[hue], label=label)
+    axes.axvline(0.0, color=INK, lw=0.8)
+    axes.set_yticks(place, names)
+    axes.set_xlabel("difference, % of the first session's value")
+    shared_legend(figure)
+
+
+def trend_drawing(values: Floats, half: Floats, slope: float, unit: str) -> Drawing:
+    """Return a drawing of a quantity over the sessions, with its weighted line.
+
+    `values` and `half`, (n,): value and half of its 95 % interval in each session.  `slope`: of the
+    line, per session.
+    """
+    return Drawing(HALF_IN, 1.7, partial(_draw_trend, values, half, slope, unit))
+
+
+def _draw_trend(values: Floats, half: Floats, slope: float, unit: str, figure: FigureBase) -> None:
+    axes = figure.add_axes((0.2, 0.2, 0.77, 0.74))
+    order = np.arange(1, len(values) + 1)
+    axes.errorbar(order, values, yerr=half, fmt="o", ms=3.5, color=PALETTE[1], lw=1.0, capsize=2.0)
+    weight = half**-2.0
+    middle = float(weight @ order / weight.sum())
+    level = float(weight @ values / weight.sum())
+    axes.plot(order, level + slope * (order - middle), color=PALETTE[2], lw=1.0)
+    axes.ticklabel_format(useOffset=False)
+    axes.set_xticks(order[:: max(len(order) // 8, 1)])
+    axes.set_xlabel("session", labelpad=1.0)
+    axes.set_ylabel(unit)
+    axes.margins(x=0.08)

@@ -17,15 +17,25 @@ from ..identification import Identification
 from ..numbers import NOT_DETERMINED
 from ..trust.finding import Verdict
 from .blocks import Cell, Report, Section, Source, cited
-from .certificate import REFUSED, certificate_section, marked
 from .dampers import damper_section
 from .decays import decay_section
-from .evidence import closed_form_section, correlation_section, information_section
+from .evidence import (
+    closed_form_section,
+    correlation_section,
+    information_section,
+    prediction_data,
+    prediction_section,
+)
 from .modes import modes_section
 from .parameters import parameter_section
-from .prediction import prediction_data, prediction_section
-from .provenance import provenance_section, run_section
-from .vehicle import vehicle_section
+from .session import (
+    REFUSED,
+    certificate_section,
+    marked,
+    provenance_section,
+    run_section,
+    vehicle_section,
+)
 
 
 def report_of(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
+from functools import partial
+from typing import TYPE_CHECKING
 
 from ..document import Document, ElementEntry, EstimateEntry, ForcesEntry, unit_text
 from ..estimate_text import high_text, low_text, value_text
 from ..numbers import NOT_DETERMINED, half_width, number
 from .blocks import Block, Cell, Picture, Section, Table, cited
-from .panels import AxleCurve, DamperPanel
+from .figure import FAINT, PALETTE, WIDTH_IN, Drawing
 from .words import plain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import FigureBase
 
 
 def damper_section(document: Document) -> Section | None:
@@ -71,28 +75,12 @@ def _force(e: EstimateEntry) -> str:
 
 def damper_picture(forces: ForcesEntry) -> Picture:
     """Return the curves of both axles with their bands."""
-    curves = tuple(
-        AxleCurve(
-            axle,
-            *(
-                np.array(values)
-                for values in (
-                    one["damper"]["speed_m_s"],
-                    one["damper"]["force_n"],
-                    one["damper"]["force_low_n"],
-                    one["damper"]["force_high_n"],
-                    one["damper"]["total_n"],
-                )
-            ),
-        )
-        for axle, one in forces["axles"].items()
-    )
     return Picture(
         "dampers",
         "Damper force over speed",
         "Compression is positive. The broken line adds the friction, the force that a corner "
         "resists with at that speed; the sum is right whatever the law of the friction is.",
-        DamperPanel(curves),
+        Drawing(WIDTH_IN, 2.9, partial(_draw_dampers, forces)),
     )
 
 
@@ -137,3 +125,27 @@ def _tried(document: Document, forces: ForcesEntry) -> Table:
         "Gain is the fall of the squared residuals in units of the noise; needed is what the "
         "Bayesian information criterion needs for its number of unknowns.",
     )
+
+
+def _draw_dampers(forces: ForcesEntry, figure: FigureBase) -> None:
+    """Draw one curve for each axle, side by side on the same scale."""
+    n = len(forces["axles"])
+    first = None
+    for i, (axle, one) in enumerate(forces["axles"].items()):
+        curve = one["damper"]
+        speed = curve["speed_m_s"]
+        left = 0.1 + i * 0.9 / n
+        axes = figure.add_axes((left, 0.19, 0.9 / n - 0.07, 0.7), sharey=first)
+        first = first or axes
+        axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+        axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+        axes.fill_between(
+            speed, curve["force_low_n"], curve["force_high_n"], color=PALETTE[1], alpha=0.25, lw=0
+        )
+        axes.plot(speed, curve["force_n"], color=PALETTE[1], lw=1.4, label="damper, 95 % band")
+        axes.plot(speed, curve["total_n"], "--", color=PALETTE[2], lw=1.0, label="with friction")
+        axes.set_title(axle)
+        axes.set_xlabel("speed, m/s, compression positive")
+        if not i:
+            axes.set_ylabel("force, N")
+            axes.legend(frameon=False, fontsize=7.5, loc="upper left")

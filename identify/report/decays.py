@@ -1,8 +1,11 @@
-"""Measured against fitted: one small figure a run."""
+"""Measured against fitted, one small figure a run; and one run of several sessions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +17,72 @@ from ..decays.onset import onset_s
 from ..fit.estimation import Estimation
 from ..fit.likelihood import Residuals
 from .blocks import Block, Gallery, Picture, Section
-from .envelope import envelope
-from .panels import DecayPanel, Trace
+from .figure import FAINT, HALF_IN, INK, PALETTE, Drawing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import FigureBase
+
+Floats = NDArray[np.float64]
 
 _BEFORE_S = 0.1
 _BINS = 260
 _HUBS = (Quantity.HUB_ACCELERATION, Quantity.HUB_DISPLACEMENT)
+_WINDOW = "#eef4f9"
+_SPAN = 6.0
+"""Range of the residuals that is shown, in standard deviations of the noise, unless the largest
+exceeds it."""
+
+_OVERLAY_BINS = 220
+_SHOWN_S = 1.5
+"""Seconds of a decay that are overlaid; what follows is mostly noise."""
+_SESSIONS = 4
+"""Largest number of sessions overlaid: more curves cannot be distinguished."""
+_LEGEND_ROW = 0.08
+"""Height of a row of the legend, as a share of the figure's."""
+_LONGEST = 20
+"""Largest number of letters of a session's name: two names fit in a row, also with matplotlib 3.9,
+which sets them wider."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """A channel measured and fitted, each thinned so that no spike is lost."""
+
+    channel: str
+    unit: str
+    """`channel`, `unit`: name of the channel, and unit of its values."""
+    measured: Floats
+    fitted: Floats
+    residual: Floats
+    """Time within the run, s, over the value in `unit`, shape (2, n); the residual in units of the
+    noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecayTraces:
+    """One run: its channels that stand out most from their noise, and the window that is fitted."""
+
+    label: str
+    traces: tuple[Trace, ...]
+    onset_s: float
+    start_s: float
+    end_s: float
+    """`onset_s`, `start_s`, `end_s`: when motion begins (NaN if the record begins in motion), and
+    the window that is fitted."""
+
+
+def decay_traces(estimation: Estimation) -> tuple[DecayTraces, ...]:
+    """Return what is drawn of every run that was fitted."""
+    runs = zip(estimation.records, estimation.decays, estimation.residuals, strict=True)
+    return tuple(_traces(estimation.noise, *run) for run in runs)
 
 
 def decay_section(estimation: Estimation) -> Section:
     """Return every run with its fit."""
-    runs = zip(estimation.records, estimation.decays, estimation.residuals, strict=True)
-    noise = estimation.noise
-    pictures = tuple(_picture(noise, *run) for run in runs)
+    pictures = tuple(
+        Picture(f"decay_{run.label}", run.label, "", decay_drawing(run))
+        for run in decay_traces(estimation)
+    )
     gallery = Gallery(
         "Each run: a channel of the body and one of a wheel, with what the fit leaves",
         "Grey: measured. Colour: fitted. The free decay that is fitted has a blue ground; it "
@@ -40,17 +96,17 @@ def decay_section(estimation: Estimation) -> Section:
     return Section("decays", "Measured and fitted decays", lead, blocks)
 
 
-def _picture(
+def _traces(
     noise: Mapping[str, float], record: Record, decay: FreeDecay, left: Residuals
-) -> Picture:
+) -> DecayTraces:
     onset = onset_s(record)
     begin = record.start_s if onset is None else max(onset - _BEFORE_S, record.start_s)
     traces = tuple(
         _trace(noise, record, decay, left, channel, begin)
         for channel in _most_significant(noise, decay, left)
     )
-    panel = DecayPanel(traces, np.nan if onset is None else onset, decay.start_s, record.end_s)
-    return Picture(f"decay_{decay.label}", decay.label, "", panel)
+    motion_s = np.nan if onset is None else onset
+    return DecayTraces(decay.label, traces, motion_s, decay.start_s, record.end_s)
 
 
 def _most_significant(
@@ -93,12 +149,176 @@ def _trace(
     )
 
 
-def _column(
-    recordings: tuple[Recording, ...], channel: Channel
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _column(recordings: tuple[Recording, ...], channel: Channel) -> tuple[Floats, Floats]:
     columns = {
         c.name: (recording.time_s, column)
         for recording in recordings
         for c, column in zip(recording.group.channels, recording.values.T, strict=True)
     }
     return columns[channel.name]
+
+
+def decay_drawing(run: DecayTraces) -> Drawing:
+    """Return a drawing of each trace, and beneath it its residual in units of the noise."""
+    return Drawing(HALF_IN, 2.75, partial(_draw_decay, run))
+
+
+def _draw_decay(run: DecayTraces, figure: FigureBase) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    if not run.traces:
+        return
+    heights = [part for _ in run.traces for part in (3.0, 1.15)]
+    grid = figure.add_gridspec(
+        len(heights), 1, height_ratios=heights, left=0.13, right=0.985, top=0.985, bottom=0.115,
+        hspace=0.13,
+    )  # fmt: skip
+    shared = None
+    for number, trace in enumerate(run.traces):
+        hue = PALETTE[1 + number]
+        top = figure.add_subplot(grid[2 * number], sharex=shared)
+        shared = shared or top
+        under = figure.add_subplot(grid[2 * number + 1], sharex=shared)
+        for axes in (top, under):
+            axes.axvspan(run.start_s, run.end_s, color=_WINDOW, lw=0.0, zorder=0)
+            axes.tick_params(labelsize=7.0, length=2.5, labelbottom=False)
+        top.plot(*trace.measured, color="#9a9a9a", lw=1.5, solid_joinstyle="round")
+        top.plot(*trace.fitted, color=hue, lw=0.85)
+        top.axvline(run.start_s, color=INK, lw=0.7)
+        if np.isfinite(run.onset_s):
+            top.axvline(run.onset_s, color=INK, lw=0.7, ls=(0, (2, 2)))
+        top.text(
+            0.99, 0.95, f"{trace.channel}, {trace.unit}", transform=top.transAxes, ha="right",
+            va="top", fontsize=7.5, color=hue, parse_math=False,
+        )  # fmt: skip
+        top.yaxis.set_major_locator(MaxNLocator(4))
+        under.axhspan(-2.0, 2.0, color=FAINT, alpha=0.6, lw=0.0, zorder=0.5)
+        under.plot(*trace.residual, color=hue, lw=0.5)
+        reach = max(_SPAN, float(np.max(np.abs(trace.residual[1]), initial=0.0)) * 1.05)
+        under.set_ylim(-reach, reach)
+        under.yaxis.set_major_locator(MaxNLocator(3))
+        under.set_ylabel("sigma", fontsize=6.5)
+    under.tick_params(labelbottom=True)
+    under.set_xlabel("time in the run, s", fontsize=7.5, labelpad=1.5)
+    under.set_xlim(float(run.traces[0].measured[0, 0]), run.end_s)
+
+
+# One run of several sessions ----------------------------------------------------------------------
+
+
+def overlay_gallery(labels: Sequence[str], estimations: Sequence[Estimation]) -> Gallery | None:
+    """Return the overlaid decays of sessions; None where no run is in all of them."""
+    shown = estimations[:_SESSIONS]
+    by_label = [{decay.label: decay for decay in one.decays} for one in shown]
+    pictures = []
+    for label in by_label[0] if by_label else ():
+        if all(label in decays for decays in by_label):
+            decays = [each[label] for each in by_label]
+            drawing = _overlay_of(labels, decays, shown[0].sigma)
+            if drawing is not None:
+                pictures.append(Picture(f"overlay_{label}", label, "", drawing))
+    if not pictures:
+        return None
+    return Gallery(
+        "The same run of each session",
+        "The channel that stands out most from its noise, from the start of its free decay, as "
+        "measured except for a constant (the zero of a sensor says nothing about the car); grey "
+        "is the first session. Bumps of another height change the size but not the shape.",
+        tuple(pictures),
+    )
+
+
+def _overlay_of(
+    labels: Sequence[str], decays: Sequence[FreeDecay], sigma: dict[str, float]
+) -> Drawing | None:
+    columns = [_columns(decay) for decay in decays]
+    common = [name for name in columns[0] if all(name in other for other in columns)]
+    if not common:
+        return None
+    name = max(common, key=lambda n: float(np.std(columns[0][n][1])) / sigma[n])
+    unit = next(
+        c.unit for r in decays[0].recordings for c in r.group.channels if c.name == name
+    ).replace("2", "²")
+    first = columns[0][name]
+    curves = tuple(
+        envelope(*_with_mean_of(column[name], first), _OVERLAY_BINS) for column in columns
+    )
+    return overlay_drawing(f"{name}, {unit}", tuple(labels[: len(curves)]), curves)
+
+
+def _with_mean_of(
+    column: tuple[Floats, Floats], first: tuple[Floats, Floats]
+) -> tuple[Floats, Floats]:
+    """Return a curve with the mean of the first, as each fit has its own constant for it."""
+    time_s, values = column
+    reference = np.interp(time_s, *first)
+    return time_s, values - np.mean(values - reference)
+
+
+def _columns(decay: FreeDecay) -> dict[str, tuple[Floats, Floats]]:
+    found = {}
+    for recording in decay.recordings:
+        early = recording.time_s < _SHOWN_S
+        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
+            if early.any():
+                found[channel.name] = recording.time_s[early], column[early]
+    return found
+
+
+def overlay_drawing(title: str, labels: tuple[str, ...], curves: tuple[Floats, ...]) -> Drawing:
+    """Return a drawing of one channel of a run in several sessions, as measured.
+
+    `curves`: for each session, time since the start of its decay, s, over the value, (2, n).
+    """
+    return Drawing(HALF_IN, 2.0, partial(_draw_overlay, title, labels, curves))
+
+
+def _draw_overlay(
+    title: str, labels: tuple[str, ...], curves: tuple[Floats, ...], figure: FigureBase
+) -> None:
+    """Draw the curves over each other, the first session broad and grey beneath."""
+    from matplotlib.ticker import MaxNLocator
+
+    top = 0.9 - _LEGEND_ROW * -(-len(labels) // 2)  # channel and legend are above the curves
+    axes = figure.add_axes((0.13, 0.17, 0.855, top - 0.17))
+    for number, (label, curve) in enumerate(zip(labels, curves, strict=True)):
+        hue = PALETTE[number % len(PALETTE)]
+        width = 0.9 if number else 1.9
+        short = label if len(label) <= _LONGEST else f"…{label[1 - _LONGEST :]}"
+        axes.plot(*curve, color=hue, lw=width, label=short, solid_joinstyle="round")
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.tick_params(labelsize=7.5, length=2.5)
+    axes.set_xlabel("time since the start of the decay, s", fontsize=7.5, labelpad=1.5)
+    legend = axes.legend(
+        title=title, fontsize=7.5, title_fontsize=7.5, frameon=False,
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.1, borderpad=0.1,
+        handlelength=1.4, columnspacing=1.0, labelspacing=0.2, alignment="left",
+    )  # fmt: skip
+    for text in (legend.get_title(), *legend.get_texts()):
+        text.set_parse_math(False)
+
+
+def envelope(time_s: Floats, values: Floats, bins: int) -> Floats:
+    """Keep the lowest and highest point of each of `bins` stretches, so that no spike is hidden.
+
+    Parameters
+    ----------
+    time_s, values : (n,) float64
+        The curve.
+    bins : int
+        Number of stretches; a curve of no more than two points in each is kept as it is.
+
+    Returns
+    -------
+    (2, m) float64
+        Times over values, m <= max(2 bins, n).
+    """
+    n = len(values)
+    if n <= 2 * bins:
+        return np.stack([time_s, values])
+    edges = np.linspace(0, n, bins + 1).astype(int)
+    stretch = np.repeat(np.arange(bins), np.diff(edges))
+    lowest, highest = (f.reduceat(values, edges[:-1])[stretch] for f in (np.minimum, np.maximum))
+    kept = (np.flatnonzero(values == extreme) for extreme in (lowest, highest))
+    chosen = np.union1d(*(at[np.unique(stretch[at], return_index=True)[1]] for at in kept))
+    return np.stack([time_s[chosen], values[chosen]])

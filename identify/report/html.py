@@ -16,9 +16,10 @@ from daq.strict_json import json_in_html
 from ..compare import Comparison
 from ..fit.estimation import Estimation
 from ..trust.finding import Verdict
-from .animation import moving_car
 from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
+from .cars import moving_car
 from .comparison import comparison_sections
+from .figure import svg_of
 from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 
 _WIDE = 9
@@ -107,14 +108,12 @@ def _kind(block: Block) -> str:
 
 def drawing(picture: Picture) -> Markup:
     """Draw a picture for a page with others: no prologue, no global style, its own ids."""
-    from .figures.panels import panel_svg, size_in  # matplotlib, which a helper may have loaded
-
-    svg = panel_svg(picture.panel, picture.title)
+    svg = svg_of(picture.drawing, picture.title)
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
     named = f"role='img' aria-label='{escape(picture.title)}'"
-    least = f"style='min-width:{size_in(picture.panel)[0] * _PX_AN_INCH:.0f}px'"
+    least = f"style='min-width:{picture.drawing.width_in * _PX_AN_INCH:.0f}px'"
     svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', lambda m: f"{m[1]} {named} {least}", svg, count=1)
     svg = re.sub(r'<g id="[^"]*">', "<g>", svg)
     key = re.sub(r"\W", "_", picture.key)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..document import Document, SensedModeEntry
 from ..fit.uncertainty import ModeEstimate
@@ -12,8 +15,11 @@ from ..identification import Identification
 from ..modes.stabilisation import StabilisationDiagram
 from ..numbers import NOT_DETERMINED, rounded, with_half
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table, cited
-from .panels import StabilisationPanel
-from .shapes import shape_of
+from .cars import shape_of
+from .figure import FAINT, HALF_IN, PALETTE, Drawing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import FigureBase
 
 
 def modes_section(
@@ -147,10 +153,45 @@ def _picture(diagram: StabilisationDiagram, result: Identification, state: str) 
         f"stabilisation_{state}",
         f"Mass state {state}",
         "",
-        StabilisationPanel(
-            np.where(diagram.poles.imag > 0.0, np.abs(diagram.poles) / (2.0 * np.pi), 0.0),
-            diagram.rank.astype(float),
-            diagram.stable,
-            np.array([mode.frequency.value for mode in result.modes[state]]),
+        stabilisation_drawing(
+            diagram, np.array([mode.frequency.value for mode in result.modes[state]])
         ),
     )
+
+
+def stabilisation_drawing(diagram: StabilisationDiagram, modes_hz: NDArray[np.float64]) -> Drawing:
+    """Return a drawing of frequency across and rank upwards, with lines at the modes, (m,) Hz."""
+    return Drawing(HALF_IN, 2.7, partial(_draw_stabilisation, diagram, modes_hz))
+
+
+def _draw_stabilisation(
+    diagram: StabilisationDiagram, modes_hz: NDArray[np.float64], figure: FigureBase
+) -> None:
+    hz, rank = np.abs(diagram.poles) / (2.0 * np.pi), diagram.rank
+    axes = figure.add_axes((0.125, 0.155, 0.86, 0.75))
+    for mode in modes_hz:
+        axes.axvline(float(mode), color=PALETTE[2], lw=0.8, alpha=0.7)
+    top = 1.35 * float(modes_hz.max(initial=1.0))
+    shown = (diagram.poles.imag > 0.0) & (hz < top)
+    loose, stable = shown & ~diagram.stable, shown & diagram.stable
+    axes.plot(hz[loose], rank[loose], "x", ms=2.6, mew=0.5, color="#a8a8a8")
+    axes.plot(hz[stable], rank[stable], "o", ms=2.4, mew=0, color=PALETTE[1])
+    axes.set_xscale("log")
+    low = 0.6 * float(modes_hz.min(initial=1.0))
+    axes.set_xlim(low, top)
+    ticks = [t for t in (0.5, 1, 2, 3, 5, 7, 10, 15, 20, 30) if low <= t <= top]
+    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    axes.set_xticks([], minor=True)
+    axes.set_ylim(0.0, float(np.max(rank, initial=1)) + 1.0)
+    axes.set_xlabel("frequency, Hz")
+    axes.set_ylabel("rank")
+    axes.grid(axis="y", color=FAINT, lw=0.4)
+    handles = [
+        axes.plot([], [], "o", ms=4.0, mew=0, color=PALETTE[1], label="recurs")[0],
+        axes.plot([], [], "x", ms=4.0, color="#a8a8a8", label="does not")[0],
+        axes.plot([], [], "-", lw=1.0, color=PALETTE[2], label="identified mode")[0],
+    ]
+    figure.legend(
+        handles=handles, loc="upper right", ncols=3, frameon=False, fontsize=7.0, handlelength=1.2,
+        borderaxespad=0.1, columnspacing=1.2,
+    )  # fmt: skip

@@ -1,20 +1,36 @@
-"""Sections on the parameters, their precision, and the quantities that follow from them."""
+"""Section on the parameters, their precision, and the quantities that follow from them."""
 
 from __future__ import annotations
 
-from typing import Literal
+from functools import partial
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..document import Document, unit_text
 from ..estimate_text import half_percent, half_text, high_text, low_text, value_text
-from ..numbers import by_kind, largest_share
+from ..numbers import LARGEST_PERCENT, by_kind, half_width_percent, largest_share
 from .blocks import Block, Cell, Picture, Section, Table, cited
-from .panels import IntervalPanel
+from .figure import (
+    INK,
+    PALETTE,
+    WIDTH_IN,
+    Drawing,
+    line_axes,
+    lines_height_in,
+    shared_legend,
+)
 from .words import parameter_words, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import FigureBase
 
 _LEAST_SHARE = 0.005
 """Sources whose share is smaller for every parameter are not drawn."""
+_SOURCES = ("#0072b2", "#56b4e9", "#004468", "#d55e00", "#e69f00", "#8a3c00", "#009e73", "#66c2a5",
+            "#cc79a7", "#7f7f7f", "#c0c0c0")  # fmt: skip
 
 
 def parameter_section(document: Document) -> Section:
@@ -97,7 +113,7 @@ def _intervals(document: Document) -> Picture:
         "Left: the 95 % interval relative to the estimate. Right: which runs, facts and stated "
         "uncertainties its precision rests on; repeats are added up. A bar of one colour means "
         "that one kind of run decides: repeat that one.",
-        IntervalPanel(
+        intervals_drawing(
             tuple(known),
             np.array([half_percent(e) for e in known.values()]),
             tuple(kind.replace("_", " ") for kind in order),
@@ -124,3 +140,65 @@ def _motion_ratios(document: Document) -> Table:
         tuple(rows),
         "Travel of the sensor over that of the wheel, where bench.toml states it with a sigma.",
     )
+
+
+def intervals_drawing(
+    names: tuple[str, ...],
+    half_percent: NDArray[np.float64],
+    kinds: tuple[str, ...],
+    shares: NDArray[np.float64],
+) -> Drawing:
+    """Return a drawing of the relative intervals on the left, and of what they rest on.
+
+    `half_percent`, (n,): half of each 95 % interval, % of the value.  `kinds`: kinds of runs and
+    facts that a parameter may rest on.  `shares`, (n, n_kinds): share of each, 0..1.
+    """
+    draw = partial(_draw_intervals, names, half_percent, kinds, shares)
+    return Drawing(WIDTH_IN, lines_height_in(len(names), len(kinds)), draw)
+
+
+def _draw_intervals(
+    names: tuple[str, ...],
+    half_percent: NDArray[np.float64],
+    kinds: tuple[str, ...],
+    shares: NDArray[np.float64],
+    figure: FigureBase,
+) -> None:
+    n = len(names)
+    left, right = line_axes(figure, n, (0.075, 0.5))
+    # A bar of 2,000 %, of a value near zero, would make all others invisible.
+    shown = np.where(half_percent <= LARGEST_PERCENT, half_percent, np.nan)
+    interval_bars(left, shown)
+    left.set_yticks(range(n), names)
+    for i, half in enumerate(half_percent):
+        text = half_width_percent(100.0, 100.0 - half, 100.0 + half)
+        text = f" ±{text}" if text else (" may be zero" if half > 0.0 else " not determined")
+        left.text(half if half <= LARGEST_PERCENT else 0.0, i, text, va="center", fontsize=7.5)
+    left.set_xlim(*about_zero(shown, 1.9))
+    left.set_xlabel("95 % interval about the estimate, %")
+    left.set_title("How well each is known")
+    start = np.zeros(n)
+    for number, kind in enumerate(kinds):
+        width = np.nan_to_num(shares[:, number]) * 100.0
+        colour = _SOURCES[number % len(_SOURCES)]
+        right.barh(range(n), width, 0.62, left=start, color=colour, label=kind, ec="white", lw=0.5)
+        start += width
+    right.set_xlim(0.0, 100.0)
+    right.set_yticks(range(n), [""] * n)
+    right.set_xlabel("share of its precision, %")
+    right.set_title("What it rests on")
+    shared_legend(figure)
+
+
+def interval_bars(axes: Axes, half: NDArray[np.float64]) -> None:
+    """Draw a bar about zero for each interval."""
+    shown = np.where(np.isfinite(half), half, 0.0)
+    axes.barh(range(len(half)), 2.0 * shown, 0.55, left=-shown, color=PALETTE[1], alpha=0.45)
+    axes.vlines(0.0, -0.5, len(half) - 0.5, INK, lw=0.9)
+
+
+def about_zero(values: NDArray[np.float64], room: float) -> tuple[float, float]:
+    """Return limits of an axis that hold all values, with room on the right."""
+    finite = np.abs(values[np.isfinite(values)])
+    reach = float(finite.max(initial=0.0)) or 1.0
+    return -1.1 * reach, room * reach

@@ -12,18 +12,18 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import matplotlib
-import typst
-
 from ..trust.finding import Verdict
 from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
-from .figures.panels import panel_svg, size_in
-from .panels import ShapePanel
+from .cars import still_cars
+from .figure import svg_of
 from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 
 
 def pdf_of(report: Report) -> bytes:
     """Typeset a report as PDF with tags, an outline and links (PDF/UA-1)."""
+    import matplotlib
+    import typst
+
     fonts = Path(matplotlib.get_data_path(), "fonts", "ttf")
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -88,7 +88,7 @@ def _part(block: Block, folder: Path) -> dict[str, Any]:
         case Gallery():
             return _pictures(block.title, block.caption, block.pictures, folder)
         case MovingCars():
-            still = Picture(block.key, block.title, "", ShapePanel(block.shapes))
+            still = Picture(block.key, block.title, "", still_cars(block.shapes))
             return _pictures(block.title, "At the largest motion; grey: at rest.", (still,), folder)
 
 
@@ -120,13 +120,13 @@ def _pictures(
     shown = []
     for picture in pictures:
         file = f"{picture.key}.svg"
-        (folder / file).write_text(panel_svg(picture.panel, picture.title), "utf-8")
+        (folder / file).write_text(svg_of(picture.drawing, picture.title), "utf-8")
         shown.append(
             {
                 "file": file,
                 "title": picture.title if several else "",
                 "alt": f"{title}: {picture.title}" if several else title,
-                "width_in": size_in(picture.panel)[0],
+                "width_in": picture.drawing.width_in,
             }
         )
     return {"kind": "pictures", "title": title, "caption": caption, "pictures": shown}

@@ -105,15 +105,6 @@ def test_only_the_simulator_knows_the_simulator_and_it_knows_no_method() -> None
             assert not [m for m in modules if m.startswith("daq.sim")], name
 
 
-def test_the_user_interface_uses_faces_of_packages_and_rooms() -> None:
-    for path in SOURCES:
-        if (name := _name(path)).startswith("tui/"):
-            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-                if isinstance(node, ast.ImportFrom) and not node.level:
-                    package, *rooms = str(node.module).split(".")
-                    assert package not in {"dbc", "daq", "identify"} or len(rooms) <= 1, name
-
-
 def test_nothing_listens_through_a_notifier() -> None:
     # python-can's Notifier dies without a word when a listener raises.
     for path in SOURCES:
@@ -124,7 +115,7 @@ def test_nothing_listens_through_a_notifier() -> None:
 def test_files_stay_small() -> None:
     tests = sorted(ROOT.glob("tests/**/*.py"))
     for paths in (SOURCES, tests):
-        assert not [_name(p) for p in paths if len(p.read_text("utf-8").splitlines()) > 400]
+        assert not [_name(p) for p in paths if len(p.read_text("utf-8").splitlines()) > 600]
         assert not [_name(p) for p in paths if p.name == "utils.py"]
 
 

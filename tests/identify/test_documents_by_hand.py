@@ -21,7 +21,7 @@ from identify.fit.uncertainty import Correlation, ModeEstimate
 from identify.modes.stabilisation import StabilisationDiagram
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
 
-from .report.artists import upright
+from .artists import upright
 
 
 def estimate(value: float, half: float, unit: str) -> Estimate:

@@ -15,8 +15,7 @@ import daq
 from daq import InputError
 from daq.runs import RunStatus
 from identify import Identification
-from identify.report import DecayPanel, Gallery, Picture, Trace
-from identify.report.blocks import Section
+from identify.report.decays import DecayTraces, Trace
 from tui.jobs import outcome_of as maker
 from tui.jobs.lines import (
     CompareTask,
@@ -189,11 +188,8 @@ def test_runs_have_their_fit_and_their_curves(monkeypatch: pytest.MonkeyPatch) -
     trace = Trace(
         "hub_fl", "m/s²", np.array([[0.0, 0.1], [1.0, 2.0]]), np.array([[0.05], [1.5]]), np.eye(2)
     )
-    panel = DecayPanel((trace,), 0.0, 0.1, 3.0)
-    picture = Picture("decay_x", "baseline_roll_1", "", panel)
-    other = Picture("map", "baseline_roll_2", "", cast(Any, None))
-    section = Section("decays", "", "", (Gallery("", "", (picture, other)), cast(Any, "words")))
-    monkeypatch.setattr(maker, "decay_section", lambda _: section)
+    traces = DecayTraces("baseline_roll_1", (trace,), 0.0, 0.1, 3.0)
+    monkeypatch.setattr(maker, "decay_traces", lambda _: (traces,))
     by_run = {"baseline_roll_1": {"hub_fl": 1.0, "hub_fr": 2.0}}
     session = small_session()
     made = known(monkeypatch, chi2_by_run=by_run)

@@ -141,7 +141,7 @@ def _document(
 
 
 def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: str) -> None:
-    from identify.report import half_width, rounded
+    from identify.numbers import half_width, rounded
 
     from ..output import print_item, print_line, print_table
 
@@ -191,8 +191,8 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
 
 def _print_elements(now: Outlook) -> None:
     """Print the expected precision of friction, dampers and further elements."""
+    from identify.numbers import half_width, rounded
     from identify.plan import element_label
-    from identify.report import half_width, rounded
 
     from ..output import print_line, print_table
 

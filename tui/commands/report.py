@@ -77,7 +77,7 @@ def report(
 
 def _say_verdict(quality: Judgement) -> None:
     from identify import Verdict  # loaded by the work
-    from identify.report import SEVERITY
+    from identify.report.words import SEVERITY
 
     say(f"verdict: {quality.verdict}")
     for finding in quality.findings:

@@ -49,7 +49,7 @@ def simulate(
     from daq import InputError
     from daq.sim import SimulatedCar, present_parameters
     from dbc import counted
-    from identify.report import number
+    from identify.numbers import number
 
     from ..bench import shared_bench
     from ..output import print_json, print_table

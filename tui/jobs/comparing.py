@@ -10,7 +10,9 @@ from daq import read_foreign_samples
 from identify import Identification, identify_parameters
 from identify.compare import Compared, Comparison
 from identify.document import unit_text
-from identify.report import NOT_OK, plus_minus, plus_minus_percent, rounded, unchanged_line
+from identify.numbers import plus_minus, plus_minus_percent, rounded
+from identify.report.comparison import unchanged_line
+from identify.report.words import NOT_OK
 
 from ..output import Stage, print_line, print_table
 from .executors import map_items

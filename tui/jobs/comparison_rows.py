@@ -7,7 +7,8 @@ from textwrap import wrap
 
 from identify.compare import Compared, Comparison
 from identify.document import unit_text
-from identify.report import plus_minus_percent, rounded, unchanged_line
+from identify.numbers import plus_minus_percent, rounded
+from identify.report.comparison import unchanged_line
 
 
 def comparison_lines(comparison: Comparison) -> Iterator[str]:

@@ -6,14 +6,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from identify.document import unit_text
-from identify.report import (
-    damper_columns,
-    damper_rows,
-    element_answer,
-    ends_text,
-    plain,
-    value_text,
-)
+from identify.estimate_text import ends_text, value_text
+from identify.report import damper_columns, damper_rows, element_answer
+from identify.report.words import plain
 
 if TYPE_CHECKING:
     from identify.document import ForcesEntry

@@ -11,23 +11,10 @@ from daq import RunStatus, Session
 from daq.remarks import overrides_of
 from identify import usable_session
 from identify.document import survival_lines, unit_text
-from identify.report import (
-    HEADLINE,
-    MEANING,
-    DecayPanel,
-    Gallery,
-    Trace,
-    decay_section,
-    ends_text,
-    half_percent,
-    half_text,
-    half_width,
-    largest_share,
-    parameter_words,
-    plain,
-    rounded,
-    value_text,
-)
+from identify.estimate_text import ends_text, half_percent, half_text, value_text
+from identify.numbers import half_width, largest_share, rounded
+from identify.report.decays import Trace, decay_traces
+from identify.report.words import HEADLINE, MEANING, parameter_words, plain
 
 from .damper_lines import damper_lines
 from .outcome import Curve, Estimated, FindingRow, ModeRow, Outcome, Row, RunOutcome, StateOutcome
@@ -133,12 +120,9 @@ def _rows(matrix: NDArray[np.float64]) -> tuple[Row, ...]:
 def _runs(session: Session, document: Document, result: Identification) -> tuple[RunOutcome, ...]:
     curves: dict[str, tuple[Curve, ...]] = {}
     if result.estimation is not None:
-        blocks = decay_section(result.estimation).blocks
-        pictures = [p for block in blocks if isinstance(block, Gallery) for p in block.pictures]
         curves = {
-            picture.title: tuple(_curve(trace) for trace in picture.panel.traces)
-            for picture in pictures
-            if isinstance(picture.panel, DecayPanel)
+            run.label: tuple(_curve(trace) for trace in run.traces)
+            for run in decay_traces(result.estimation)
         }
     return tuple(
         RunOutcome(

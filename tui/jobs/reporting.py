@@ -20,8 +20,7 @@ if TYPE_CHECKING:  # slow to load
     from identify.report import Picture, Report, Source
 
 _HEAVY = (
-    "identify.report.html",
-    "identify.report.figures.panels",
+    "identify.report",
     "matplotlib.backends.backend_svg",
 )
 _LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
@@ -103,22 +102,22 @@ def _pdf_of(page: Report) -> bytes:
 
 def pictures_of(report: Report) -> tuple[Picture, ...]:
     """Return every picture of a report, mode shapes as stills."""
-    from identify.report import MovingCars, Picture, ShapePanel
+    from identify.report import MovingCars, Picture, still_cars
 
     cars = [b for section in report.sections for b in section.blocks if isinstance(b, MovingCars)]
-    stills = (Picture(b.key, b.title, "", ShapePanel(b.shapes)) for b in cars)
+    stills = (Picture(b.key, b.title, "", still_cars(b.shapes)) for b in cars)
     return (*report.pictures, *stills)
 
 
 def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:
     """Write each picture of a report as `svg` or `png`; return the files."""
-    from identify.report import panel_png, panel_svg
+    from identify.report import png_of, svg_of
 
     written = []
     for picture in pictures_of(report):
         path = folder / f"{picture.key}.{kind}"
         png = kind == "png"
-        data = panel_png(picture.panel) if png else panel_svg(picture.panel, picture.title).encode()
+        data = png_of(picture.drawing) if png else svg_of(picture.drawing, picture.title).encode()
         write_named(path, data)
         written.append(path)
     return tuple(written)

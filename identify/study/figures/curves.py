@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from ...report.figures.style import PALETTE, zero_line
+from ...report.figure import PALETTE, zero_line
 from ..result import Curve, CurvePanel
 
 _ALIKE = 0.012

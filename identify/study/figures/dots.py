@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
-from ...report.figures.style import FAINT, PALETTE
+from ...report.figure import FAINT, PALETTE
 from ..result import DotPanel
 
 _MARKS = ("|", "o", "o", "D", "s")

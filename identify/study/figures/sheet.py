@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from ...report.figures.style import SETTINGS
+from ...report.figure import SETTINGS
 from ..result import CurvePanel, DotPanel, Panel, Study
 from .curves import draw_curves
 from .dots import draw_dots

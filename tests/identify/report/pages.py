@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from identify.document import EstimateEntry
@@ -25,6 +26,13 @@ def sources(table: Table) -> list[list[str]]:
 def picture(section: Section, key: str) -> Picture:
     (found,) = (one for one in section.pictures if one.key == key)
     return found
+
+
+def drawn(picture: Picture) -> tuple[Any, ...]:
+    """Return the data that a picture draws."""
+    draw = picture.drawing.draw
+    assert isinstance(draw, partial)
+    return draw.args
 
 
 def at(document: Mapping[str, Any], source: str) -> Any:

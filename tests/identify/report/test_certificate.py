@@ -9,7 +9,7 @@ from daq.sessions import Session
 from identify import Identification, Judgement
 from identify.document import Document
 from identify.report.blocks import Cell, Section, Source, Table
-from identify.report.certificate import REFUSED, certificate_section, marked
+from identify.report.session import REFUSED, certificate_section, marked
 from identify.software import software_sha256
 
 SOURCE = Source("car.h5", "ab" * 32, "1.2", {}, "2026-11-22", "A. Engineer", "B. Head")

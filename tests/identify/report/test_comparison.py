@@ -14,12 +14,12 @@ from identify.fit.estimation import Estimation
 from identify.fit.uncertainty import estimates
 from identify.report.blocks import Gallery, Table
 from identify.report.comparison import comparison_sections
-from identify.report.figures.panels import figure_of
+from identify.report.decays import overlay_drawing, overlay_gallery
+from identify.report.figure import figure_of
 from identify.report.html import comparison_html
-from identify.report.overlay import overlay_gallery
-from identify.report.panels import OverlayPanel
 
 from ..changes import session
+from .pages import drawn
 
 
 def held(fits: list[Estimation]) -> Comparison:
@@ -76,18 +76,18 @@ def test_each_run_of_both_is_drawn_over_the_other(fits: list[Estimation]) -> Non
     gallery = overlay_gallery(["before", "after"], fits)
     assert isinstance(gallery, Gallery)
     assert len(gallery.pictures) == 6
-    panel = gallery.pictures[0].panel
-    assert isinstance(panel, OverlayPanel)
+    title, _, curves = drawn(gallery.pictures[0])
+    channel, _, _ = title.partition(", ")
     names = [c.name for c in fits[0].decays[0].recordings[0].group.channels]
-    for fit, curve in zip(fits, panel.curves, strict=True):
+    for fit, curve in zip(fits, curves, strict=True):
         recording = fit.decays[0].recordings[0]
         early = recording.time_s < 1.5
-        measured = recording.values[early, names.index(panel.channel)]
+        measured = recording.values[early, names.index(channel)]
         apart = curve[1] - measured  # a constant, of the first session none
         np.testing.assert_allclose(apart, apart[0], atol=1e-12)
-        assert np.mean(curve[1]) == pytest.approx(np.mean(panel.curves[0][1]), abs=1e-9)
-    np.testing.assert_array_equal(panel.curves[0][1], measured_first(fits, panel.channel))
-    figure = figure_of(panel)
+        assert np.mean(curve[1]) == pytest.approx(np.mean(curves[0][1]), abs=1e-9)
+    np.testing.assert_array_equal(curves[0][1], measured_first(fits, channel))
+    figure = figure_of(gallery.pictures[0].drawing)
     (axes,) = figure.axes
     assert [line.get_label() for line in axes.lines] == ["before", "after"]
 
@@ -96,7 +96,7 @@ def test_each_run_of_both_is_drawn_over_the_other(fits: list[Estimation]) -> Non
 def test_channel_and_names_of_sessions_stand_above_the_curves(n: int) -> None:
     labels = tuple(f"2026-11-2{i}-morning/session_000{i}" for i in range(n))
     curve = np.array([[0.0, 1.5], [-0.045, 0.02]])
-    figure = figure_of(OverlayPanel("travel_rr", "m", labels, (curve,) * n))
+    figure = figure_of(overlay_drawing("travel_rr, m", labels, (curve,) * n))
     (axes,) = figure.axes
     legend = axes.get_legend()
     assert legend is not None
@@ -126,10 +126,8 @@ def test_a_sensor_whose_zero_lies_elsewhere_is_drawn_over_the_other(
     plain, shifted = (overlay_gallery(["a", "b"], [fits[0], one]) for one in (fits[1], other))
     assert plain is not None
     assert shifted is not None
-    curves = [one.pictures[0].panel for one in (plain, shifted)]
-    assert isinstance(curves[0], OverlayPanel)
-    assert isinstance(curves[1], OverlayPanel)
-    np.testing.assert_allclose(curves[1].curves[1][1], curves[0].curves[1][1], atol=1e-9)
+    (_, _, curves), (_, _, others) = (drawn(one.pictures[0]) for one in (plain, shifted))
+    np.testing.assert_allclose(others[1][1], curves[1][1], atol=1e-9)
 
 
 def test_sessions_without_a_run_in_common_have_no_gallery(fits: list[Estimation]) -> None:

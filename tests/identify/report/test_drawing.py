@@ -8,13 +8,14 @@ from matplotlib.patches import Rectangle
 
 from daq.vehicle import FORD_GRANADA
 from identify.report.blocks import Table
-from identify.report.envelope import envelope
-from identify.report.figures.panels import figure_of, panel_png, panel_svg
-from identify.report.panels import CorrelationPanel, IntervalPanel
+from identify.report.cars import at_rest, moving_car, outline, shape_of
+from identify.report.decays import envelope
+from identify.report.evidence import correlation_drawing
+from identify.report.figure import figure_of, png_of, svg_of
+from identify.report.parameters import intervals_drawing
 from identify.report.pdf import pdf_of
-from identify.report.shapes import at_rest, outline, shape_of
 
-from .sessions import hostile
+from .sessions import hostile, reported
 
 
 def test_no_spike_is_hidden() -> None:
@@ -31,8 +32,8 @@ def test_no_spike_is_hidden() -> None:
 def test_a_parameter_that_may_be_zero_leaves_the_others_their_bars() -> None:
     """2,500 % of a value near zero on the axis of the others left nothing of theirs."""
     half = np.array([0.53, 99.0, 101.0])
-    panel = IntervalPanel(("m_s", "k_af", "y_s"), half, ("bounce",), np.ones((3, 1)))
-    bars, _ = figure_of(panel).axes
+    drawing = intervals_drawing(("m_s", "k_af", "y_s"), half, ("bounce",), np.ones((3, 1)))
+    bars, _ = figure_of(drawing).axes
     assert [text.get_text() for text in bars.texts] == [" ±0.53 %", " ±99 %", " may be zero"]
     widths = [patch.get_width() for patch in bars.patches if isinstance(patch, Rectangle)]
     assert widths == [1.06, 198.0, 0.0]
@@ -63,10 +64,32 @@ def test_nose_down_pitch_lowers_the_front() -> None:
 
 
 def test_the_same_figure_has_the_same_bytes() -> None:
-    panel = CorrelationPanel(("m_s", "k_sf"), np.array([[1.0, 0.5], [0.5, 1.0]]))
-    assert panel_svg(panel, "c") == panel_svg(panel, "c")
-    assert ">+.50<" in panel_svg(panel, "c")
-    assert panel_png(panel).startswith(b"\x89PNG")
+    drawing = correlation_drawing(("m_s", "k_sf"), np.array([[1.0, 0.5], [0.5, 1.0]]))
+    assert svg_of(drawing, "c") == svg_of(drawing, "c")
+    assert ">+.50<" in svg_of(drawing, "c")
+    assert png_of(drawing).startswith(b"\x89PNG")
+
+
+def test_ten_times_the_frequency_takes_half_as_long() -> None:
+    heave = np.array([1.0, 0, 0, 0, 0, 0, 0], dtype=complex)
+    for frequency_hz, period in ((1.0, "2.40s"), (10.0, "1.20s")):
+        svg = moving_car(shape_of("bounce", "", frequency_hz, heave, FORD_GRANADA.geometry))
+        assert f'dur="{period}"' in svg
+        assert svg.count('class="rest"') == svg.count('class="car still"') == 1
+
+
+def test_every_picture_of_a_report_is_drawn_with_its_words() -> None:
+    report = reported("linear")
+    words = {
+        "intervals": ("m_s", "share of its precision"), "snr": ("body roll", "baseline_bounce_1"),
+        "correlation": ("k_sf", "c_sr"),
+        "prediction": ("predicted, left out", "added_roll_1"), "decay": ("sigma", "time in the"),
+        "stabilisation": ("rank", "identified mode"),
+    }  # fmt: skip
+    shown = {picture.key.partition("_baseline")[0]: picture for picture in report.pictures}
+    for key, expected in words.items():
+        svg = svg_of(shown[key].drawing, key)
+        assert all(word in svg for word in expected), key
 
 
 def test_the_report_goes_on_sheets_of_a4() -> None:

@@ -20,9 +20,9 @@ from identify import Estimate, Identification, Judgement
 from identify.cross_checks import CrossChecks
 from identify.fit.cross_validation import Prediction
 from identify.report.blocks import Gallery, Picture, Report, Section, Source, Table
-from identify.report.certificate import certificate_section, marked
 from identify.report.content import report_of
-from identify.report.panels import DamperPanel
+from identify.report.figure import Drawing
+from identify.report.session import certificate_section, marked
 from identify.trust.survival import Loss, Survival
 
 from .pages import at, tables, texts
@@ -152,7 +152,7 @@ def test_a_report_has_what_was_found_and_what_survives() -> None:
 
 
 def test_pictures_of_a_section_are_those_of_its_galleries_too() -> None:
-    one, two, three = (Picture(key, key, "", DamperPanel(())) for key in "abc")
+    one, two, three = (Picture(key, key, "", Drawing(1.0, 1.0, lambda _: None)) for key in "abc")
     blocks = (two, Table("t", (), ()), Gallery("g", "", (three, one)))
     section = Section("s", "S", "", blocks)
     assert [picture.key for picture in section.pictures] == ["b", "c", "a"]
@@ -162,7 +162,11 @@ def test_pictures_of_a_section_are_those_of_its_galleries_too() -> None:
 
 def test_every_block_of_a_refused_section_is_marked() -> None:
     table = Table("Parameters", ("", "#value"), ())
-    section = marked(Section("s", "S", "", (Picture("p", "Errors", "", DamperPanel(())), table)))
+    section = marked(
+        Section(
+            "s", "S", "", (Picture("p", "Errors", "", Drawing(1.0, 1.0, lambda _: None)), table)
+        )
+    )
     assert [block.title for block in section.blocks] == ["✕ refused: Errors", "Parameters"]
 
 

@@ -30,8 +30,12 @@ from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import Fit
 from identify.report.blocks import Source
-from identify.report.provenance import frames_sha256, provenance_section, run_section
-from identify.report.vehicle import vehicle_section
+from identify.report.session import (
+    frames_sha256,
+    provenance_section,
+    run_section,
+    vehicle_section,
+)
 
 from .pages import sources, tables, texts
 

@@ -15,7 +15,7 @@ from identify.study.figures.curves import draw_curves
 from identify.study.figures.dots import draw_dots
 from identify.study.result import Column, Curve, CurvePanel, DotPanel, Dots, Panel, Study, percent
 
-from ..report.artists import bars, named, points, segments, ticks, upright
+from ..artists import bars, named, points, segments, ticks, upright
 
 NAN = float("nan")
 
