@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from .dbc_readers import bench_witness as bench_witness
     from .dbc_readers import reader_lines as reader_lines
     from .frame_checks import mixed_messages as mixed_messages
-    from .guess_hubs import ON_HUB as ON_HUB
     from .marks import open_questions as open_questions
     from .propose import Proposal as Proposal
     from .propose import propose_sensors as propose_sensors

@@ -1,4 +1,4 @@
-"""Guesses which accelerations are those of hubs: AC-coupled ones, and those shown by kicks."""
+"""Guesses which accelerations are those of hubs: AC-coupled ones; the user is asked for others."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ from ..signal_names import sensor_of
 from ..vehicle import Corner
 from .candidates import Candidate
 from .guess_map import Asked, Guess, is_body
-from .mounting import pushed_corner
-from .pushes import Push
 
 _NO_GRAVITY_G = 0.1
 """Largest reading at rest, g, of an AC-coupled accelerometer."""
-ON_HUB = "is it on the body, or on which hub? A kick against each tyre shows it (--push)"
+_ON_HUB = "is it on the body, or on which hub?"
 
 
 def without_gravity(
@@ -52,51 +50,21 @@ def _gravity_g(signal: Candidate, guess: Guess) -> float | None:
 
 
 def hubs(
-    groups: Mapping[tuple[str, Corner | None], Sequence[Candidate]],
-    guesses: Mapping[str, Guess],
-    push: Push | None,
+    groups: Mapping[tuple[str, Corner | None], Sequence[Candidate]], guesses: Mapping[str, Guess]
 ) -> dict[str, Guess]:
-    """Return accelerations with the hubs that kicks against the tyres show.
+    """Return accelerations of which the user is asked whether they are on a hub.
 
-    The user is asked about an acceleration without gyroscopes in its sensor whose name states no
-    place.
+    Those without gyroscopes in their sensor whose name states no place.
     """
     accelerations = [s for group in groups.values() for s in group if s.kind == "m/s2"]
     turning = {sensor for (sensor, _), group in groups.items() if any(_turns_too(s) for s in group)}
-    kicks = (
-        {
-            s.full: push.pushes.kicks(push.traces[s.full])
-            for s in accelerations
-            if s.full in push.traces
-        }
-        if push is not None
-        else {}
-    )
     found = {}
     for signal in accelerations:
         guess = guesses[signal.full]
         alone = signal.axis is None or sensor_of(signal.message) not in turning
-        on_hub = guess.quantity is Quantity.HUB_ACCELERATION
         on_body = guess.quantity is Quantity.BODY_ACCELERATION and alone
-        names = f"{signal.layout.name} {signal.message}"
-        if is_body(names, or_imu=False) or not (on_hub or on_body):
-            continue
-        others = [each for name, each in kicks.items() if name != signal.full]
-        place = pushed_corner(kicks[signal.full], others) if signal.full in kicks else None
-        if place is not None:
-            ask = f"its name says {guess.corner}: are plugs swapped?"
-            ask = ask if guess.corner not in (None, place[0]) else guess.ask
-            why = f"{guess.why}; shaken most by the kick at {place[0]}"
-            found[signal.full] = replace(
-                guess,
-                quantity=Quantity.HUB_ACCELERATION,
-                corner=place[0],
-                why=why,
-                ask=ask,
-                asked=Asked.CORNER if guess.corner not in (None, place[0]) else guess.asked,
-            )
-        elif on_body and not guess.ask and not is_body(names):
-            found[signal.full] = replace(guess, ask=ON_HUB, asked=Asked.CORNER)
+        if on_body and not guess.ask and not is_body(f"{signal.layout.name} {signal.message}"):
+            found[signal.full] = replace(guess, ask=_ON_HUB, asked=Asked.CORNER)
     return found
 
 

@@ -53,7 +53,7 @@ def guess_bench(
     for own in groups.values():
         guesses |= _together(own, push, forward.get(sensor_of(own[0].message), ""))
     guesses |= without_gravity(groups, guesses)
-    guesses |= hubs(groups, guesses, push)
+    guesses |= hubs(groups, guesses)
     guesses |= _travels([s for s in signals if s.kind == "m" and s.full in guesses], guesses, push)
     return guesses
 

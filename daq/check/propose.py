@@ -71,8 +71,7 @@ def propose_sensors(
     frames : FrameBatch or None
         Some seconds of the car at rest, in order of arrival; if None, only names are used.
     pushes : FrameBatch or None
-        A push on each corner, with rest before each, in the order of `push_test.ORDER`; a kick
-        against the tyre after each push shows the hub of that corner.
+        A push on each corner, with rest before each, in the order of `push_test.ORDER`.
     answers : mapping of Question to str
         Answers to the questions of an earlier proposal from the same traffic.
 

@@ -37,15 +37,6 @@ class Pushes:
         """Return the largest deviation from rest of a signal in each push, signed."""
         return {corner: _largest(_within(trace, span)) for corner, span in self.spans.items()}
 
-    def kicks(self, trace: Trace) -> dict[Corner, float]:
-        """Return the largest deviation between each push and the next one, signed.
-
-        If the tyre of the pushed corner is kicked, it is in this time.
-        """
-        begins = [begin for begin, _ in self.spans.values()]
-        spans = zip(begins, [*begins[1:], int(trace[0][-1]) + 1], strict=True)
-        return {c: _largest(_within(trace, s)) for c, s in zip(self.spans, spans, strict=True)}
-
     def turns(self, trace: Trace) -> dict[Corner, float]:
         """Return the largest angle in each push, from a signal that is a rate, signed."""
         found = {}

@@ -33,8 +33,6 @@ SWING_S = 6.0
 """Time, s, after which the motion of a car with a damping of 0.15 at 1 Hz has decayed to 1/300."""
 PUSH_N, PUSH_S = 400.0, 1.2
 """Force and duration of a push by a person on a corner, who lets go gently."""
-KICK_M, KICK_S = 0.001, 0.04
-"""Lift of the wheel by a kick against the tyre, and its duration: 12 m/s2 on the hub."""
 _MARGIN_S = 0.2
 """Margin at the end of an act, s, because an act ends with the piece that is being sampled."""
 _SEEN_S = 1e-3
@@ -76,13 +74,6 @@ class Acts:
         """Return a push on a corner."""
         push = pushed(self._rig.plants[mass_state], corner, PUSH_N, PUSH_S)
         return Act(scene_of(self._rig, push, 0.0, PUSH_S), PUSH_S, np.inf)
-
-    def kick(self, mass_state: str, corner: Corner) -> Act:
-        """Return a kick against a tyre, which the body does not feel."""
-        lift = np.zeros((7, 1))
-        lift[3 + corner.position] = KICK_M
-        kick = Push(static_pose(self._rig.plants[mass_state]), lift, KICK_S)
-        return Act(scene_of(self._rig, kick, 0.0, KICK_S), KICK_S, np.inf)
 
     def prepare(self, step: Step, fault: Fault | None) -> Future[Act]:
         """Begin to compute a bump, if this has not been done, and return its future."""
@@ -161,7 +152,7 @@ class Acts:
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """A person who presses the body down or kicks a wheel up, and lets go.
+    """A person who presses the body down and lets go.
 
     A press is so slow that every spring follows.
     """

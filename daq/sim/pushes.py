@@ -12,14 +12,14 @@ from dbc import Codec, FrameBatch
 from ..bench.config import Bench
 from ..check.push_test import ORDER
 from ..runs import BASELINE
-from .acts import KICK_S, PUSH_S, Act, Acts
+from .acts import PUSH_S, Act, Acts
 from .car import SimulatedCar
 from .ecu import on_the_buses, rig_of, sample
 
-_PAUSE_S = 0.8
-"""Rest after a push and after a kick, s."""
-PUSHES_S = len(ORDER) * (PUSH_S + KICK_S + 2 * _PAUSE_S)
-"""Duration of all pushes and kicks, s."""
+_PAUSE_S = 1.6
+"""Rest after a push, s."""
+PUSHES_S = len(ORDER) * (PUSH_S + _PAUSE_S)
+"""Duration of all pushes, s."""
 _PIECE_S = 0.5
 """Length of the blocks, s."""
 
@@ -29,7 +29,7 @@ def push_frames(
 ) -> Iterator[FrameBatch]:
     """Yield the frames of a car that is at rest, is pushed at each corner, and is at rest again.
 
-    After each push the corner's tyre is kicked.  The car then remains at rest: the caller ends the
+    The car then remains at rest: the caller ends the
     iteration.  Arguments and errors are those of `daq.sim.ecu.campaign_frames`; `rest_s`: time
     before the first push, s.  A block is half a second.
     """
@@ -38,9 +38,7 @@ def push_frames(
     rest = acts.rest(BASELINE)
     plan: list[tuple[Act, float]] = [(rest, rest_s)]
     for corner in ORDER:
-        kick = acts.kick(BASELINE, corner)
         plan += [(acts.push(BASELINE, corner), PUSH_S), (rest, _PAUSE_S)]
-        plan += [(kick, kick.length_s), (rest, _PAUSE_S)]
     acts.close()
     plan.append((rest, np.inf))
     rng = np.random.default_rng([seed, 2])

@@ -48,8 +48,8 @@ def check(
     push: Annotated[
         float,
         typer.Option(
-            help="Seconds of --propose after the rest, in which each corner is pushed once, and its"
-            " tyre kicked: front left, front right, rear left, rear right.",
+            help="Seconds of --propose after the rest, in which each corner is pushed once: front"
+            " left, front right, rear left, rear right.",
             min=0,
             max=600,
         ),
@@ -194,7 +194,7 @@ def _proposed(
 
     from daq import InputError, load_bench
     from daq.bench import parse_bench, stored_text
-    from daq.check import ON_HUB, ORDER, propose_sensors, spoken
+    from daq.check import ORDER, propose_sensors, spoken
     from daq.files import refuse_existing
 
     from ..bench import reachable
@@ -217,10 +217,7 @@ def _proposed(
             _refuse_silence(listened.buses, frames, source.seconds)
         if source.push_s:
             if source.log is None:
-                at_rest = propose_sensors(databases, buses, frames, None)
-                kick = any(ON_HUB in line for line in at_rest.questions)
-                then = ", let go, then kick its tyre" if kick else " and let go"
-                say(f"now push each corner DOWN{then}, with a second of rest between:")
+                say("now push each corner DOWN and let go, with a second of rest between:")
                 say(f"{', '.join(map(spoken, ORDER))}; you have {source.push_s:.0f} s")
             pushes = _frames(listened, source.log, source.seconds, source.push_s)
     proposal = completed(partial(propose_sensors, databases, buses, frames, pushes))

@@ -34,8 +34,8 @@ def simulate(
     push: Annotated[
         float | None,
         typer.Option(
-            help="No campaign: stand still for these seconds, then be pushed down at each corner"
-            " and kicked against its tyre; then stand still until Ctrl-C.",
+            help="No campaign: stand still for these seconds, then be pushed down at each"
+            " corner; then stand still until Ctrl-C.",
             min=0,
             max=600,
         ),
@@ -194,6 +194,6 @@ def _push(bench: Bench, car: SimulatedCar, seed: int, rest_s: float) -> None:
             if left_s > 0:
                 stage(0.0, f"at rest, pushed in {left_s:.0f} s")
             elif share < 1:
-                stage(share, "pushed at each corner, each tyre kicked")
+                stage(share, "pushed at each corner")
             else:
                 stage(1.0, "at rest: Ctrl-C ends it")

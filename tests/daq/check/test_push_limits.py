@@ -222,19 +222,11 @@ def test_signals_add_up_and_those_without_rest_do_not_count() -> None:
     assert find_pushes({"a": (one[0][:1], one[1][:1])}) == (None, 0)
 
 
-def test_peaks_kicks_and_turns_of_each_push() -> None:
+def test_peaks_and_turns_of_each_push() -> None:
     t_ns, value = trace([1.0, -2.0, 3.0, -4.0])
     found = pushes((t_ns, value))
     expected = dict(zip(ORDER, (1.0, -2.0, 3.0, -4.0), strict=True))
     assert found.peaks((t_ns, value)) == pytest.approx(expected)
-    assert found.kicks((t_ns, value)) == pytest.approx(expected)
-    kicked = value.copy()
-    for k, kick in enumerate((7.0, 0.5, -8.0)):
-        kicked[round(200 * (2.5 + 3 * k))] = 5.0 + kick
-    kicked[-1] = 14.0
-    assert found.peaks((t_ns, kicked)) == pytest.approx(expected)
-    others = dict(zip(ORDER, (7.0, -2.0, -8.0, 9.0), strict=True))
-    assert found.kicks((t_ns, kicked)) == pytest.approx(others)
     # 0.2 s at a rate of r: an angle of 0.2 r, which stays.
     turned = {corner: 0.2 * peak for corner, peak in expected.items()}
     assert found.turns((t_ns, value)) == pytest.approx(turned)

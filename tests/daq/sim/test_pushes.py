@@ -1,4 +1,4 @@
-"""The simulated car is pushed by hand: rest, four pushes with a kick each, rest again."""
+"""The simulated car is pushed by hand: rest, four pushes, rest again."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ def played(rest_s: float, length_s: float) -> FrameBatch:
     return FrameBatch.concatenate(list(takewhile(lambda b: int(b.t_ns[0]) < end_ns, blocks)))
 
 
-def test_four_pushes_and_kicks_with_their_rests_take_eleven_seconds() -> None:
-    assert pytest.approx(4 * (1.2 + 0.8 + 0.04 + 0.8)) == PUSHES_S
+def test_four_pushes_with_their_rests_take_eleven_seconds() -> None:
+    assert pytest.approx(4 * (1.2 + 1.6)) == PUSHES_S
 
 
-def test_each_corner_goes_down_once_and_is_kicked_after_it() -> None:
+def test_each_corner_goes_down_once() -> None:
     frames = played(2.0, 16.0)
     samples = bench_codec(wild_bench()).decode(frames).samples
     corners = ("FL", "FR", "RL", "RR")
-    begins = [2.0 + 2.84 * i for i in range(4)]  # 1.2 s, 0.8 s, a kick of 0.04 s, 0.8 s
+    begins = [2.0 + 2.8 * i for i in range(4)]
     for node, corner in NODES.items():
         pot = samples[f"node_{node}.TPDO1.Position_Value"]
         since_s = (pot.t_ns - START_NS) * 1e-9
@@ -42,14 +42,6 @@ def test_each_corner_goes_down_once_and_is_kicked_after_it() -> None:
         assert int(np.argmax(down)) == corners.index(corner)
         assert 10.0 < max(down) < 40.0
         assert mm[since_s > 13.5].max() < 1.0
-    for corner, at in zip(corners, begins, strict=True):
-        axle = "Front" if corner in ("FL", "FR") else "Rear"
-        hub = samples[f"hubs.WheelAccel{axle}.WheelAccel{corner}"]
-        since_s = (hub.t_ns - START_NS) * 1e-9
-        swing = np.abs(hub.value - np.median(hub.value))
-        kicked = (since_s > at + 1.99) & (since_s < at + 2.06)
-        assert swing[kicked].max() > 10.0
-        assert swing[~kicked].max() < 2.0
 
 
 def test_a_bench_is_proposed_from_it_as_it_is() -> None:
