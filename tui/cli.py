@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gc
 import sys
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -38,6 +39,7 @@ from .commands.status import status
 from .commands.study import study
 from .commands.tui import tui
 from .commands.validate import validate
+from .diagnostics import ExitCode, say
 from .invocation import invoke
 
 GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
@@ -153,6 +155,10 @@ def main() -> None:
     """Run the command line and exit."""
     try:
         code = run(sys.argv[1:])
+    except Exception as error:  # exit code 1, Python's own, would read as a refusal
+        traceback.print_exc()
+        say(f"error: {type(error).__name__}: a fault of bumpbench (report it with the lines above)")
+        code = ExitCode.DEFECT
     finally:
         gc.freeze()  # else Python searches all loaded objects before it ends, for 0.3 s
     sys.exit(code)

@@ -31,6 +31,8 @@ class ExitCode(IntEnum):
     DATA_LOST = 3
     """Done, but data was lost on the way."""
     NO_BUS = 4
+    DEFECT = 70
+    """The program failed where it should not have: a fault of its own."""
     LOCKED = 75
     """Another recorder writes to this folder."""
     INTERRUPTED = 130

@@ -17,6 +17,8 @@ from daq.sessions import Session
 
 _SMALLEST = 1e-100
 """Smallest magnitude that is not taken as zero: the squares of smaller ones vanish."""
+_ROUNDING = 1e-12
+"""Magnitude, SI, below which a channel shows only a simulation's rounding: it is taken as zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,9 @@ def readable_session(session: Session) -> Session:
 
 def _readable(values: NDArray[np.float64]) -> NDArray[np.float64]:
     wrong = _is_absurd(values)
-    tiny = (np.abs(values) < _SMALLEST) & (values != 0.0)
+    size = np.abs(values)
+    seen = bool(np.fmax.reduce(size, initial=0.0) > _ROUNDING)
+    tiny = (size < (_SMALLEST if seen else _ROUNDING)) & (values != 0.0)
     if not (wrong.any() or tiny.any()):
         return values
     return np.where(wrong, np.nan, np.where(tiny, 0.0, values))

@@ -92,7 +92,8 @@ def decay_start_s(record: Record) -> float:
 def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     """Return each channel's standard deviation at rest before the bump, pooled over the records.
 
-    In SI units.  Empty if a channel has fewer than 100 samples at rest.
+    In SI units; at least that of rounding to the step of a coarse sensor.  Empty if a channel has
+    fewer than 100 samples at rest.
     """
     counts = quiet_counts(records)
     names = {c.name for r in records for q in r.recordings for c in q.group.channels}
@@ -104,7 +105,35 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
         spread = np.sum((quiet - quiet.mean(axis=0)) ** 2, axis=0)
         for channel, total in zip(recording.group.channels, spread.tolist(), strict=True):
             squares[channel.name] += total
-    return {name: float(np.sqrt(squares[name] / n)) for name, n in counts.items()}
+    rounding = {name: step / np.sqrt(12.0) for name, step in coarse_steps(records).items()}
+    return {
+        name: max(float(np.sqrt(squares[name] / n)), rounding.get(name, 0.0))
+        for name, n in counts.items()
+    }
+
+
+def coarse_steps(records: Sequence[Record]) -> dict[str, float]:
+    """Return the steps of the channels that show fewer than half a step of noise at rest, SI.
+
+    Their values at rest are few, so that rounding hides the noise.
+    """
+    at_rest: dict[str, list[NDArray[np.float64]]] = {}
+    whole: dict[str, list[NDArray[np.float64]]] = {}
+    for record in records:
+        for recording, resting in _quiet(record):
+            for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
+                at_rest.setdefault(channel.name, []).append(column[resting])
+                whole.setdefault(channel.name, []).append(column)
+    steps = {}
+    for name, parts in at_rest.items():
+        quiet = np.sort(np.concatenate(parts))
+        if 2 * np.count_nonzero(np.diff(quiet)) < len(quiet):
+            levels = np.sort(np.concatenate(whole[name]))
+            apart = np.diff(levels)
+            apart = apart[apart > 1e-9 * np.abs(levels[[0, -1]]).max()]
+            if len(apart) and quiet.std() < apart.min() / 2.0:
+                steps[name] = float(apart.min())
+    return steps
 
 
 def quiet_counts(records: Sequence[Record]) -> dict[str, int]:

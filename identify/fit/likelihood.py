@@ -37,6 +37,10 @@ _UNKNOWN = 1e-300  # size of a last step that says nothing about the next one
 HOLD = 300.0
 """Strength of the hold with which 200 of 200 starts, wrong by up to a factor of 3, led to the
 optimum."""
+_VAGUE = 2.0
+"""Standard deviation of each unknown about the start of a search, before any run: a factor e^2.
+Unknowns that no run determines stay near where the search began; determined ones move by less than
+a hundredth of their standard deviations."""
 FACTS = "facts"
 PRIORS = "stated uncertainties"
 
@@ -134,24 +138,27 @@ def fit(
     iterations, size_before = 0, _UNKNOWN
     n = sum(decay.n_values for decay in decays)
     let_go = _LET_GO * hold
+    # Noise alone would drive an unknown that no run informs to zero or infinity.
+    weak = np.isinf(box.prior_sigma) / _VAGUE**2
     while iterations < max_iterations and not converged:
         iterations += 1
-        held = hold * here.cost / n if here.cost > _BAD * n and hold > let_go else 0.0
+        firm = hold * here.cost / n if here.cost > _BAD * n and hold > let_go else 0.0
+        held = weak + firm
         diagonal = np.diag(here.information) + held
         scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        H = (here.information + held * np.eye(len(eta))) / np.outer(scale, scale)
+        H = (here.information + np.diag(held)) / np.outer(scale, scale)
         downhill = here.gradient - held * (eta - start)
         step = np.linalg.solve(H + damping * np.eye(len(eta)), downhill / scale) / scale
         step *= min(1.0, _MAX_STEP / max(float(np.max(np.abs(step))), 1e-300))
         trial_there = linearised(box, decays, sigma, eta + step, there.layout)
         trial = _sum(trial_there.blocks)
-        pull = held * float(np.sum((eta + step - start) ** 2) - np.sum((eta - start) ** 2))
+        pull = float(held @ ((eta + step - start) ** 2 - (eta - start) ** 2))
         if np.isfinite(trial.cost) and trial.cost + pull <= here.cost + rounding:
             # Where the model does not hold, residuals are larger than sigma says, and so is the
             # uncertainty that a step is measured by.
             fine = tolerance * max(1.0, trial.cost / n) ** 0.5
             size = float(np.max(np.abs(step) * scale))
-            converged = not held and damping < 1e-3 and size * min(1.0, size / size_before) < fine
+            converged = not firm and damping < 1e-3 and size * min(1.0, size / size_before) < fine
             size_before = size
             eta, here, there = eta + step, trial, trial_there
             damping = max(damping / 10, 1e-12)

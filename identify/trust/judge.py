@@ -59,7 +59,7 @@ def judge(
     findings = [
         *unused,
         *(() if holds else causes.findings),  # what to do before what is wrong
-        *misfit_findings(estimation),
+        *(f for f in misfit_findings(estimation) if determined or f.code != "convergence"),
         *(f for f in parameters if not (explained and f.code == "contradiction")),
         *(scale_findings(estimation.box) if determined else ()),
         *(gain_findings(estimation.box) if determined else ()),

@@ -9,8 +9,9 @@ import numpy as np
 from dbc.finding import Finding, Severity
 from dbc.words import counted
 
-from ..decays.onset import onset_s
+from ..decays.onset import coarse_steps, onset_s
 from ..fit.estimation import Estimation
+from .format import listed
 
 CHI2_LIMIT = 1.5
 """Beyond this a result is refused: every row of the stress list that costs more than a third of a
@@ -62,6 +63,15 @@ def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
     if not estimation.rest:
         text = "no quiet stretch before the bumps: the noise is taken from the residuals"
         findings.append(Finding("noise", Severity.NOTE, text))
+    coarse = coarse_steps(estimation.records) if estimation.rest else {}
+    if coarse:
+        units = {c.name: c.unit for group in estimation.box.groups for c in group.channels}
+        steps = listed(f"{name} ({step:.2g} {units[name]})" for name, step in coarse.items())
+        text = (
+            f"coarse sensors, whose steps hide the noise at rest: {steps}; their noise is taken as "
+            "step/sqrt(12): a smaller range of the sensor narrows the intervals"
+        )
+        findings.append(Finding("coarse_sensors", Severity.NOTE, text))
     return (*findings, *_late_start(estimation))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from daq.bumps import BUMPS
 from daq.vehicle import parameter_unit
 from dbc.finding import Finding, Severity
 
@@ -71,6 +72,12 @@ def _advice(vague: tuple[str, ...], estimation: Estimation) -> str:
             "their ratios are known, but the added weights are too light to fix their scale: add "
             "heavier ones, or weigh the vehicle (total and front axle) and state the loads as facts"
         )
+    labels = [record.label for record in estimation.records]
+    shares = [bump.shares for kind, bump in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]
+    if not any(fl != fr or rl != rr for fl, fr, rl, rr in shares):
+        return "record roll runs in both mass states"
+    if not any(fl != rl or fr != rr for fl, fr, rl, rr in shares):
+        return "record pitch runs in both mass states"
     return (
         "record bounce, pitch and roll (warp helps most) in both mass states, with sensors on body "
         "and wheels"

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from daq.channels import Quantity
+from daq.median import median
 from daq.sessions import Session
 from daq.vehicle import Vehicle, parameter_names, parameter_unit
 from dbc.finding import Finding, Severity
@@ -13,6 +16,11 @@ from dbc.finding import Finding, Severity
 from ..decays.decay import Record
 from ..model.facts import SCALED
 from .format import listed
+
+_LEAST_RATE_HZ = 20.0
+"""Rate below which no sensor shows how the wheels swing, Hz."""
+_MOST_RATE_HZ = 1e5
+"""Rate above which no sensor sends, Hz."""
 
 
 def shortcomings(
@@ -28,7 +36,7 @@ def shortcomings(
         text = f"two accepted runs are named {listed(twice)}: number the repeats"
         return (_refused("run_names", text),)
     if records:
-        found = (*_channels(records), *_scale(records, session))
+        found = (*_channels(records), *_rates(records), *_scale(records, session))
     elif session.accepted:
         text = "no accepted run has a sample: check the sensors, or the map of the channels"
         found = (_refused("no_runs", text),)
@@ -58,6 +66,20 @@ def _channels(records: Sequence[Record]) -> Iterator[Finding]:
             f"one channel only ({next(iter(names))}): it cannot separate body from wheels; record "
             "an IMU on the body and an accelerometer on each hub",
         )
+
+
+def _rates(records: Sequence[Record]) -> Iterator[Finding]:
+    """Return a finding if no sensor is fast enough for the wheels: mostly a wrong unit of time."""
+    times = [r.time_s for one in records for r in one.recordings if len(r.time_s) > 1]
+    step_s = min((median(np.diff(time_s)) for time_s in times), default=0.0)
+    if not step_s * _LEAST_RATE_HZ > 1.0:
+        return
+    advice = "sample at 50 Hz or more"
+    for unit, factor in (("ns", 1e-9), ("us", 1e-6), ("ms", 1e-3)):
+        if factor * step_s * _LEAST_RATE_HZ <= 1.0 <= factor * step_s * _MOST_RATE_HZ:
+            advice = f"are the times in {unit}? Give them in s"
+    rate = f"samples come at {1.0 / step_s:.2g} Hz, but wheels swing at 10 Hz"
+    yield _refused("rate", f"{rate}: {advice}")
 
 
 def _scale(records: Sequence[Record], session: Session) -> Iterator[Finding]:

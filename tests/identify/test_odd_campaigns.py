@@ -1,0 +1,130 @@
+"""Whatever is wrong with a campaign, `bumpbench identify` ends soon, with a verdict or one line."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.arrays import session_from_arrays
+from daq.session.write import write_session
+from daq.vehicle import BodyWeight
+from tui import cli
+
+from .odd_campaigns import BUMP_S, WEIGHTS, Array, Records, campaign, channels
+
+CPU_S = 10.0
+"""Longest time for any of these, s."""
+CENTRED = tuple(replace(w, y_m=0.0) if isinstance(w, BodyWeight) else w for w in WEIGHTS)
+Change = Callable[[str, Array, Array], tuple[Array, Array]]
+
+
+def _each(change: Change, names: str = "") -> Callable[[], Records]:
+    """Return a campaign in which the samples of the channels that begin so are changed."""
+    return lambda: [
+        (state, kind, {n: change(n, *tv) if n.startswith(names) else tv for n, tv in run.items()})
+        for state, kind, run in campaign()
+    ]
+
+
+def _times(factor: float) -> Callable[[], Records]:
+    return _each(lambda _, t_s, values: (t_s * factor, values))
+
+
+def _scaled(factor: float, names: str = "") -> Callable[[], Records]:
+    return _each(lambda _, t_s, values: (t_s, values * factor), names)
+
+
+def _coarse(step: float, names: str = "") -> Callable[[], Records]:
+    return _each(lambda _, t_s, values: (t_s, np.round(values / step) * step), names)
+
+
+def _with_one(value: float, names: str) -> Callable[[], Records]:
+    def change(_: str, t_s: Array, values: Array) -> tuple[Array, Array]:
+        return t_s, np.where(np.arange(len(t_s)) == 250, value, values)
+
+    return _each(change, names)
+
+
+def _silent_roll(*kinds: str) -> Callable[[], Records]:
+    """Return the runs of a symmetric car without roll runs, a roll rate of rounding errors."""
+
+    def rounding(name: str, t_s: Array, values: Array) -> tuple[Array, Array]:
+        return t_s, 1e-17 * values / np.std(values)
+
+    return lambda: [
+        (state, kind, {**run, "wx": rounding("wx", *run["wx"])})
+        for state, kind, run in campaign(kinds, weights=CENTRED)
+    ]
+
+
+def _without(*names: str) -> Callable[[], Records]:
+    return lambda: [
+        (state, kind, {n: tv for n, tv in run.items() if not n.startswith(names)})
+        for state, kind, run in campaign()
+    ]
+
+
+ROWS: dict[str, tuple[Callable[[], Records], int, tuple[str, ...]]] = {
+    "nothing": (campaign, 0, ("verdict: ok",)),
+    "no roll run": (_silent_roll("bounce", "pitch"), 1, ("I_xx, t_f, t_r: record roll runs",)),
+    "bounce only": (_silent_roll("bounce"), 1, ("I_xx, t_f, t_r: record roll runs",)),
+    "one run": (lambda: campaign()[:1], 1, ("no accepted run with added mass",)),
+    "no baseline": (lambda: campaign(states=("added",)), 1, ("no accepted baseline run",)),
+    "one channel": (_without("w", "hub", "tr"), 1, ("one channel only (az)",)),
+    "rates only": (_without("az", "hub", "tr"), 1, ("do not determine",)),
+    "hubs only": (_without("az", "w", "tr"), 1, ("do not determine",)),
+    "no hubs": (_without("hub"), 0, ("verdict: ok",)),
+    "ms": (_times(1e3), 1, ("0.2 Hz", "are the times in ms?")),
+    "us": (_times(1e6), 1, ("are the times in us?",)),
+    "ns": (_times(1e9), 1, ("are the times in ns?",)),
+    "minutes": (_times(1 / 60), 1, ("0.04 s after the bump",)),
+    "negative times": (_each(lambda _, t, v: (t - 10.0, v)), 0, ("verdict: ok",)),
+    "all NaN": (_scaled(np.nan), 1, ("no accepted run has a sample",)),
+    "one channel NaN": (_scaled(np.nan, "hubFL"), 0, ("verdict: ok",)),
+    "all constant": (_scaled(0.0), 1, ("never moves in any run: az",)),
+    "one infinite": (_with_one(np.inf, "wy"), 0, ("values that no sensor shows: wy",)),
+    "one of 1e300": (_with_one(1e300, "hub"), 0, ("values that no sensor shows: hubFL",)),
+    "all of 1e300": (_scaled(1e300), 1, ("values that no sensor shows: az",)),
+    "all of 1e-14": (_scaled(1e-14), 1, ("never moves in any run: az",)),
+    "no noise": (lambda: campaign(noise=0.0), 0, ("verdict: ok",)),
+    "much noise": (lambda: campaign(noise=1000.0), 1, ("nothing moves in it",)),
+    "steps of 1": (_coarse(1.0), 1, ("coarse sensors", "hubFL (1 m/s2)")),
+    "coarse accelerometers": (_coarse(0.5, "hub"), 0, ("hubFL (0.5 m/s2)", "step/sqrt(12)")),
+}
+"""What is wrong; the campaign, the exit code, and words of the answer."""
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_an_odd_campaign_ends_with_an_answer_that_names_it(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made, code, words = ROWS[name]
+    weights = CENTRED if "roll run" in name or "bounce only" in name else WEIGHTS
+    path = tmp_path / "odd.h5"
+    write_session(path, session_from_arrays(made(), channels(), weights, bump_s=BUMP_S))
+    before_s = time.process_time()
+    assert cli.run(["identify", str(path)]) == code
+    assert time.process_time() - before_s < CPU_S
+    printed = capsys.readouterr()
+    assert "Traceback" not in printed.err
+    for word in words:
+        assert word in printed.out
+
+
+def test_a_fault_of_the_program_is_no_refusal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(_: list[str]) -> int:
+        raise ZeroDivisionError("float division by zero")
+
+    monkeypatch.setattr(cli, "run", fail)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 70
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith("bumpbench: error: ZeroDivisionError: a fault of bumpbench")
