@@ -46,6 +46,7 @@ from .trust.judge import judge
 from .trust.sensor_faults import wrong_channel
 from .trust.shortcomings import shortcomings
 from .trust.unused import unused_findings
+from .trust.weights import wrong_weight
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -158,7 +159,7 @@ def _parameters(
     jump = None if estimation.holds or signs else clock_jump(estimation)
     wrong = jump
     if not (estimation.holds or signs or jump):
-        wrong = wrong_channel(estimation)
+        wrong = wrong_weight(estimation) or wrong_channel(estimation)
     if not (estimation.holds or signs or wrong):  # else no car explains the decays
         linear = estimation
         if later_may_hold(linear, vehicles):

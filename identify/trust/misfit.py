@@ -66,9 +66,9 @@ def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
     coarse = coarse_steps(estimation.records) if estimation.rest else {}
     if coarse:
         units = {c.name: c.unit for group in estimation.box.groups for c in group.channels}
-        steps = listed(f"{name} ({step:.2g} {units[name]})" for name, step in coarse.items())
+        which = listed(f"{name} ({step:.2g} {units[name]})" for name, step in coarse.items())
         text = (
-            f"coarse sensors, whose steps hide the noise at rest: {steps}; their noise is taken as "
+            f"coarse sensors, whose steps hide the noise at rest: {which}; their noise is taken as "
             "step/sqrt(12): a smaller range of the sensor narrows the intervals"
         )
         findings.append(Finding("coarse_sensors", Severity.NOTE, text))

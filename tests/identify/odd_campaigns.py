@@ -18,7 +18,7 @@ Records = list[tuple[str, str, dict[str, tuple[Array, Array]]]]
 RATE_HZ, REST_S, BUMP_S, LENGTH_S = 200.0, 0.5, 0.2, 2.5
 LIFTED = {"bounce": (1, 1, 1, 1), "pitch": (1, 1, 0, 0), "roll": (1, 0, 1, 0)}
 NOISE = {"az": 0.02, "wy": 0.002, "wx": 0.002, "hub": 0.1, "tr": 0.0003}
-WEIGHTS = (
+WEIGHTS: tuple[BodyWeight | HubWeight, ...] = (
     BodyWeight(25.0, 0.1, 0.45),
     BodyWeight(20.0, 0.1, -0.45),
     BodyWeight(30.0, -2.2, 0.4),
@@ -32,13 +32,12 @@ _TYRE = np.array([150e3, 150e3, 155e3, 155e3])
 _MASS = np.diag([720.0, 850.0, 260.0, 28.0, 28.0, 25.0, 25.0])
 
 
-def channels(position_sigma_m: float = 0.0) -> tuple[Channel, ...]:
+def channels() -> tuple[Channel, ...]:
     """Return an IMU in the middle of the front axle, and hubs and travels at the corners."""
     hubs = [Channel(f"hub{c}", Quantity.HUB_ACCELERATION, corner=c) for c in Corner]
     travels = [Channel(f"tr{c}", Quantity.SUSPENSION_TRAVEL, corner=c) for c in Corner]
-    at = {"x_m": -1.0, "position_sigma_m": position_sigma_m}
     return (
-        Channel("az", Quantity.BODY_ACCELERATION, **at),
+        Channel("az", Quantity.BODY_ACCELERATION, x_m=-1.0),
         Channel("wy", Quantity.PITCH_RATE),
         Channel("wx", Quantity.ROLL_RATE),
         *hubs,

@@ -12,14 +12,18 @@ import pytest
 
 from daq.arrays import session_from_arrays
 from daq.session.write import write_session
-from daq.vehicle import BodyWeight
+from daq.vehicle import BodyWeight, Corner, HubWeight
+from identify import identify
+from identify.trust.finding import Verdict
 from tui import cli
 
 from .odd_campaigns import BUMP_S, WEIGHTS, Array, Records, campaign, channels
 
 CPU_S = 10.0
 """Longest time for any of these, s."""
-CENTRED = tuple(replace(w, y_m=0.0) if isinstance(w, BodyWeight) else w for w in WEIGHTS)
+CENTRED: tuple[BodyWeight | HubWeight, ...] = tuple(
+    replace(w, y_m=0.0) if isinstance(w, BodyWeight) else w for w in WEIGHTS
+)
 Change = Callable[[str, Array, Array], tuple[Array, Array]]
 
 
@@ -114,6 +118,31 @@ def test_an_odd_campaign_ends_with_an_answer_that_names_it(
     assert "Traceback" not in printed.err
     for word in words:
         assert word in printed.out
+
+
+WRONG: dict[str, tuple[int, BodyWeight | HubWeight, str]] = {
+    "ten times": (0, BodyWeight(250.0, 0.1, 0.45), "stated 250 kg, the runs"),
+    "a tenth": (2, BodyWeight(3.0, -2.2, 0.4), "stated 3 kg, the runs"),
+    "other side": (0, BodyWeight(25.0, 0.1, -0.45), "stated x +0.10, y -0.45 m, the runs"),
+    "other axle": (0, BodyWeight(25.0, -2.2, 0.45), "stated x -2.20, y +0.45 m, the runs"),
+    "hub": (6, HubWeight(25.0, Corner.REAR_LEFT), "stated 25 kg, the runs"),
+}
+"""What is wrong; the number of the weight, what is stated, and what is said of it."""
+
+
+@pytest.mark.parametrize("travels", [True, False])
+@pytest.mark.parametrize("name", WRONG)
+def test_a_grossly_wrong_weight_is_the_first_cause(name: str, travels: bool) -> None:
+    number, stated, words = WRONG[name]
+    weights = list(WEIGHTS)
+    weights[number] = stated
+    runs = campaign() if travels else _without("tr")()
+    before_s = time.process_time()
+    result = identify(session_from_arrays(runs, channels(), weights, bump_s=BUMP_S))
+    assert time.process_time() - before_s < CPU_S
+    assert result.quality.verdict is Verdict.REFUSED
+    assert "likely cause: an added weight is wrong" in result.quality.reasons[0]
+    assert f"weight {number + 1} of state added: {words}" in result.quality.reasons[0]
 
 
 def test_a_fault_of_the_program_is_no_refusal(
