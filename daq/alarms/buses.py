@@ -12,9 +12,9 @@ from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import counted
 
+from ..bus.columns import wire_bits
 from ..bus.error_frames import ControllerState, ErrorTally, tally_error_frames
 from ..bus.source import LinkFacts, SourceLosses
-from ..bus.wire_bits import wire_bits
 from ..control.messages import BusState, BusStatus
 from .inputs import WINDOW_S, Count, Key, fault
 

@@ -1,4 +1,4 @@
-"""Converts python-can's message objects to the columns of a block."""
+"""Converts python-can's messages to the columns of a block, and says how long frames take."""
 
 from __future__ import annotations
 
@@ -96,3 +96,21 @@ def _stamps(
     t_ns = whole.astype(np.int64) * 1_000_000_000
     t_ns += np.rint((stamp_s - whole) * 1e9).astype(np.int64)
     return np.where(believed, t_ns, arrived_ns), believed
+
+
+_FAST_DATA = 4
+"""Assumed ratio of data to nominal bit rate of FD frames; bench.toml has no data bit rate."""
+
+
+def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
+    """Return the estimated nominal bit times that each frame takes on the wire, (n,).
+
+    A classic frame has 47 bits in addition to its data, 20 more with a 29-bit identifier, and one
+    stuff bit in thirty.
+    """
+    data = 8.0 * frames.length
+    fast = frames.flags & np.uint16(FrameFlag.BITRATE_SWITCH)
+    if np.count_nonzero(fast):
+        data /= np.where(fast, _FAST_DATA, 1)
+    extended = frames.flags & np.uint16(FrameFlag.EXTENDED)
+    return np.asarray((47 + 20 * extended + data) * (31 / 30))

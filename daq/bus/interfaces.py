@@ -9,9 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
-import os
-import select
 import socket
 import sys
 import time
@@ -20,6 +17,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
 
+import can
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,28 +25,18 @@ from dbc.frames import FrameBatch
 
 from ..bench.config import BusConfig
 from ..errors import BusError
-from ..python_can import can
 from .columns import frame_columns
-from .slcan.adapter import open_slcan
-from .socket_drops import SocketDrops
-from .socketcan.reader import open_socketcan
+from .datagrams import RECEIVE_BUFFER_BYTES, SocketDrops, enlarge_buffer, keep_to_own_group
+from .slcan import open_slcan
+from .socketcan import open_socketcan
 from .source import BLOCK_FRAMES, GATHER_S, LONG_GATHER_S, FrameSource, SourceLosses
 from .steady_clock import STEADY_CLOCK
 
 __all__ = ["FrameSource", "PythonCanSource", "SourceLosses", "open_bus", "open_source"]
 
-FAULTS_UNTIL_GONE = 5
-"""Number of consecutive faults after which the interface counts as lost.  Some interfaces report a
-single fault and then continue (an interface that was down for a moment)."""
 GARBLED_UNTIL_GONE = 10_000
 """Number of consecutive unreadable pieces, without a pause, after which the interface counts as
 lost."""
-FAULT_PAUSE_S = 0.02
-"""Pause after a fault, s, so that a broken interface does not occupy a processor."""
-_POLL_S = 0.002
-_WALL_CLOCK_WAITS = frozenset({"pcan", "vector", "iscan", "canalystii", "robotell"})
-"""Interfaces whose backends wait by the wall clock: if it is set back by an hour, they wait an
-hour."""
 _STAMPED_BY_KERNEL = frozenset({"socketcan", "udp_multicast"})
 """Interfaces whose frames wait in a socket's buffer, each with its time of arrival."""
 _STAMPED_BY_DRIVER = frozenset({"ixxat", "kvaser", "pcan", "vector", "virtual"})
@@ -57,14 +45,6 @@ _WALL_CLOCK_STAMPS = frozenset(
     {"udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"}
 )
 """Interfaces whose frames are stamped by the host's wall clock."""
-RECEIVE_BUFFER_BYTES = 8 << 20
-"""Receive buffer requested from the kernel, bytes: the default one holds 31 ms of a full bus."""
-_SO_RCVBUFFORCE = 33
-_IP_MULTICAST_ALL = 49
-_IPV6_MULTICAST_ALL = 29
-_STRAY_DATAGRAMS = 10_000
-"""Datagrams that a multicast socket may have received while it was opened: no buffer holds more."""
-
 _OPTIONS: dict[str, dict[str, Any]] = {
     # The simulated car has its own clock; real time would make a fast replay meaningless.
     "virtual": {"preserve_timestamps": True},
@@ -119,22 +99,16 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
     if config.interface == "socketcan" and sys.platform == "linux" and sys.maxsize > 1 << 32:
         with _one_line(config):
             return open_socketcan(config.channel, bus)
-    opened = open_bus(config)
-    doze = doze_for(opened, config.interface)
-    gathered_s = _gathered_s(opened, config.interface)
+    bus_ = open_bus(config)
+    gather_s = GATHER_S if config.interface in _STAMPED_BY_KERNEL | _STAMPED_BY_DRIVER else 0.0
+    if config.interface in _STAMPED_BY_KERNEL:
+        with contextlib.suppress(Exception), _socket_of(bus_) as own:
+            if own.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2 >= RECEIVE_BUFFER_BYTES:
+                gather_s = LONG_GATHER_S
     if config.interface in _WALL_CLOCK_STAMPS:
         on_axis = STEADY_CLOCK.from_wall
-        return PythonCanSource(opened, _name(config), bus, time.time_ns, doze, on_axis, gathered_s)
-    return PythonCanSource(opened, _name(config), bus, doze=doze, gathered_s=gathered_s)
-
-
-def _gathered_s(bus: can.BusABC, interface: str) -> float:
-    """Return the time, s, for which frames may wait unread in an interface."""
-    if interface in _STAMPED_BY_KERNEL:
-        with contextlib.suppress(Exception), socket.socket(fileno=os.dup(bus.fileno())) as twin:
-            if twin.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= RECEIVE_BUFFER_BYTES:
-                return LONG_GATHER_S
-    return GATHER_S if interface in _STAMPED_BY_KERNEL | _STAMPED_BY_DRIVER else 0.0
+        return PythonCanSource(bus_, _name(config), bus, gather_s, time.time_ns, on_axis)
+    return PythonCanSource(bus_, _name(config), bus, gather_s)
 
 
 def open_bus(config: BusConfig) -> can.BusABC:
@@ -153,8 +127,20 @@ def open_bus(config: BusConfig) -> can.BusABC:
             bitrate=config.bitrate,
             **_OPTIONS.get(config.interface, {}),
         )
-    _tune_socket(bus)
+    with contextlib.suppress(Exception), _socket_of(bus) as own:  # most are no socket
+        enlarge_buffer(own)
+        keep_to_own_group(own)
     return bus
+
+
+@contextlib.contextmanager
+def _socket_of(bus: can.BusABC) -> Iterator[socket.socket]:
+    """Lend the socket of a bus; raises any exception if it has none."""
+    own = socket.socket(fileno=bus.fileno())
+    try:
+        yield own
+    finally:
+        own.detach()  # the descriptor belongs to the bus
 
 
 @contextlib.contextmanager
@@ -205,66 +191,15 @@ def _reason(error: BaseException) -> str:
     return f"{text}: {cause}" if isinstance(cause, OSError) and str(cause) not in text else text
 
 
-def _tune_socket(bus: can.BusABC) -> None:
-    """Set the buffer of a bus that is a socket, so that it survives a stall of this process.
-
-    A multicast socket is also limited to its own group: by default it receives every group that any
-    process of this machine has joined.  Frames of other groups that arrived while it was opened are
-    thrown away.
-    """
-    try:
-        twin = socket.socket(fileno=os.dup(bus.fileno()))
-    except Exception:  # not a socket, no descriptor, not implemented: nothing to tune
-        return
-    options = [
-        (socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES),
-        (socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES),
-    ]
-    if twin.family == socket.AF_INET:
-        options.append((socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0))
-    elif twin.family == socket.AF_INET6:
-        options.append((socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0))
-    with twin:
-        for level, option, value in options if sys.platform == "linux" else options[:1]:
-            with contextlib.suppress(OSError):  # SO_RCVBUFFORCE needs a privilege
-                twin.setsockopt(level, option, value)
-        if sys.platform == "linux" and twin.family in (socket.AF_INET, socket.AF_INET6):
-            with contextlib.suppress(OSError):  # until none waits; a busy bus never ends
-                for _ in range(_STRAY_DATAGRAMS):
-                    twin.recv(1, socket.MSG_DONTWAIT)
-
-
-Doze = Callable[[float], object]
-"""Sleeps for a number of seconds, or until a frame may have arrived."""
-
-
-def doze_for(bus: can.BusABC, interface: str) -> Doze | None:
-    """Return a function that waits for the bus; None if the backend itself waits correctly."""
-    try:
-        descriptor = bus.fileno()
-    except Exception:  # not implemented, or only on another system
-        descriptor = -1
-    if descriptor >= 0 and hasattr(select, "poll"):
-        poll = select.poll()
-        poll.register(descriptor, select.POLLIN)
-        return lambda left_s: poll.poll(math.ceil(left_s * 1e3))
-    if interface in _WALL_CLOCK_WAITS:
-        return lambda left_s: time.sleep(min(left_s, _POLL_S))
-    return None
-
-
 class PythonCanSource:
     """A python-can bus read in blocks.
 
-    `BusABC.recv` measures its timeout by the wall clock: if that is set back an hour while it
-    waits, it waits for another hour.  So this class calls the backend's `_recv_internal`.
-
     `bus`: open; closed by `close`.  `name`: name of the bus in messages.  `index`: number of the
-    bus in its frames.  `now_ns`: the host's clock, ns since 1970.  `doze`: waits instead of the
-    backend, which is then only asked for frames that have arrived; with None the backend waits.
-    `on_axis`: converts stamps of the wall clock, (n,) int64 (`SteadyClock.from_wall`).
-    `gathered_s`: time, s, for which frames may collect in the interface after the first one; with 0
-    each frame is read when it arrives, and the block ends `GATHER_S` after the first.
+    bus in its frames.  `gather_s`: time, s, for which stamped frames may collect in the interface;
+    it is then asked, and never waits itself: backends measure that by the wall clock, which may be
+    set back by an hour.  With 0 each frame is read when it arrives, and the block ends `GATHER_S`
+    after the first.  `now_ns`: the host's clock, ns since 1970.  `on_axis`: converts stamps of the
+    wall clock, (n,) int64 (`SteadyClock.from_wall`).
     """
 
     def __init__(
@@ -272,54 +207,45 @@ class PythonCanSource:
         bus: can.BusABC,
         name: str,
         index: int,
+        gather_s: float = 0.0,
         now_ns: Callable[[], int] = STEADY_CLOCK.now_ns,
-        doze: Doze | None = None,
         on_axis: Callable[[NDArray[np.int64]], NDArray[np.int64]] | None = None,
-        gathered_s: float = 0.0,
     ) -> None:
         self.name = name
-        self._bus = bus
-        self._index = index
-        self._now_ns = now_ns
-        self._doze = doze
-        self._on_axis = on_axis
-        self._gathered_s = gathered_s
+        self._bus, self._index, self._gather_s = bus, index, gather_s
+        self._now_ns, self._on_axis = now_ns, on_axis
         self._drops = SocketDrops(lambda: bus.fileno())
-        self._garbled = 0
-        self._restamped = 0
-        self._faults_in_a_row = 0
-        self._garbled_in_a_row = 0
+        self._garbled = self._restamped = self._garbled_in_a_row = 0
 
     def read(self, timeout_s: float) -> FrameBatch:
         """Return a block of at most `BLOCK_FRAMES` frames; see `FrameSource`."""
         messages: list[can.Message] = []
         arrived_ns: list[int] = []
-        wait_s, deadline_s = timeout_s, 0.0
+        end_s = time.monotonic() + timeout_s
+        receive, now_ns = self._bus.recv, self._now_ns
         while len(messages) < BLOCK_FRAMES:
+            left_s = 0.0 if self._gather_s and messages else max(end_s - time.monotonic(), 0.0)
             try:
-                if messages and self._gathered_s:
-                    self._drain(messages, arrived_ns)
-                    break
-                message = self._receive(wait_s)
+                message = receive(0.0 if self._gather_s else left_s)
             except Exception as error:  # backends also raise ValueError, IndexError, NameError...
-                if self._failed(error):
+                self._garbled_in_a_row += 1
+                if _is_fault(error) or self._garbled_in_a_row >= GARBLED_UNTIL_GONE:
                     if messages:
                         break  # the next call raises
                     raise self._gone(error) from error
-                wait_s = 0.0
+                self._garbled += 1
                 continue
-            if message is None and (wait_s == 0.0 or not messages):
-                self._faults_in_a_row = self._garbled_in_a_row = 0
-                break
-            now_s = time.monotonic()
+            self._garbled_in_a_row = 0
             if message is not None:
-                self._faults_in_a_row = self._garbled_in_a_row = 0
                 messages.append(message)
-                arrived_ns.append(self._now_ns())
+                arrived_ns.append(now_ns())
                 if len(messages) == 1:
-                    deadline_s = now_s + GATHER_S
-                    time.sleep(self._gathered_s)
-            wait_s = max(deadline_s - now_s, 0.0)
+                    time.sleep(self._gather_s)
+                    end_s = time.monotonic() + GATHER_S
+            elif messages or not left_s:
+                break
+            elif self._gather_s:
+                time.sleep(min(left_s, GATHER_S))
         return self._batch(messages, arrived_ns)
 
     def losses(self) -> SourceLosses:
@@ -331,41 +257,6 @@ class PythonCanSource:
         self._drops.count()  # the last count that can be read
         with contextlib.suppress(Exception):  # some backends cannot close a lost device
             self._bus.shutdown()
-
-    def _drain(self, messages: list[can.Message], arrived_ns: list[int]) -> None:
-        """Add the frames that have arrived, up to the size of a block."""
-        receive, now_ns = self._bus._recv_internal, self._now_ns
-        while len(messages) < BLOCK_FRAMES:
-            message = receive(0.0)[0]
-            if message is None:
-                break
-            messages.append(message)
-            arrived_ns.append(now_ns())
-
-    def _receive(self, wait_s: float) -> can.Message | None:
-        """Return the next frame; wait up to `wait_s` for it."""
-        if self._doze is None or wait_s == 0.0:
-            return self._bus._recv_internal(wait_s)[0]
-        end_s = time.monotonic() + wait_s
-        while True:
-            message = self._bus._recv_internal(0.0)[0]
-            left_s = end_s - time.monotonic()
-            if message is not None or left_s <= 0:
-                return message
-            self._doze(left_s)
-
-    def _failed(self, error: Exception) -> bool:
-        """Count an exception of `recv`; return whether the bus counts as lost."""
-        if _is_fault(error):
-            self._faults_in_a_row += 1
-            time.sleep(FAULT_PAUSE_S)
-        else:
-            self._garbled += 1
-            self._garbled_in_a_row += 1
-        return (
-            self._faults_in_a_row >= FAULTS_UNTIL_GONE
-            or self._garbled_in_a_row >= GARBLED_UNTIL_GONE
-        )
 
     def _gone(self, error: Exception) -> BusError:
         return BusError(

@@ -17,7 +17,7 @@ from dbc.samples import Decoded, Quality
 from dbc.words import counted, plural
 
 from ..bench.message_rules import CORRECT_MESSAGE
-from ..bus.wire_bits import wire_bits
+from ..bus.columns import wire_bits
 from ..channels import Quantity
 from ..samples import health
 from ..samples.groups import Timekeeping

@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 
+import can
 import numpy as np
 
 from dbc import FrameBatch, FrameFlag
 
 from ..errors import BusError
-from ..python_can import can
 from ..sessions import Session
 
 BLOCK_FRAMES = 256

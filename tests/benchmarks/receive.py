@@ -19,7 +19,7 @@ import can
 import numpy as np
 from can.interfaces.socketcan import SocketcanBus, socketcan
 
-from daq.bus.socketcan.reader import SocketCanSource
+from daq.bus.socketcan import SocketCanSource
 
 FULL_BUS_HZ = 9_000
 PACED_FRAMES = 9_000

@@ -31,7 +31,7 @@ from cantools.database import Database, load_string
 
 from daq.alarms import AlarmState, Cycle, watch
 from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
-from daq.bus.socketcan.reader import SocketCanSource
+from daq.bus.socketcan import SocketCanSource
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
 from daq.clocks import Now
 from daq.control.messages import DiskStatus, Live, QueueStatus, Status, StorageStatus

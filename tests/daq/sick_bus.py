@@ -6,11 +6,12 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import can
+
 from daq.bench.config import BusConfig
 from daq.bus.interfaces import PythonCanSource
 from daq.bus.source import FrameSource
 from daq.errors import BusError
-from daq.python_can import can
 
 
 @dataclass
@@ -69,6 +70,6 @@ def opener(device: Device, now_ns: Callable[[], int]) -> Callable[[BusConfig, in
         if device.open_fault is not None:
             raise BusError(name, f"cannot be opened: {device.open_fault}", "plug it in")
         device.opened += 1
-        return PythonCanSource(SickBus(device), name, number, now_ns)
+        return PythonCanSource(SickBus(device), name, number, now_ns=now_ns)
 
     return open_device

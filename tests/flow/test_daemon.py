@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import can
 import pytest
 import zmq
 
@@ -24,7 +25,6 @@ from daq.control.client import Client
 from daq.control.messages import Phase, Status
 from daq.control.orders import Arm, AskStatus
 from daq.journal.reader import read_journal
-from daq.python_can import can
 from tui.cli import run
 from tui.diagnostics import ExitCode
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import can
 import numpy as np
 import pytest
 
@@ -19,7 +20,6 @@ from daq.control.orders import Arm, Until
 from daq.derive.build_session import derive
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
-from daq.python_can import can
 from daq.recorder.recording import Recording
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec, shipped_dbc

@@ -6,12 +6,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import can
 import numpy as np
 import pytest
 
 from daq.bench.config import BusConfig, bench_codec, load_bench
 from daq.bus.source import SourceLosses
-from daq.python_can import can
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch

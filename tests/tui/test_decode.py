@@ -5,11 +5,11 @@ import io
 import json
 from pathlib import Path
 
+import can
 import cantools.database.can as cantools
 import numpy as np
 import pytest
 
-from daq.python_can import can
 from dbc import parse_codec, shipped_dbc
 from tui.cli import run
 

@@ -6,13 +6,13 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
 import daq
 from daq.control import Phase
 from daq.control.messages import Due, Status
-from daq.python_can import can
 from daq.runlog.runlog import Remark
 from dbc import FrameBatch, shipped_dbc
 from tui.cli import run

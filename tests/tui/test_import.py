@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import can
 import numpy as np
 import pytest
 
 import daq
-from daq.python_can import can
 from dbc import FrameBatch, shipped_dbc
 from dbc.witness.second_reader import Witness
 from tui.cli import run

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import can
 import h5py
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ import pyuff
 from daq import read_session, session_from_arrays, write_session
 from daq.bench.databases import Database, stored_text
 from daq.formats.export import ExportFormat
-from daq.python_can import can
 from daq.vehicle import DOF, Vehicle
 from tui.cli import run
 from tui.commands.export import Format

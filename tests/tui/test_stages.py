@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 
 import daq
-from daq.python_can import can
 from identify import Identification
 from identify.plan import Advice
 from tui.cli import run

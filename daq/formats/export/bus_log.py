@@ -10,10 +10,11 @@ from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
+import can
+
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import counted
 
-from ...python_can import can
 from .raw_frames import has
 
 _NS_PER_MS, _NS_PER_US = 1_000_000, 1000

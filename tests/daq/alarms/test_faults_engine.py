@@ -8,13 +8,13 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import can
 import numpy as np
 
 from daq.bench.config import BusConfig
 from daq.bus.source import FrameSource, SourceLosses
 from daq.control.messages import Live, Status
 from daq.journal.reader import read_journal
-from daq.python_can import can
 from daq.recorder.recorder import Recorder
 from dbc import FrameBatch
 

@@ -12,16 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import can
 import pytest
 
 from daq.bench.config import BusConfig
 from daq.bus.link import Link
-from daq.bus.slcan.adapter import SlcanSource
-from daq.bus.socketcan import abi as abi
-from daq.bus.socketcan.reader import SocketCanSource
+from daq.bus.slcan import SlcanSource
+from daq.bus.socketcan import FrameBuffers, SocketCanSource
 from daq.bus.source import FrameSource, SourceLosses
 from daq.bus.steady_clock import SteadyClock
-from daq.python_can import can
 from dbc import FrameBatch
 
 from ..sick_bus import Device, opener
@@ -198,8 +197,7 @@ SICKNESSES = {
 def test_a_sick_backend_is_named_counted_and_well_again_and_the_other_bus_never_knows(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for pause in ("GATHER_S", "FAULT_PAUSE_S"):  # no real time passes here
-        monkeypatch.setattr(f"daq.bus.interfaces.{pause}", 0.0)
+    monkeypatch.setattr("daq.bus.interfaces.GATHER_S", 0.0)  # no real time passes here
     sickness, device = SICKNESSES[name], Device()
     clock: list[WatchedBench] = []
     buses = TwoBuses(sickness.interface, opener(device, lambda: clock[0].t_ns))
@@ -328,7 +326,7 @@ def test_garbage_on_a_serial_line_is_counted_to_the_line_and_an_unplugged_adapte
     assert buses.received[0] == 400 * (bench.turns - 1)
 
 
-class Buffers(abi.FrameBuffers):
+class Buffers(FrameBuffers):
     """The kernel's answers, after the faults of the test."""
 
     faults: tuple[int, ...] = ()
@@ -343,7 +341,7 @@ class Buffers(abi.FrameBuffers):
 def test_an_interface_taken_down_and_one_that_has_gone_both_come_back(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(abi, "FrameBuffers", Buffers)
+    monkeypatch.setattr("daq.bus.socketcan.FrameBuffers", Buffers)
     wires: list[socket.socket] = []
 
     def open_socketcan(config: BusConfig, number: int) -> FrameSource:

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 
 import pytest
 
-from daq.bus.socketcan import abi as abi
-
 from .socketcan_feed import Feed, udp_pair, unix_pair
 
 

@@ -6,13 +6,12 @@ import socket
 import time
 from typing import Any
 
+import can
 import numpy as np
 from can.interfaces.socketcan.socketcan import build_can_frame
 
-from daq.bus.socketcan import abi as abi
-from daq.bus.socketcan.reader import SocketCanSource, StampClock
+from daq.bus.socketcan import SocketCanSource
 from daq.bus.steady_clock import SteadyClock
-from daq.python_can import can
 from dbc.frames import FrameBatch
 
 NOW_NS = 1_800_000_000_123_456_789
@@ -45,9 +44,6 @@ class Feed:
 
     def read(self, timeout_s: float = 0.0) -> FrameBatch:
         return self.source.read(timeout_s)
-
-    def clock(self) -> StampClock:
-        return self.source.reception.clock
 
     def wait_for_stamps(self) -> None:
         """Wait until the kernel stamps packets: it starts to when someone wants it, a bit later."""

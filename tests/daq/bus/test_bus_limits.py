@@ -6,17 +6,15 @@ import socket
 from collections.abc import Iterator
 from contextlib import suppress
 
+import can
 import pytest
 
-from daq.bus.interfaces import _tune_socket
+from daq.bus.datagrams import enlarge_buffer, keep_to_own_group
 from daq.errors import BusError
-from daq.python_can import can
 from dbc import FrameBatch
 
-from .test_bus import ScriptedBus, SocketBus, frame, parse_error, source_on
+from .test_bus import ScriptedBus, frame, parse_error, source_on
 from .test_link import ONE, Clock, Source, link_to
-
-FAULT = OSError(19, "No such device")
 
 
 def read(*script: can.Message | Exception | None) -> list[list[int] | str]:
@@ -32,32 +30,11 @@ def read(*script: can.Message | Exception | None) -> list[list[int] | str]:
     return seen
 
 
-@pytest.mark.parametrize(
-    ("script", "seen"),
-    [
-        ((*[FAULT] * 4, frame(1)), [[1]]),
-        ((*[FAULT] * 5,), ["gone"]),
-        ((*[FAULT] * 3, frame(1), *[FAULT] * 4, frame(2)), [[1, 2]]),  # a frame begins anew
-        ((*[FAULT] * 3, None, *[FAULT] * 4, frame(2)), [[], [2]]),  # and so does silence
-        ((None, *[FAULT] * 5), [[], "gone"]),
-    ],
-)
-def test_five_faults_in_a_row_are_a_bus_that_has_gone(
-    script: tuple[can.Message | Exception | None, ...], seen: list[list[int] | str]
-) -> None:
-    assert read(*script) == seen
-
-
 @pytest.mark.parametrize(("pieces", "seen"), [(9_999, [[1]]), (10_000, ["gone", [1]])])
 def test_ten_thousand_unreadable_pieces_are_a_bus_that_has_gone(
     pieces: int, seen: list[list[int] | str]
 ) -> None:
     assert read(*[parse_error()] * pieces, frame(1)) == seen
-
-
-def test_unreadable_pieces_and_faults_are_counted_apart() -> None:
-    mixed = [FAULT, parse_error()] * 4
-    assert read(*mixed, frame(1)) == [[1]]
 
 
 def loopbacks() -> Iterator[tuple[socket.AddressFamily, str, int, int]]:
@@ -78,7 +55,8 @@ def test_a_multicast_socket_hears_its_own_groups_alone_and_begins_empty(
             for _ in range(3):
                 sending.sendto(b"stray", receiving.getsockname())
             before = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-            _tune_socket(SocketBus(receiving))
+            enlarge_buffer(receiving)
+            keep_to_own_group(receiving)
             assert receiving.getsockopt(level, option) == 0
             assert receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= before
             sending.sendto(b"own", receiving.getsockname())
@@ -90,7 +68,7 @@ def test_a_socket_of_another_family_is_left_its_data() -> None:
     one, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     with one, other:
         one.send(b"frame")
-        _tune_socket(SocketBus(other))
+        keep_to_own_group(other)
         assert other.recv(100) == b"frame"
 
 

@@ -5,15 +5,20 @@ import tty
 from collections.abc import Iterator
 from typing import Any
 
+import can
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.bus.slcan.adapter import SlcanSource, open_slcan
-from daq.bus.slcan.lines import LONGEST_LINE, parse_slcan
+from daq.bus.slcan import (
+    BITRATE_CODES,
+    LONGEST_LINE,
+    SlcanSource,
+    open_slcan,
+    parse_slcan,
+)
 from daq.errors import BusError
-from daq.python_can import can
 from dbc.frames import FrameBatch, FrameFlag
 
 from ..pty_pair import pty_pair
@@ -217,7 +222,7 @@ def test_an_adapter_that_slept_through_its_setup_is_set_up_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     source = source_of()
-    monkeypatch.setattr("daq.bus.slcan.adapter.SILENCE_S", 0.0)
+    monkeypatch.setattr("daq.bus.slcan.SILENCE_S", 0.0)
     source = source_of()
     source.read(0.0)
     source.read(0.0)
@@ -267,3 +272,25 @@ def test_an_unplugged_adapter_is_a_bus_that_has_gone() -> None:
 def test_a_bit_rate_that_the_protocol_does_not_know_is_named_with_those_it_does() -> None:
     with pytest.raises(BusError, match=r"333000 bit/s.*1000000"):
         open_slcan("/dev/null", 333_000, 0)
+
+
+def test_a_line_is_opened_at_its_rate_and_the_bus_at_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened: list[tuple[str, int, Line]] = []
+
+    def serial_for_url(device: str, *, baudrate: int, exclusive: bool, **options: Any) -> Line:
+        assert exclusive
+        assert options == {"timeout": 0, "write_timeout": 1}
+        opened.append((device, baudrate, Line([])))
+        return opened[-1][2]
+
+    monkeypatch.setattr("serial.serial_for_url", serial_for_url)
+    for rest, baud in (("", 115_200), ("@3000000", 3_000_000), ("@", 115_200)):
+        assert open_slcan(f"/dev/ttyUSB0{rest}", 500_000, 3).name == f"slcan /dev/ttyUSB0{rest}"
+        assert opened[-1][:2] == ("/dev/ttyUSB0", baud)
+    rates = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000, 83_300)
+    assert set(rates) == set(BITRATE_CODES)
+    for code, rate in enumerate(rates):
+        open_slcan("x", rate, 0)
+        assert opened[-1][2].written == b"C\rS%d\rO\r" % code

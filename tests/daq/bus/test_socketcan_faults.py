@@ -13,17 +13,16 @@ from typing import Any
 import pytest
 
 from daq.bench.config import BusConfig
+from daq.bus import socketcan
 from daq.bus.interfaces import open_source
-from daq.bus.socketcan import abi as abi
-from daq.bus.socketcan import reader as socketcan
-from daq.bus.socketcan.reader import RECEIVE_BUFFER_BYTES, Reception, SocketCanSource, StampClock
+from daq.bus.socketcan import FrameBuffers, SocketCanSource
 from daq.bus.source import BLOCK_FRAMES
 from daq.errors import BusError
 
-from .socketcan_feed import Feed, frame, udp_pair
+from .socketcan_feed import Feed, frame
 
 
-class FaultyBuffers(abi.FrameBuffers):
+class FaultyBuffers(FrameBuffers):
     """Buffers that meet the faults of a script before they receive."""
 
     faults: list[int]
@@ -110,19 +109,6 @@ def test_closing_twice_releases_everything_once(feed: Feed) -> None:
     before = open_descriptors()
     feed.source.close()
     assert open_descriptors() == before
-
-
-def test_a_buffer_that_was_not_granted_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(abi, "SO_RCVBUFFORCE", 9999)  # as without the privilege
-    limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
-    fed = Feed(udp_pair())
-    reception = fed.source.reception
-    fed.source.close()
-    fed.sending.close()
-    assert reception.buffer_bytes == min(limit, RECEIVE_BUFFER_BYTES)
-    assert reception.clipped == (limit < RECEIVE_BUFFER_BYTES)
-    assert Reception(StampClock.KERNEL, RECEIVE_BUFFER_BYTES - 1).clipped
-    assert not Reception(StampClock.KERNEL, RECEIVE_BUFFER_BYTES).clipped
 
 
 def open_descriptors() -> int:

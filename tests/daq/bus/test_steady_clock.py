@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from daq.bus.socketcan.reader import SocketCanSource
+from daq.bus.socketcan import SocketCanSource
 from daq.bus.steady_clock import SteadyClock
 
 S = 1_000_000_000

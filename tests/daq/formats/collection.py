@@ -15,9 +15,10 @@ from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import can
+
 from daq.errors import InputError
 from daq.formats.log import read_log
-from daq.python_can import can
 from dbc import FrameBatch, FrameFlag
 
 SUFFIXES = (".asc", ".blf", ".trc", ".log", ".csv", ".mf4", ".mdf", ".mfc", ".gz", ".txt")

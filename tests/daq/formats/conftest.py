@@ -2,9 +2,8 @@
 
 import importlib
 
+import can
 import pytest
-
-from daq.python_can import can
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import can
 import numpy as np
 
-from daq.python_can import can
 from dbc import FrameBatch, FrameFlag
 
 START_S = 1_760_000_000

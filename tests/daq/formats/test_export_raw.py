@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import can
 import cantools.database
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from daq.errors import InputError
 from daq.formats.export import ExportFormat, export_session
 from daq.formats.log import Log
-from daq.python_can import can
 from daq.sessions import Session
 from dbc import FrameBatch, shipped_dbc
 from dbc.frames import FrameFlag

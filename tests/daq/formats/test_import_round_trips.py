@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import can
 import pytest
 
 from daq.bus.source import HopLosses
 from daq.formats.log import Log, read_log
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
-from daq.python_can import can
 from dbc import FrameBatch
 
 from .mixed import START_S, Frame, batch_of, frames_in, message, mixed

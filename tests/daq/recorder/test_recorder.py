@@ -8,13 +8,14 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
 from daq import read_session
 from daq.bench.config import Bench, BusConfig
 from daq.bus.interfaces import open_bus, open_source
-from daq.bus.slcan.adapter import SlcanSource, open_slcan
+from daq.bus.slcan import SlcanSource, open_slcan
 from daq.bus.source import FrameSource, SourceLosses
 from daq.control.heartbeat import standstill
 from daq.control.messages import BusState, Phase, SessionState, Status
@@ -35,7 +36,6 @@ from daq.control.orders import (
 from daq.errors import BusError, InputError
 from daq.journal.folder import last_recording
 from daq.journal.segment import SyncedFile
-from daq.python_can import can
 from daq.recorder.orders import OrderError
 from daq.recorder.readers import Piece, PieceQueue
 from daq.runs import Event

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import can
 import numpy as np
 import pytest
 
 from daq.errors import BusError
-from daq.python_can import can
 from daq.replay import replay
 from daq.replay.replay import play
 from dbc import FrameBatch, FrameFlag

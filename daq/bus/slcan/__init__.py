@@ -1,1 +1,0 @@
-"""Reads CAN adapters on a serial line in blocks."""

@@ -1,1 +1,0 @@
-"""Reads SocketCAN in blocks."""
