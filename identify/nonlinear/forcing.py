@@ -1,7 +1,6 @@
 """Slopes and forcing of the tangents at a node of the path, as machine code (Numba).
 
-The slopes of the four corners, by which the Jacobian acts, and the forcing by each unknown;
-`linearised` computes the same with NumPy's arrays.
+The slopes of the four corners, by which the Jacobian acts, and the forcing by each unknown.
 """
 
 from __future__ import annotations

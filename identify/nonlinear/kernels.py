@@ -1,7 +1,6 @@
 """The path as machine code (Numba), one run at a time, and a sensor's low-pass on it.
 
-The formulas are those of `identify.elements`; `reference` computes the same with NumPy's arrays,
-and the two agree to rounding.
+The formulas are those of `identify.elements`.
 """
 
 from __future__ import annotations

@@ -1,14 +1,13 @@
-"""CPU time of paths and tangents of a car with every element, by both integrators."""
+"""CPU time of paths and tangents of a car with every element."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from identify.nonlinear import fast, linearised, reference
+from identify.nonlinear import integrator
 from identify.nonlinear.car import car
 from identify.nonlinear.level import PATH, USUAL
 from identify.nonlinear.path import InitialState
@@ -28,32 +27,25 @@ def main() -> None:
     one, own = car(model, rich(model, False), BASELINE, free), moving()
     cars, initials, ends = [one] * RUNS, [own] * RUNS, [END_S] * RUNS
     acts = acting([one])
-    for name, integrate, tangents in (
-        ("Numba", fast.integrate, fast.tangents),
-        ("NumPy", reference.integrate, linearised.tangents),
-    ):
-        _warm(integrate, tangents, one, own, acts)
-        began = time.process_time()
-        paths = integrate(cars, initials, ends, USUAL.step_s, PATH)
-        path_s = time.process_time() - began
-        began = time.process_time()
-        for path in paths:
-            assert path is not None
-            tangents(one, acts, path, start_of(one, own, acts, PATH), plan_of(one, path, USUAL))
-        tangent_s = time.process_time() - began
-        print(f"{name}: paths {path_s:.2f} s, tangents {tangent_s:.2f} s ({len(acts)} unknowns)")
+    _warm(one, own, acts)
+    began = time.process_time()
+    paths = integrator.integrate(cars, initials, ends, USUAL.step_s, PATH)
+    path_s = time.process_time() - began
+    began = time.process_time()
+    for path in paths:
+        assert path is not None
+        start, plan = start_of(one, own, acts, PATH), plan_of(one, path, USUAL)
+        integrator.tangents(one, acts, path, start, plan)
+    tangent_s = time.process_time() - began
+    print(f"paths {path_s:.2f} s, tangents {tangent_s:.2f} s ({len(acts)} unknowns)")
 
 
-def _warm(
-    integrate: Callable[..., Any],
-    tangents: Callable[..., Any],
-    one: Any,
-    own: InitialState,
-    acts: Any,
-) -> None:
+def _warm(one: Any, own: InitialState, acts: Any) -> None:
     """Compile, or load what was compiled."""
-    (path,) = integrate([one], [own], [0.05], USUAL.step_s, PATH)
-    tangents(one, acts, path, start_of(one, own, acts, PATH), plan_of(one, path, USUAL))
+    (path,) = integrator.integrate([one], [own], [0.05], USUAL.step_s, PATH)
+    assert path is not None
+    start, plan = start_of(one, own, acts, PATH), plan_of(one, path, USUAL)
+    integrator.tangents(one, acts, path, start, plan)
 
 
 if __name__ == "__main__":

@@ -1,17 +1,12 @@
-"""Path and tangents: both integrators alike, tangents as differences of paths."""
+"""Tangents as differences of paths."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from identify.model.low_pass import LowPass
-from identify.nonlinear import fast, linearised, reference
-from identify.nonlinear.car import KNEES, MOUNT, RATIO, Car, car
-from identify.nonlinear.filtered import filtered
-from identify.nonlinear.lanes import LANES
+from identify.nonlinear import integrator
+from identify.nonlinear.car import MOUNT, RATIO, Car, car
 from identify.nonlinear.level import PATH, POLISH, USUAL
 from identify.nonlinear.path import InitialState, Path, damper_curve, travel_speeds
 from identify.nonlinear.tangent import (
@@ -45,58 +40,6 @@ def whole(path: Path | None) -> Path:
     return path
 
 
-@pytest.mark.parametrize("mounted", [False, True])
-def test_machine_code_and_numpy_give_the_same_path(mounted: bool) -> None:
-    one, own = made(mounted), moving()
-    (compiled,) = fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)
-    plain, shorter = reference.integrate([one, one], [own, own], [END_S, 0.1], USUAL.step_s, PATH)
-    assert np.allclose(whole(compiled).states, whole(plain).states, rtol=1e-9, atol=1e-12)
-    assert np.allclose(whole(compiled).slopes, whole(plain).slopes, rtol=1e-9, atol=1e-9)
-    assert np.allclose(whole(compiled).speeds, whole(plain).speeds, rtol=1e-9, atol=1e-9)
-    assert len(whole(shorter).states) == 321
-    assert np.array_equal(whole(shorter).states, whole(plain).states[:321])
-
-
-@pytest.mark.parametrize("bent", [False, True])
-@pytest.mark.parametrize("share", [0.01, 0.1, 0.5])
-def test_the_path_is_the_same_whether_or_not_stops_and_knees_are_met(
-    share: float, bent: bool
-) -> None:
-    one, own = made(True), moving()
-    if not bent:
-        smooth = slice(0, KNEES)
-        one = replace(one, corner=one.corner[:, smooth], d_corner=one.d_corner[:, smooth], knots=())
-    own = replace(own, motion=share * own.motion)
-    (compiled,) = fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)
-    (plain,) = reference.integrate([one], [own], [END_S], USUAL.step_s, PATH)
-    assert np.allclose(whole(compiled).states, whole(plain).states, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("mounted", "knots"),
-    [(False, "K3"), (True, "K3"), (True, "K21")],  # of 21 knots: more columns than one block has
-)
-def test_machine_code_and_numpy_give_the_same_tangents(mounted: bool, knots: str) -> None:
-    one, own = made(mounted, knots), moving()
-    path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)[0])
-    ends = [0.0, 0.1985, 0.1999]  # in the first and the last step, too
-    times = np.sort(
-        np.concatenate([ends, np.arange(0.0, END_S, 0.0125), np.linspace(0.001, 0.19, 31)])
-    )
-    acts = acting([one])
-    start, plan = start_of(one, own, acts, PATH), plan_of(one, path, USUAL)
-    assert (start.matrix.shape[1] > LANES) is (knots == "K21")
-    sampled = fast.sample(one, path, times)
-    again = reference.sample(one, path, times)
-    assert np.allclose(sampled.slopes, again.slopes, rtol=1e-9, atol=1e-9)
-    every = everything(plan, path, times)
-    compiled, plain = (np.zeros((len(times), 21, start.matrix.shape[1])) for _ in range(2))
-    fast.add_sampled(fast.tangents(one, acts, path, start, plan), every, compiled)
-    linearised.add_sampled(linearised.tangents(one, acts, path, start, plan), every, plain)
-    size = np.abs(compiled).max(axis=0)
-    assert np.max(np.abs(compiled - plain) / np.maximum(size, 1e-12)) < 1e-9
-
-
 def everything(plan: Plan, path: Path, times: np.ndarray) -> SampledChannels:
     """Return channels for displacement, speed and acceleration of each degree of freedom."""
     return sampled_channels(
@@ -104,18 +47,9 @@ def everything(plan: Plan, path: Path, times: np.ndarray) -> SampledChannels:
     )
 
 
-def test_machine_code_and_numpy_give_the_same_low_pass() -> None:
-    rng = np.random.default_rng(3)
-    values, times = rng.standard_normal((101, 2, 3)), rng.uniform(0.0, 0.25, 80)
-    for poles in ([-200 + 150j, -200 - 150j], [-90.0], [-200 + 150j, -200 - 150j, -250.0]):
-        low_pass = LowPass(np.array(poles, dtype=complex))
-        found = fast.filtered(low_pass, values, 0.0025, times)
-        assert np.allclose(found, filtered(low_pass, values, 0.0025, times), rtol=1e-9, atol=1e-12)
-
-
 def motion(one: Car, own: InitialState, times: np.ndarray) -> np.ndarray:
-    path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
-    seen = fast.sample(one, path, times)
+    path = whole(integrator.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
+    seen = integrator.sample(one, path, times)
     return np.concatenate([seen.motion(k) for k in range(3)], axis=1)
 
 
@@ -127,14 +61,14 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
     free = np.array([i for i, n in enumerate(names) if mounted or not n.startswith("s_m")])
     one, own = car(model, eta, BASELINE, free), moving()
     times = 2.0 * USUAL.step_s * np.arange(5, 305, 8)  # at nodes: between two, a corner is cut
-    path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
+    path = whole(integrator.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
     acts = acting([one])
     start = start_of(one, own, acts, CORNERS)
     polish = plan_of(one, path, POLISH)
     plan = Plan(polish.starts, polish.lengths, polish.fine, (CORNERS, CORNERS))
     found = np.zeros((len(times), 21, start.matrix.shape[1]))
-    fast.add_sampled(
-        fast.tangents(one, acts, path, start, plan), everything(plan, path, times), found
+    integrator.add_sampled(
+        integrator.tangents(one, acts, path, start, plan), everything(plan, path, times), found
     )
     n_own = start.matrix.shape[1] - len(acts)
     for column in (0, 4, 9, 12, 15):

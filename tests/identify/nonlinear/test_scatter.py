@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from daq.channels import Channel, Quantity
 from identify.model.low_pass import low_pass_of
 from identify.nonlinear.at_speeds import forces_at_speeds
-from identify.nonlinear.filtered import filtered
 from identify.nonlinear.forces import DamperCurve
+from identify.nonlinear.integrator import filtered
 from identify.nonlinear.sandwich import scatter, widened
 
 
