@@ -14,7 +14,7 @@ import typer
 from typer.main import get_command
 from typer.models import CommandInfo
 
-from .diagnostics import ExitCode, report, report_usage, say
+from .diagnostics import ExitCode, report, report_usage
 from .signals import ended_by_signals
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
             from .ownership import foreign_package
 
             if line := foreign_package():
-                say(f"error: {line}")
+                sys.stderr.write(f"bumpbench: error: {line}\n")  # our own dbc may be hidden
                 return ExitCode.BAD_INPUT
         from dbc import BumpbenchError, InputError  # this loads NumPy, which --help does not need
 

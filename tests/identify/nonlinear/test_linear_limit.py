@@ -55,6 +55,7 @@ def test_parameters_and_intervals_are_those_of_the_linear_fit() -> None:
     found = fit(problem, eta, initials, grade=POLISH, tolerance=1e-9, max_iterations=8)
     assert found is not None
     std = np.sqrt(np.diag(linear.covariance))
-    assert np.allclose(found.eta[: model.first], linear.eta, rtol=0.0, atol=1e-7)
+    # The linear search is held weakly about its start, by less than 1 % of a standard deviation.
+    assert np.all(np.abs(found.eta[: model.first] - linear.eta) < 0.01 * std)
     again = np.sqrt(np.diag(inverse(found.information)))
     assert np.allclose(again, std, rtol=1e-6)
