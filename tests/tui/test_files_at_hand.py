@@ -275,8 +275,7 @@ def test_a_pushed_car_goes_on_until_it_is_interrupted(
     ("words", "named"),
     [
         (["decode", "LOG", "BENCH", "--dbc", "x.dbc"], "exclude each other"),
-        (["decode", "LOG", "--bus", "0"], "name no bench"),
-        (["decode", "LOG", "--sensor", "front"], "name no bench"),
+        (["decode", "LOG", "--sensor", "front"], "names no bench"),
         (["import", "--run", "baseline:roll:LOG", "--skip", "1"], "for logs of many runs"),
         (["import", "--run", "baseline:roll:LOG", "--runs", "baseline:roll"], "of many runs"),
         (["import", "LOG", "--run", "baseline:roll:LOG"], "both logs and --run"),
