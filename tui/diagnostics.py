@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from dbc import BumpbenchError, Codec, InputError
 
 _NAMED = 5
-_LONGEST = 4000
-"""Largest number of characters of a message."""
 _NO_CHOICE = re.compile(r"'([^']*)' is not one of (.*)")
 _CHOICE = re.compile(r"'([^']*)'")
 _NEAR = re.compile(r" \(Possible options: (.*)\)")
@@ -40,9 +38,8 @@ class ExitCode(IntEnum):
 
 def say(text: str) -> None:
     """Write one message line to stderr; stdout is for data."""
-    from dbc.errors import printable
-
-    sys.stderr.write(f"bumpbench: {printable(text, _LONGEST)}\n")
+    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    sys.stderr.write(f"bumpbench: {shown}\n")
 
 
 def say_left_out(codec: Codec) -> None:

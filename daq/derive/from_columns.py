@@ -33,6 +33,8 @@ from .build_samples import EDGE_S, utc_text
 
 _SINCE_1970_S = 1e8
 """Time, s, above which times count from 1970: no recording lasts three years."""
+_LATEST_S = 4_102_444_800.0
+"""The year 2100, s since 1970."""
 _ALIKE = 0.9
 """Least share of rows in which both of two columns have values if they were sampled together."""
 _BLOCK_NS = 1_000_000_000
@@ -133,6 +135,9 @@ def _seconds(stamps: Column, stated: str, channel: Channel) -> tuple[NDArray[np.
     values = stamps.values
     good = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     first = good[0] if len(good) else 0
+    if len(good) and float(np.abs(good).max()) * si.factor >= _LATEST_S:
+        what = f"its times {printable(stamps.name, 100)} reach {good.max():g} {unit}, after 2100"
+        raise InputError(f"channel {channel.name}", what, "state their unit: s, ms, us or ns")
     if float(first) * si.factor < _SINCE_1970_S:
         return np.asarray(values * si.factor, np.float64), 0
     per_s = round(1.0 / si.factor)

@@ -36,3 +36,5 @@ class Columns:
     """Columns, by the requested name."""
     times_s: Mapping[str, NDArray[np.float64]]
     """Times of the clocks that have times in the file, s since its time zero."""
+    unread: tuple[str, ...] = ()
+    """What could not be read, each kind with its number and first line."""

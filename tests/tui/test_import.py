@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from base64 import b64encode
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -323,3 +324,53 @@ def test_a_log_of_one_run_that_has_nothing_of_the_bus_is_named_alone(
     assert "1.log" in err
     assert "0.log" not in err
     assert "no bump in 1,200 frames" in err
+
+
+def test_bumps_are_found_at_times_below_zero(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    frames = bumps(small_codec(), 4)
+    early = replace(frames, t_ns=frames.t_ns - int(frames.t_ns[-1]) - 10**9)
+    lines = [
+        f"{t * 1e-9:.9f},{can_id:#x},0,0,0,6,{b64encode(row[:6].tobytes()).decode()}\n"
+        for t, can_id, row in zip(
+            early.t_ns.tolist(), early.can_id.tolist(), early.data, strict=True
+        )
+    ]
+    path = tmp_path / "all.csv"
+    path.write_text("timestamp,arbitration_id,extended,remote,error,dlc,data\n" + "".join(lines))
+    out = str(tmp_path / "s.h5")
+    document, _ = done(capsys, "import", str(path), "--config", bench, "--out", out)
+    assert labels(document) == CAMPAIGN
+
+
+def test_two_logs_in_one_file_whose_clocks_begin_anew_follow_each_other(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    frames = bumps(small_codec(), 4)
+    half = len(frames) // 2
+    first, second = frames.select(slice(half)), frames.select(slice(half, None))
+    second = replace(second, t_ns=second.t_ns - 2_400_000_000 + 3_000_000)
+    log = write_log(tmp_path / "all.log", FrameBatch.concatenate([first, second]))
+    out = str(tmp_path / "s.h5")
+    document, err = done(capsys, "import", str(log), "--config", bench, "--out", out)
+    assert labels(document) == CAMPAIGN
+    assert [len(one.frames) for one in daq.read_session(Path(out)).runs] == [600] * 4
+    assert f"after frame {half}: the rest is taken as a later part" in err
+    log.write_text(log.read_text()[: len(log.read_text()) // 2] * 2)
+    assert run(["import", str(log), "--config", bench, "--out", out, "--force"]) == 2
+    assert "stores the same frames twice" in capsys.readouterr().err
+
+
+def test_lines_that_are_lost_are_counted_in_one_run(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
+    lines = log.read_text().splitlines()
+    rows = [lines[i : i + 50] for i in range(0, len(lines), 50)]
+    log.write_text("\n(1.0) can0 1x0#00\n".join("\n".join(row) for row in rows) + "\n")
+    out = str(tmp_path / "s.h5")
+    _, err = done(capsys, "import", str(log), "--config", bench, "--out", out, code=3)
+    assert f"{len(rows) - 1} records unreadable" in err
+    runs = daq.read_session(Path(out)).runs
+    assert 0 < sum(one.losses.bus_garbled for one in runs) <= len(rows) - 1

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import daq
 from tui.cli import run
@@ -33,23 +33,25 @@ corner = "FL"
 """
 
 
+def _write(path: Path, columns: dict[str, NDArray[np.float64]]) -> None:
+    table = np.column_stack([np.arange(4000) / 500.0, *columns.values()])
+    np.savetxt(path, table, "%.17g", ",", header=",".join(["t", *columns]), comments="")
+
+
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
     """Write a file with two bumps, at 1.4 and 5.4 s."""
     value = np.zeros(4000)
     for onset in (700, 2700):
         value[onset : onset + 100] = 20.0 * np.sin(np.arange(100) / 5.0 + 0.5)
-    with h5py.File(tmp_path / "drive.h5", "w") as file:
-        file["t"] = np.arange(4000) / 500.0
-        file["acc_fl"] = value
-        file["acc_fl"].attrs["unit"] = "m/s2"
+    _write(tmp_path / "drive.csv", {"acc_fl [m/s2]": value})
     (tmp_path / "map.toml").write_text(MAP)
     return tmp_path
 
 
 def test_a_recording_of_many_runs(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = recorded / "s.h5"
-    files = [str(recorded / "drive.h5"), "--channels", str(recorded / "map.toml")]
+    files = [str(recorded / "drive.csv"), "--channels", str(recorded / "map.toml")]
     assert run(["import", *files, "--out", str(out), "--json"]) == 0
     said = capsys.readouterr()
     document = json.loads(said.out)
@@ -59,7 +61,7 @@ def test_a_recording_of_many_runs(recorded: Path, capsys: pytest.CaptureFixture[
     session = daq.read_session(out)
     assert [one.status for one in session.runs] == ["accepted", "accepted"]
     assert session.provenance["channel_map"] == MAP
-    assert json.loads(session.provenance["source_1"])["files"][0]["name"] == "drive.h5"
+    assert json.loads(session.provenance["source_1"])["files"][0]["name"] == "drive.csv"
     assert session.mass_states[1].added.weights == (daq.HubWeight(5.0, daq.Corner.FRONT_LEFT),)
     assert session.channels[0].signal == "acc_fl"
 
@@ -71,13 +73,11 @@ def test_a_travel_against_its_hub_is_named(
     swing = np.zeros(4000)
     since_s = np.arange(1300) / 500.0
     swing[700:2000] = 0.01 * np.exp(-4.0 * since_s) * np.sin(2 * np.pi * 10.0 * since_s)
-    with h5py.File(recorded / "drive.h5", "a") as file:
-        file["pot"] = swing
-        file["pot"].attrs["unit"] = "m"
-        file["acc_fl"][...] = -((2 * np.pi * 10.0) ** 2) * swing
+    acc = -((2 * np.pi * 10.0) ** 2) * swing
+    _write(recorded / "drive.csv", {"acc_fl [m/s2]": acc, "pot [m]": swing})
     pot = '[[channel]]\nname = "pot"\nsignal = "pot"\nquantity = "suspension_travel"\n'
     (recorded / "map.toml").write_text(f'{MAP}{pot}corner = "FL"\nsign = {sign}\n')
-    one = ["--run", f"baseline:bounce:{recorded / 'drive.h5'}", "--out", str(recorded / "s.h5")]
+    one = ["--run", f"baseline:bounce:{recorded / 'drive.csv'}", "--out", str(recorded / "s.h5")]
     assert run(["import", *one, "--channels", str(recorded / "map.toml")]) == 0
     remark = "pot moves against the hub accelerometers (change the sign of these channels)\n"
     assert (f"bumpbench: {remark}" in capsys.readouterr().err) == (sign < 0)
@@ -88,7 +88,7 @@ def test_a_question_that_is_left_in_the_map_is_named(
 ) -> None:
     channel_map = recorded / "map.toml"
     channel_map.write_text(MAP.replace('corner = "FL"\n', 'corner = "FL"\n# ASK: is it g?\n'))
-    files = [str(recorded / "drive.h5"), "--channels", str(channel_map)]
+    files = [str(recorded / "drive.csv"), "--channels", str(channel_map)]
     assert run(["import", *files, "--out", str(recorded / "s.h5")]) == 0
     said = capsys.readouterr().err
     line = MAP.count("\n", 0, MAP.rindex("corner")) + 2
@@ -96,7 +96,12 @@ def test_a_question_that_is_left_in_the_map_is_named(
 
 
 def test_a_file_a_run(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    one = ["--run", f"added:roll:{recorded / 'drive.h5'}", "--channels", str(recorded / "map.toml")]
+    one = [
+        "--run",
+        f"added:roll:{recorded / 'drive.csv'}",
+        "--channels",
+        str(recorded / "map.toml"),
+    ]
     assert run(["import", *one, "--out", str(recorded / "s.h5"), "--json"]) == 0
     said = capsys.readouterr()
     assert [one["label"] for one in json.loads(said.out)["runs"]] == ["added_roll_1"]
@@ -109,7 +114,7 @@ def test_what_does_not_go_together_is_refused(
     given = recorded / "given.toml"
     times = 'mass_state = "baseline"\nexcitation = "roll"\nstart_s = 0.9\nstop_s = 2.4\n'
     given.write_text(f"[[run]]\n{times}{MAP}")
-    drive, plain = str(recorded / "drive.h5"), str(recorded / "map.toml")
+    drive, plain = str(recorded / "drive.csv"), str(recorded / "map.toml")
     for arguments, why in (
         ([drive, "--channels", str(given), "--skip", "1"], "states the times of its runs"),
         ([drive, "--channels", plain, "--bus", "1"], "is for files without a bus"),
@@ -131,7 +136,7 @@ def test_runs_at_stated_times_are_cut_there(
     given = recorded / "given.toml"
     times = 'mass_state = "baseline"\nexcitation = "roll"\nstart_s = 0.9\nstop_s = 2.4\n'
     given.write_text(f"[[run]]\n{times}{MAP}")
-    words = [str(recorded / "drive.h5"), "--channels", str(given)]
+    words = [str(recorded / "drive.csv"), "--channels", str(given)]
     assert run(["import", *words, "--out", str(recorded / "s.h5")]) == 0
     said = capsys.readouterr()
     assert "planned runs were found" not in said.err, "all that is stated is there"
@@ -145,7 +150,7 @@ def test_runs_at_stated_times_are_cut_there(
 def test_bumps_are_left_out_at_the_beginning_and_named_in_the_order_given(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    drive, plain = str(recorded / "drive.h5"), str(recorded / "map.toml")
+    drive, plain = str(recorded / "drive.csv"), str(recorded / "map.toml")
     words = ["import", drive, "--channels", plain, "--out", str(recorded / "s.h5"), "--force"]
     assert run([*words, "--skip", "1", "--runs", "added:pitch", "--json"]) == 0
     said = capsys.readouterr()
@@ -157,11 +162,8 @@ def test_bumps_are_left_out_at_the_beginning_and_named_in_the_order_given(
     (only,) = daq.read_session(recorded / "s.h5").runs
     assert run([*words, "--skip", "2"]) == 2
     assert "no bump is left to be a run" in capsys.readouterr().err
-    with h5py.File(recorded / "quiet.h5", "w") as file:
-        file["t"] = np.arange(4000) / 500.0
-        file["acc_fl"] = np.zeros(4000)
-        file["acc_fl"].attrs["unit"] = "m/s2"
-    quiet = str(recorded / "quiet.h5")
+    _write(recorded / "quiet.csv", {"acc_fl [m/s2]": np.zeros(4000)})
+    quiet = str(recorded / "quiet.csv")
     assert run(["import", quiet, *words[2:]]) == 2
     assert "no channel leaves its rest" in capsys.readouterr().err
     assert run(["import", drive, quiet, *words[2:]]) == 0, "of several files one may be quiet"
@@ -173,7 +175,7 @@ def test_bumps_are_left_out_at_the_beginning_and_named_in_the_order_given(
 
 def test_a_map_is_proposed(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = recorded / "proposed.toml"
-    assert run(["import", str(recorded / "drive.h5"), "--propose", str(target)]) == 0
+    assert run(["import", str(recorded / "drive.csv"), "--propose", str(target)]) == 0
     said = capsys.readouterr().err
     assert f"wrote {target}" in said
     assert "? are the times t in s?" in said

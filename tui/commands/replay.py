@@ -15,7 +15,7 @@ def replay(
     source: Annotated[
         Path,
         typer.Argument(
-            help="BLF, ASC, MF4, candump, pcap and others (docs/formats.md); or a session."
+            help="BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal; or a session."
         ),
     ],
     bench: Annotated[

@@ -77,7 +77,8 @@ def import_channels(
     steps = stated or known.bench.campaign.steps
     known = replace(known, bench=with_steps(known.bench, steps))
     with progress("import") as stage:
-        session, bumps = _session(known, files, bool(labels), steps, skip, stage)
+        unread: list[str] = []
+        session, bumps = _session(known, files, bool(labels), steps, skip, stage, unread)
         stage(1.0, "writing the session")
         write_session(out, session)
     if json:
@@ -89,7 +90,9 @@ def import_channels(
     asked = open_questions(session.provenance["channel_map"], str(channel_map))
     for remark in (*(f"{f.subject}: {f.text} ({f.advice})" for f in asked), *sign_remarks(session)):
         say(remark)
-    return ExitCode.OK
+    for remark in unread:
+        say(remark)
+    return ExitCode.DATA_LOST if unread else ExitCode.OK
 
 
 def file_facts(path: Path) -> dict[str, str | int]:
@@ -125,8 +128,12 @@ def _session(
     steps: Sequence[Step],
     skip: int,
     stage: Stage,
+    unread: list[str],
 ) -> tuple[Session, int]:
-    """Return the session that files contain, and the number of bumps in them."""
+    """Return the session that files contain, and the number of bumps in them.
+
+    `unread`: gets what could not be read.
+    """
     from importlib.metadata import version
 
     from daq import InputError
@@ -138,7 +145,9 @@ def _session(
     bumps = 0
     for number, path in enumerate(files):
         stage(number / len(files), f"{path.name}, {counted(bumps, 'bump')}")
-        found = recording(known, read_columns(path, known.columns))
+        columns = read_columns(path, known.columns)
+        unread += [f"{path} is not whole: {what}" for what in columns.unread]
+        found = recording(known, columns)
         about[f"source_{number + 1}"] = dumps({"format": "channels", "files": [file_facts(path)]})
         if known.runs:
             runs += [given_run(known, found, given) for given in known.runs]

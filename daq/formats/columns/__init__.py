@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from .read import read_columns
+from .open_file import read_columns
 
 __all__ = ["read_columns"]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import codecs
 import csv
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.errors import printable
 from dbc.units import known_si
+from dbc.words import counted
 
 from ...errors import InputError
 from ...optional import optional
@@ -31,9 +34,11 @@ _UNIT = re.compile(r"^(.*\S)\s*[\[(]([^\[\]()]*)[\])]$")
 _NUMBER = re.compile(
     r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf)$", re.IGNORECASE
 )
-_COMMA = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
+_SKIPPED = re.compile(r"Skipping line (\d+)")
+"""Words of pandas for a row with more fields than one too many."""
+_POINT = r"^\s*[+-]?\d*\.\d+([eE][+-]?\d+)?\s*$"
+"""A number with a point: then commas are no decimal marks."""
 _DATE = re.compile(r"^\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
-_ROWS = 1 << 17
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +47,6 @@ class _Form:
 
     encoding: str
     separator: str
-    decimal: str
     first: int
     """Number of the first line with numbers, from 0."""
     headings: tuple[Heading, ...]
@@ -53,11 +57,12 @@ class _Form:
 def open_csv(path: Path) -> Iterator[ColumnFile]:
     """Open a table."""
     form = _form(path)
+    unread: list[str] = []
 
     def read(wanted: Sequence[Heading]) -> Mapping[str, NDArray[Any]]:
-        return _read(path, form, wanted)
+        return _read(path, form, wanted, unread)
 
-    yield ColumnFile(form.headings, read)
+    yield ColumnFile(form.headings, read, unread=unread)
 
 
 def _form(path: Path) -> _Form:
@@ -80,10 +85,8 @@ def _form(path: Path) -> _Form:
             first = full
             while first > 0 and _is_sparse(rows[first - 1], rows[full], separator):
                 first -= 1
-            cells = [cell.strip() for row in rows[first : first + 50] for cell in row]
-            is_comma = separator != "," and any(map(_COMMA.match, cells))
             names = _headings(rows[:first], rows[full])
-            return _Form(encoding, separator, "," if is_comma else ".", first, names)
+            return _Form(encoding, separator, first, names)
     what = "is not a table of numbers with ; tabulator or , between the columns"
     raise InputError(str(path), what, "name a file of channels, or export it with one of these")
 
@@ -136,49 +139,76 @@ def _is_unit(cell: str) -> bool:
     return plain != cell or known_si(plain) is not None
 
 
-def _read(path: Path, form: _Form, wanted: Sequence[Heading]) -> dict[str, NDArray[Any]]:
-    """Read columns in pieces; cells that are not numbers are missing values."""
+def _read(
+    path: Path, form: _Form, wanted: Sequence[Heading], unread: list[str]
+) -> dict[str, NDArray[Any]]:
+    """Read columns; note rows with too many fields, which are left out, and unreadable cells."""
     pandas = optional("pandas", "data")
+    n = len(form.headings)
     numbers = [form.headings.index(each) for each in wanted]
-    pieces: list[list[NDArray[Any]]] = [[] for _ in wanted]
-    total = 0
-    with pandas.read_csv(
-        path,
-        sep=form.separator,
-        decimal=form.decimal,
-        header=None,
-        names=range(len(form.headings)),
-        usecols=sorted(numbers),
-        skiprows=form.first,
-        encoding=form.encoding,
-        encoding_errors="replace",
-        on_bad_lines="skip",
-        index_col=False,
-        chunksize=_ROWS,
-        low_memory=False,
-    ) as reader:
-        for table in reader:
-            total += table.size
-            if total > MAX_VALUES:
-                raise too_long(f"over {MAX_VALUES}", str(path))
-            for own, number in zip(pieces, numbers, strict=True):
-                own.append(_numbers(pandas, table[number], form.decimal))
-    return {each.name: _joined(own) for each, own in zip(wanted, pieces, strict=True)}
+    with warnings.catch_warnings(record=True) as skipped:
+        warnings.simplefilter("always")
+        table = pandas.read_csv(
+            path,
+            sep=form.separator,
+            header=None,
+            names=range(n + 1),  # a row with a field too many has a value in the last one
+            skiprows=form.first,
+            skip_blank_lines=False,
+            encoding=form.encoding,
+            encoding_errors="replace",
+            on_bad_lines="warn",
+            index_col=False,
+            low_memory=False,
+        )
+    if len(table) * len(wanted) > MAX_VALUES:
+        raise too_long(f"{len(table) * len(wanted)}", str(path))
+    longer = [int(line) for each in skipped for line in _SKIPPED.findall(str(each.message))]
+    last = form.first + len(table) + len(longer)
+    table.index = np.setdiff1d(np.arange(form.first, last) + 1, longer)[: len(table)]
+    long = table.index[table[n].notna()]
+    if len(long) or longer:
+        rows = counted(len(long) + len(longer), "row has", "rows have")
+        line = min([*long.tolist(), *longer])
+        unread.append(f"{rows} a field too many, the first in line {line}")
+        table = table.drop(index=long)
+    texts = [table[number] for number in numbers if table[number].dtype.kind not in "iuf"]
+    has_point = any(bool(text.astype("string").str.contains(_POINT).any()) for text in texts)
+    has_point |= any(
+        table[number].dtype.kind == "f" and _has_fraction(table[number]) for number in numbers
+    )
+    values, bad = {}, []
+    for heading, number in zip(wanted, numbers, strict=True):
+        column = table[number]
+        if column.dtype.kind in "iuf":
+            values[heading.name] = np.asarray(column)
+            continue
+        is_comma = form.separator != "," and not has_point
+        values[heading.name], wrong = _numbers(pandas, column, is_comma)
+        bad += [(int(line), heading.name) for line in table.index[wrong]]
+    if bad:
+        line, name = min(bad)
+        cells = counted(len(bad), "cell is no number", "cells are no numbers")
+        unread.append(f"{cells}, the first in line {line}, column {printable(name, 60)}")
+    return values
 
 
-def _numbers(pandas: Any, column: Any, decimal: str) -> NDArray[Any]:
-    if column.dtype.kind in "iuf":
-        return np.asarray(column)
+def _has_fraction(column: Any) -> bool:
+    values = column.to_numpy()
+    return bool(np.any(np.isfinite(values) & (values != np.rint(values))))
+
+
+def _numbers(pandas: Any, column: Any, is_comma: bool) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return the numbers in a column of text, and a mask of the cells that are none."""
     text = column.astype("string").str.strip()
-    if bool(text.head(1).str.match(_DATE.pattern).fillna(False).any()):
+    text = text.mask(text.isin(["", "-", "--"]))
+    filled = text.notna().to_numpy()
+    first = text[filled].head(1)
+    if bool(first.str.match(_DATE.pattern).fillna(False).any()):
         times = pandas.to_datetime(text, utc=True, errors="coerce", format="ISO8601")
-        return np.asarray(times.dt.tz_localize(None), "M8[ns]")
-    if decimal == ",":
+        stamps = np.asarray(times.dt.tz_localize(None), "M8[ns]").astype(np.int64)
+        return stamps, filled & times.isna().to_numpy()
+    if is_comma:
         text = text.str.replace(",", ".", regex=False)
-    return np.asarray(pandas.to_numeric(text, errors="coerce"), np.float64)
-
-
-def _joined(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return the pieces as one array; dates as ns, with the lowest number for a missing one."""
-    whole = np.concatenate(pieces)
-    return whole.astype(np.int64) if whole.dtype.kind == "M" else whole
+    values = np.asarray(pandas.to_numeric(text, errors="coerce"), np.float64)
+    return values, filled & np.isnan(values)

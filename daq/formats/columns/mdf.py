@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,16 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...optional import optional
+from ..mf4 import open_mdf
 from .opened import ColumnFile, Heading
 
 
 @contextmanager
-def open_mdf(path: Path) -> Iterator[ColumnFile]:
+def open_mdf_channels(path: Path) -> Iterator[ColumnFile]:
     """Open a file; the channels of a group have the times of its master."""
-    asammdf = optional("asammdf", "mf4")
-    logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
-    with asammdf.MDF(path) as mdf:
+    with open_mdf(path, str(path)) as mdf:
         names = [_name(group, n) for n, group in enumerate(mdf.groups)]
         places: dict[str, tuple[int, int]] = {}
         headings = []

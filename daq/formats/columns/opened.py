@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
@@ -46,6 +46,8 @@ class ColumnFile:
     """Function that returns the times of a clock in the file, s since its time zero."""
     start_ns: int = 0
     """UTC of that zero, ns since 1970; 0 if the file states none."""
+    unread: list[str] = field(default_factory=list)
+    """What `read` could not read, each kind with its number and first line."""
 
 
 def found(headings: Sequence[Heading], wanted: str, where: str) -> Heading:

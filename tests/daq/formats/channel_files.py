@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from daq.bench.channel_map import ChannelMap, load_channel_map
 from daq.derive import given_run, recording, session_from_columns
-from daq.formats.columns.child import read_tree
-from daq.formats.columns.read import columns_of
-from daq.samples.columns import Columns
+from daq.formats.columns import read_columns
 from daq.sessions import Session
 
 PERIOD_S = 16.0
@@ -76,17 +74,6 @@ def write_mat(tables: Tables, path: Path) -> None:
     savemat(path, {"rec": {name: {"t": t, **own} for name, (t, own) in tables.items()}})
 
 
-def write_hdf5(tables: Tables, path: Path) -> None:
-    """As MATLAB 7.3 and netCDF lie in HDF5: rows of one dimension more, folders."""
-    import h5py
-
-    with h5py.File(path, "w") as file:
-        for name, (time_s, own) in tables.items():
-            file[f"rec/{name}/t"] = time_s.reshape(1, -1)
-            for channel, value in own.items():
-                file[f"rec/{name}/{channel}"] = value.reshape(1, -1)
-
-
 def write_mf4(tables: Tables, path: Path) -> None:
     import asammdf
 
@@ -97,22 +84,11 @@ def write_mf4(tables: Tables, path: Path) -> None:
         mdf.save(path, overwrite=True)
 
 
-def write_tdms(tables: Tables, path: Path) -> None:
-    from nptdms import ChannelObject, TdmsWriter
-
-    with TdmsWriter(path) as writer:
-        for name, (time_s, own) in tables.items():
-            columns = {"t": time_s, **own}
-            writer.write_segment([ChannelObject(name, n, v) for n, v in columns.items()])
-
-
 WRITERS: dict[str, tuple[str, Callable[[Tables, Path], None]]] = {
     ".csv": ("Time", write_csv),
     ".parquet": ("Time", write_parquet),
     ".mat": ("{group}/t", write_mat),
-    ".h5": ("{group}/t", write_hdf5),
     ".mf4": ("", write_mf4),
-    ".tdms": ("{group}/t", write_tdms),
 }
 """Name of the column of times, and writer, by suffix."""
 
@@ -151,16 +127,11 @@ def mapped(path: Path, text: str) -> ChannelMap:
     return load_channel_map(beside)
 
 
-def read_here(path: Path, names: Sequence[str] = ()) -> Columns:
-    """Return columns as `read_columns` does, without a process of their own."""
-    return columns_of(read_tree(str(path), names), str(path))
-
-
 def again(session: Session, bench_text: str, path: Path) -> Session:
     """Write a session's channels to a file and return what an import makes of it."""
     time, write = WRITERS[path.suffix]
     write(tables_of(session), path)
     known = mapped(path, map_text(session, bench_text, time))
-    found = recording(known, read_here(path, known.columns))
+    found = recording(known, read_columns(path, known.columns))
     runs = [given_run(known, found, given) for given in known.runs]
     return session_from_columns(known, found.channels, runs, {"software": "test"})

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError
-from daq.formats.columns.child import read_tree
+from daq.formats.columns import read_columns
 from daq.formats.description import sidecar_of
 from daq.formats.export import export_session, format_of
 from daq.formats.exported import exported_session
@@ -69,7 +69,7 @@ def read(case: Case, path: Path) -> str:
     """Read a file as the product does and say what came of it."""
     try:
         if not case[1]:
-            read_tree(str(path), ())
+            read_columns(path, ())
         elif exported_session(path.with_name("car.log") if case[0] == ".log" else path) is None:
             return "no export"
     except InputError as error:

@@ -10,13 +10,13 @@ import pytest
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.errors import InputError
+from daq.formats.columns import read_columns
 from daq.formats.detect import BLF, detect
 from daq.formats.log import Log, read_logs
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 
 from ..journal.test_journal import block
-from .channel_files import read_here
 
 ASC, TRC, CANDUMP = "1.5 1 7FF Rx d 1 11\n", "1) 1 0123 1 AA\n", "(1.5) can0 123#01\n"
 TEXTS: dict[str, tuple[str, str, str]] = {
@@ -94,7 +94,7 @@ def test_what_is_no_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         detect(unreadable)
     with pytest.raises(InputError, match="cannot be read"):
-        read_here(unreadable)
+        read_columns(unreadable, ())
     with pytest.raises(InputError, match="cannot be read"):
         list(Log([unreadable], BLF))
 
