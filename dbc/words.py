@@ -22,8 +22,14 @@ def seconds_text(t_ns: int) -> str:
 def csv_text(text: str) -> str:
     """Return foreign text for a cell of CSV: no spreadsheet takes it as a formula.
 
-    It gets an apostrophe before a character that begins a formula; characters that control a
-    terminal are replaced.
+    It gets an apostrophe before a character that begins a formula, unless it is a number;
+    characters that control a terminal are replaced.
     """
     shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
-    return f"'{shown}" if shown[:1] in set("=+-@") else shown
+    if shown[:1] not in set("=+-@"):
+        return shown
+    try:
+        float(shown)
+    except ValueError:
+        return f"'{shown}"
+    return shown

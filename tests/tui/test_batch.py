@@ -69,6 +69,16 @@ def test_a_row_for_each_and_then_no_more(
     assert str(folder / "monday" / "car000.h5") in changed
 
 
+def test_a_session_named_like_a_formula_is_text_for_a_spreadsheet(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("=1+1.h5").write_text("no session")
+    for _ in range(2):
+        _batch(capsys, "=1+1.h5", "--out", "table.csv")
+        assert [row["file"] for row in _table(Path("table.csv"))] == ["'=1+1.h5"]
+
+
 def test_parquet_says_what_csv_says(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     write_all(tmp_path / "s", refused_session, 2)
     for name in ("t.csv", "t.parquet"):

@@ -311,7 +311,7 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
     Raises InputError if one cannot be written.
     """
     from daq.files import replaced
-    from dbc import InputError
+    from dbc import InputError, csv_text
 
     from ..jobs.batch_page import page_of
 
@@ -324,7 +324,11 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
                 with part.open("w", encoding="utf-8", newline="") as stream:
                     writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
                     writer.writeheader()
-                    writer.writerows(rows.values())
+                    for row in rows.values():
+                        cells = (
+                            (n, csv_text(v) if isinstance(v, str) else v) for n, v in row.items()
+                        )
+                        writer.writerow(dict(cells))
             else:
                 _write_parquet(part, columns, list(rows.values()))
         if page is not None:
