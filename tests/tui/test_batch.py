@@ -69,14 +69,22 @@ def test_a_row_for_each_and_then_no_more(
     assert str(folder / "monday" / "car000.h5") in changed
 
 
-def test_a_session_named_like_a_formula_is_text_for_a_spreadsheet(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+def test_foreign_text_in_a_table_is_no_formula(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("=1+1.h5").write_text("no session")
+    write_all(tmp_path / "sessions", refused_session, 1)
+    out = tmp_path / "table.csv"
+    _batch(capsys, str(tmp_path / "sessions"), "--out", str(out))
+    rows = _table(out)
+    rows[0] |= {"vehicle": "=1+1", "reasons": "-1e-3"}
+    with out.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
     for _ in range(2):
-        _batch(capsys, "=1+1.h5", "--out", "table.csv")
-        assert [row["file"] for row in _table(Path("table.csv"))] == ["'=1+1.h5"]
+        _batch(capsys, str(tmp_path / "sessions"), "--out", str(out))
+        assert _table(out)[0]["vehicle"] == "'=1+1"
+        assert _table(out)[0]["reasons"] == "-1e-3"
 
 
 def test_parquet_says_what_csv_says(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
