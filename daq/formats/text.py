@@ -123,6 +123,8 @@ def decimals(
 
     `marks`: the decimal marks that are read.  Digits beyond `places` are cut off.
     """
+    is_mark = np.zeros(256, bool)
+    is_mark[list(marks)] = True
     negative = text[start] == ord("-")
     start = start + negative
     width = end - start
@@ -134,7 +136,7 @@ def decimals(
         character = text[start + place]
         digit = _DIGIT[character]
         inside = place < width
-        mark = inside & np.isin(character, list(marks)) & (scale < 0)
+        mark = inside & is_mark[character] & (scale < 0)
         number = inside & (digit < 10)
         good &= ~inside | mark | number
         taken = number & (scale < places)

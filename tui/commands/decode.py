@@ -14,8 +14,14 @@ from ..options import Buses, OldBench, Sensors
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from daq.formats import Log
     from dbc import Codec, Decoded, MessageLayout
+
+    _Rows = tuple[NDArray[np.int64], list[str]]
+    """Times, ns, and CSV lines."""
 
 
 def decode(
@@ -43,7 +49,6 @@ def decode(
     import sys
     from collections import Counter
     from dataclasses import asdict, replace
-    from operator import itemgetter
 
     import numpy as np
 
@@ -76,7 +81,7 @@ def decode(
     for batch in frames:
         totals.update(frames=len(batch))
         wanted = batch.on_buses(source.chosen)
-        rows = []
+        rows: list[_Rows] = []
         for number in np.unique(wanted.bus).tolist() if several else [None]:
             part = wanted if number is None else wanted.on_buses(frozenset([number]))
             decoded = source.codec.decode(part)
@@ -85,9 +90,8 @@ def decode(
             if not json:
                 rows += _rows(source, decoded, number)
         if rows:
-            rows.sort(key=itemgetter(0))
             sys.stdout.write(header)
-            sys.stdout.writelines([line for _, line in rows])
+            sys.stdout.writelines(_in_order_of_time(rows))
             header = ""
     if not samples:
         names = ", ".join(map(str, dbc or [])) or config or "the shipped DBC"
@@ -209,8 +213,8 @@ def _databases(paths: Sequence[Path]) -> Codec:
     return codec
 
 
-def _rows(source: _Source, decoded: Decoded, number: int | None) -> list[tuple[int, str]]:
-    """Return times and CSV lines of a block; a missing value is left out."""
+def _rows(source: _Source, decoded: Decoded, number: int | None) -> list[_Rows]:
+    """Return the CSV lines of each signal of a block; a missing value is left out."""
     import numpy as np
 
     from dbc import seconds_text
@@ -220,22 +224,33 @@ def _rows(source: _Source, decoded: Decoded, number: int | None) -> list[tuple[i
         for message in source.codec.messages
         for signal in message.signals
     }
-    rows: list[tuple[int, str]] = []
+    rows: list[_Rows] = []
+    stamps, texts = None, list[str]()
     for name, samples in decoded.samples.items():
         message, _, signal = name.rpartition(".")
         place = source.place(source.codec.by_name[message], number)
         shown = message.rpartition(".")[2] if source.has_sensors else message
-        present = ~np.isnan(samples.value)
         tail = f",{place}{_quoted(shown)},{_quoted(signal)},"
         unit = _quoted(units[name])
+        if samples.t_ns is not stamps:  # the signals of a message share their times
+            stamps, texts = samples.t_ns, list(map(seconds_text, samples.t_ns.tolist()))
+        missing = np.isnan(samples.value)
         # The shortest text that reads back as the same number; whole ones as integers.
-        rows += [
-            (t_ns, f"{seconds_text(t_ns)}{tail}{repr(value).removesuffix('.0')},{unit}\n")
-            for t_ns, value in zip(
-                samples.t_ns[present].tolist(), samples.value[present].tolist(), strict=True
-            )
+        lines = [
+            f"{text}{tail}{repr(value).removesuffix('.0')},{unit}\n"
+            for text, value in zip(texts, samples.value.tolist(), strict=True)
+            if value == value
         ]
+        rows.append((samples.t_ns[~missing], lines))
     return rows
+
+
+def _in_order_of_time(rows: Sequence[_Rows]) -> list[str]:
+    import numpy as np
+
+    lines = [line for _, own in rows for line in own]
+    order = np.argsort(np.concatenate([t_ns for t_ns, _ in rows]), kind="stable")
+    return [lines[i] for i in order.tolist()]
 
 
 def _quoted(text: str) -> str:
