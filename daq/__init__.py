@@ -35,14 +35,11 @@ if TYPE_CHECKING:
     from .runs import SampleGroup as SampleGroup
     from .samples.bench_mapping import mapped_channels as mapped_channels
     from .samples.mapping import map_channels as map_channels
-    from .session import read_foreign_samples as read_foreign_samples
-    from .session import read_foreign_session as read_foreign_session
-    from .session import read_samples as read_samples
     from .session import read_session as read_session
     from .session import validate_session as validate_session
     from .session import write_session as write_session
-    from .session_parts import session_part as session_part
     from .sessions import Session as Session
+    from .sessions import session_part as session_part
     from .vehicle import FORD_GRANADA as FORD_GRANADA
     from .vehicle import AddedMass as AddedMass
     from .vehicle import BodyWeight as BodyWeight

@@ -132,26 +132,6 @@ def run_label(mass_state: str, excitation: Excitation, repeat: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class RunOutline:
-    """A run without its samples and frames, for tables."""
-
-    label: str
-    """`baseline_bounce_1` and the like."""
-    status: RunStatus
-    """The verdict."""
-    reasons: tuple[str, ...]
-    """Reasons of the verdict."""
-    samples: Mapping[str, int]
-    """Number of samples in each group."""
-    length_s: float
-    """Time of the last sample since t0, s."""
-    frames: int
-    """Number of raw frames."""
-    losses: Losses
-    """Frames that were lost or unusable."""
-
-
-@dataclass(frozen=True, slots=True)
 class Run:
     """One bump and its free decay."""
 
@@ -189,14 +169,6 @@ class Run:
         return self.status is RunStatus.ACCEPTED
 
     @property
-    def outline(self) -> RunOutline:
-        """The run without its data."""
-        return RunOutline(
-            label=self.label,
-            status=self.status,
-            reasons=self.reasons,
-            samples={group.name: len(group.time_s) for group in self.groups},
-            length_s=max((float(g.time_s[-1]) for g in self.groups if len(g.time_s)), default=0.0),
-            frames=len(self.frames),
-            losses=self.losses,
-        )
+    def length_s(self) -> float:
+        """Time of the last sample since t0, s."""
+        return max((float(g.time_s[-1]) for g in self.groups if len(g.time_s)), default=0.0)

@@ -33,7 +33,7 @@ from ..samples.groups import sample_groups, timekeeping
 from ..samples.mapping import MappedChannel
 from ..sessions import Session
 
-NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
+_NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
 """Codes of events that a session stores elsewhere, or that do not concern the run at whose time
 they occur."""
 _TEXT_BYTES = 160
@@ -43,13 +43,13 @@ EDGE_S = 0.05
 
 
 def journal_provenance(
-    head: JournalHead, run_log: RunLog, digests: Sequence[str], loss: str
+    head: JournalHead, run_log: RunLog, frames: Sequence[FrameBatch], loss: str
 ) -> dict[str, str]:
     """Return the provenance of a session that was built from a journal, without bench.toml and DBC.
 
-    `digests`: of the frames of each run.  `loss`: the losses of the journal, in words.
+    `frames`: of each run.  `loss`: the losses of the journal, in words.
     """
-    digest = hashlib.sha256("".join(digests).encode()).hexdigest()
+    digest = hashlib.sha256("".join(map(_digest, frames)).encode()).hexdigest()
     return {
         # The same recording gives the same uuid, however often its session is built.
         "uuid": str(uuid.UUID(head.recording or digest[:32])),
@@ -67,10 +67,10 @@ def utc_text(t_ns: int) -> str:
     return datetime.fromtimestamp(t_ns * 1e-9, UTC).isoformat(timespec="seconds")
 
 
-def frames_digest(run: Run) -> str:
+def _digest(frames: FrameBatch) -> str:
     """Return the SHA-256 of a run's frames."""
-    digest = hashlib.sha256(run.frames.data.data)
-    digest.update(run.frames.t_ns.data)
+    digest = hashlib.sha256(frames.data.data)
+    digest.update(frames.t_ns.data)
     return digest.hexdigest()
 
 
@@ -104,16 +104,28 @@ def build_session(
     recording, or a message that the identification needs, does not cover it.  Raises InputError if
     a channel does not fit the DBC, or a bump is of no mass state of the bench.
     """
-    mapped = mapped_channels(bench, codec)
     run_log = fold(events)
     check_runs(bench, events, run_log)
+    cut = [frames.within([bench.trigger.window_ns(run.t_ns)]) for run in run_log.runs]
+    return session_of_runs(bench, codec, run_log, cut, events, hops, provenance)
+
+
+def session_of_runs(
+    bench: Bench,
+    codec: Codec,
+    run_log: RunLog,
+    frames: Sequence[FrameBatch],
+    events: Sequence[Event],
+    hops: HopCounts,
+    provenance: dict[str, str],
+) -> Session:
+    """Return the session of the runs of a log; as `build_session`, of the frames of each run."""
+    mapped = mapped_channels(bench, codec)
     runs: dict[int, Run] = {}
-    for number, logged in sorted(enumerate(run_log.runs), key=lambda pair: pair[1].t_ns):
-        window_ns = bench.trigger.window_ns(logged.t_ns)
-        own = frames.within([window_ns])
-        measured = measured_run(bench, codec, mapped, logged, own, events, hops)
-        runs[number] = decided_run(logged, measured)
-        hops = _after(hops, window_ns[1])
+    in_time = sorted(enumerate(run_log.runs), key=lambda pair: pair[1].t_ns)
+    for number, logged in in_time:
+        runs[number] = _run(bench, codec, mapped, logged, frames[number], events, hops)
+        hops = _after(hops, bench.trigger.window_ns(logged.t_ns)[1])
     return Session(
         vehicle=bench.vehicle,
         channels=tuple(m.channel for m in mapped),
@@ -145,7 +157,7 @@ def check_runs(bench: Bench, events: Sequence[Event], run_log: RunLog) -> None:
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
 
 
-def measured_run(
+def _run(
     bench: Bench,
     codec: Codec,
     mapped: Sequence[MappedChannel],
@@ -154,7 +166,7 @@ def measured_run(
     events: Iterable[Event],
     hops: HopCounts,
 ) -> Run:
-    """Return the measured run; its reasons are only those that make it unusable.
+    """Return a run with the verdict on it.
 
     `frames`: frames in its window.  `events`: all events; those in its window are kept.
     """
@@ -162,6 +174,8 @@ def measured_run(
     own = [event for event in events if start_ns <= event.t_ns <= stop_ns]
     decoded = codec.decode(frames)
     groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
+    reasons = (*run.reasons, *_shortcomings(mapped, groups, frames, start_ns, stop_ns))
+    rejected = bool(reasons) or run.status is LoggedStatus.REJECTED
     return Run(
         mass_state=run.mass_state,
         excitation=run.excitation,
@@ -169,20 +183,12 @@ def measured_run(
         t0_ns=start_ns,
         bump_s=bench.bump_s,
         groups=groups,
-        status=RunStatus.ACCEPTED,
-        reasons=_shortcomings(mapped, groups, frames, start_ns, stop_ns),
+        status=RunStatus.REJECTED if rejected else RunStatus.ACCEPTED,
+        reasons=reasons,
         losses=_losses(codec, decoded, hops, start_ns, stop_ns),
-        events=tuple(_short(event) for event in own if event.code not in NOT_OF_A_RUN),
+        events=tuple(_short(event) for event in own if event.code not in _NOT_OF_A_RUN),
         frames=frames,
     )
-
-
-def decided_run(run: LoggedRun, measured: Run) -> Run:
-    """Return a measured run with the verdict on it."""
-    reasons = (*run.reasons, *measured.reasons)
-    rejected = bool(reasons) or run.status is LoggedStatus.REJECTED
-    status = RunStatus.REJECTED if rejected else RunStatus.ACCEPTED
-    return replace(measured, status=status, reasons=reasons)
 
 
 def _short(event: Event) -> Event:

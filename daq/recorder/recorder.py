@@ -37,7 +37,6 @@ from ..control.orders import (
     Start,
     Stop,
 )
-from ..derive.grown import forget_others
 from ..garbage import loaded_is_kept
 from ..journal.built import built_revision
 from ..journal.contents import JournalTail
@@ -305,14 +304,12 @@ class Recorder:
             self._begun = f"it was interrupted, and continues after {tail.frames:,} {frames}"
             STEADY_CLOCK.begin(tail.t_ns)
             opened = self._open_journal(bench, now, tail)
-            forget_others(self._folder, [opened.session])
             revision = built_revision(self._journal, opened.campaign)
             if revision is not None:
                 self._derivation.recall(opened.session, opened.campaign, revision)
             recall(tail, bench, self._recording.measures.update)
             return
         left = unfinished(self._journal)
-        forget_others(self._folder, [left[0]] if left else [])
         if left is not None:
             session, last = left
             revision = fold(last.events).revision

@@ -1,13 +1,14 @@
-"""Builds a session from the tree of a session file, and checks everything once more."""
+"""Reads a session file: checks its checksums, and makes a session of its content."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 
@@ -27,7 +28,8 @@ from ..vehicle import (
     Vehicle,
     VehicleGeometry,
 )
-from .sandbox.guard import load_guarded
+from .content import Content, SchemaError, changed_parts, datasets_in, groups_in
+from .hdf5 import read_content
 from .schema import (
     CHANNEL_COLUMNS,
     DAMAGED_ADVICE,
@@ -37,16 +39,19 @@ from .schema import (
     RAW_PREFIX,
     WEIGHT_COLUMNS,
 )
-from .tree import Attribute, Group, Part
+
+_OF_THE_BENCH = ("/session", "/channels", "/mass_states")
+"""Parts of a session that are made again from a bench.toml when it is decoded again."""
+_Kind = TypeVar("_Kind", str, int, float)
 
 
 def read_session(path: Path | str) -> Session:
-    """Read a session file that this bench, or someone you trust, has written.
+    """Read a session file.
 
     Parameters
     ----------
     path : Path or str
-        HDF5, schema v1.
+        HDF5, schema v1, of any origin.
 
     Returns
     -------
@@ -56,121 +61,106 @@ def read_session(path: Path | str) -> Session:
     Raises
     ------
     InputError
-        If the file does not exist, is not a session, has a newer schema, or is damaged.
+        If the file does not exist, is not a session, has a newer schema, is damaged, or was changed
+        after it was written.
     """
-    from .load import load_tree  # imports h5py, which only the child needs for a foreign session
+    session, changed = read_changed_session(path)
+    if changed:
+        raise _refusal(path, changed[0])
+    return session
 
-    return session_of(load_tree(path), str(path))
 
+def read_changed_session(path: Path | str) -> tuple[Session, tuple[str, ...]]:
+    """Return a session, and the parts of it that were changed although a bench.toml states them.
 
-def read_samples(path: Path | str) -> Session:
-    """Read a session file as `read_session` does, but no raw frames: in half of the time.
-
-    What identifies, compares and tabulates looks at samples alone.
-
-    Raises
-    ------
-    InputError
-        As `read_session`.
+    For a reader that replaces sensors, weights and vehicle by those of a bench.toml.  Raises
+    InputError as `read_session` if anything else was changed.
     """
-    from .load import load_tree
-
-    return session_of(load_tree(path, Part.SAMPLES), str(path))
-
-
-def read_foreign_session(path: Path | str) -> Session:
-    """Read a session file of any origin; as `read_session`, but in a process with limits.
-
-    A file that crashes libhdf5, makes it hang or fills the memory ends that process, not this one.
-
-    Raises
-    ------
-    InputError
-        As `read_session`, and if reading crashes, takes too long or needs too much memory.
-    """
-    return session_of(load_guarded(path), str(path))
+    content = read_content(path)
+    changed = changed_parts(content)
+    for part in changed:
+        if part not in _OF_THE_BENCH:
+            raise _refusal(path, part)
+    return session_of(content, str(path)), changed
 
 
-def read_foreign_samples(path: Path | str) -> Session:
-    """Read a session file as `read_foreign_session` does, but no raw frames, as `read_samples`.
-
-    Raises
-    ------
-    InputError
-        As `read_foreign_session`.
-    """
-    return session_of(load_guarded(path, Part.SAMPLES), str(path))
+def _refusal(path: Path | str, part: str) -> InputError:
+    what = f"{part} was changed or damaged after the file was written"
+    advice = "build it again with bumpbench recover, or take a copy"
+    if part in _OF_THE_BENCH:
+        advice = "build it again with bumpbench recover, or with redecode from a right bench.toml"
+    return InputError(str(path), what, advice)
 
 
-def session_of(tree: Group, where: str) -> Session:
-    """Return the session that a tree holds.
+def session_of(content: Content, where: str) -> Session:
+    """Return the session that a file's content describes.
 
-    `tree`: root of a session file.  `where`: the file, for the error.  Raises InputError if
-    anything is missing or contradicts itself.
+    `where`: the file, for the error.  Raises InputError if anything is absent or contradicts
+    itself.
     """
     try:
-        return _session(tree)
+        return _session(content)
     except (ValueError, TypeError, LookupError, OverflowError) as error:
         what = f"is damaged: {str(error) or type(error).__name__}"
         raise InputError(where, what, DAMAGED_ADVICE) from error
 
 
-def _session(file: Group) -> Session:
-    about = file.group("session").attributes
+def _session(content: Content) -> Session:
+    about = _attributes(content, "/session")
     provenance = {
         name.removeprefix("provenance_"): str(value)
         for name, value in about.items()
         if name.startswith("provenance_")
     }
-    for name, text in file.group("config").datasets.items():
-        provenance[name] = text.values.tobytes().decode("utf-8", "surrogateescape")
-    states = file.group("mass_states").groups
-    order = sorted(states, key=lambda name: _int(states[name].attribute("order")))
-    channels = tuple(_channel(row) for row in _rows(file.group("channels"), CHANNEL_COLUMNS))
-    runs = tuple(_run(run) for run in file.group("runs").groups.values())
+    for name in datasets_in(content, "/config"):
+        raw = _values(content, f"/config/{name}", "u1")
+        provenance[name] = raw.tobytes().decode("utf-8", "surrogateescape")
+    states = [f"/mass_states/{name}" for name in groups_in(content, "/mass_states")]
+    states.sort(key=lambda path: _attribute(content, path, "order", int))
+    rows = _rows(content, "/channels", CHANNEL_COLUMNS, {"name", "quantity", "unit"})
+    channels = tuple(_channel(row) for row in rows)
+    runs = tuple(_run(content, f"/runs/{name}") for name in groups_in(content, "/runs"))
     measured = {name for run in runs for group in run.groups for name in group.values}
     unknown = measured - {channel.name for channel in channels}
     if unknown:
-        raise ValueError(f"{min(unknown)} is not a channel of /channels")
+        raise SchemaError("/channels", f"does not describe {min(unknown)}")
     return Session(
-        vehicle=_vehicle(file.group("session")),
+        vehicle=_vehicle(content),
         channels=channels,
-        mass_states=tuple(_mass_state(name, states[name]) for name in order),
+        mass_states=tuple(_mass_state(content, path) for path in states),
         runs=runs,
         provenance=provenance,
     )
 
 
-def _int(value: Attribute) -> int:
-    if not isinstance(value, int) or not -(2**63) <= value < 2**63:
-        raise ValueError(f"{value!r} is not a whole number of 64 bits")
-    return value
-
-
-def _float(value: Attribute) -> float:
-    if not isinstance(value, int | float):
-        raise ValueError(f"{value!r} is not a number")
-    return float(value)
-
-
-def _vehicle(group: Group) -> Vehicle:
-    about = group.attributes
-    chosen = {f.name: bool(about.get(f"structure_{f.name}", f.default)) for f in fields(Structure)}
-    facts = _rows(group.group("facts"), FACT_COLUMNS) if "facts" in group.groups else []
+def _vehicle(content: Content) -> Vehicle:
+    about = _attributes(content, "/session")
+    lengths = [f"{field.name}_m" for field in fields(VehicleGeometry)]
+    if 0 < len([name for name in lengths if name in about]) < len(lengths):
+        raise SchemaError("/session", f"has not all of {', '.join(lengths)}")
+    measured = [_attribute(content, "/session", n, float) for n in lengths if n in about]
+    structure = {
+        field.name: bool(
+            _attribute(
+                content, "/session", f"structure_{field.name}", int, 1 if field.default else 0
+            )
+        )
+        for field in fields(Structure)
+    }
+    facts = []
+    if "/session/facts" in content:
+        facts = _rows(content, "/session/facts", FACT_COLUMNS, set(FACT_COLUMNS))
     return Vehicle(
-        str(group.attribute("vehicle")),
-        _geometry(about),
-        Structure(**chosen),
+        _attribute(content, "/session", "vehicle", str),
+        VehicleGeometry(*measured) if measured else None,
+        Structure(**structure),
         tuple(Fact(**row) for row in facts),
-        {name: bool(about[f"element_{name}"]) for name in ELEMENTS if f"element_{name}" in about},
+        {
+            name: bool(_attribute(content, "/session", f"element_{name}", int))
+            for name in ELEMENTS
+            if f"element_{name}" in about
+        },
     )
-
-
-def _geometry(about: Mapping[str, Attribute]) -> VehicleGeometry | None:
-    names = [field.name for field in fields(VehicleGeometry)]
-    if not all(f"{name}_m" in about for name in names):
-        return None
-    return VehicleGeometry(*(_float(about[f"{name}_m"]) for name in names))
 
 
 def _channel(row: dict[str, Any]) -> Channel:
@@ -180,77 +170,119 @@ def _channel(row: dict[str, Any]) -> Channel:
     return Channel(**row)
 
 
-def _mass_state(name: str, group: Group) -> MassState:
+def _mass_state(content: Content, path: str) -> MassState:
     weights: list[BodyWeight | HubWeight] = []
-    for row in _rows(group, WEIGHT_COLUMNS):
+    needed = set(WEIGHT_COLUMNS) - {"position_sigma_m"}  # files of 2026 do not have it
+    for row in _rows(content, path, WEIGHT_COLUMNS, needed):
         hub = row.pop("hub")
         if hub:
             weights.append(HubWeight(row["mass_kg"], Corner(hub), row["sigma_kg"]))
         else:
             weights.append(BodyWeight(**row))
-    return MassState(name, AddedMass(tuple(weights), group.values("delta_mass")))
+    matrix = _values(content, f"{path}/delta_mass", "f8", (7, 7))
+    return MassState(path.rpartition("/")[2], AddedMass(tuple(weights), matrix))
 
 
-def _run(group: Group) -> Run:
+def _run(content: Content, path: str) -> Run:
     losses = {
-        field.name: _int(group.attributes.get(f"lost_{field.name}", 0)) for field in fields(Losses)
+        field.name: _attribute(content, path, f"lost_{field.name}", int, 0)
+        for field in fields(Losses)
     }
-    raw = [_frames(bus) for name, bus in group.groups.items() if name.startswith(RAW_PREFIX)]
+    raw = [
+        _frames(content, f"{path}/{name}")
+        for name in groups_in(content, path)
+        if name.startswith(RAW_PREFIX)
+    ]
     frames = FrameBatch.concatenate(raw)
-    frames = frames.by_time() if len(raw) > 1 else frames
+    events = _rows(content, f"{path}/events", EVENT_COLUMNS, set(EVENT_COLUMNS))
     return Run(
-        mass_state=str(group.attribute("mass_state")),
-        excitation=Excitation(str(group.attribute("excitation"))),
-        repeat=_int(group.attribute("repeat")),
-        t0_ns=_int(group.attribute("t0_ns")),
-        bump_s=_float(group.attribute("bump_s")),
-        groups=tuple(_samples(group, name) for name in _lines(group, "sample_groups")),
-        status=RunStatus(str(group.attribute("status"))),
-        reasons=tuple(_lines(group, "reasons")),
+        mass_state=_attribute(content, path, "mass_state", str),
+        excitation=Excitation(_attribute(content, path, "excitation", str)),
+        repeat=_attribute(content, path, "repeat", int),
+        t0_ns=_attribute(content, path, "t0_ns", int),
+        bump_s=_attribute(content, path, "bump_s", float),
+        groups=tuple(_samples(content, path, n) for n in _lines(content, path, "sample_groups")),
+        status=RunStatus(_attribute(content, path, "status", str)),
+        reasons=_lines(content, path, "reasons"),
         losses=Losses(**losses),
-        events=tuple(Event(**row) for row in _rows(group.group("events"), EVENT_COLUMNS)),
-        frames=frames,
+        events=tuple(Event(**row) for row in events),
+        frames=frames.by_time() if len(raw) > 1 else frames,
     )
 
 
-def _samples(run: Group, name: str) -> SampleGroup:
-    group = run.group(name)
+def _samples(content: Content, run: str, name: str) -> SampleGroup:
+    path = f"{run}/{name}"
+    channels = _lines(content, path, "channels")
     return SampleGroup(
         name=name,
-        time_s=group.values("time").astype(np.float64),
-        t_ns=group.values("t_ns").astype(np.int64),
-        values={name: group.values(name).astype(np.float64) for name in _lines(group, "channels")},
-        quality=group.values("quality").astype(np.uint8),
+        time_s=_values(content, f"{path}/time", "f8"),
+        t_ns=_values(content, f"{path}/t_ns", "i8"),
+        values={channel: _values(content, f"{path}/{channel}", "f8") for channel in channels},
+        quality=_values(content, f"{path}/quality", "u1"),
     )
 
 
-def _lines(group: Group, name: str) -> list[str]:
-    return [line for line in str(group.attribute(name)).split("\n") if line]
-
-
-def _frames(group: Group) -> FrameBatch:
-    columns = {name: group.values(name) for name in FRAME_COLUMNS}
-    bus = _int(group.attribute("bus"))
+def _frames(content: Content, path: str) -> FrameBatch:
+    bus = _attribute(content, path, "bus", int)
     if not 0 <= bus <= 255:
-        raise ValueError(f"there is no bus {bus}")
-    return FrameBatch(bus=np.full(len(columns["t_ns"]), bus, np.uint8), **columns)
+        raise SchemaError(path, f"is of bus {bus}, which there is not")
+    rows = len(_values(content, f"{path}/t_ns", "i8"))
+    wide = content[f"{path}/data"].values if f"{path}/data" in content else None
+    size = 8 if wide is None or wide.ndim != 2 or wide.shape[1] != 64 else 64
+    columns = {
+        name: _values(content, f"{path}/{name}", dtype, (rows, size) if name == "data" else (rows,))
+        for name, dtype in FRAME_COLUMNS.items()
+    }
+    return FrameBatch(bus=np.full(rows, bus, np.uint8), **columns)
 
 
-def _rows(group: Group, columns: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the rows of a table; a column that is missing in an older file gets its default."""
+def _attributes(content: Content, path: str) -> Mapping[str, Any]:
+    if path not in content or content[path].values is not None:
+        raise SchemaError(path, "is absent")
+    return content[path].attributes
+
+
+def _attribute(
+    content: Content, path: str, name: str, kind: type[_Kind], default: _Kind | None = None
+) -> _Kind:
+    """Return an attribute of a group; raises SchemaError if it is absent or of another type."""
+    value = _attributes(content, path).get(name, default)
+    if value is None:
+        raise SchemaError(path, f"has no attribute {name}")
+    if not isinstance(value, (int, float) if kind is float else kind):
+        raise SchemaError(path, f"has attribute {name} {value!r}, not of type {kind.__name__}")
+    return kind(value)
+
+
+def _lines(content: Content, path: str, name: str) -> tuple[str, ...]:
+    return tuple(line for line in _attribute(content, path, name, str).split("\n") if line)
+
+
+def _values(
+    content: Content, path: str, dtype: str, shape: tuple[int, ...] | None = None
+) -> NDArray[Any]:
+    """Return the values of a dataset; `shape`: default any column.  Raises SchemaError."""
+    values = content[path].values if path in content else None
+    if values is None:
+        raise SchemaError(path, "is absent")
+    kind, kinds = np.dtype(dtype).kind, {values.dtype.kind}
+    right = values.ndim == 1 if shape is None else values.shape == shape
+    if not right or not (kinds == {kind} or kinds | {kind} <= {"i", "u"}):
+        raise SchemaError(path, f"has type {values.dtype} and shape {values.shape}")
+    return values if kind == "S" else values.astype(dtype)
+
+
+def _rows(
+    content: Content, path: str, columns: Mapping[str, str], needed: Collection[str]
+) -> list[dict[str, Any]]:
+    """Return the rows of a table; a column that an older file does not have gets its default."""
+    _attributes(content, path)
+    present = [name for name in columns if name in needed or f"{path}/{name}" in content]
     cells = {
-        name: _column(group, name, dtype)
-        for name, dtype in columns.items()
-        if name in group.datasets
+        name: [
+            cell.decode("utf-8", "surrogateescape") if isinstance(cell, bytes) else cell
+            for cell in _values(content, f"{path}/{name}", columns[name]).tolist()
+        ]
+        for name in present
     }
     return [dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True)]
-
-
-def _column(group: Group, name: str, dtype: str) -> list[Any]:
-    """Return the cells of a column as Python values."""
-    values = group.values(name)
-    if values.ndim != 1 or (values.dtype.kind == "S") != dtype.startswith("S"):
-        raise ValueError(f"column {name} has shape {values.shape} and type {values.dtype}")
-    if values.dtype.kind == "S":
-        return [cell.decode("utf-8", "surrogateescape") for cell in values.tolist()]
-    return list(values.astype(dtype).tolist())

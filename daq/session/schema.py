@@ -2,29 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 SCHEMA = "bumpbench-session"
 VERSION = 1
 DAMAGED_ADVICE = "build it again from its journal"
 """Advice if a session file is damaged."""
-MAX_BYTES = 2 << 30
-"""Largest size of a dataset, bytes; one that states more is refused before it is read."""
-MAX_TOTAL_BYTES = 8 << 30
-"""Largest size of a session, bytes: zeros pack a thousandfold, so a small file could have many
-large datasets."""
-MAX_CHUNK_BYTES = 64 << 20
-MAX_DEPTH = 6
-MAX_OBJECTS = 200_000
-MAX_ATTRIBUTE = 4096
-"""Largest number of items of an attribute that is an array."""
-
-
-def max_total_bytes(file_bytes: int) -> int:
-    """Return the largest unpacked size of a file, bytes: that of measurements, plus a margin."""
-    return min(MAX_TOTAL_BYTES, (128 << 20) + 64 * file_bytes)
-
-
 TEXTS = ("dbc", "bench_toml", "channel_map")
 """Items of the provenance that are complete files and are stored in /config."""
 
@@ -72,4 +53,4 @@ FACT_COLUMNS = {"quantity": "S32", "value": "f8", "sigma": "f8"}
 EVENT_COLUMNS = {"t_ns": "i8", "code": "S32", "value": "f8", "text": "S160"}
 FRAME_COLUMNS = {"t_ns": "i8", "can_id": "u4", "flags": "u2", "length": "u1", "data": "u1"}
 QUALITY_FLAGS = "counter_gap crc_bad sentinel out_of_range interpolated missing"
-QUALITY_MASKS = np.array([1, 2, 4, 8, 16, 32], np.uint8)
+QUALITY_MASKS = (1, 2, 4, 8, 16, 32)

@@ -1,21 +1,57 @@
-"""Judges a session file: schema, hashes, completeness, plausibility."""
+"""Judges a session file: checksums, schema, completeness, plausibility."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import asdict
+from hashlib import sha256
+from math import isfinite
 from pathlib import Path
 
-from dbc.finding import Finding
+import numpy as np
 
-from ..errors import InputError
-from .findings import error
-from .plausible import check_session
+from dbc.finding import Finding, Severity
+from dbc.frames import FrameBatch, FrameFlag
+from dbc.samples import UNUSABLE
+from dbc.words import counted
+
+from ..channels import SI_UNITS, Channel, Quantity
+from ..errors import InputError, printable
+from ..runs import Run, RunStatus, SampleGroup
+from ..sessions import Session
+from ..vehicle import BodyWeight
+from .content import Content, SchemaError, changed_parts, has_checksums
+from .hdf5 import read_content
 from .read import session_of
-from .sandbox.guard import load_guarded
-from .structure import check_structure
+from .schema import (
+    CHANNEL_COLUMNS,
+    EVENT_COLUMNS,
+    FACT_COLUMNS,
+    FRAME_COLUMNS,
+    RAW_PREFIX,
+    WEIGHT_COLUMNS,
+)
+
+_YEAR_2000_NS = 946_684_800_000_000_000
+_CAR_M = 30.0
+"""Largest distance or length on a vehicle, m."""
+_STAMP_TOLERANCE_S = 0.5
+_LARGEST = {
+    Quantity.BODY_ACCELERATION: 1e3,
+    Quantity.HUB_ACCELERATION: 1e4,
+    Quantity.PITCH_ACCELERATION: 1e3,
+    Quantity.ROLL_ACCELERATION: 1e3,
+    Quantity.PITCH_RATE: 50.0,
+    Quantity.ROLL_RATE: 50.0,
+    Quantity.SUSPENSION_TRAVEL: 2.0,
+    Quantity.BODY_DISPLACEMENT: 5.0,
+    Quantity.HUB_DISPLACEMENT: 5.0,
+}
+"""Values, SI, that no bump test reaches: a larger value has the wrong unit or scale."""
 
 
 def validate_session(path: Path | str) -> tuple[Finding, ...]:
-    """Return findings on a session file, which is read in a process with limits.
+    """Return findings on a session file.
 
     Parameters
     ----------
@@ -32,11 +68,195 @@ def validate_session(path: Path | str) -> tuple[Finding, ...]:
     InputError
         If it cannot be read at all.
     """
-    tree = load_guarded(path)
-    findings = list(check_structure(tree))
+    content = read_content(path)
+    findings = list(_unchanged(content))
     try:
-        findings += check_session(session_of(tree, str(path)))
+        findings += check_session(session_of(content, str(path)))
     except InputError as fault:
-        if all(finding.passed for finding in findings):
-            findings.append(error("/", fault.what))
+        cause = fault.__cause__
+        where = cause.where if isinstance(cause, SchemaError) else "/"
+        findings.append(_error(where, str(getattr(cause, "what", fault.what))))
     return tuple(sorted(findings, key=lambda finding: -finding.severity))
+
+
+def finding_document(finding: Finding) -> dict[str, str]:
+    """Return a finding on a session file as a JSON object."""
+    severity = finding.severity.name.lower()
+    return {"severity": severity, "where": finding.where, "what": finding.text}
+
+
+def _error(where: str, what: str) -> Finding:
+    """Return the finding that a file is invalid: it breaks the schema, or contradicts itself."""
+    return Finding("invalid", Severity.ERROR, printable(what, 400), where=printable(where))
+
+
+def _warning(where: str, what: str) -> Finding:
+    """Return the finding that something in a usable file is implausible."""
+    return Finding("implausible", Severity.WARNING, printable(what, 400), where=printable(where))
+
+
+def _note(where: str, what: str) -> Finding:
+    return Finding("foreign", Severity.NOTE, printable(what, 400), where=printable(where))
+
+
+def _unchanged(content: Content) -> Iterator[Finding]:
+    """Yield findings on what was changed since the file was written, or added to it."""
+    if not has_checksums(content):
+        yield _note("/", "has no checksums, as older files: a change would not be seen")
+    for part in changed_parts(content):
+        yield _error(part, "was changed or damaged after the file was written")
+    for path, item in content.items():
+        raw, stated = item.values, item.attributes.get("sha256")
+        if path.startswith("/config/") and raw is not None:
+            if stated is None:
+                yield _error(path, "attribute sha256 is absent")
+            elif stated != sha256(raw.tobytes()).hexdigest():
+                yield _error(path, "does not match its attribute sha256: it was changed")
+    for path in sorted(content):
+        if not _is_of_schema(path, content):
+            yield _note(path, "is not part of schema v1")
+    default = str(content["/"].attributes.get("default", ""))
+    if default and f"/{default}" not in content:
+        yield _error("/", f"attribute default names {default}, which is absent")
+
+
+def _is_of_schema(path: str, content: Content) -> bool:
+    """Return whether schema v1 has a group or dataset of this name at this place."""
+    names = path.split("/")[1:]
+    match names:
+        case [""] | ["session" | "config" | "channels" | "mass_states" | "runs"]:
+            return True
+        case ["config", _] | ["session", "facts"] | ["mass_states" | "runs", _]:
+            return True
+        case ["session", "facts", name]:
+            return name in {*FACT_COLUMNS, "fact"}
+        case ["channels", name]:
+            return name in {*CHANNEL_COLUMNS, "channel"}
+        case ["mass_states", _, name]:
+            return name in {*WEIGHT_COLUMNS, "weight", "delta_mass", "row", "column"}
+        case ["runs", _, "events"]:
+            return True
+        case ["runs", _, "events", name]:
+            return name in {*EVENT_COLUMNS, "event"}
+        case ["runs", _, group, *name] if group.startswith(RAW_PREFIX):
+            return not name or name[0] in {*FRAME_COLUMNS, "frame", "byte"}
+        case ["runs", run, group, *name]:
+            groups = str(content[f"/runs/{run}"].attributes.get("sample_groups", "")).split("\n")
+            about = content[f"/runs/{run}/{group}"].attributes if group in groups else {}
+            channels = str(about.get("channels", "")).split("\n")
+            return group in groups and (
+                not name or name[0] in {"time", "t_ns", "quality", *channels}
+            )
+    return False
+
+
+def check_session(session: Session) -> Iterator[Finding]:
+    """Yield findings on contradictions and implausible values in a session."""
+    yield from _vehicle(session)
+    yield from _channels(session)
+    labels: set[str] = set()
+    states = {state.name for state in session.mass_states}
+    for number, run in enumerate(session.runs, start=1):
+        where = f"/runs/r{number:03d}_{run.label}"
+        if run.label in labels:
+            yield _error(where, "occurs in the file twice")
+        labels.add(run.label)
+        if run.mass_state not in states:
+            yield _error(where, f"mass state {run.mass_state} is not described")
+        yield from _run(run, where, session)
+    if not session.runs:
+        yield _warning("/runs", "there is no run")
+
+
+def _vehicle(session: Session) -> Iterator[Finding]:
+    geometry = session.vehicle.geometry
+    if geometry is not None:
+        for name, length in asdict(geometry).items():
+            if not 0.0 < length < _CAR_M:
+                yield _warning("/session", f"{name}_m is {length:g} m")
+    for fact in session.vehicle.facts:
+        if not isfinite(fact.value) or not isfinite(fact.sigma):
+            yield _error("/session/facts", f"{fact.quantity} is {fact.value} ± {fact.sigma}")
+    for state in session.mass_states:
+        where = f"/mass_states/{state.name}"
+        matrix = state.added.matrix
+        if not np.all(np.isfinite(matrix)):
+            yield _error(where, "delta_mass is not finite")
+        elif np.any(np.abs(matrix - matrix.T) > 1e-9 * np.abs(matrix).max(initial=0.0)):
+            yield _error(where, "delta_mass is not symmetric")
+        for weight in state.added.weights:
+            if not 0.0 < weight.mass_kg < 1e5 or not isfinite(weight.sigma_kg):
+                yield _warning(where, f"a weight of {weight.mass_kg} ± {weight.sigma_kg} kg")
+            if isinstance(weight, BodyWeight) and not isfinite(weight.position_sigma_m):
+                yield _warning(where, f"a weight at its place ± {weight.position_sigma_m} m")
+
+
+def _channels(session: Session) -> Iterator[Finding]:
+    names = [channel.name for channel in session.channels]
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        yield _error("/channels", f"{name} occurs in it twice")
+    for channel in session.channels:
+        where = f"/channels {channel.name}"
+        unit = SI_UNITS.get(channel.quantity, channel.unit)
+        if channel.unit != unit:
+            yield _error(where, f"{channel.quantity} is in {channel.unit or 'no unit'}, not {unit}")
+        if not abs(channel.x_m) < _CAR_M or not abs(channel.y_m) < _CAR_M:
+            yield _warning(where, f"is mounted at x {channel.x_m} m, y {channel.y_m} m")
+        if abs(channel.sign) != 1.0:
+            yield _error(where, f"has sign {channel.sign}")
+
+
+def _run(run: Run, where: str, session: Session) -> Iterator[Finding]:
+    if run.t0_ns < _YEAR_2000_NS and len(run.frames):
+        yield _warning(where, "began before the year 2000: the bus's clock was not set")
+    if any(count < 0 for count in asdict(run.losses).values()):
+        yield _error(where, "has negative losses")
+    if run.is_accepted and not any(len(g.time_s) for g in run.groups):
+        yield _error(where, "is accepted but has no sample")
+    if run.status is RunStatus.REJECTED and not run.reasons:
+        yield _warning(where, "is rejected without a reason")
+    channels = {channel.name: channel for channel in session.channels}
+    for group in run.groups:
+        yield from _samples(group, f"{where}/{group.name}", run, channels)
+    yield from _frames(run.frames, where)
+
+
+def _samples(
+    group: SampleGroup, where: str, run: Run, channels: dict[str, Channel]
+) -> Iterator[Finding]:
+    time_s = group.time_s
+    if not np.all(np.isfinite(time_s)) or np.any(np.diff(time_s) <= 0):
+        yield _error(where, "time is not increasing")
+    elif len(time_s) and run.t0_ns and group.t_ns.any():
+        apart_s = np.abs((group.t_ns - run.t0_ns) * 1e-9 - time_s).max()
+        if apart_s > _STAMP_TOLERANCE_S:
+            yield _warning(where, f"time and t_ns are up to {apart_s:.3g} s apart")
+    usable = (group.quality & UNUSABLE) == 0
+    for name, values in group.values.items():
+        if endless := int(np.isinf(values).sum()):
+            what = counted(endless, "value is infinite", "values are infinite")
+            yield _error(f"{where}/{name}", what)
+        if len(values) and np.isnan(values).all():
+            yield _warning(f"{where}/{name}", "has no value in this run")
+        largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+        limit = _LARGEST.get(channels[name].quantity, np.inf)
+        if largest > limit:
+            text = f"reaches {largest:.3g} {channels[name].unit}: wrong scale or unit?"
+            yield _warning(f"{where}/{name}", text)
+    columns = list(group.values.values())
+    if columns and len(time_s) and not np.any(usable & np.any(np.isfinite(columns), axis=0)):
+        yield _warning(where, "has no usable sample")
+
+
+def _frames(frames: FrameBatch, where: str) -> Iterator[Finding]:
+    extended = frames.flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
+    if np.any(frames.can_id >= np.where(extended, 1 << 29, 1 << 11)):
+        yield _error(where, "a raw frame has an identifier that no frame can have")
+    if np.any(frames.length > frames.data.shape[1]):
+        yield _error(where, "a raw frame is longer than its data")
+    if np.any(frames.flags >= 2 * max(FrameFlag)):
+        yield _warning(where, "raw frames have flags that this program does not know")
+    for bus in np.unique(frames.bus):
+        back = np.diff(frames.t_ns[frames.bus == bus]) < 0
+        if np.any(back):
+            yield _warning(where, f"the time stamps of bus {bus} go back {back.sum()} times")

@@ -1,35 +1,24 @@
-"""Writes a session file: under a temporary name, synced, then renamed."""
+"""Writes a session file: as a whole, under a temporary name, synced, then renamed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from hashlib import sha256
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
-from h5py.h5g import GroupID
-
-from dbc.frames import FrameBatch
+from numpy.typing import NDArray
 
 from ..channels import Channel
 from ..errors import InputError
 from ..files import make_room, write_bytes
-from ..runs import Event, Run, SampleGroup
+from ..runs import Run, SampleGroup
 from ..sessions import Session
 from ..vehicle import BodyWeight, MassState
-from .datasets import (
-    attach,
-    write_along,
-    write_attributes,
-    write_column,
-    write_count,
-    write_group,
-    write_scale,
-)
+from .content import Attribute, Content, Item, with_checksums
+from .hdf5 import write_image
 from .schema import (
     CHANNEL_COLUMNS,
     EVENT_COLUMNS,
@@ -64,15 +53,10 @@ def write_session(path: Path | str, session: Session) -> None:
         is not possible in HDF5.
     """
     path = Path(path)
-    check_names(session, session.runs)
+    image = write_image(with_checksums(_content(session)))
     try:
-        # HDF5 never accesses the disk: after a write that failed because the disk was full it
-        # crashes the process at its end.
-        image = BytesIO()
-        with h5py.File(image, "w") as file:
-            _fill(file, session)
         make_room(path)
-        write_bytes(path, image.getbuffer())
+        write_bytes(path, image)
     except OSError as error:
         raise InputError(
             str(path),
@@ -81,9 +65,9 @@ def write_session(path: Path | str, session: Session) -> None:
         ) from error
 
 
-def check_names(session: Session, runs: Sequence[Run]) -> None:
+def _check_names(session: Session) -> None:
     """Raise InputError for names that HDF5 would split into groups or truncate."""
-    groups = {group.name for run in runs for group in run.groups}
+    groups = {group.name for run in session.runs for group in run.groups}
     channels = {channel.name for channel in session.channels}
     states = {state.name for state in session.mass_states}
     for name in groups | channels | states:
@@ -96,62 +80,51 @@ def check_names(session: Session, runs: Sequence[Run]) -> None:
         raise InputError("session", what, "choose another name")
 
 
-def _fill(file: h5py.File, session: Session) -> None:
-    write_head(file, session)
-    for number, run in enumerate(session.runs, start=1):
-        write_run(file, number, run, session.channels)
-        write_verdict(file, number, run)
-    write_provenance(file, session.provenance)
-
-
-def write_head(file: h5py.File, session: Session) -> None:
-    """Write a session without its runs and the short texts of its provenance."""
-    root = file["/"].id
-    write_attributes(
-        root,
-        {
-            "Conventions": "CF-1.10",
-            "NX_class": "NXroot",
-            "schema": SCHEMA,
-            "schema_version": VERSION,
-        },
-    )
-    about = write_group(root, "session")
-    vehicle = session.vehicle
-    geometry = {} if vehicle.geometry is None else asdict(vehicle.geometry)
-    structure, elements = asdict(vehicle.structure), vehicle.elements
-    write_attributes(
-        about,
-        {"vehicle": vehicle.name}
-        | {f"{name}_m": value for name, value in geometry.items()}
-        | {f"structure_{name}": int(value) for name, value in structure.items()}
-        | {f"element_{name}": int(value) for name, value in elements.items()},
-    )
-    facts = [asdict(fact) for fact in vehicle.facts]
-    _table(write_group(about, "facts"), "fact", FACT_COLUMNS, facts)
-    config = write_group(root, "config")
+def _content(session: Session) -> Content:
+    """Return the content of a session's file; raises InputError for impossible names."""
+    _check_names(session)
+    root: dict[str, Attribute] = {
+        "Conventions": "CF-1.10",
+        "NX_class": "NXroot",
+        "schema": SCHEMA,
+        "schema_version": VERSION,
+    }
+    runs = [(f"/runs/r{n:03d}_{run.label}", run) for n, run in enumerate(session.runs, start=1)]
+    if runs and runs[0][1].groups:
+        root["default"] = f"{runs[0][0][1:]}/{runs[0][1].groups[0].name}"
+    content = {"/": Item(root), "/session": Item(_about(session)), "/config": Item()}
+    facts = [asdict(fact) for fact in session.vehicle.facts]
+    content |= _table("/session/facts", "fact", FACT_COLUMNS, facts)
     for name, text in session.provenance.items():
         if name in TEXTS:
             raw = text.encode("utf-8", "surrogateescape")
-            whole = write_scale(config, name, np.frombuffer(raw, np.uint8))
-            write_attributes(whole, {"sha256": sha256(raw).hexdigest()})
+            hashed = {"sha256": sha256(raw).hexdigest()}
+            content[f"/config/{name}"] = Item(hashed, np.frombuffer(raw, np.uint8), (name,))
     rows = [asdict(channel) | {"corner": channel.corner or ""} for channel in session.channels]
-    _table(write_group(root, "channels"), "channel", CHANNEL_COLUMNS, rows)
-    states = write_group(root, "mass_states")
+    content |= _table("/channels", "channel", CHANNEL_COLUMNS, rows)
+    content["/mass_states"] = Item()
     for order, state in enumerate(session.mass_states):
-        group = write_group(states, state.name)
-        write_attributes(group, {"order": order})
-        _mass_state(group, state)
-    write_group(root, "runs")
+        content |= _mass_state(f"/mass_states/{state.name}", order, state)
+    content["/runs"] = Item()
+    for path, run in runs:
+        content |= _run(path, run, session.channels)
+    return content
 
 
-def write_provenance(file: h5py.File, provenance: Mapping[str, str]) -> None:
-    """Write the short texts of a session's provenance."""
-    texts = {f"provenance_{name}": t for name, t in provenance.items() if name not in TEXTS}
-    write_attributes(file["session"].id, texts)
+def _about(session: Session) -> dict[str, Attribute]:
+    vehicle = session.vehicle
+    geometry = {} if vehicle.geometry is None else asdict(vehicle.geometry)
+    texts = {name: text for name, text in session.provenance.items() if name not in TEXTS}
+    return {
+        "vehicle": vehicle.name,
+        **{f"{name}_m": float(value) for name, value in geometry.items()},
+        **{f"structure_{name}": int(value) for name, value in asdict(vehicle.structure).items()},
+        **{f"element_{name}": int(value) for name, value in vehicle.elements.items()},
+        **{f"provenance_{name}": text for name, text in texts.items()},
+    }
 
 
-def _mass_state(group: GroupID, state: MassState) -> None:
+def _mass_state(path: str, order: int, state: MassState) -> Content:
     rows: list[dict[str, Any]] = []
     for weight in state.added.weights:
         row: dict[str, Any] = dict.fromkeys(WEIGHT_COLUMNS, 0.0) | {"hub": ""}
@@ -160,90 +133,96 @@ def _mass_state(group: GroupID, state: MassState) -> None:
         else:
             row |= {"mass_kg": weight.mass_kg, "sigma_kg": weight.sigma_kg, "hub": weight.corner}
         rows.append(row)
-    _table(group, "weight", WEIGHT_COLUMNS, rows)
-    matrix = write_column(group, "delta_mass", state.added.matrix)
-    for axis, name in enumerate(("row", "column")):
-        attach(write_count(group, name, 7), matrix, axis)
+    return {
+        **_table(path, "weight", WEIGHT_COLUMNS, rows, {"order": order}),
+        **_along(path, ("row", "column"), (7, 7), {"delta_mass": state.added.matrix}),
+    }
 
 
-def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel]) -> None:
-    """Write the measured data of a run, and its events; `number` counts from one."""
-    group = write_group(file["runs"].id, _name(number, run))
-    facts = {
+def _run(path: str, run: Run, channels: Sequence[Channel]) -> Content:
+    about: dict[str, Attribute] = {
         "NX_class": "NXentry",
         "mass_state": run.mass_state,
         "excitation": str(run.excitation),
-        "repeat": run.repeat,
-        "t0_ns": run.t0_ns,
-        "bump_s": run.bump_s,
+        "repeat": int(run.repeat),
+        "t0_ns": int(run.t0_ns),
+        "bump_s": float(run.bump_s),
+        "status": str(run.status),
+        "reasons": "\n".join(run.reasons),
         "sample_groups": "\n".join(samples.name for samples in run.groups),
+        **{f"lost_{name}": int(count) for name, count in asdict(run.losses).items()},
     }
-    lost = {f"lost_{name}": count for name, count in asdict(run.losses).items()}
-    write_attributes(group, facts | lost)
+    content = {path: Item(about)}
     for samples in run.groups:
-        _samples(write_group(group, samples.name), samples, channels)
-    for bus in np.flatnonzero(np.bincount(run.frames.bus)):
-        own = run.frames.bus == bus
-        frames = run.frames if own.all() else run.frames.select(own)
-        _frames(write_group(group, f"{RAW_PREFIX}{bus}"), frames)
-    _events(write_group(group, "events"), run.events)
-    if number == 1 and run.groups:
-        first = f"runs/{_name(number, run)}/{run.groups[0].name}"
-        write_attributes(file["/"].id, {"default": first})
+        content |= _samples(f"{path}/{samples.name}", samples, channels)
+    for bus in np.unique(run.frames.bus):
+        frames = run.frames.select(run.frames.bus == bus)
+        place = f"{path}/{RAW_PREFIX}{bus}"
+        columns = {n: np.asarray(getattr(frames, n), t) for n, t in FRAME_COLUMNS.items()}
+        content[place] = Item({"bus": int(bus)})
+        content |= _along(place, ("frame", "byte"), frames.data.shape, columns)
+    events = [asdict(event) for event in run.events]
+    return content | _table(f"{path}/events", "event", EVENT_COLUMNS, events)
 
 
-def write_verdict(file: h5py.File, number: int, run: Run) -> None:
-    """Write the verdict on a run that was written before; nothing else of `run` is used."""
-    group = file["runs"][_name(number, run)].id
-    write_attributes(group, {"status": str(run.status), "reasons": "\n".join(run.reasons)})
-
-
-def _name(number: int, run: Run) -> str:
-    return f"r{number:03d}_{run.label}"
-
-
-def _samples(group: GroupID, samples: SampleGroup, channels: Sequence[Channel]) -> None:
+def _samples(path: str, samples: SampleGroup, channels: Sequence[Channel]) -> Content:
     names = list(samples.values)
-    time = write_scale(group, "time", samples.time_s)
-    write_attributes(time, {"units": "s", "long_name": "time since t0 of the run"})
-    t_ns = write_along(time, group, "t_ns", samples.t_ns)
-    write_attributes(t_ns, {"units": "ns", "long_name": "bus time since 1970-01-01 UTC"})
-    by_name = {channel.name: channel for channel in channels}
+    about: dict[str, Attribute] = {
+        "NX_class": "NXdata",
+        "axes": "time",
+        "channels": "\n".join(names),
+        **({"signal": names[0]} if names else {}),
+        **({"auxiliary_signals": tuple(names[1:])} if names[1:] else {}),
+    }
+    since = {"units": "s", "long_name": "time since t0 of the run"}
+    stamps = {"units": "ns", "long_name": "bus time since 1970-01-01 UTC"}
+    flags: dict[str, Attribute] = {"flag_masks": QUALITY_MASKS, "flag_meanings": QUALITY_FLAGS}
+    content = {
+        path: Item(about),
+        f"{path}/time": Item(since, samples.time_s, ("time",)),
+        f"{path}/t_ns": Item(stamps, samples.t_ns, ("time",)),
+        f"{path}/quality": Item(flags, samples.quality, ("time",)),
+    }
+    described = {channel.name: channel for channel in channels}
     for name, values in samples.values.items():
-        channel = by_name[name]
-        column = write_along(time, group, name, values)
+        channel = described[name]
         said = {"units": channel.unit, "quantity": str(channel.quantity)}
-        write_attributes(column, said | {"dbc_signal": channel.signal})
-    quality = write_along(time, group, "quality", samples.quality)
-    write_attributes(quality, {"flag_masks": QUALITY_MASKS, "flag_meanings": QUALITY_FLAGS})
-    about: dict[str, Any] = {"NX_class": "NXdata", "axes": "time", "channels": "\n".join(names)}
-    if names:
-        about |= {"signal": names[0], "auxiliary_signals": np.array(names[1:], "S64")}
-    write_attributes(group, about)
-
-
-def _frames(group: GroupID, frames: FrameBatch) -> None:
-    write_attributes(group, {"bus": int(frames.bus[0])})
-    frame = write_count(group, "frame", len(frames))
-    for name, dtype in FRAME_COLUMNS.items():
-        column = write_along(frame, group, name, np.asarray(getattr(frames, name), dtype))
-        if name == "data":
-            byte = write_count(group, "byte", frames.data.shape[1])
-            attach(byte, column, 1)
-
-
-def _events(group: GroupID, events: Sequence[Event]) -> None:
-    _table(group, "event", EVENT_COLUMNS, [asdict(event) for event in events])
+        content[f"{path}/{name}"] = Item(said | {"dbc_signal": channel.signal}, values, ("time",))
+    return content
 
 
 def _table(
-    group: GroupID, dimension: str, columns: Mapping[str, str], rows: Sequence[Mapping[str, Any]]
-) -> None:
-    """Write rows as one dataset per column."""
-    scale = write_count(group, dimension, len(rows))
-    for name, dtype in columns.items():
-        cells = [_cell(row[name], dtype) for row in rows]
-        write_along(scale, group, name, np.array(cells, dtype=dtype))
+    path: str,
+    dimension: str,
+    columns: Mapping[str, str],
+    rows: Sequence[Mapping[str, Any]],
+    attributes: Mapping[str, Attribute] | None = None,
+) -> Content:
+    """Return a group with rows as one dataset per column."""
+    arrays = {
+        name: np.array([_cell(row[name], dtype) for row in rows], dtype)
+        for name, dtype in columns.items()
+    }
+    group = {path: Item(attributes or {})}
+    return group | _along(path, (dimension,), (len(rows),), arrays)
+
+
+def _along(
+    path: str,
+    dimensions: Sequence[str],
+    shape: Sequence[int],
+    columns: Mapping[str, NDArray[Any]],
+) -> Content:
+    """Return datasets along dimensions that are counted from 0, and the counts."""
+    counts = {
+        f"{path}/{name}": Item({}, np.arange(n, dtype=np.int64), (name,))
+        for name, n in zip(dimensions, shape, strict=True)
+    }
+    arrays = {
+        f"{path}/{name}": Item({}, values, tuple(dimensions[: values.ndim]))
+        for name, values in columns.items()
+    }
+    return counts | arrays
 
 
 def _cell(value: Any, dtype: str) -> Any:

@@ -21,7 +21,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from daq import read_samples, write_session
+from daq import read_session, write_session
 from identify.batch import session_row
 from tests.flow.dask_cluster import cluster
 from tests.identify.stress import stress_session
@@ -54,7 +54,7 @@ def main(sessions: int = SESSIONS) -> None:
         for seed, file in enumerate(files):
             write_session(file, stress_session("linear", seed))
         print(f"batch of {sessions} sessions, 12 runs x 7 channels x 4 s at 200 Hz each")
-        session_row(read_samples(files[0]))  # what is loaded once is not counted
+        session_row(read_session(files[0]))  # what is loaded once is not counted
         began_cpu_s = time.process_time()
         bare_s = _loop_s(files)
         cpu_s = time.process_time() - began_cpu_s
@@ -77,7 +77,7 @@ def _loop_s(files: Sequence[Path]) -> float:
     """Return the time to read and identify these sessions one after another, s."""
     began_s = time.perf_counter()
     for file in files:
-        session_row(read_samples(file))
+        session_row(read_session(file))
     return time.perf_counter() - began_s
 
 

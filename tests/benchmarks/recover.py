@@ -102,7 +102,7 @@ def _recorded(folder: Path, seconds: int, target: Path) -> tuple[tuple[Path, ...
     with JournalWriter(folder, head, RecorderConfig(), QuickFile) as writer:
         for number in range(seconds // PERIOD_S):
             if number == seconds // PERIOD_S - 1:
-                derive(writer.paths, target, growing=True)
+                derive(writer.paths, target)
             start_ns = START_NS + number * PERIOD_S * 10**9
             frames = runs[number % len(runs)]
             for first in range(0, len(frames), RATE_HZ // 10):

@@ -125,7 +125,7 @@ def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 
         else:
             absent += 1
     assert writing, "no kill hit the writing"
-    assert len(derive(segments, target).runs) == len(LABELS)
+    assert len(derive(segments, target).session.runs) == len(LABELS)
     assert contents(target) == true, "derived twice, and not the same"
     assert not list(folder.glob(".*.tmp"))
     return DeriveKills(absent, whole, writing)

@@ -43,7 +43,7 @@ RESERVED = {
     "aiohttp": ("tui/browser/", "tui/display/"),
     "segno": ("tui/display/link.py",),
     "asammdf": ("daq/formats/",),
-    "pandas": ("daq/formats/", "daq/session_tables.py", "daq/sessions.py"),
+    "pandas": ("daq/formats/", "daq/sessions.py"),
     "pypdf": ("identify/report/pdf",),
     "matplotlib": ("identify/report/", "identify/study/figures/", "identify/plots.py"),
     "distributed": ("tui/jobs/executors.py",),

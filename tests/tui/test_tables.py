@@ -33,7 +33,7 @@ from tui.contents import contents_document, print_contents
 from tui.jobs.comparing import print_comparison
 from tui.jobs.comparison_rows import comparison_lines
 from tui.jobs.damper_lines import damper_lines
-from tui.recorders.recording import print_outline
+from tui.recorders.recording import print_summary
 from tui.result import print_identification
 
 from ..identify.test_documents_by_hand import result
@@ -373,12 +373,13 @@ def test_the_contents_as_a_document_have_every_part() -> None:
 
 
 def test_runs_are_printed_with_length_frames_losses_and_reasons(printed: Printed) -> None:
-    first, second = (run.outline for run in session().runs)
-    lossy = replace(first, losses=Losses(bus_dropped=2, crc_bad=3), frames=500)
-    lines = printed(print_outline, Path("car.h5"), "Granada", [lossy, second])
-    assert lines[0] == ["Granada: 2 runs"]
+    known = session()
+    first, second = known.runs
+    lossy = replace(first, losses=Losses(bus_dropped=2, crc_bad=3))
+    lines = printed(print_summary, Path("car.h5"), replace(known, runs=(lossy, second)))
+    assert lines[0] == [f"{known.vehicle.name}: 2 runs"]
     assert lines[1] == ["run", "status", "length s", "frames", "losses"]
-    assert lines[2] == ["baseline_roll_1", "accepted", "5.0", "500", "2 bus_dropped, 3 crc_bad"]
+    assert lines[2] == ["baseline_roll_1", "accepted", "5.0", "0", "2 bus_dropped, 3 crc_bad"]
     assert lines[3] == ["baseline_roll_2", "rejected", "5.0", "0", "none"]
     assert lines[4] == ["baseline_roll_2: late"]
     assert lines[-1] == ["session: car.h5"]

@@ -191,13 +191,13 @@ def row_of(job: _Job) -> Row:
     """Read and identify a session, and return its row; any error becomes its reason."""
     from traceback import extract_tb
 
-    from daq import read_samples
+    from daq import read_session
     from dbc import BumpbenchError
     from identify.batch import session_row
 
     began_s = perf_counter()
     try:
-        row = session_row(read_samples(Path(job.file)))
+        row = session_row(read_session(Path(job.file)))
     except BumpbenchError as error:
         row = _failed(str(error).removeprefix(f"{job.file}: "))  # the row names the file
     except Exception as error:  # one strange session of thousands must not stop the others

@@ -60,7 +60,7 @@ def export(
     json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
 ) -> int:
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC, candump or SEP005."""
-    from daq import InputError, read_foreign_session
+    from daq import InputError, read_session
     from daq.files import refuse_existing
     from daq.formats import (
         CsvStyle,
@@ -89,7 +89,7 @@ def export(
     if (separator or decimal) and wanted is not ExportFormat.CSV:
         raise InputError("--separator, --decimal", f"{wanted} has neither", "use --format csv")
     style = CsvStyle(separator or ",", decimal or ".")
-    whole = read_foreign_session(session)
+    whole = read_session(session)
     chosen = _part(chosen_runs(whole, run or []), sensor or [], bus or [])
     chosen = with_even_times(chosen, rate) if rate is not None else chosen
     shapes = _mode_shapes(whole) if modes else ()

@@ -41,7 +41,7 @@ def identify(
         refuse_existing(model, replace=force, option="--model", inputs=[session])
     with progress("identify") as stage:
         stage(0.05, "reading")
-        recorded = daq.read_foreign_samples(session)
+        recorded = daq.read_session(session)
         result = method.identify(recorded, stage)
     document = result.document()
     if json:

@@ -14,12 +14,12 @@ def inspect(
     json: Annotated[bool, typer.Option("--json", help="Print the contents as JSON.")] = False,
 ) -> None:
     """Show the contents of a session: runs, verdicts, losses, channels, vehicle, provenance."""
-    from daq import read_foreign_session
+    from daq import read_session
 
     from ..contents import contents_document, print_contents
     from ..output import print_json
 
-    loaded = read_foreign_session(session)
+    loaded = read_session(session)
     if json:
         print_json(contents_document(session, loaded))
     else:

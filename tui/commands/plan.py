@@ -55,7 +55,7 @@ def plan(
     bench = named_once(bench, old, "bench.toml")
     with progress("plan") as stage:
         stage(0.05, "reading")
-        held = None if session is None else daq.read_foreign_samples(session)
+        held = None if session is None else daq.read_session(session)
         described = _bench(bench, session, held)
         stage(0.1, "expecting the vehicle")
         if session is not None and held is not None:

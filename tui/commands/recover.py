@@ -37,7 +37,7 @@ def recover(
 
     from ..diagnostics import say
     from ..output import print_json
-    from ..recorders.recording import outline_document, print_outline
+    from ..recorders.recording import print_summary, summary
 
     segments = _segments(journal)
     found = recordings_of(segments)
@@ -47,12 +47,11 @@ def recover(
     lost = False
     for info, target in zip(wanted, _targets(wanted, out), strict=True):
         derived = derive(info.segments, target, replacing=force)
-        outline = target, derived.vehicle, derived.runs
         if json:
             account = {"recording": info.recording, "frames_recorded": info.frames}
-            documents.append({**outline_document(*outline), **account, "loss": derived.loss})
+            documents.append({**summary(target, derived.session), **account, "loss": derived.loss})
         else:
-            print_outline(*outline)
+            print_summary(target, derived.session)
         if derived.loss:
             lost = True
             say(f"{target.name}: the journal is not whole: {derived.loss}")

@@ -28,9 +28,10 @@ def redecode(
     json: JsonSummary = False,
 ) -> int:
     """Decode the raw frames of a session again, into a new session."""
-    from daq import InputError, file_sha256, read_foreign_session, write_session
+    from daq import InputError, file_sha256, write_session
     from daq.derive import redecoded
     from daq.files import refuse_existing
+    from daq.session import read_changed_session
 
     from ..bench import named_once
     from ..recorders.recording import show_session
@@ -42,7 +43,10 @@ def redecode(
     target = out or session.parent / f"{session.stem}_redecoded.h5"
     inputs = [path for path in (session, config, dbc) if path is not None]
     refuse_existing(target, replace=force, inputs=inputs)
-    old = read_foreign_session(session)
+    old, changed = read_changed_session(session)
+    if changed and config is None:
+        what = f"{changed[0]} was changed or damaged after the file was written"
+        raise InputError(str(session), what, "name the right bench.toml after the session")
     corrected = _bench(old, str(session), dbc, config)
     about = {"redecoded_from_sha256": file_sha256(session)}
     new = redecoded(old, corrected, str(session), about)

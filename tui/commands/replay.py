@@ -36,7 +36,7 @@ def replay(
     """Send recorded frames on a bus, at their own times or faster; error frames are left out."""
     from collections.abc import Iterable
 
-    from daq import read_foreign_session, read_log
+    from daq import read_log, read_session
     from daq.bus import open_buses
     from daq.replay import play, recorded_frames
     from dbc import FrameBatch, counted
@@ -48,7 +48,7 @@ def replay(
     source, bench = log_and_bench(source, bench)
     described = shared_bench(named_once(bench, config, "bench.toml"), interface, channel)
     log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
-    batches: Iterable[FrameBatch] = log or recorded_frames(read_foreign_session(source))
+    batches: Iterable[FrameBatch] = log or recorded_frames(read_session(source))
     read = 0
 
     def wanted() -> Iterable[FrameBatch]:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 
-from daq import read_foreign_samples
+from daq import read_session
 from identify import Identification, identify_parameters
 from identify.compare import Compared, Comparison
 from identify.document import unit_text
@@ -29,7 +29,7 @@ def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
 
 def _results(path: str) -> Identification:
     """Return the results without residuals, which would fill the memory in a long trend."""
-    result = identify_parameters(read_foreign_samples(path))
+    result = identify_parameters(read_session(path))
     if result.estimation is None:
         return result
     left = tuple(replace(one, values={}) for one in result.estimation.residuals)

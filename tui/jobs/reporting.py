@@ -56,7 +56,7 @@ def write_report(
     with ThreadPoolExecutor(1) as reader:
         import daq
 
-        reading = reader.submit(daq.read_foreign_session, session)  # while the libraries load
+        reading = reader.submit(daq.read_session, session)  # while the libraries load
         import identify as method
         from identify.cross_checks import CrossChecks, cross_checks
         from identify.fit import Estimation

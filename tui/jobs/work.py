@@ -93,13 +93,13 @@ def answer(task: Task, send: Send) -> dict[str, Any]:
 
 
 def _identify(task: IdentifyTask, send: Send) -> dict[str, Any]:
-    from daq import read_foreign_samples
+    from daq import read_session
     from identify import identify
 
     from .outcome_of import outcome_of, without
 
     send(Progress(_READ, "reading"))
-    session = without(read_foreign_samples(task.session), task.without)
+    session = without(read_session(task.session), task.without)
     result = identify(session, lambda share, text: send(Progress(share, text)))
     send(Progress(0.95, "drawing"))
     return asdict(outcome_of(task.session, session, result, task.without))
@@ -137,13 +137,13 @@ def _compare(task: CompareTask, send: Send) -> dict[str, Any]:
 
 
 def _export(task: ExportTask) -> dict[str, Any]:
-    from daq import read_foreign_session
+    from daq import read_session
     from daq.formats import ExportFormat, export_session
 
     form = ExportFormat(task.form)
     path = Path(task.session)
     place = path.with_suffix(form.suffix)
-    done = export_session(read_foreign_session(path), place, form, force=task.replace)
+    done = export_session(read_session(path), place, form, force=task.replace)
     return {"paths": [str(path) for path in done.paths], "notes": list(done.notes)}
 
 

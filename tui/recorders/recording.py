@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from daq import Bench, Session, Status
     from daq.bench import BusConfig
     from daq.bus import FrameSource
-    from daq.runs import RunOutline
 
 
 class OpenedAtStart:
@@ -136,43 +135,40 @@ def show_session(path: Path, session: Session, json: bool) -> None:
 
 def summary(path: Path, session: Session) -> dict[str, Any]:
     """Return a session as a JSON document."""
-    return outline_document(path, session.vehicle.name, [run.outline for run in session.runs])
-
-
-def outline_document(path: Path, vehicle: str, runs: Sequence[RunOutline]) -> dict[str, Any]:
-    """Return the outline of a session as a JSON document."""
     return {
         "session": str(path),
-        "vehicle": vehicle,
+        "vehicle": session.vehicle.name,
         "runs": [
             {
                 "label": run.label,
                 "status": str(run.status),
                 "reasons": list(run.reasons),
-                "samples": dict(run.samples),
-                "frames": run.frames,
+                "samples": {group.name: len(group.time_s) for group in run.groups},
+                "frames": len(run.frames),
                 "losses": asdict(run.losses),
             }
-            for run in runs
+            for run in session.runs
         ],
     }
 
 
 def print_summary(path: Path, session: Session) -> None:
     """Write a session as a table with one row for each run."""
-    print_outline(path, session.vehicle.name, [run.outline for run in session.runs])
-
-
-def print_outline(path: Path, vehicle: str, runs: Sequence[RunOutline]) -> None:
-    """Write the outline of a session as a table."""
+    runs = session.runs
     rows = []
     for run in runs:
         losses = ", ".join(f"{n} {name}" for name, n in asdict(run.losses).items() if n)
         rows.append(
-            [run.label, str(run.status), f"{run.length_s:.1f}", f"{run.frames:,}", losses or "none"]
+            [
+                run.label,
+                str(run.status),
+                f"{run.length_s:.1f}",
+                f"{len(run.frames):,}",
+                losses or "none",
+            ]
         )
     columns = ["run", "status", "length s", "frames", "losses"]
-    print_table(f"{vehicle}: {counted(len(runs), 'run')}", columns, rows)
+    print_table(f"{session.vehicle.name}: {counted(len(runs), 'run')}", columns, rows)
     for run in runs:
         for reason in run.reasons:
             print_line(f"  {run.label}: {reason}")

@@ -27,7 +27,7 @@ def replay_recorder(
     import time
     from dataclasses import replace
 
-    from daq import InputError, read_foreign_session
+    from daq import InputError, read_session
     from daq.bench import BusConfig, Origin, parse_bench
     from daq.bus import FrameSource
     from daq.control import lone_recorder
@@ -38,7 +38,7 @@ def replay_recorder(
     from .log import Log
     from .recording import record_campaign
 
-    played = read_foreign_session(session)
+    played = read_session(session)
     if not {"bench_toml", "dbc"} <= played.provenance.keys():
         what = "does not hold its bench.toml and DBC: it was not recorded from a bus"
         raise InputError(str(session), what, "name a session that a recorder made")

@@ -22,8 +22,7 @@ from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.samples.groups import group_names
 from daq.session import read_session, write_session
-from daq.session_parts import session_part
-from daq.sessions import Session
+from daq.sessions import Session, session_part
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, Severity

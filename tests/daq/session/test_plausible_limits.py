@@ -10,7 +10,7 @@ import pytest
 
 from daq.channels import Channel, Quantity
 from daq.runs import RunStatus, SampleGroup
-from daq.session.plausible import check_session
+from daq.session.validate import check_session
 from daq.sessions import Session
 from daq.vehicle import AddedMass, BodyWeight, Fact, MassState, VehicleGeometry
 from dbc import FrameBatch

@@ -1,10 +1,9 @@
-"""Names and texts of a session file, each limit on both sides, and the room that writing needs."""
+"""Names and texts of a session file, each limit on both sides."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 
 from daq.errors import InputError
 from daq.runs import Event, SampleGroup
-from daq.session import add_run, begin_session, finish_session, read_session, write_session
+from daq.session import read_session, write_session
 from daq.session.schema import WEIGHT_COLUMNS
 from daq.sessions import Session
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState
@@ -141,39 +140,6 @@ def test_a_group_without_channels_is_written(tmp_path: Path) -> None:
     assert (found.name, dict(found.values), found.time_s.tolist()) == ("IMU", {}, [0.0, 1.0])
     with h5py.File(tmp_path / "car.h5") as file:
         assert "signal" not in file["runs/r001_baseline_roll_1/IMU"].attrs
-
-
-def test_a_refusal_of_the_system_is_in_its_words(tmp_path: Path) -> None:
-    """HDF5 has a sentence of its own, with numbers of errors and flags."""
-    with pytest.raises(OSError, match="File name too long") as caught:
-        begin_session(tmp_path / ("x" * 300), SESSION)
-    assert caught.value.strerror == "File name too long"
-
-
-def _free(monkeypatch: pytest.MonkeyPatch, free: int) -> None:
-    usage = type("Usage", (), {"free": free})
-    monkeypatch.setattr("daq.session.growing.shutil.disk_usage", lambda _: usage)
-
-
-def test_4_mib_are_left_free_beyond_what_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, run = tmp_path / "car.h5", SESSION.runs[0]
-    spare = 4_194_304
-    # 500 x 2 and 3 x 2 values of 8 bytes; 100 frames of 64 bytes, twice, and 16 bytes for each.
-    size = 8000 + 48 + 2 * 6400 + 1600
-    steps: list[tuple[int, Any]] = [
-        (0, lambda: begin_session(path, SESSION)),
-        (size, lambda: add_run(path, 1, run, SESSION)),
-        (0, lambda: finish_session(path, [run], SESSION.provenance)),
-    ]
-    for needed, step in steps:
-        _free(monkeypatch, needed + spare - 1)
-        with pytest.raises(OSError, match="No space left"):
-            step()
-        _free(monkeypatch, needed + spare)
-        step()
-    assert read_session(path).runs[0].label == run.label
 
 
 def test_the_longest_texts_that_a_bench_accepts_are_written(tmp_path: Path) -> None:

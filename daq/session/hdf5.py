@@ -1,0 +1,260 @@
+"""Reads and writes HDF5: the content of a session file, and the outlines of many for a list.
+
+A session file may come from anywhere.  What it states (types, sizes, number of objects) is checked
+before anything is unpacked, and links and data outside the file are not followed; that its content
+is as it was written, `daq.session.content` checks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO
+from itertools import islice
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from ..errors import InputError
+from ..remarks import notes_of
+from .content import Attribute, Content, Item, SchemaError
+from .schema import DAMAGED_ADVICE, SCHEMA, VERSION
+
+_ADVICE = "name a session file that bumpbench record or demo wrote"
+_RAISED = (OSError, RuntimeError, LookupError, ValueError, TypeError, MemoryError, AttributeError)
+"""What h5py raises on damaged files."""
+_OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
+"""Attributes with which HDF5 stores dimension scales; they hold references, not data."""
+_ROWS = 8192
+"""Largest number of rows in a chunk."""
+_LEVEL = 1
+"""Compression level of deflate; a higher level packs hardly better."""
+_MAX_BYTES = 8 << 30
+"""Largest unpacked size of a session, bytes."""
+_MAX_RATIO = 64
+"""Largest ratio of unpacked to packed size, beyond `_SPARE_BYTES`: zeros pack a thousandfold, but
+measurements do not."""
+_SPARE_BYTES = 128 << 20
+_MAX_CHUNK_BYTES = 64 << 20
+_MAX_ITEMS = 200_000
+_MAX_DEPTH = 6
+_MAX_ATTRIBUTE = 4096
+"""Largest number of values of an attribute; longer ones are not of a session and are left out."""
+_MAX_RUNS = 10_000
+
+
+def write_image(content: Content) -> memoryview:
+    """Return the bytes of an HDF5 file with a content; equal contents give equal bytes.
+
+    It is made in memory, because HDF5 crashes the process at its end when a disk was full.
+    """
+    image = BytesIO()
+    with h5py.File(image, "w") as file:
+        for path, item in content.items():
+            if item.values is None:
+                made = file if path == "/" else file.create_group(path)
+            else:
+                made = _written(file, path, item)
+            for name, value in item.attributes.items():
+                made.attrs[name] = _stored(value)
+        for path, item in content.items():
+            for axis, scale in enumerate(item.scales):
+                if not path.endswith(f"/{scale}"):
+                    place = path.rpartition("/")[0]
+                    file[path].dims[axis].attach_scale(file[f"{place}/{scale}"])
+    return image.getbuffer()
+
+
+def _written(file: h5py.File, path: str, item: Item) -> h5py.Dataset:
+    assert item.values is not None
+    packed: dict[str, Any] = {}
+    if item.values.size:  # HDF5 has no chunks of size 0
+        packed = {
+            "chunks": (min(len(item.values), _ROWS), *item.values.shape[1:]),
+            "compression": "gzip",
+            "compression_opts": _LEVEL,
+            "shuffle": True,
+            "fletcher32": True,
+        }
+    made = file.create_dataset(path, data=item.values, **packed)
+    name = path.rpartition("/")[2]
+    if item.scales == (name,):
+        made.make_scale(name)
+    return made
+
+
+def _stored(value: Attribute) -> Any:
+    """Return an attribute as h5py writes it: texts of fixed length, masks as narrow integers."""
+    if not isinstance(value, tuple):
+        return value
+    cells = np.array([each.encode() if isinstance(each, str) else each for each in value])
+    return cells.astype(np.min_scalar_type(cells.max())) if cells.dtype.kind == "i" else cells
+
+
+def read_content(path: Path | str) -> Content:
+    """Return the content of a session file.
+
+    Raises InputError if the file does not exist, is not a session, has a newer schema, states what
+    no session has, or cannot be unpacked.
+    """
+    path = Path(path)
+    try:
+        with _opened(path) as file:
+            sizes = _Sizes(path.stat().st_size)
+            file.visititems(sizes.add)
+            return {name: _item(found) for name, found in [("/", file), *sizes.items]}
+    except SchemaError as error:
+        raise InputError(str(path), f"is damaged: {error}", DAMAGED_ADVICE) from error
+    except _RAISED as error:
+        what = f"is damaged: {str(error) or type(error).__name__}"
+        raise InputError(str(path), what, DAMAGED_ADVICE) from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """Open a session file, and check that its root says so.
+
+    Raises InputError if the file does not exist, is not a session, or has a newer schema.
+    """
+    where = str(path)
+    if path.is_dir():
+        raise InputError(where, "is a directory", _ADVICE)
+    if not path.exists():
+        raise InputError(where, "no such file", _ADVICE)
+    if not path.is_file():
+        raise InputError(where, "is not a regular file", _ADVICE)
+    try:
+        # Each chunk is read once: a cache of them would only cost memory for each dataset.
+        file = h5py.File(path, "r", rdcc_nbytes=0, rdcc_nslots=1)
+    except PermissionError as error:
+        raise InputError(where, "cannot be read: no permission", "get read permission") from error
+    except _RAISED as error:
+        raise InputError(where, "is not an HDF5 file, or is cut off", _ADVICE) from error
+    with file:
+        about = _attributes(file)
+        if about.get("schema") != SCHEMA:
+            raise InputError(where, "is HDF5, but not a bench session", _ADVICE)
+        version = about.get("schema_version")
+        if version != VERSION:
+            what = f"has schema version {version}, this program reads {VERSION}"
+            raise InputError(where, what, "use a newer bumpbench")
+        yield file
+
+
+class _Sizes:
+    """Collects what is in a file, and adds up the sizes that it states."""
+
+    def __init__(self, file_bytes: int) -> None:
+        self.items: list[tuple[str, h5py.Group | h5py.Dataset]] = []
+        self._left = min(_MAX_BYTES, _SPARE_BYTES + _MAX_RATIO * file_bytes)
+
+    def add(self, name: str, found: h5py.Group | h5py.Dataset) -> None:
+        """Add a group or dataset; raises SchemaError if it states what no session has."""
+        path = f"/{name}"
+        if len(self.items) >= _MAX_ITEMS or name.count("/") >= _MAX_DEPTH:
+            raise SchemaError(path, "is one object too many, or too deep")
+        if isinstance(found, h5py.Dataset):
+            self._check(path, found)
+        elif not isinstance(found, h5py.Group):
+            raise SchemaError(path, "is neither group nor dataset")
+        self.items.append((path, found))
+
+    def _check(self, path: str, found: h5py.Dataset) -> None:
+        # The type is first, because h5py has a shape and a size only for types that it knows.
+        dtype = found.dtype
+        if dtype.kind not in "iufS" or dtype.hasobject or dtype.itemsize > 4096:
+            raise SchemaError(path, f"has type {dtype}, which no session has")
+        shape = found.shape
+        if shape is None or len(shape) > 2:
+            raise SchemaError(path, f"has shape {shape}, which no session has")
+        if found.is_virtual or found.external:
+            raise SchemaError(path, "is not a dataset of this file")
+        whole, chunk = prod(shape) * dtype.itemsize, prod(found.chunks or ()) * dtype.itemsize
+        self._left -= whole
+        if self._left < 0 or chunk > _MAX_CHUNK_BYTES:
+            raise SchemaError(path, f"claims {whole} bytes in chunks of {chunk}, too much")
+
+
+def _item(found: h5py.Group | h5py.Dataset) -> Item:
+    return Item(_attributes(found), found[()] if isinstance(found, h5py.Dataset) else None)
+
+
+def _attributes(found: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
+    """Return the attributes of simple types; sessions have no others."""
+    result: dict[str, Attribute] = {}
+    stored = found.attrs
+    for name in stored:
+        if name in _OF_HDF5:
+            continue
+        about = stored.get_id(name)
+        text = h5py.check_string_dtype(about.dtype) is not None
+        small = about.shape is not None and prod(about.shape) <= _MAX_ATTRIBUTE
+        if small and (text or about.dtype.kind in "iuf"):
+            result[_plain(name)] = _plain(stored[name])
+    return result
+
+
+def _plain(value: Any) -> Any:
+    """Return a name or an attribute as a Python value: text, number, or a tuple of either."""
+    if isinstance(value, np.ndarray):
+        return tuple(_plain(each) for each in value.ravel().tolist())
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "surrogateescape")
+    return value.item() if isinstance(value, np.generic) else value
+
+
+@dataclass(frozen=True, slots=True)
+class Glance:
+    """The outline of one session file, from its attributes: for lists, not checked."""
+
+    path: str
+    vehicle: str
+    """Name of the vehicle as stated in the file; foreign text."""
+    created: str
+    """Time of creation as stated in the file; foreign text."""
+    accepted: int
+    """Number of accepted runs."""
+    rejected: int
+    """Number of rejected runs."""
+    notes: str = ""
+    """Notes on the session, one per line."""
+
+
+def glances(paths: Sequence[Path]) -> Iterator[Glance | InputError]:
+    """Yield the outline of each file in order, or the reason why there is none."""
+    for path in paths:
+        try:
+            with _opened(path) as file:
+                yield _glance(str(path), file)
+        except InputError as error:
+            yield error
+        except _RAISED as error:
+            what = f"is damaged: {type(error).__name__}"
+            yield InputError(str(path), what, DAMAGED_ADVICE)
+
+
+def _glance(path: str, file: h5py.File) -> Glance:
+    about = _attributes(_group(file, "session"))
+    folder = _group(file, "runs")
+    status = [_group(folder, name).attrs.get("status") for name in islice(folder, _MAX_RUNS)]
+    accepted = status.count("accepted")
+    return Glance(
+        path,
+        str(about.get("vehicle", "")),
+        str(about.get("provenance_created", "")),
+        accepted,
+        len(status) - accepted,
+        "\n".join(notes_of({"notes": str(about.get("provenance_notes", ""))})),
+    )
+
+
+def _group(parent: h5py.Group, name: str) -> h5py.Group:
+    """Return a group that is in this file, because a link could lead to another file."""
+    found = parent[name] if isinstance(parent.get(name, getlink=True), h5py.HardLink) else None
+    if not isinstance(found, h5py.Group):
+        raise ValueError(f"{name} is absent or a link")
+    return found

@@ -1,1 +1,0 @@
-"""Reads foreign session files in a process with limits."""

@@ -1,0 +1,227 @@
+"""Session files that were damaged, changed or made to mislead: refused in a line, never a wrong answer."""
+
+from __future__ import annotations
+
+import os
+import random
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from daq.errors import InputError
+from daq.session import (
+    Severity,
+    read_changed_session,
+    read_session,
+    validate_session,
+    write_session,
+)
+from tui.cli import run
+
+from ..small_session import small_session
+from .test_session import assert_same
+
+RUN = "runs/r001_baseline_roll_1"
+HUB = f"{RUN}/HUB_Front"
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    write_session(tmp_path / "car.h5", small_session())
+    return tmp_path / "car.h5"
+
+
+def _refused(path: Path, what: str) -> None:
+    with pytest.raises(InputError, match=what) as refused:
+        read_session(path)
+    assert str(refused.value).isprintable()
+
+
+def _errors(path: Path) -> list[str]:
+    found = validate_session(path)
+    return [f"{f.where}: {f.text}" for f in found if f.severity is Severity.ERROR]
+
+
+def test_no_flipped_bit_changes_a_session_without_a_word(path: Path) -> None:
+    """Each of 200 flips (`make fuzz`: thousands) is without effect, or refused."""
+    whole, written = read_session(path), path.read_bytes()
+    rng = random.Random(41)
+    refused = 0
+    for _ in range(200):
+        raw = bytearray(written)
+        raw[rng.randrange(len(raw))] ^= 1 << rng.randrange(8)
+        path.write_bytes(raw)
+        try:
+            assert_same(read_session(path), whole)
+        except InputError as error:
+            assert str(error).isprintable()
+            refused += 1
+    assert refused > 20
+
+
+def test_a_flip_in_the_header_of_a_dataset_is_refused_by_the_commands(
+    path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The size of a chunk in its header: h5py gives zeros in place of most samples, silently."""
+    with h5py.File(path, "r+") as file:
+        values = file[f"{HUB}/hub_fl"][()]
+        values[100:] = 0.0
+        file[f"{HUB}/hub_fl"][...] = values
+    for command in ("identify", "inspect", "report", "compare"):
+        files = [str(path)] * (2 if command == "compare" else 1)
+        assert run([command, *files]) == 2, command
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"/{RUN} was changed or damaged after the file was written" in line, command
+    assert run(["validate", str(path)]) == 1
+    assert f"error: /{RUN}: was changed or damaged" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("place", "part"),
+    [
+        ("mass_states/added/mass_kg", "/mass_states"),
+        ("channels/x_m", "/channels"),
+        ("session/facts/value", "/session"),
+        ("config/dbc", "/config"),
+        (f"{RUN}/raw_bus0/data", f"/{RUN}"),
+    ],
+)
+def test_an_edited_value_is_named_with_its_part(path: Path, place: str, part: str) -> None:
+    with h5py.File(path, "r+") as file:
+        values = file[place][()]
+        values.flat[0] += 1
+        file[place][...] = values
+    _refused(path, f"{part} was changed or damaged")
+    assert _errors(path)[0].startswith(f"{part}: was changed or damaged")
+    if part in ("/mass_states", "/channels", "/session"):  # what a right bench.toml replaces
+        assert read_changed_session(path)[1] == (part,)
+        return
+    with pytest.raises(InputError, match="was changed or damaged"):
+        read_changed_session(path)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda file: file["session"].attrs.modify("vehicle", "another"),
+        lambda file: file[RUN].attrs.modify("status", "accepted"),
+        lambda file: file[f"{HUB}/hub_fl"].attrs.modify("units", "mm/s2"),
+        lambda file: file.__delitem__("runs/r003_baseline_roll_3"),
+        lambda file: file.move("mass_states/added", "mass_states/other"),
+        lambda file: file["runs"].attrs.__delitem__("content_sha256"),
+        lambda file: file[RUN].attrs.modify("content_sha256", "0" * 64),
+    ],
+)
+def test_names_attributes_and_runs_count(path: Path, edit: Callable[[h5py.File], None]) -> None:
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    _refused(path, "was changed or damaged")
+    assert _errors(path)
+
+
+def test_results_beside_a_session_do_not_change_it(path: Path) -> None:
+    before = read_session(path)
+    with h5py.File(path, "r+") as file:
+        file["identification/1/x"] = np.zeros(3)
+        file["identification"].attrs["by"] = "me"
+        file.attrs["_NCProperties"] = "version=2"
+        file.attrs["link"] = file.ref
+    assert_same(read_session(path), before)
+    notes = [(f.severity, f.where) for f in validate_session(path)]
+    assert (Severity.NOTE, "/identification") in notes
+    assert not _errors(path)
+
+
+def test_a_session_of_an_older_version_is_read_and_noted(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        for place in ("session", "config", "channels", "mass_states", "runs", *file["runs"]):
+            del file[place if place in file else f"runs/{place}"].attrs["content_sha256"]
+    assert_same(read_session(path), small_session())
+    (note,) = validate_session(path)
+    assert (note.severity, note.where) == (Severity.NOTE, "/")
+    assert "has no checksums" in note.text
+
+
+def test_a_channel_without_a_value_is_found(tmp_path: Path) -> None:
+    session = small_session()
+    run_, group = session.runs[0], session.runs[0].groups[0]
+    silent = replace(group, values={**group.values, "hub_fl": np.full(len(group.time_s), np.nan)})
+    runs = (replace(run_, groups=(silent, *run_.groups[1:])), *session.runs[1:])
+    write_session(tmp_path / "car.h5", replace(session, runs=runs))
+    found = [(f.severity, f.where, f.text) for f in validate_session(tmp_path / "car.h5")]
+    assert found == [(Severity.WARNING, f"/{HUB}/hub_fl", "has no value in this run")]
+
+
+def _deep(file: h5py.File) -> None:
+    file.create_group("/".join("abcdefghij"))
+
+
+def _external(file: h5py.File) -> None:
+    del file[HUB]["hub_fl"]
+    file[HUB].create_dataset("hub_fl", (500,), "f8", external=[("secret.txt", 0, 4000)])
+
+
+def _virtual(file: h5py.File) -> None:
+    layout = h5py.VirtualLayout((500,), "f8")
+    layout[:] = h5py.VirtualSource("secret.h5", "x", (500,))
+    file[HUB].create_virtual_dataset("other", layout)
+
+
+def _bomb(file: h5py.File) -> None:
+    zeros = np.zeros((128 << 20) // 8 + 64 * 200_000)
+    file["config"].create_dataset("x", data=zeros, compression="gzip", chunks=(2**20,))
+
+
+def _link(file: h5py.File) -> None:
+    del file[HUB]["hub_fl"]
+    file[f"{HUB}/hub_fl"] = h5py.ExternalLink("secret.h5", "x")
+
+
+def _new(**more: object) -> Callable[[h5py.File], None]:
+    return lambda file: file["config"].create_dataset("x", **more)
+
+
+@pytest.mark.parametrize(
+    ("harm", "what"),
+    [
+        (_deep, "too deep"),
+        (_external, "is not a dataset of this file"),
+        (_virtual, "is not a dataset of this file"),
+        (_link, "was changed or damaged"),
+        (_bomb, "too much"),
+        (_new(shape=(2**45,), dtype="f8", chunks=(1024,)), "too much"),
+        (_new(shape=(1,), dtype="f8", chunks=(2**24,), maxshape=(None,)), "too much"),
+        (_new(data=["text"], dtype=h5py.string_dtype()), "x has type object"),
+        (_new(data=np.zeros(3, [("a", "f8"), ("b", "i4")])), "which no session has"),
+        (_new(data=np.zeros((2, 2, 2))), r"x has shape \(2, 2, 2\)"),
+        (_new(data=h5py.Empty("f8")), "x has shape None"),
+        (lambda file: file.attrs.modify("schema_version", 2), "has schema version 2"),
+        (lambda file: file.attrs.modify("schema", "other"), "not a bench session"),
+    ],
+)
+def test_what_no_session_states_is_refused(
+    path: Path, harm: Callable[[h5py.File], None], what: str
+) -> None:
+    with h5py.File(path, "r+") as file:
+        harm(file)
+    _refused(path, what)
+
+
+def test_what_is_no_session_is_refused(tmp_path: Path, path: Path) -> None:
+    (tmp_path / "empty.h5").touch()
+    (tmp_path / "prose.h5").write_text("no HDF5 \x1b[31m")
+    (tmp_path / "cut.h5").write_bytes(path.read_bytes()[:-5000])
+    os.mkfifo(tmp_path / "pipe.h5")
+    for name, what in {
+        "absent.h5": "no such file",
+        ".": "is a directory",
+        "empty.h5": "is not an HDF5 file",
+        "prose.h5": "is not an HDF5 file",
+        "cut.h5": "is not an HDF5 file, or is cut off",
+        "pipe.h5": "is not a regular file",
+    }.items():
+        _refused(tmp_path / name, what)
