@@ -7,6 +7,7 @@ nothing is missing) and `runs`, or `error`.  The file is written anew with all r
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -60,6 +61,9 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
     """
     from ..session import write_session  # imports HDF5, which the recorder must not load
 
+    if not target.parent.is_dir():  # it may be a disk that is gone: none is made in its place
+        what = f"cannot be written: {os.strerror(errno.ENOENT)}"
+        raise InputError(str(target), what, "check the folder; the journal still holds everything")
     with _only_builder(target.parent):
         infos = scanned(segments)
         recording = state_of(infos)

@@ -1,8 +1,10 @@
 """Reads and writes HDF5: the content of a session file, and the outlines of many for a list.
 
 A session file may come from anywhere.  What it states (types, sizes, number of objects) is checked
-before anything is unpacked, and links and data outside the file are not followed; that its content
-is as it was written, `daq.session.content` checks.
+before anything is unpacked, and links and data outside the file are not followed.  Some damage
+makes libhdf5 search without an end, so the file ends with a checksum of its bytes, which HDF5 does
+not see and drops when it writes to the file; that the content is as it was written,
+`daq.session.content` checks.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from itertools import islice
 from math import prod
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import h5py
 import numpy as np
@@ -27,6 +30,8 @@ from .schema import DAMAGED_ADVICE, SCHEMA, VERSION
 _ADVICE = "name a session file that bumpbench record or demo wrote"
 _RAISED = (OSError, RuntimeError, LookupError, ValueError, TypeError, MemoryError, AttributeError)
 """What h5py raises on damaged files."""
+_MARK = b"\nbumpbench crc32 "
+"""What the end of a session file begins with; its checksum follows."""
 _OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
 """Attributes with which HDF5 stores dimension scales; they hold references, not data."""
 _ROWS = 8192
@@ -47,8 +52,8 @@ _MAX_ATTRIBUTE = 4096
 _MAX_RUNS = 10_000
 
 
-def write_image(content: Content) -> memoryview:
-    """Return the bytes of an HDF5 file with a content; equal contents give equal bytes.
+def write_image(content: Content) -> bytes:
+    """Return the bytes of a session file with a content; equal contents give equal bytes.
 
     It is made in memory, because HDF5 crashes the process at its end when a disk was full.
     """
@@ -66,7 +71,20 @@ def write_image(content: Content) -> memoryview:
                 if not path.endswith(f"/{scale}"):
                     place = path.rpartition("/")[0]
                     file[path].dims[axis].attach_scale(file[f"{place}/{scale}"])
-    return image.getbuffer()
+    return image.getvalue() + _end(image.getvalue())
+
+
+def _end(image: bytes | memoryview) -> bytes:
+    """Return the last bytes of a session file: the checksum of those before them."""
+    return b"%s%08x\n" % (_MARK, crc32(image))
+
+
+def _check_bytes(path: Path) -> None:
+    """Raise SchemaError if a file ends with a checksum and is damaged."""
+    raw = memoryview(path.read_bytes())
+    length = len(_end(b""))
+    if raw[-length:][: len(_MARK)] == _MARK and raw[-length:] != _end(raw[:-length]):
+        raise SchemaError("the file", "does not match the checksum at its end")
 
 
 def _written(file: h5py.File, path: str, item: Item) -> h5py.Dataset:
@@ -128,8 +146,11 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     if not path.is_file():
         raise InputError(where, "is not a regular file", _ADVICE)
     try:
+        _check_bytes(path)
         # Each chunk is read once: a cache of them would only cost memory for each dataset.
         file = h5py.File(path, "r", rdcc_nbytes=0, rdcc_nslots=1)
+    except SchemaError as error:
+        raise InputError(where, f"is damaged: {error}", DAMAGED_ADVICE) from error
     except PermissionError as error:
         raise InputError(where, "cannot be read: no permission", "get read permission") from error
     except _RAISED as error:

@@ -64,10 +64,10 @@ def read_session(path: Path | str) -> Session:
         If the file does not exist, is not a session, has a newer schema, is damaged, or was changed
         after it was written.
     """
-    session, changed = read_changed_session(path)
-    if changed:
-        raise _refusal(path, changed[0])
-    return session
+    content = read_content(path)
+    for part in changed_parts(content):
+        raise _refusal(path, part)
+    return session_of(content, str(path))
 
 
 def read_changed_session(path: Path | str) -> tuple[Session, tuple[str, ...]]:
@@ -139,21 +139,15 @@ def _vehicle(content: Content) -> Vehicle:
     if 0 < len([name for name in lengths if name in about]) < len(lengths):
         raise SchemaError("/session", f"has not all of {', '.join(lengths)}")
     measured = [_attribute(content, "/session", n, float) for n in lengths if n in about]
-    structure = {
-        field.name: bool(
-            _attribute(
-                content, "/session", f"structure_{field.name}", int, 1 if field.default else 0
-            )
-        )
-        for field in fields(Structure)
-    }
+    defaults = {f"structure_{field.name}": bool(field.default) for field in fields(Structure)}
+    structure = [_attribute(content, "/session", n, int, int(d)) for n, d in defaults.items()]
     facts = []
     if "/session/facts" in content:
         facts = _rows(content, "/session/facts", FACT_COLUMNS, set(FACT_COLUMNS))
     return Vehicle(
         _attribute(content, "/session", "vehicle", str),
         VehicleGeometry(*measured) if measured else None,
-        Structure(**structure),
+        Structure(*map(bool, structure)),
         tuple(Fact(**row) for row in facts),
         {
             name: bool(_attribute(content, "/session", f"element_{name}", int))

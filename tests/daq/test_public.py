@@ -45,12 +45,10 @@ def test_a_name_replaced_in_its_file_is_replaced_in_the_face(
     assert module.open_bus is len
 
 
-def test_no_session_library_is_loaded_before_a_session_is_written() -> None:
-    """A foreign session is read by a process of its own, which loads the library for itself."""
+def test_the_recorder_does_not_load_the_library_of_session_files() -> None:
     code = (
-        "import sys, daq, daq.control; daq.control.Phase; assert 'daq.session' not in sys.modules; "
-        "daq.read_session; assert 'h5py' not in sys.modules; "
-        "daq.write_session; assert 'h5py' in sys.modules"
+        "import sys, daq, daq.recorder.recorder; assert 'h5py' not in sys.modules; "
+        "daq.read_session; assert 'h5py' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -130,10 +130,12 @@ def test_validate(capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str) 
     prose.write_text("x")
     with h5py.File(broken, "r+") as file:
         del file["channels/unit"]
+    assert run(["identify", str(broken)]) == 2
+    assert "/channels was changed or damaged" in capsys.readouterr().err
     assert run(["validate", car]) == 0
     assert capsys.readouterr().out == f"{car}: valid\n"
     assert run(["validate", car, str(broken)]) == 1
-    assert "  error: /channels: column unit is absent" in capsys.readouterr().out
+    assert "  error: /channels/unit: is absent" in capsys.readouterr().out
     assert run(["validate", car, str(prose), str(broken), "--json"]) == 2
     out, err = capsys.readouterr()
     files = json.loads(out)["files"]
