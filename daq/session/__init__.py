@@ -59,7 +59,9 @@ channel, weight, frame, event), and every table of samples has `time`.  Units ar
 content_sha256      attribute of /session /config /channels /mass_states /runs and of each run:
                     SHA-256 of what is in it (daq.session.content says how), so that a session that
                     was changed or damaged is refused; absent in older files.  What stands in other
-                    groups of the root, as results in /identification, is free
+                    groups of the root, as results in /identification, is free.  Behind the HDF5 a
+                    line "bumpbench crc32 XXXXXXXX" has the checksum of all bytes before it; it is
+                    gone when HDF5 writes to the file
 
 Columns and attributes may be added within v1: a reader uses the default if an older file lacks one
 (channels: all except name, quantity and unit), and ignores what it does not know.  Existing columns
