@@ -112,10 +112,10 @@ def _digests(content: Content) -> dict[str, str]:
     return {part: total.hexdigest() for part, total in totals.items()}
 
 
-def _hash(update: Callable[[bytes], None], path: str, item: Item) -> None:
+def _hash(update: Callable[[Any], None], path: str, item: Item) -> None:
     shown = {k: v for k, v in item.attributes.items() if k != CHECKSUM}
     update(ascii((path, sorted(shown.items()))).encode())
     if item.values is not None:
         values = np.asarray(item.values, item.values.dtype.newbyteorder("<"), order="C")
         update(ascii((values.dtype.str, values.shape)).encode())
-        update(values.tobytes())
+        update(values)

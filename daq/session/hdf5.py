@@ -209,13 +209,13 @@ def _attributes(found: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
     result: dict[str, Attribute] = {}
     stored = found.attrs
     for name in stored:
-        if name in _OF_HDF5:
-            continue
-        about = stored.get_id(name)
-        text = h5py.check_string_dtype(about.dtype) is not None
-        small = about.shape is not None and prod(about.shape) <= _MAX_ATTRIBUTE
-        if small and (text or about.dtype.kind in "iuf"):
-            result[_plain(name)] = _plain(stored[name])
+        value = None if name in _OF_HDF5 else stored[name]
+        if isinstance(value, np.ndarray):
+            simple = value.dtype.kind in "iufS" and value.size <= _MAX_ATTRIBUTE
+        else:
+            simple = isinstance(value, str | bytes | np.integer | np.floating)
+        if simple:
+            result[_plain(name)] = _plain(value)
     return result
 
 

@@ -263,7 +263,7 @@ def _values(
     right = values.ndim == 1 if shape is None else values.shape == shape
     if not right or not (kinds == {kind} or kinds | {kind} <= {"i", "u"}):
         raise SchemaError(path, f"has type {values.dtype} and shape {values.shape}")
-    return values if kind == "S" else values.astype(dtype)
+    return values if kind == "S" else values.astype(dtype, copy=False)
 
 
 def _rows(
