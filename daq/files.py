@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import os
+import secrets
 import stat
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import InputError
+
+NOFOLLOW: int = getattr(os, "ONOFOLLOW", 0)  # Windows has no such flag
+_LEFT_S = 3600.0
+"""Time, s, after which a partial file is of a killed process: no file is written for that long."""
 
 
 def make_room(path: Path) -> None:
@@ -48,14 +55,7 @@ def refuse_existing(
 
 
 def write_bytes(path: Path, data: bytes | memoryview) -> None:
-    """Replace a file by one that holds `data`.
-
-    The data are on the disk before the file is renamed, and the name is on the disk when this
-    returns.  A partial file of a killed process is overwritten by the next write.  The access
-    rights of the file do not change.
-
-    Raises OSError if the write failed; the file is then unchanged.
-    """
+    """Replace a file by one that holds `data`; as `replaced`."""
     with rewritten(path) as part:
         part.write_bytes(data)
 
@@ -85,12 +85,8 @@ def write_text(path: Path, text: str) -> None:
 
 @contextmanager
 def rewritten(path: Path) -> Iterator[Path]:
-    """Move a new file into place when the body of the `with` has written it; as `write_bytes`.
-
-    Yields the path to write to, in the same folder.
-    """
-    part = path.parent / f".{path.name}.tmp"
-    with _moved([part], [path]):
+    """Move one new file into place; as `replaced`."""
+    with replaced([path]) as (part,):
         yield part
 
 
@@ -98,12 +94,52 @@ def rewritten(path: Path) -> Iterator[Path]:
 def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     """Move new files to their targets when the body of the `with` has written all of them.
 
-    Yields the paths to write to: in the folder of each target, with the same ending, because some
-    writers choose the format by it.  Raises OSError if a file cannot be synced or moved.
+    This is the only way in which a file is written anew.  Yields the paths to write to: empty files
+    in the folder of each target, with the same ending, because some writers choose the format by
+    it.  Their names cannot be guessed and none of them exists before (``O_EXCL``), so nobody who
+    may write in the folder can lay a link there, and two processes that write the same file do not
+    meet: what the last one wrote stays.  The data are on the disk before a file gets its name, and
+    the name is on the disk when this returns.  The access rights of a file that is replaced stay; a
+    link is replaced, not followed.  A later write deletes what a killed process left.
+
+    Raises OSError if a file cannot be written, synced or moved; the targets are then unchanged.
     """
-    parts = [p.parent / f".{p.stem}.{os.getpid()}.tmp{p.suffix}" for p in targets]
-    with _moved(parts, targets):
-        yield parts
+    parts: list[Path] = []
+    try:
+        for target in targets:
+            _delete_left(target)
+            part = target.parent / f".{target.stem}.{secrets.token_hex(8)}.tmp{target.suffix}"
+            fd = os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR | NOFOLLOW, 0o666)
+            parts.append(part)
+            with suppress(OSError):  # a new file: as the umask sets
+                before = target.lstat()
+                if stat.S_ISREG(before.st_mode):
+                    part.chmod(stat.S_IMODE(before.st_mode) | stat.S_IWUSR)
+            os.close(fd)
+        yield list(parts)
+        for part in parts:
+            sync_file(part)
+        for part, target in zip(parts, targets, strict=True):
+            with suppress(OSError):
+                before = target.lstat()
+                if stat.S_ISREG(before.st_mode):
+                    part.chmod(stat.S_IMODE(before.st_mode))
+            part.replace(target)
+        for folder in {target.parent for target in targets}:
+            sync_folder(folder)
+    finally:
+        for part in parts:
+            part.unlink(missing_ok=True)
+
+
+def _delete_left(target: Path) -> None:
+    """Delete the partial files of a target that nobody has written to for an hour."""
+    with suppress(OSError):
+        left = target.parent.glob(f".{glob.escape(target.stem)}.*.tmp{glob.escape(target.suffix)}")
+        for part in left:
+            with suppress(OSError):
+                if time.time() - part.lstat().st_mtime > _LEFT_S:
+                    part.unlink()
 
 
 def sync_data(fd: int) -> None:
@@ -125,30 +161,13 @@ def sync_data(fd: int) -> None:
 
 def sync_file(path: Path) -> None:
     """Return when the content of a file is on the disk."""
-    _sync(path, os.O_RDWR)
+    _sync(path, os.O_RDWR | NOFOLLOW)
 
 
 def sync_folder(folder: Path) -> None:
     """Return when the names in a folder are on the disk."""
     if os.name == "posix":  # other systems cannot open a folder
         _sync(folder, os.O_RDONLY)
-
-
-@contextmanager
-def _moved(parts: Sequence[Path], targets: Sequence[Path]) -> Iterator[None]:
-    try:
-        yield
-        for part in parts:
-            _sync(part, os.O_RDWR)
-        for part, target in zip(parts, targets, strict=True):
-            with suppress(OSError):  # a new file: as the umask sets
-                part.chmod(stat.S_IMODE(target.stat().st_mode))
-            part.replace(target)
-        for folder in {target.parent for target in targets}:
-            sync_folder(folder)
-    finally:
-        for part in parts:
-            part.unlink(missing_ok=True)
 
 
 def _sync(path: Path, mode: int) -> None:

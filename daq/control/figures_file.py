@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 
-from prometheus_client import CollectorRegistry, Gauge, Metric, write_to_textfile
+from prometheus_client import CollectorRegistry, Gauge, Metric, generate_latest
 from prometheus_client.core import CounterMetricFamily
 
+from ..files import write_bytes
 from .messages import BusState, Status
 
 
@@ -69,7 +70,7 @@ def write_figures(path: Path, status: Status) -> None:
         ("bus_reopened", "Number of times that the bus was opened again", lambda b: b.reopened),
     ):
         family(name, help_text, "bus", {bus.name: float(value(bus)) for bus in status.buses})
-    write_to_textfile(str(path), registry)
+    write_bytes(path, generate_latest(registry))
 
 
 class _Counters:

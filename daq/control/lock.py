@@ -10,6 +10,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from ..errors import FolderLockedError, InputError
+from ..files import write_text
 
 _LOCK, _HOLDER = "recorder.lock", "recorder.pid"
 """Lock file, and file with the number of the process: some versions of filelock empty the lock
@@ -63,7 +64,7 @@ def _held(folder: Path, holder: Path) -> Iterator[None]:
         raise InputError(str(folder), what, "name another folder") from error
     try:
         with suppress(OSError):  # the journal reports a full disk
-            holder.write_text(f"{os.getpid()}\n", "ascii")
+            write_text(holder, f"{os.getpid()}\n")
         yield
     finally:
         with suppress(OSError):

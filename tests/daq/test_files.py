@@ -2,6 +2,9 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -48,12 +51,13 @@ def test_data_are_synced_before_the_name_and_the_folder_after_it(
     really = os.fsync
 
     def sync(fd: int) -> None:
-        steps.append((Path(f"/proc/self/fd/{fd}").resolve().name, path.read_bytes()))
+        name = re.sub("[0-9a-f]{16}", "#", Path(f"/proc/self/fd/{fd}").resolve().name)
+        steps.append((name, path.read_bytes()))
         really(fd)
 
     monkeypatch.setattr(os, "fsync", sync)
     write_bytes(path, b"new")
-    assert steps == [(".a.tmp", b"old"), (tmp_path.name, b"new")]
+    assert steps == [(".a.#.tmp", b"old"), (tmp_path.name, b"new")]
 
 
 def test_a_file_that_cannot_be_synced_does_not_replace_the_old_one(
@@ -98,11 +102,35 @@ def test_nothing_is_moved_when_the_writer_fails(tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == targets
 
 
-def test_a_part_left_by_a_killed_process_is_overwritten(tmp_path: Path) -> None:
-    (tmp_path / ".a.tmp").write_bytes(b"half of something longer")
-    write_bytes(tmp_path / "a", b"whole")
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
-    assert (tmp_path / "a").read_bytes() == b"whole"
+@pytest.mark.parametrize(("age_s", "stays"), [(3500.0, True), (3700.0, False)])
+def test_a_part_left_by_a_killed_process_is_deleted_after_an_hour(
+    tmp_path: Path, age_s: float, stays: bool
+) -> None:
+    left, other = tmp_path / ".a.0123456789abcdef.tmp.h5", tmp_path / ".ab.01.tmp.h5"
+    for part in (left, other):
+        part.write_bytes(b"half")
+        os.utime(part, (time.time() - age_s,) * 2)
+    write_bytes(tmp_path / "a.h5", b"whole")
+    assert (left.exists(), other.exists()) == (stays, True)
+
+
+def test_two_writers_of_one_file_both_end_well(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    barrier = threading.Barrier(2)
+
+    def write(byte: bytes) -> None:
+        for _ in range(20):
+            with replaced([path]) as (part,):
+                barrier.wait(10.0)
+                part.write_bytes(byte * 100_000)
+
+    writers = [threading.Thread(target=write, args=(byte,)) for byte in (b"1", b"2")]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert path.read_bytes() in (b"1" * 100_000, b"2" * 100_000)
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:

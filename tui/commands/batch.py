@@ -289,7 +289,10 @@ def _rows_so_far(out: Path, *, replace: bool) -> dict[str, Row]:
     try:
         if out.suffix.lower() == ".csv":
             with out.open(newline="", encoding="utf-8") as stream:
-                rows = [dict(row) for row in csv.DictReader(stream)]
+                table = csv.DictReader(stream)
+                rows = [dict(row) for row in table]
+            if "sha256" not in (table.fieldnames or ()):
+                raise KeyError("sha256")
         else:
             from pyarrow import parquet
 

@@ -13,6 +13,7 @@ from collections import deque
 from contextlib import suppress
 from pathlib import Path
 
+from daq.files import NOFOLLOW
 from dbc import counted
 
 BURST, PER_S = 5, 60.0
@@ -130,7 +131,7 @@ class Log:
         if self._path is None or os.fstat(self._file).st_size <= MAX_FILE_BYTES:
             return
         self._path.replace(_kept(self._path))
-        full, self._file = self._file, _created(self._path)
+        full, self._file = self._file, open_log(self._path)
         os.close(full)
 
     def _thread_died(self, died: threading.ExceptHookArgs) -> None:
@@ -155,7 +156,7 @@ def _utc(wall_s: float) -> str:
 
 
 def _require_log(file: Path) -> None:
-    if not stat.S_ISREG(file.stat().st_mode):
+    if not stat.S_ISREG(file.lstat().st_mode):  # a link in a shared folder may lead anywhere
         raise OSError("is not an ordinary file")
     with file.open("rb") as stream:
         first = re.sub(rb"[1-9]", b"0", stream.read(len(_BEGINNINGS[0])))
@@ -168,8 +169,9 @@ def _kept(path: Path) -> Path:
     return path.with_name(f"{path.name}.1")
 
 
-def _created(path: Path) -> int:
-    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o640)
+def open_log(path: Path) -> int:
+    """Return the descriptor of a log, created or to be continued; a link is not followed."""
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | NOFOLLOW, 0o640)
 
 
 def _opened(path: Path) -> int:
@@ -178,7 +180,7 @@ def _opened(path: Path) -> int:
     require_log(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        return _created(path)
+        return open_log(path)
     except OSError as error:
         what = error.strerror or str(error)
         raise InputError(str(path), what, "name another file for the log") from error

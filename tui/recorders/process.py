@@ -77,13 +77,13 @@ def _start(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:
     from daq import InputError
     from daq.control import group_readable
 
-    from .log import require_log
+    from .log import open_log, require_log
 
     require_log(folder / LOG)
     try:
         with group_readable():
             folder.mkdir(parents=True, exist_ok=True)
-            log = (folder / LOG).open("ab")
+            log = os.fdopen(open_log(folder / LOG), "ab")
         with log:
             # Its own session: a signal that ends the terminal's processes does not reach it.
             return subprocess.Popen(

@@ -191,9 +191,6 @@ def written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
         make_room(target)
     try:
         with replaced(targets) as parts:
-            for part in parts:  # libraries report a refusal in their own words
-                part.open("wb").close()
-                part.unlink()
             yield parts
     except OSError as error:
         what = f"cannot be written: {error.strerror or error}"
