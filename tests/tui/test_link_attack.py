@@ -115,9 +115,9 @@ def test_a_link_in_a_shared_folder_leads_nowhere(
     assert run([*words, *([] if command in _FORCED else ["--force"])]) == first
     assert mine.read_text() == "somebody's work"
     assert {name: (folder / name).read_bytes() for name in before} == before
-    for path in written:
-        assert (folder / path).is_file()
-        assert not (folder / path).is_symlink()
+    for place in (folder / each for each in written):
+        assert place.is_file()
+        assert not place.is_symlink()
 
 
 def test_no_recorder_logs_through_a_link(
