@@ -54,7 +54,7 @@ coverage: .venv/test
 mutate: .venv/test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.house.mutate --count $(or $(N),200) --seed $(or $(SEED),1) $(PATHS)
 
-# Mutated databases, session files, logs, files of channels and exports: no traceback, no hang, bounded memory.
+# Mutated databases, session files, logs and files of channels: no traceback, no hang, bounded memory.
 fuzz: .venv/test
 	$(BIN)/python -m tests.dbc.mutations $(or $(FILES),5000)
 	$(BIN)/python -m tests.daq.mutations $(or $(FILES),2000)

@@ -6,7 +6,6 @@ from dbc.lazy import lazy
 
 if TYPE_CHECKING:
     from .columns import read_columns as read_columns
-    from .description import sidecar_of as sidecar_of
     from .export import CsvStyle as CsvStyle
     from .export import ExportFormat as ExportFormat
     from .export import ModeShapes as ModeShapes
@@ -14,7 +13,6 @@ if TYPE_CHECKING:
     from .export import export_session as export_session
     from .export import format_of as format_of
     from .export import with_even_times as with_even_times
-    from .exported import exported_session as exported_session
     from .log import Log as Log
     from .log import read_logs as read_logs
 else:

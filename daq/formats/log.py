@@ -68,19 +68,8 @@ class Log:
 
     @property
     def origin(self) -> str:
-        """Origin of its frames, a value of `Origin`; real for a log without a description.
-
-        Raises InputError if the description beside an export is damaged.
-        """
-        if self._journal is not None:
-            return self._journal.head.origin
-        from .description import description_of, sidecar_of  # slow to load, for an import alone
-
-        sidecar = sidecar_of(self.paths[0])
-        if not sidecar.is_file():
-            return Origin.REAL
-        about = description_of(sidecar.read_bytes(), str(sidecar)).provenance
-        return str(about.get("origin", Origin.REAL))
+        """Origin of its frames, a value of `Origin`; real for every log but a journal."""
+        return Origin.REAL if self._journal is None else self._journal.head.origin
 
     @property
     def loss(self) -> LogLoss:

@@ -94,8 +94,7 @@ def test_an_export_as_a_document_lists_files_and_notes(
     out, err = said(capsys, *words, code=0)
     document = json.loads(out)
     assert document["session"] == car
-    files = [str(tmp_path / name) for name in ("car.asc", "car.asc.bumpbench.json")]
-    assert document["files"] == files
+    assert document["files"] == [str(tmp_path / "car.asc")]
     assert any("1 µs" in note for note in document["notes"])
     assert "1 µs" in err
     assert "--force" in said(capsys, *words, code=2)[1]
@@ -296,18 +295,6 @@ def test_words_that_do_not_fit_together_are_named(
     assert out == ""
     assert named in err
     assert len(err.splitlines()) == 1
-
-
-def test_an_export_is_imported_as_the_session_that_it_was(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str
-) -> None:
-    said(capsys, "export", car, "--format", "mat", code=0)
-    export, back = str(tmp_path / "car.mat"), str(tmp_path / "back.h5")
-    out, _ = said(capsys, "import", export, "--out", back, code=0)
-    assert out.splitlines()[0] == "Wagen Ü: 3 runs"
-    assert out.splitlines()[-1] == f"session: {back}"
-    assert len(daq.read_session(back).runs) == 3
-    assert "is read here" in said(capsys, "import", export, "--out", export, code=2)[1]
 
 
 def test_a_batch_counts_names_and_ends_with_1(

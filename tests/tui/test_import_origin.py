@@ -49,18 +49,3 @@ def test_the_origin_of_a_journal_is_that_of_the_session(
     command = ["import", *logs, "--config", str(tmp_path / "bench.toml"), "--out", str(target)]
     assert run(command) == 0, capsys.readouterr().err
     assert daq.read_session(target).provenance["origin"] == imported
-
-
-def test_an_exported_log_keeps_its_origin_with_another_bench(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bench = tmp_path / "bench.toml"
-    bench.write_text(BENCH)
-    first, log, second = (str(tmp_path / name) for name in ("first.h5", "car.log", "second.h5"))
-    assert (
-        run(["import", journal(tmp_path, Origin("simulated"), 0), str(bench), "--out", first]) == 0
-    )
-    assert run(["export", first, "--out", log]) == 0
-    bench.write_text(BENCH + "sign = -1\n")
-    assert run(["import", log, str(bench), "--out", second]) == 0, capsys.readouterr().err
-    assert daq.read_session(Path(second)).provenance["origin"] == "simulated"

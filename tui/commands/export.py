@@ -29,7 +29,6 @@ class Format(StrEnum):
     BLF = "blf"
     ASC = "asc"
     CANDUMP = "log"
-    SEP005 = "sep005"
 
 
 def export(
@@ -59,7 +58,7 @@ def export(
     force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
 ) -> int:
-    """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC, candump or SEP005."""
+    """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or candump."""
     from daq import InputError, read_session
     from daq.files import refuse_existing
     from daq.formats import (
@@ -81,7 +80,7 @@ def export(
     place = session.parent / name if out is None else out
     if place.is_dir():
         place = place / name
-    refuse_existing(place, replace=True, inputs=[session])  # all files: see `written_whole`
+    refuse_existing(place, replace=True, inputs=[session])  # all files: see `export_session`
     if modes and wanted is not ExportFormat.UFF:
         raise InputError("--modes", f"{wanted} holds no mode shapes", "use --format uff")
     if rate is not None and wanted is not ExportFormat.UFF:

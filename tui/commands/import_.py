@@ -1,4 +1,4 @@
-"""`bumpbench import`: makes a session from logs of other tools, or of ours."""
+"""`bumpbench import`: makes a session from logs."""
 
 from __future__ import annotations
 
@@ -60,10 +60,9 @@ def import_(
 ) -> int:
     """Find the bumps in logs, cut them into runs and write a session.
 
-    One log may hold many runs, labelled in the order of the campaign, or by --runs.  A file that
-    export has written gives the same session again.  A bench.toml among the logs describes the
-    bench.  With --channels the files hold channels that are already decoded; --propose writes such
-    a map.
+    One log may hold many runs, labelled in the order of the campaign, or by --runs.  A bench.toml
+    among the logs describes the bench.  With --channels the files hold channels that are already
+    decoded; --propose writes such a map.
     """
     from importlib.metadata import version
     from json import dumps
@@ -98,9 +97,6 @@ def import_(
     named = (*logs, *(path for _, path in singles), config, dbc)
     inputs = [path for path in named if path is not None]
     refuse_existing(out, replace=force, inputs=inputs)
-    chosen = any((run, runs, skip, bus, config, dbc))
-    if len(logs) == 1 and not chosen and _import_export(logs[0], out, json):
-        return ExitCode.OK
     if bool(singles) == bool(logs):
         what = "names both logs and --run" if logs else "names no log"
         raise InputError("import", what, "name logs, or --run MASS_STATE:EXCITATION:FILE each")
@@ -166,21 +162,6 @@ def import_(
     lost = any(source.loss.any for source in sources)
     lost |= any(one.losses.measured for one in session.runs)
     return ExitCode.DATA_LOST if lost else ExitCode.OK
-
-
-def _import_export(path: Path, out: Path, json: bool) -> bool:
-    """Write the session of a self-describing export; return False if the file is not one."""
-    from daq import write_session
-    from daq.formats import exported_session
-
-    from ..recorders.recording import show_session
-
-    session = exported_session(path)
-    if session is None:
-        return False
-    write_session(out, session)
-    show_session(out, session, json)
-    return True
 
 
 def _single(text: str) -> tuple[tuple[str, str], Path]:

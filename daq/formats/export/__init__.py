@@ -1,11 +1,8 @@
 """Exports sessions to the formats of other tools."""
 
-from __future__ import annotations
-
-from .csv_files import CsvStyle
 from .even_times import with_even_times
 from .export import Exported, ExportFormat, chosen_runs, export_session, format_of
-from .sep005 import sep005_channels
+from .tables import CsvStyle
 from .universal import ModeShapes
 
 __all__ = [
@@ -16,6 +13,5 @@ __all__ = [
     "chosen_runs",
     "export_session",
     "format_of",
-    "sep005_channels",
     "with_even_times",
 ]

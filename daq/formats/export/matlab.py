@@ -11,24 +11,9 @@ import numpy as np
 
 from ...errors import InputError
 from ...runs import Run, SampleGroup
-from ...session.schema import TEXTS
 from ...sessions import Session
-from .. import description
-from .raw_frames import frames_left_out
+from .frames import frames_left_out
 
-RUN_FIELDS = (
-    "mass_state",
-    "excitation",
-    "repeat",
-    "status",
-    "reasons",
-    "t0_ns",
-    "bump_s",
-    "events",
-)
-"""Fields of a run that are not sample groups."""
-SAMPLE_FIELDS = ("t", "t_ns", "quality", "units")
-"""Fields of a sample group that are not channels."""
 _NAME_LENGTH = 63
 _MAX_BYTES = 2**31 - 1
 """Largest size of one variable in a file of this version, bytes."""
@@ -38,10 +23,8 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
     """Write a MAT file: ``runs.RUN.GROUP.CHANNEL``, with ``t`` in s and ``units.CHANNEL``.
 
     In addition to its channels a group has ``t_ns`` (int64, bus time) and ``quality`` (uint8); a
-    run has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons``, ``t0_ns``,
-    ``bump_s`` and ``events``.  ``vehicle``, ``channels`` and ``mass_states`` describe the measured
-    quantities and their places, ``config`` has bench.toml and databases, ``bumpbench`` the
-    description of the session.
+    run has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons``, ``t0_ns`` and
+    ``bump_s``.  ``vehicle`` and ``channels`` describe the measured quantities and their places.
 
     Returns notes on the contents of the session that the format cannot hold.  Raises InputError if
     the session is too large for such a file.
@@ -52,54 +35,24 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
     if size > _MAX_BYTES:
         what = f"has {size} bytes of samples, and MATLAB v5 holds 2 GB"
         raise InputError("session", what, "choose runs with --run, or another format")
-    runs = fields_of((run.label, _run(run, session)) for run in session.runs)
     vehicle: dict[str, Any] = {"name": session.vehicle.name}
     if session.vehicle.geometry is not None:
         vehicle |= {f"{name}_m": v for name, v in asdict(session.vehicle.geometry).items()}
-    channels = fields_of(
-        (
-            channel.name,
-            asdict(channel)
-            | {"quantity": str(channel.quantity), "corner": str(channel.corner or "")},
-        )
+    channels = {
+        channel.name: asdict(channel)
+        | {"quantity": str(channel.quantity), "corner": str(channel.corner or "")}
         for channel in session.channels
-    )
-    states = fields_of(
-        (
-            state.name,
-            {
-                "matrix": state.added.matrix,
-                "weights": [
-                    {name: str(v) if name == "corner" else v for name, v in asdict(weight).items()}
-                    for weight in state.added.weights
-                ],
-            },
-        )
-        for state in session.mass_states
-    )
-    texts = {
-        name: session.provenance[name].encode("utf-8", "replace").decode()
-        for name in set(TEXTS) & session.provenance.keys()
     }
-    about = description.session_text(session)
-    savemat(
-        path,
-        {
-            "runs": runs,
-            "channels": channels,
-            "vehicle": vehicle,
-            "mass_states": states,
-            "config": texts,
-            description.KEY: about,
-        },
-        long_field_names=True,
-        do_compression=True,
-        oned_as="column",
-    )
+    variables = {
+        "runs": _fields((run.label, _run(run, session.units)) for run in session.runs),
+        "channels": _fields(channels.items()),
+        "vehicle": vehicle,
+    }
+    savemat(path, variables, long_field_names=True, do_compression=True, oned_as="column")
     return frames_left_out(session)
 
 
-def _run(run: Run, session: Session) -> dict[str, Any]:
+def _run(run: Run, units: dict[str, str]) -> dict[str, Any]:
     about = {
         "mass_state": run.mass_state,
         "excitation": str(run.excitation),
@@ -108,20 +61,18 @@ def _run(run: Run, session: Session) -> dict[str, Any]:
         "reasons": "\n".join(run.reasons),
         "t0_ns": np.int64(run.t0_ns),
         "bump_s": run.bump_s,
-        "events": [asdict(event) for event in run.events],
     }
-    groups = ((group.name, _group(group, session.units)) for group in run.groups)
-    return about | fields_of(groups, taken=RUN_FIELDS)
+    return about | _fields(((g.name, _group(g, units)) for g in run.groups), about)
 
 
 def _group(group: SampleGroup, units: dict[str, str]) -> dict[str, Any]:
-    fixed = {"t": group.time_s, "t_ns": group.t_ns, "quality": group.quality}
-    values = fields_of(group.values.items(), taken=SAMPLE_FIELDS)
-    unit_fields = fields_of(((name, units[name]) for name in group.values), taken=SAMPLE_FIELDS)
-    return {**fixed, **values, "units": {"t": "s", **unit_fields}}
+    taken = ("t", "t_ns", "quality", "units")
+    named = _fields(((name, units[name]) for name in group.values), taken)
+    fixed = (group.time_s, group.t_ns, group.quality, {"t": "s", **named})
+    return dict(zip(taken, fixed, strict=True)) | _fields(group.values.items(), taken)
 
 
-def fields_of(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> dict[str, Any]:
+def _fields(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> dict[str, Any]:
     """Return items under different names that MATLAB allows for fields and that are not `taken`."""
     result: dict[str, Any] = {}
     for name, value in items:

@@ -13,13 +13,10 @@ from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from ...optional import optional
 from ...runs import Run, SampleGroup
-from ...session.schema import TEXTS
 from ...sessions import Session
-from .. import description
-from .raw_frames import has, session_frames
+from .frames import has, session_frames
 
 _NS_PER_S = 1_000_000_000
-_FILES = {"bench_toml": "bench.toml", "dbc": "bench.dbc"}
 _UNITS = {"time_s": "s", "t_ns": "ns"}
 
 _REMOTE = [
@@ -45,8 +42,8 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
 
     All times count from the whole second in which the session begins, which the header states.  A
     channel group is named ``run/group``; it has the flags of `dbc.samples.Quality` as `quality`,
-    and `time_s` and `t_ns` as in the session.  Buses count from 1, as MDF requires. bench.toml, the
-    databases and the description of the session are attached.
+    and `time_s` and `t_ns` as in the session.  Buses count from 1, as MDF requires.  bench.toml and
+    the databases are attached.
 
     Returns notes on the contents of the session that the format cannot hold: none.
     """
@@ -63,14 +60,10 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
                 mdf.append(signals, acq_name=f"{run.label}/{group.name}", common_timebase=True)
         if raw is not None:
             _append_bus_log(asammdf, mdf, raw, start_ns)
-        texts = {description.NAME: description.session_text(session)}
-        texts |= {
-            _FILES.get(name, name): session.provenance[name]
-            for name in set(TEXTS) & session.provenance.keys()
-        }
-        for name, text in sorted(texts.items()):
-            content = text.encode("utf-8", "surrogateescape")
-            mdf.attach(content, file_name=name, mime="text/plain", compression=False)
+        for name, file in (("bench_toml", "bench.toml"), ("dbc", "bench.dbc")):
+            if name in session.provenance:
+                content = session.provenance[name].encode("utf-8", "surrogateescape")
+                mdf.attach(content, file_name=file, mime="text/plain", compression=False)
         mdf.save(path, overwrite=True, compression=1)
     return ()
 

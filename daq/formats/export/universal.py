@@ -23,7 +23,7 @@ from ...runs import Run, SampleGroup
 from ...sessions import Session
 from ...vehicle import VehicleGeometry
 from .car_nodes import CarNodes, Place, car_lines, car_nodes, place_of, vertical_motion
-from .raw_frames import frames_left_out
+from .frames import frames_left_out
 
 _BEGIN = "    -1"
 _TIME, _UNKNOWN = 17, 0

@@ -1,8 +1,7 @@
-"""Damaged files of channels and damaged exports: one line, bounded time and memory.
+"""Damaged files of channels: one line, bounded time and memory.
 
 ``python -m tests.daq.formats.channel_mutations 2000`` makes as many of each format and prints what
-came of them.  They are read in a process with the limits that the product gives its own; if that
-process ends, it is a fault of an export alone, for channels are read in a child in any case.
+came of them, read in a process with limits of time and memory.
 """
 
 from __future__ import annotations
@@ -26,36 +25,17 @@ from numpy.typing import NDArray
 
 from daq.errors import InputError
 from daq.formats.columns import read_columns
-from daq.formats.description import sidecar_of
-from daq.formats.export import export_session, format_of
-from daq.formats.exported import exported_session
 
-from ..small_session import small_session
 from .channel_files import WRITERS, Tables
-from .logged_session import logged_session
 from .mutations import Outcome, mutants
 
 MAX_S, MAX_BYTES = 20.0, 3 << 30
-"""Time of one file and memory of the process, as the child of `read_columns` has them."""
-_EXPORTS = (".mf4", ".mat", ".parquet", ".uff", ".csv", ".log")
-
-Case = tuple[str, bool]
-"""Suffix, and whether it is an export."""
+"""Time of one file and memory of the process."""
 
 
-def cases() -> tuple[Case, ...]:
-    """Return every format that is read."""
-    return (*((suffix, False) for suffix in WRITERS), *((suffix, True) for suffix in _EXPORTS))
-
-
-def whole(case: Case, folder: Path) -> Path:
-    """Write a whole file of a format and return the file that is to be damaged."""
-    suffix, is_export = case
+def whole(suffix: str, folder: Path) -> Path:
+    """Write a whole file of a format and return it."""
     path = folder / f"car{suffix}"
-    if is_export:
-        session = logged_session() if suffix == ".log" else small_session()
-        export_session(session, path, format_of(path))
-        return sidecar_of(path) if suffix in (".csv", ".log") else path
     time_s: NDArray[np.float64] = np.arange(60) * np.float64(0.005)
     tables: Tables = {
         "IMU": (time_s, {"az": np.cos(time_s), "roll": np.sin(time_s)}),
@@ -65,13 +45,10 @@ def whole(case: Case, folder: Path) -> Path:
     return path
 
 
-def read(case: Case, path: Path) -> str:
+def read(path: Path) -> str:
     """Read a file as the product does and say what came of it."""
     try:
-        if not case[1]:
-            read_columns(path, ())
-        elif exported_session(path.with_name("car.log") if case[0] == ".log" else path) is None:
-            return "no export"
+        read_columns(path, ())
     except InputError as error:
         return "refused" if str(error).isprintable() else f"fault: {str(error)!r}"
     except Exception as error:
@@ -79,7 +56,7 @@ def read(case: Case, path: Path) -> str:
     return "read"
 
 
-def _work(case: Case, path: Path, files: Iterator[bytes], answers: Connection) -> None:
+def _work(path: Path, files: Iterator[bytes], answers: Connection) -> None:
     """Read damaged files until there are no more, each in the place of the one before."""
     warnings.simplefilter("ignore")
     logging.disable()
@@ -89,7 +66,7 @@ def _work(case: Case, path: Path, files: Iterator[bytes], answers: Connection) -
         path.write_bytes(damaged)
         printed = StringIO()
         with redirect_stdout(printed):
-            end = read(case, path)
+            end = read(path)
         answers.send("fault: prints" if printed.getvalue() else end)
     answers.send("")
 
@@ -97,25 +74,24 @@ def _work(case: Case, path: Path, files: Iterator[bytes], answers: Connection) -
 def campaign(count: int, seed: int, report: Callable[[str], None]) -> Outcome:
     """Read `count` damaged files of each format."""
     total = Outcome()
-    for case in cases():
+    for suffix in WRITERS:
         outcome = Outcome()
         with tempfile.TemporaryDirectory() as folder:
-            _one_format(case, whole(case, Path(folder)), count, seed, outcome)
-        name = f"{'export' if case[1] else 'channels'} {case[0]}"
-        report(f"{name}: {dict(outcome.ends)}, slowest {outcome.slowest_s:.1f} s")
+            _one_format(whole(suffix, Path(folder)), count, seed, outcome)
+        report(f"{suffix}: {dict(outcome.ends)}, slowest {outcome.slowest_s:.1f} s")
         total.ends += outcome.ends
         total.slowest_s = max(total.slowest_s, outcome.slowest_s)
-        total.faults += [f"{name} {fault}" for fault in outcome.faults]
+        total.faults += [f"{suffix} {fault}" for fault in outcome.faults]
     return total
 
 
-def _one_format(case: Case, path: Path, count: int, seed: int, outcome: Outcome) -> None:
+def _one_format(path: Path, count: int, seed: int, outcome: Outcome) -> None:
     files = list(mutants(path.read_bytes(), count, seed))
     fork = multiprocessing.get_context("fork")
     number = 0
     while number < count:
         receive, send = fork.Pipe(duplex=False)
-        worker = fork.Process(target=_work, args=(case, path, iter(files[number:]), send))
+        worker = fork.Process(target=_work, args=(path, iter(files[number:]), send))
         worker.start()
         send.close()
         end = ""
@@ -125,7 +101,7 @@ def _one_format(case: Case, path: Path, count: int, seed: int, outcome: Outcome)
             took_s = time.monotonic() - began
             outcome.slowest_s = max(outcome.slowest_s, took_s)
             outcome.ends[end.partition(":")[0]] += 1
-            if end.startswith("fault") or (case[1] and end in ("ended", "hung")):
+            if end.startswith("fault"):
                 outcome.faults.append(f"{number} of seed {seed}: {end}")
             number += 1
             if end in ("ended", "hung"):

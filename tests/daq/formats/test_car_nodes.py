@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
-import pyuff
 
 from daq.channels import Channel, Quantity
-from daq.formats.export import ExportFormat, ModeShapes, export_session
 from daq.formats.export.car_nodes import (
     CarNodes,
     car_lines,
@@ -19,10 +14,7 @@ from daq.formats.export.car_nodes import (
     vertical_motion,
     wheel_places,
 )
-from daq.runs import SampleGroup
 from daq.vehicle import Corner, Fact, FactQuantity, Vehicle, VehicleGeometry
-
-from ..small_session import small_session
 
 CAR = VehicleGeometry(1.25, 1.5, 0.74, 0.76)
 FACTS = (
@@ -129,47 +121,3 @@ def test_how_nodes_move_with_each_degree_of_freedom(moving: int, motion: dict[in
     expected = np.array([2.0j * motion.get(label, 0.0) for label in nodes.labels.tolist()])
     np.testing.assert_allclose(found[:, 1], expected, atol=1e-15)
     assert not found[:, 0].any()
-
-
-def test_numbers_and_texts_of_a_universal_file(tmp_path: Path) -> None:
-    session = small_session()
-    run = session.runs[0]
-    time_s = np.array([0.5, 0.75, 1.0, 1.25])
-    group = SampleGroup(
-        "IMU",
-        time_s,
-        np.zeros(4, np.int64),
-        {"az": np.arange(4.0), "pitch": np.array([1.0, np.nan, np.nan, np.nan])},
-        np.zeros(4, np.uint8),
-    )
-    two = replace(group, name="two", values={"az": np.array([np.nan, 1.0, 2.0, np.nan])})
-    session = replace(session, runs=(replace(run, groups=(group, two)),))
-    assert session.vehicle.geometry is not None
-    modes = ModeShapes(
-        "added", session.vehicle.geometry, np.array([-3.0 + 4.0j, 1.0j]), np.ones((7, 2), complex)
-    )
-    path = tmp_path / "car.uff"
-    done = export_session(session, path, ExportFormat.UFF, modes=(modes,))
-    assert any(note.startswith("2 missing samples") for note in done.notes)
-    sets = pyuff.UFF(str(path)).read_sets()
-    lines = [one for one in sets if one["type"] == 82]
-    assert [one["trace_num"] for one in lines] == [1, 2, 3]
-    assert [one["id"].strip() for one in lines] == ["body", "suspension", "axles"]
-    assert [len(one["nodes"]) for one in lines] == [5, 11, 5]
-    first, second = [one for one in sets if one["type"] == 58]
-    assert first["id2"].strip() == "baseline_roll_1 IMU (rejected)"
-    assert first["id3"].strip() == "14-NOV-23 22:13:20"
-    assert first["id4"].strip() == "mass state baseline, roll, repeat 1"
-    assert (first["func_type"], first["num_pts"], first["abscissa_spacing"]) == (1, 4, 1)
-    assert (first["abscissa_min"], first["abscissa_inc"]) == (0.5, 0.25)
-    assert first["abscissa_spec_data_type"] == 17
-    assert (second["num_pts"], second["abscissa_spacing"]) == (2, 1)
-    assert second["x"].tolist() == [0.75, 1.0]
-    shapes = [one for one in sets if one["type"] == 55]
-    assert [one["mode_n"] for one in shapes] == [1, 2]
-    assert shapes[0]["id1"].strip() == "mode 1 of state added"
-    assert shapes[0]["id2"].strip() == "0.79577 Hz, damping 0.6"  # 5 rad/s, 3 of them real
-    assert shapes[0]["eig"] == -3.0 + 4.0j
-    text = path.read_bytes()
-    assert text.count(b"    -1\n") == 2 * len(sets)
-    assert b"2.7314999999999998D+02" in text

@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from daq.errors import InputError
 from daq.formats.export import ExportFormat, export_session
-from daq.formats.log import Log
 from daq.sessions import Session
 from dbc import FrameBatch, shipped_dbc
 from dbc.frames import FrameFlag
@@ -107,20 +106,28 @@ def test_asc(tmp_path: Path) -> None:
 
 
 def test_candump(tmp_path: Path) -> None:
-    path = tmp_path / "car.log"
-    messages = _messages(FRAMES, path, ExportFormat.CANDUMP)
-    assert len(messages) == len(FRAMES)
-    # python-can knows an error frame by one of its classes alone.
-    plain = [message for message, error in zip(messages, ERROR, strict=True) if not error]
-    _is_kept(FRAMES.select(~ERROR), plain, lambda _: {"channel"})
-    assert [message.channel for message in plain] == [f"can{b}" for b in FRAMES.bus[~ERROR]]
-    read = FrameBatch.concatenate(list(Log([path])))
-    # How long the identifier of an error frame is, has no meaning.
-    extended = np.where(ERROR, int(FrameFlag.EXTENDED), 0)
-    assert_array_equal(read.flags, FRAMES.flags & ~extended)
-    for name in ("can_id", "bus", "length", "data"):
-        assert_array_equal(getattr(read, name), getattr(FRAMES, name))
-    assert np.abs(read.t_ns - FRAMES.t_ns).max() == 500
+    messages = _messages(FRAMES, tmp_path / "car.log", ExportFormat.CANDUMP)
+    lost = {"arbitration_id", "is_extended_id", "dlc", "data", "is_rx", "channel"}
+    remote = (FRAMES.flags & FrameFlag.REMOTE) != 0
+    except_for = [
+        lost if e else {"dlc", "channel"} if r else {"channel"}
+        for e, r in zip(ERROR, remote, strict=True)
+    ]
+    _is_kept(FRAMES, messages, except_for.__getitem__)
+    plain = np.array([message.channel for message in messages])[~ERROR]
+    assert plain.tolist() == [f"can{bus}" for bus in FRAMES.bus[~ERROR]]
+    assert_allclose(_times_s(messages), FRAMES.t_ns * 1e-9, rtol=0, atol=1e-6)
+    notes = export_session(small_session(FRAMES), tmp_path / "a.log", ExportFormat.CANDUMP).notes
+    assert notes == (
+        "candump rounds times to 1 µs",
+        f"candump keeps only the times of {ERROR.sum()} error frames",
+        f"candump does not store the length of {(remote & (FRAMES.length > 0)).sum()}"
+        " remote frames",
+    )
+    whole = replace(
+        FRAMES.select(~ERROR & ~remote), t_ns=FRAMES.t_ns[~ERROR & ~remote] // 1000 * 1000
+    )
+    assert not export_session(small_session(whole), tmp_path / "b.log", ExportFormat.CANDUMP).notes
 
 
 def test_mf4(tmp_path: Path) -> None:

@@ -338,14 +338,18 @@ async def test_an_export_asks_before_it_replaces_a_file(
     app = make_app(measured())
     async with app.run_test(size=(100, 30)) as pilot:
         await pilot.pause()
-        for place, answer, asked in (
-            ("car.mf4", "escape", []),
-            ("car.mf4.bumpbench.json", "space", [ExportTask(str(session), "mf4", replace=True)]),
+        csv = ["down", "down", "down"]
+        for place, keys, answer, asked in (
+            ("car.mf4", [], "escape", []),
+            ("car.mf4", [], "space", [ExportTask(str(session), "mf4", replace=True)]),
+            ("car_baseline_roll_1_IMU.csv", csv, "escape", []),
         ):
             (there := tmp_path / place).write_bytes(b"frames")
+            tasks.clear()
             app.run_worker(export.export_session(app, str(session)))
             await pilot.pause()
-            assert f"{place} exists already: replace it?" in await pressed(pilot, "space")
+            question = await pressed(pilot, *keys, "space")
+            assert f"{place} exists already: replace it?" in question
             await pressed(pilot, answer)
             there.unlink()
             await pilot.pause()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import aclosing
+from glob import escape
 from pathlib import Path
 
 from textual.app import App
@@ -22,7 +23,6 @@ FORMATS = (
     ("blf", "BLF      raw frames: CANalyzer, SavvyCAN"),
     ("asc", "ASC      raw frames as text"),
     ("log", "candump  raw frames as candump -l has them"),
-    ("sep005", "SEP005   Python dictionaries of time series"),
 )
 
 
@@ -52,7 +52,9 @@ async def export_session(app: App[None], path: str) -> None:
 
 def _existing(session: Path, form: str) -> Path | None:
     """Return the export of a session that is there already; None if there is none."""
-    from daq.formats import ExportFormat, sidecar_of  # with all writers, which few need
+    from daq.formats import ExportFormat  # with all writers, which few need
 
+    if form == ExportFormat.CSV:  # a file for each run and sample clock
+        return next(session.parent.glob(f"{escape(session.stem)}_*.csv"), None)
     place = session.with_suffix(ExportFormat(form).suffix)
-    return next((path for path in (place, sidecar_of(place)) if path.exists()), None)
+    return place if place.exists() else None

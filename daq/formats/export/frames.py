@@ -1,0 +1,134 @@
+"""Writes raw frames as BLF, ASC and candump's log, with python-can's writers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime
+from itertools import pairwise
+from pathlib import Path
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch, FrameFlag
+from dbc.words import counted
+
+from ...errors import InputError
+from ...sessions import Session
+
+_NS_PER_MS, _NS_PER_US = 1_000_000, 1000
+
+
+def session_frames(session: Session) -> FrameBatch:
+    """Return all raw frames of a session in order of time; frames in two runs only once.
+
+    Raises InputError if the session has none.
+    """
+    batches = [run.frames for run in session.runs if len(run.frames)]
+    if not batches:
+        what = "its runs hold no raw frames"
+        raise InputError("session", what, "export the decoded channels: mf4, mat, csv, parquet")
+    frames = FrameBatch.concatenate(batches).by_time()
+    spans = sorted((int(batch.t_ns.min()), int(batch.t_ns.max())) for batch in batches)
+    if any(first[1] >= second[0] for first, second in pairwise(spans)):
+        columns = (frames.t_ns, frames.can_id, frames.flags, frames.bus, frames.length)
+        rows = [column.reshape(-1, 1).view(np.uint8) for column in columns]
+        whole = np.ascontiguousarray(np.hstack([*rows, frames.data]))
+        keys = whole.view(np.dtype((np.void, whole.shape[1]))).ravel()
+        frames = frames.select(np.sort(np.unique(keys, return_index=True)[1]))
+    return frames
+
+
+def frames_left_out(session: Session) -> tuple[str, ...]:
+    """Return the note on raw frames for a format that holds only decoded channels."""
+    count = sum(len(run.frames) for run in session.runs)
+    frames = counted(count, "raw frame is", "raw frames are")
+    return (f"{frames} left out: use mf4, blf, asc or log",) if count else ()
+
+
+def has(frames: FrameBatch, flag: FrameFlag) -> NDArray[np.bool_]:
+    """Return a mask of the frames that have a flag, (n,)."""
+    return np.asarray(frames.flags & flag != 0, np.bool_)
+
+
+def write_blf(session: Session, path: Path) -> tuple[str, ...]:
+    """Write a BLF log; time stamps exact to 1 ns.
+
+    Returns notes on the frames' contents that the format cannot hold.  Raises InputError if the
+    session has no frames.
+    """
+    frames = session_frames(session)
+    start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
+    with can.BLFWriter(path) as writer:
+        # Times count from a start in whole milliseconds, because seconds since 1970 in a float64
+        # have steps of 238 ns.
+        writer.start_timestamp = 0.0
+        for message in _messages(frames, start_ns):
+            writer.on_message_received(message)
+        writer.start_timestamp = start_ns * 1e-9
+        writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
+    n = int((has(frames, FrameFlag.ERROR) & has(frames, FrameFlag.TRANSMITTED)).sum())
+    return (f"BLF does not store who sent {counted(n, 'error frame')}",) if n else ()
+
+
+def write_asc(session: Session, path: Path) -> tuple[str, ...]:
+    """Write an ASC log; as `write_blf`, but with times in whole microseconds."""
+    frames = session_frames(session)
+    start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
+    start = datetime.fromtimestamp(start_ns // _NS_PER_MS / 1000)
+    with path.open("w", encoding="ascii", newline="\n") as stream, can.ASCWriter(stream) as writer:
+        # The writer's own head states the time of writing as the start of the measurement.
+        stream.seek(0)
+        stream.truncate()
+        day = f"{start:%a %b %d %H:%M:%S}.{start.microsecond // 1000:03d} {start:%Y}"
+        stream.write(f"date {day}\nbase hex  timestamps absolute\ninternal events logged\n")
+        stream.write(f"Begin Triggerblock {day}\n   0.000000 Start of measurement\n")
+        writer.header_written = True
+        for message in _messages(frames, start_ns):
+            writer.on_message_received(message)
+    return _lost_in_text(frames, "ASC")
+
+
+def write_candump(session: Session, path: Path) -> tuple[str, ...]:
+    """Write a log of candump; as `write_asc`."""
+    frames = session_frames(session)
+    with can.CanutilsLogWriter(path) as writer:
+        for message in _messages(frames, 0):
+            writer.on_message_received(message)
+    remote = int((has(frames, FrameFlag.REMOTE) & (frames.length > 0)).sum())
+    without_length = f"candump does not store the length of {counted(remote, 'remote frame')}"
+    return (*_lost_in_text(frames, "candump"), *((without_length,) if remote else ()))
+
+
+def _lost_in_text(frames: FrameBatch, name: str) -> tuple[str, ...]:
+    notes = [f"{name} rounds times to 1 µs"] if (frames.t_ns % _NS_PER_US).any() else []
+    errors = int(has(frames, FrameFlag.ERROR).sum())
+    if errors:
+        notes.append(f"{name} keeps only the times of {counted(errors, 'error frame')}")
+    return tuple(notes)
+
+
+def _messages(frames: FrameBatch, start_ns: int) -> Iterator[can.Message]:
+    """Yield frames as messages of python-can, stamped in seconds from `start_ns`."""
+    # Half a nanosecond is added, because the BLF writer truncates digits instead of rounding.
+    since_s = ((frames.t_ns - start_ns) + 0.5) * 1e-9
+    columns = (since_s, frames.can_id, frames.flags, frames.bus, frames.length)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    payload, width = frames.data.tobytes(), frames.data.shape[1]
+    for i, (time_s, can_id, flags, bus, length) in enumerate(rows):
+        remote = bool(flags & FrameFlag.REMOTE)
+        yield can.Message(
+            timestamp=time_s,
+            arbitration_id=can_id,
+            is_extended_id=bool(flags & FrameFlag.EXTENDED),
+            is_remote_frame=remote,
+            is_error_frame=bool(flags & FrameFlag.ERROR),
+            is_fd=bool(flags & FrameFlag.FD),
+            bitrate_switch=bool(flags & FrameFlag.BITRATE_SWITCH),
+            error_state_indicator=bool(flags & FrameFlag.ERROR_STATE),
+            is_rx=not flags & FrameFlag.TRANSMITTED,
+            channel=bus,
+            dlc=length,
+            data=None if remote else payload[i * width : i * width + length],
+        )
