@@ -73,7 +73,7 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
         bench = parse_bench(text, "bench.toml in the journal", Path(), dbc_text)
         check_runs(bench, recording.events, run_log)
         windows = [bench.trigger.window_ns(run.t_ns) for run in run_log.runs]
-        contents, frames = read_windows([info.path for info in infos], windows)
+        contents, frames = read_windows(segments, windows)
         loss = contents.lost.text if contents.lost.any else ""
         about = journal_provenance(recording.head, run_log, frames, loss)
         about |= {"dbc": dbc_text, "bench_toml": text}

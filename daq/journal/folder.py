@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import groupby, pairwise
 from pathlib import Path
 
@@ -50,9 +51,18 @@ def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
 def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     """Return the recordings of these segments, the oldest first.
 
-    Raises InputError if a file cannot be read or is not a journal, or none has a complete head.
+    A segment without a complete head is the last of the recording before it, so that a reader
+    counts what is lost with it.  Raises InputError if a file cannot be read or is not a journal,
+    or none has a complete head.
     """
-    return _grouped(scanned(segments))
+    infos = scanned(segments)
+    found = list(_grouped(infos))
+    for path in segments:
+        if path not in {info.path for info in infos}:
+            numbers = [segment_number(each.segments[0]) for each in found]
+            k = max(0, sum(number < segment_number(path) for number in numbers) - 1)
+            found[k] = replace(found[k], segments=(*found[k].segments, path))
+    return tuple(found)
 
 
 def last_recording(folder: Path) -> JournalTail | None:

@@ -1,9 +1,9 @@
 """Packs and unpacks the messages of the journal's MCAP files.
 
 A journal is a sequence of segments `journal_0001.mcap`, `journal_0002.mcap`...  Each begins with a
-metadata record and the texts of bench.toml and DBC as attachments, so that it can be read
-separately.  Every message has its number in the whole journal and a CRC: without chunks, MCAP
-itself does not detect a flipped bit.
+metadata record and the texts of bench.toml and DBC as attachments, all of them twice, so that it
+can be read separately, also after damage.  Every message has its number in the whole journal and a
+CRC: without chunks, MCAP itself does not detect a flipped bit.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ PROFILE = "bumpbench"
 FRAMES_TOPIC, EVENTS_TOPIC = "frames", "events"
 HEAD_RECORD, BENCH_NAME, DBC_NAME = "bumpbench", "bench.toml", "bench.dbc"
 
+_RECORD_CRC = "crc32"
 _CAMPAIGN, _BETWEEN = "campaign", "between"
 _CRC = struct.Struct("<I")
 _BLOCK = struct.Struct("<QII4Q")  # number, frames, payload width, HopLosses
@@ -72,7 +73,7 @@ class JournalHead:
 
 def head_record(head: JournalHead, segment: int) -> dict[str, str]:
     """Return the metadata of a segment; the texts are stored as attachments."""
-    return {
+    record = {
         "software": head.software,
         "wall_ns": str(head.wall_ns),
         "monotonic_ns": str(head.monotonic_ns),
@@ -84,18 +85,22 @@ def head_record(head: JournalHead, segment: int) -> dict[str, str]:
         "bench_crc32": str(zlib.crc32(head.bench_text.encode())),
         "dbc_crc32": str(zlib.crc32(head.dbc_text.encode())),
     }
+    return record | {_RECORD_CRC: str(zlib.crc32(_canonical(record)))}
 
 
-def parse_head(
-    record: dict[str, str], bench_text: bytes, dbc_text: bytes
-) -> tuple[JournalHead, int]:
+def parse_head(record: dict[str, str], texts: dict[int, bytes]) -> tuple[JournalHead, int] | None:
     """Return the head and the segment number in a record of `head_record`.
 
-    Raises ValueError or KeyError if a text was changed, or the record is from another program.
+    `texts`: the attachments that were read, by their CRC-32.  Returns None if one is missing.
+    Raises ValueError or KeyError if the record was changed, or is from another program.
     """
-    for name, text in (("bench_crc32", bench_text), ("dbc_crc32", dbc_text)):
-        if zlib.crc32(text) != int(record[name]):
-            raise ValueError(f"{name} does not fit")
+    content = {name: value for name, value in record.items() if name != _RECORD_CRC}
+    if len(content) < len(record) and int(record[_RECORD_CRC]) != zlib.crc32(_canonical(content)):
+        raise ValueError("checksum does not fit")  # older versions wrote none
+    bench_text = texts.get(int(record["bench_crc32"]))
+    dbc_text = texts.get(int(record["dbc_crc32"]))
+    if bench_text is None or dbc_text is None:
+        return None
     head = JournalHead(
         bench_text.decode(),
         dbc_text.decode(),

@@ -2,12 +2,14 @@
 
 A segment is an MCAP file without chunks: a magic number, then records of kind, length and content.
 Reading stops at the first incomplete record and at a hole, which a crash leaves instead of data
-that were not synced.  The memory needed is that of one block or one record.
+that were not synced; `candidates` finds where to go on after damage.  The memory needed is that of
+one block or one record.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import struct
 from collections.abc import Iterator
 from enum import IntEnum
@@ -31,6 +33,15 @@ head is needed."""
 _RECORD = struct.Struct("<BQ")  # kind, length
 _CHUNK = struct.Struct("<QQQI")  # start, stop, size, checksum of its messages
 _TEXT, _LONG = struct.Struct("<I"), struct.Struct("<Q")
+_START_BYTES = 64
+"""Number of bytes in which `_START` recognises a record, at most."""
+_START = re.compile(  # in a message the two times are equal
+    rb"(?=(?:\x05.{3}[\0-\4]\0{4}[\1\2]\0.{4}(.{8})\1"
+    rb"|\x09.{3}[\0-\4]\0{4}.{16}(?:\x0a\0\0\0bench\.toml|\x09\0\0\0bench\.dbc)"
+    rb"|\x0c.{3}[\0-\4]\0{4}(?:\x09\0\0\0bumpbench|\x11\0\0\0bumpbench_summary)))",
+    re.DOTALL,
+)
+"""Beginning of a message, an attachment or a metadata record of the recorder."""
 
 
 _CHUNK_KIND = 0x06
@@ -74,8 +85,8 @@ class SegmentFile:
         self.why_stopped = ""
         """Reason why `records` ended before the end of the file; empty if it did not."""
         start = self.read_at(0, len(MAGIC))
-        # A crash may leave a new file with zeros instead of its beginning.
-        if len(start) == len(MAGIC) and any(start) and start != MAGIC:
+        # A crash may leave a new file with zeros instead of its beginning; a byte may be damaged.
+        if len(start) == len(MAGIC) and any(start) and not differ_by_a_byte(start, MAGIC):
             self.close()
             raise InputError(str(path), "is not a journal", ADVICE)
 
@@ -95,13 +106,13 @@ class SegmentFile:
             offset, size = offset + len(part), size - len(part)
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
-    def records(self) -> Iterator[Record]:
-        """Yield the complete records in order, until the file ends or no record follows.
+    def records(self, start: int = len(MAGIC)) -> Iterator[Record]:
+        """Yield the complete records from an offset, until the file ends or no record follows.
 
         Raises InputError at a chunk: the recorder never writes one, and a small chunk may unpack to
         gigabytes.
         """
-        at = self.stop = len(MAGIC)
+        at = self.stop = start
         block, first, last = b"", at, at  # bytes of the file, and their offsets
         size, head_bytes, unpack_head = self.size, _RECORD.size, _RECORD.unpack_from
         while at < size:
@@ -134,6 +145,19 @@ class SegmentFile:
             at = self.stop = stop
             yield record
         self.why_stopped = ""
+
+    def candidates(self, start: int) -> Iterator[tuple[int, Record]]:
+        """Yield the offset of everything from `start` on that looks like a record, and the record.
+
+        Only a checksum shows whether it is one.
+        """
+        for first in range(start, self.size, _BLOCK_BYTES):
+            block = self.read_at(first, _BLOCK_BYTES + _START_BYTES)
+            for match in _START.finditer(block):
+                kind, length = _RECORD.unpack_from(block, match.start())
+                at = first + match.start()
+                if match.start() < _BLOCK_BYTES and at + _RECORD.size + length <= self.size:
+                    yield at, Record(kind, self.read_at(at + _RECORD.size, length))
 
     def close(self) -> None:
         """Close the file."""
@@ -189,13 +213,11 @@ def parse_attachment(content: bytes) -> tuple[str, bytes]:
     return name, content[at : at + length]
 
 
-def parse_channel(content: bytes) -> tuple[int, str]:
-    """Return number and topic of a channel record.
-
-    Raises ValueError if it is not one.
-    """
-    topic, _ = text_at(content, 4)  # after two numbers; the second is the schema's
-    return int.from_bytes(content[:2], "little"), topic
+def differ_by_a_byte(found: bytes, expected: bytes) -> bool:
+    """Return whether bytes are the expected ones, or one of them was damaged."""
+    if len(found) != len(expected):
+        return False
+    return sum(a != b for a, b in zip(found, expected, strict=True)) <= 1
 
 
 def _is_chunk(content: bytes) -> bool:

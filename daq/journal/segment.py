@@ -108,9 +108,10 @@ class Segment:
                 FRAMES_TOPIC: self._writer.register_channel(FRAMES_TOPIC, "bumpbench-frames-1", 0),
                 EVENTS_TOPIC: self._writer.register_channel(EVENTS_TOPIC, "json", 0),
             }
-            self._writer.add_metadata(HEAD_RECORD, record)
-            for name, text in ((BENCH_NAME, head.bench_text), (DBC_NAME, head.dbc_text)):
-                self._writer.add_attachment(0, head.wall_ns, name, "text/plain", text.encode())
+            for _ in range(2):  # one may be damaged
+                self._writer.add_metadata(HEAD_RECORD, record)
+                for name, text in ((BENCH_NAME, head.bench_text), (DBC_NAME, head.dbc_text)):
+                    self._writer.add_attachment(0, head.wall_ns, name, "text/plain", text.encode())
             file.sync()
             sync_folder(path.parent)
         except OSError:

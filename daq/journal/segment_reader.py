@@ -1,18 +1,15 @@
-"""Reads one segment once: its head, its blocks and its end."""
+"""Reads one segment once: its head, its blocks and its end, also past damaged records."""
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 from ..errors import InputError
 from .format import (
-    BENCH_NAME,
-    DBC_NAME,
-    EVENTS_TOPIC,
-    FRAMES_TOPIC,
     HEAD_RECORD,
     PROFILE,
     EventBlock,
@@ -24,18 +21,20 @@ from .format import (
 )
 from .records import (
     ADVICE,
+    MAGIC,
     Kind,
     Record,
     SegmentFile,
+    differ_by_a_byte,
     parse_attachment,
-    parse_channel,
     parse_metadata,
-    text_at,
 )
 
 _MESSAGE_BYTES = 22
 """Number of bytes of a message before its block: channel, sequence and two times, which are not
 used."""
+_EVENTS_BEGIN = b'{"crc32":'
+"""Beginning of the message of `pack_events`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +43,20 @@ class CorruptBlock:
 
     text: str
     """The fault in words."""
+
+
+class _Metadata(NamedTuple):
+    name: str
+    entries: dict[str, str]
+
+
+class _Text(NamedTuple):
+    """The content of an attachment."""
+
+    data: bytes
+
+
+_Item = FrameBlock | EventBlock | CorruptBlock | _Metadata | _Text
 
 
 class SegmentReader:
@@ -57,9 +70,7 @@ class SegmentReader:
     def __init__(self, path: Path) -> None:
         self.file = SegmentFile(path)
         self.sealed = False
-        self._records = self.file.records()
-        self._topics: dict[int, str] = {}
-        self._found_block = False
+        self._items = self._read_items()
         try:
             self.head = self._read_head()
         except InputError:
@@ -77,27 +88,14 @@ class SegmentReader:
 
         A segment that was not sealed ends with its last complete block.
         """
-        damaged = False
-        message, end = int(Kind.MESSAGE), int(Kind.DATA_END)
-        for record in self._records:
-            kind, content = record
-            if kind == end and len(content) == 4:
-                self.sealed = True
-                return  # the rest is an index for other tools
-            if damaged:
-                yield CorruptBlock("its kind was changed")
-            damaged = False
-            if kind == message:
-                yield self._block(content)
-            elif kind == Kind.METADATA:
-                # If no block follows, it is the segment's own summary, and no block is lost.
-                damaged = not _is_metadata(record)
-            else:
-                yield CorruptBlock("its kind was changed")
+        for item in self._items:
+            if not isinstance(item, _Metadata | _Text):
+                yield item
 
     def holds_blocks(self) -> bool:
         """Return whether there are blocks in a segment without a complete head."""
-        return self._found_block or any(r.kind == Kind.MESSAGE for r in self._records)
+        candidates = self.file.candidates(len(MAGIC))
+        return any(each.kind == Kind.MESSAGE and _is_whole(each) for _, each in candidates)
 
     @property
     def bytes_cut(self) -> int:
@@ -108,56 +106,102 @@ class SegmentReader:
         return file.size - file.stop
 
     def _read_head(self) -> tuple[JournalHead, int] | None:
-        metadata: dict[str, str] | None = None
-        texts: dict[str, bytes] = {}
-        try:
-            for record in self._records:
-                if record.kind == Kind.HEADER:
-                    self._check_profile(text_at(record.content, 0)[0])
-                elif record.kind == Kind.CHANNEL:
-                    number, topic = parse_channel(record.content)
-                    self._topics[number] = topic
-                elif record.kind == Kind.METADATA:
-                    name, entries = parse_metadata(record.content)
-                    metadata = entries if name == HEAD_RECORD else metadata
-                elif record.kind == Kind.ATTACHMENT:
-                    name, data = parse_attachment(record.content)
-                    texts[name] = data
-                elif record.kind in (Kind.MESSAGE, Kind.DATA_END):
-                    self._found_block = record.kind == Kind.MESSAGE
-                    return None
-                if metadata is not None and texts.keys() >= {BENCH_NAME, DBC_NAME}:
-                    return parse_head(metadata, texts[BENCH_NAME], texts[DBC_NAME])
-        except InputError:
-            raise
-        except (ValueError, KeyError):
-            return None  # damaged
+        """Return the first head that is whole, made of the parts of both copies if need be."""
+        records: list[dict[str, str]] = []
+        texts: dict[int, bytes] = {}
+        for item in self._items:
+            if isinstance(item, _Metadata) and item.name == HEAD_RECORD:
+                records.append(item.entries)
+            elif isinstance(item, _Text):
+                texts[zlib.crc32(item.data)] = item.data
+            elif isinstance(item, FrameBlock | EventBlock):
+                return None
+            for record in records:
+                try:
+                    if head := parse_head(record, texts):
+                        return head
+                except (ValueError, KeyError):
+                    continue  # damaged
         return None
 
-    def _check_profile(self, profile: str) -> None:
-        if profile != PROFILE:
+    def _read_items(self) -> Iterator[_Item]:
+        """Yield what each record holds; after damage, from the next record that is whole.
+
+        The length of a damaged record cannot be believed.
+        """
+        file, start = self.file, len(MAGIC)  # `start`: where the last record that is whole ends
+        following: int | None = start
+        while following is not None:
+            begin, fault = following, ""
+            kind = -1
+            for record in file.records(following):
+                kind = record.kind
+                if kind == Kind.DATA_END and len(record.content) == 4 and begin == start:
+                    self.sealed = True
+                    return  # the rest is an index for other tools
+                if start == len(MAGIC) and kind in (Kind.HEADER, Kind.CHANNEL):
+                    self._check_profile(record)
+                    begin = file.stop
+                    continue
+                try:
+                    item = _parsed(record)
+                except ValueError as error:
+                    fault = str(error)
+                    break
+                begin = start = file.stop
+                yield item
+            if not fault and file.why_stopped != "torn":
+                return
+            stop, why_stopped = file.stop, file.why_stopped
+            following = next(
+                (at for at, each in file.candidates(start + 1) if _is_whole(each)), None
+            )
+            if following is not None:
+                start = following
+                yield CorruptBlock(fault or why_stopped)
+            elif fault:
+                # If no block follows, metadata are the segment's own summary: no block is lost.
+                if kind != Kind.METADATA:
+                    yield CorruptBlock(fault)
+                end = next(file.records(stop), None)
+                self.sealed = end is not None and end.kind == Kind.DATA_END
+                file.stop = stop
+
+    def _check_profile(self, header: Record) -> None:
+        """Raise InputError at the header of another program's file."""
+        profile = header.content[4 : 4 + len(PROFILE)]
+        if header.kind == Kind.HEADER and not differ_by_a_byte(profile, PROFILE.encode()):
             what = "is an MCAP file of another program"
             raise InputError(str(self.file.path), what, ADVICE)
-
-    def _block(self, content: bytes) -> FrameBlock | EventBlock | CorruptBlock:
-        topic = self._topics.get(int.from_bytes(content[:2], "little"))
-        message = memoryview(content)[_MESSAGE_BYTES:]
-        try:
-            if topic == FRAMES_TOPIC:
-                return check_frames(message)
-            if topic == EVENTS_TOPIC:
-                return unpack_events(bytes(message))
-        except ValueError as error:
-            return CorruptBlock(str(error))
-        return CorruptBlock("no such channel")
 
 
 _METADATA, _DATA_END = bytes([Kind.METADATA]), bytes([Kind.DATA_END])
 
 
-def _is_metadata(record: Record) -> bool:
+def _parsed(record: Record) -> FrameBlock | EventBlock | _Metadata | _Text:
+    """Return what a record between the header and the end holds.
+
+    Raises ValueError if it was changed.
+    """
+    kind, content = record
+    if kind == Kind.MESSAGE:
+        message = memoryview(content)[_MESSAGE_BYTES:]
+        if message[: len(_EVENTS_BEGIN)] == _EVENTS_BEGIN:
+            return unpack_events(bytes(message))
+        return check_frames(message)
     try:
-        parse_metadata(record.content)
+        if kind == Kind.METADATA:
+            return _Metadata(*parse_metadata(content))
+        if kind == Kind.ATTACHMENT:
+            return _Text(parse_attachment(content)[1])
+    except ValueError:
+        pass
+    raise ValueError("its kind was changed")
+
+
+def _is_whole(record: Record) -> bool:
+    try:
+        _parsed(record)
     except ValueError:
         return False
     return True

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from daq import write_session
 from daq.journal.folder import segments_in
+from daq.journal.reader import read_journal
 from tests.daq.crash_derive import journal_of_runs
 from tests.daq.small_campaign import LABELS
 from tests.daq.small_session import small_session
@@ -38,6 +40,46 @@ def test_a_loss_is_reported_exactly_and_is_exit_3(
     assert "bytes torn" in reported
     assert (tmp_path / "session_0001.h5").is_file()
     assert first.is_file()
+
+
+def test_a_flipped_bit_is_harmless_or_counted_and_whole_blocks_come_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    journal_of_runs(tmp_path / "journal", 8000)
+    segments = segments_in(tmp_path / "journal")
+    recorded = read_journal(segments).frames.t_ns
+    command = ["recover", str(tmp_path), "--force", "--json"]
+    assert run(command) == 0
+    session = (tmp_path / "session_0001.h5").read_bytes()
+    capsys.readouterr()
+    rng = np.random.default_rng(41)
+    for k in range(40):
+        path = segments[rng.integers(len(segments))]
+        content = path.read_bytes()
+        changed = bytearray(content)  # every second in what a segment needs to be read
+        changed[rng.integers(17_000 if k % 2 else len(content))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(changed)
+        code = run(command)
+        assert code == (3 if json.loads(capsys.readouterr().out)["loss"] else 0)
+        frames = read_journal(segments).frames.t_ns
+        assert np.isin(frames, recorded).all()
+        assert len(recorded) - len(frames) in ((0,) if code == 0 or k % 2 else (0, 1600))
+        if code == 0:
+            assert (tmp_path / "session_0001.h5").read_bytes() == session
+        path.write_bytes(content)
+
+
+@pytest.mark.parametrize("start", [b"\0" * 8, b"\x89MCAP0\r\n\xa5"])
+def test_a_segment_that_cannot_be_read_is_a_counted_loss(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], start: bytes
+) -> None:
+    journal_of_runs(tmp_path / "journal", 40_000)
+    *_, last = segments_in(tmp_path / "journal")
+    content = last.read_bytes()
+    last.write_bytes(start + start[-1:] * 19_000 + content[len(start) + 19_000 :])
+    assert run(["recover", str(tmp_path), "--json"]) == 3
+    loss = json.loads(capsys.readouterr().out)["loss"]
+    assert f"{last.name}: has no complete beginning" in loss
 
 
 def test_two_recordings_make_two_sessions_and_no_single_file(

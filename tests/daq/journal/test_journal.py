@@ -158,8 +158,8 @@ def test_a_byte_changed_anywhere_in_the_last_block_is_noticed_or_harmless(tmp_pa
                 assert_same(contents.frames, block(0))
             else:
                 assert_same(contents.frames, all_frames)
-                # MCAP's own sequence number and times, which we do not use
-                assert before + 9 + 2 <= at < before + 9 + 22
+                # MCAP's own channel, sequence number and times, which we do not use
+                assert before + 9 <= at < before + 9 + 22
 
 
 def test_a_journal_cut_within_its_beginning_holds_nothing_and_says_so(tmp_path: Path) -> None:
@@ -167,7 +167,7 @@ def test_a_journal_cut_within_its_beginning_holds_nothing_and_says_so(tmp_path: 
         (path,) = tmp_path.iterdir()
         whole = path.read_bytes()
         journal.append(FrameBatch.empty(), HopLosses())
-    for size in range(len(whole)):
+    for size in range(len(whole) // 2):  # all of it is there twice
         journal.paths[0].write_bytes(whole[:size])
         with pytest.raises(InputError, match="holds no recording"):
             read_journal(journal.paths)
@@ -207,7 +207,7 @@ def test_blocks_lost_between_others_are_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut", [0, 1, 60])
-@pytest.mark.parametrize("writes", range(9, 16))
+@pytest.mark.parametrize("writes", range(12, 19))
 def test_a_write_that_fails_starts_a_new_file_and_loses_nothing(
     tmp_path: Path, writes: int, cut: int
 ) -> None:
@@ -295,5 +295,5 @@ def test_any_mcap_tool_can_read_what_the_journal_writes(tmp_path: Path) -> None:
     with journal.paths[0].open("rb") as file:
         kinds = [type(r).__name__ for r in StreamReader(file, validate_crcs=True).records]
     assert kinds.count("Message") == 2
-    assert kinds.count("Attachment") == 2
+    assert kinds.count("Attachment") == 4  # each text twice
     assert kinds[-1] == "Footer"

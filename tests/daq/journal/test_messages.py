@@ -30,7 +30,6 @@ from daq.journal.records import (
     MAGIC,
     SegmentFile,
     parse_attachment,
-    parse_channel,
     parse_metadata,
     text_at,
 )
@@ -75,10 +74,6 @@ def test_the_data_of_an_attachment() -> None:
             parse_attachment(odd)
 
 
-def test_number_and_topic_of_a_channel() -> None:
-    assert parse_channel(b"\1\2\3\4" + _text("frames")) == (0x0201, "frames")
-
-
 def _resealed(body: bytes) -> bytes:
     return struct.pack("<I", zlib.crc32(body)) + body
 
@@ -119,21 +114,25 @@ def _head(**changes: Any) -> JournalHead:
 
 
 def test_the_head_of_a_segment_comes_back_and_its_texts_are_checked() -> None:
-    head = _head()
-    record = head_record(head, 9)
-    assert parse_head(record, "bench µ".encode(), b"dbc") == (head, 9)
-    campaign = _head(campaign=True)
-    assert parse_head(head_record(campaign, 1), "bench µ".encode(), b"dbc")[0] == campaign
-    for bench, dbc, name in ((b"bench", b"dbc", "bench_crc32"), ("bench µ".encode(), b"", "dbc_c")):
-        with pytest.raises(ValueError, match=name):
-            parse_head(record, bench, dbc)
+    texts = {zlib.crc32(text): text for text in ("bench µ".encode(), b"dbc", b"other")}
+    for head in (_head(), _head(campaign=True)):
+        record = head_record(head, 9)
+        assert parse_head(record, texts) == (head, 9)
+    for text in ("bench µ".encode(), b"dbc"):
+        without = {crc: each for crc, each in texts.items() if each != text}
+        assert parse_head(record, without) is None
+    for name in record.keys() - {"crc32"}:
+        with pytest.raises(ValueError, match="checksum does not fit"):
+            parse_head({**record, name: record[name] + "1"}, texts)
 
 
 def test_the_head_of_an_older_version_is_that_of_a_real_campaign() -> None:
     record = head_record(_head(), 9)
-    for name in ("recording", "first_segment", "span", "origin"):
+    for name in ("recording", "first_segment", "span", "origin", "crc32"):
         del record[name]
-    found, _ = parse_head(record, "bench µ".encode(), b"dbc")
+    read = parse_head(record, {zlib.crc32(text): text for text in ("bench µ".encode(), b"dbc")})
+    assert read is not None
+    found, _ = read
     assert (found.recording, found.first_segment, found.campaign) == ("", 0, True)
     assert found.origin == "real"
     assert found.identity == "11+22"

@@ -17,7 +17,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.disk_space import Room
 from daq.journal.folder import last_recording, recordings, segments_in
-from daq.journal.format import PROFILE, JournalHead, pack_events, unpack_events
+from daq.journal.format import PROFILE, JournalHead, pack_events, pack_frames, unpack_events
 from daq.journal.segment_reader import SegmentReader
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
@@ -137,7 +137,7 @@ def test_a_file_without_a_head_is_worth_something_if_blocks_are_in_it(
     writer.start(PROFILE, "test")
     channel = writer.register_channel("frames", "bumpbench-frames-1", 0)
     for _ in range(blocks):
-        writer.add_message(channel, 0, b"", 0)
+        writer.add_message(channel, 0, pack_frames(0, block(0, 10), HopLosses()), 0)
     writer.finish()
     with SegmentReader(path) as segment:
         assert segment.head is None

@@ -90,7 +90,9 @@ def test_a_block_whose_kind_was_changed_costs_that_block_alone(tmp_path: Path, k
     assert (info.stop, info.frames) == (3, 200)
 
 
-@pytest.mark.parametrize(("size", "found"), [(67_108_864, "no such channel"), (67_108_865, "torn")])
+@pytest.mark.parametrize(
+    ("size", "found"), [(67_108_864, "checksum does not"), (67_108_865, "torn")]
+)
 def test_a_record_has_64_mib_at_most(tmp_path: Path, size: int, found: str) -> None:
     path, (*_, end) = segment(tmp_path)
     with path.open("ab") as file:
