@@ -16,7 +16,7 @@ from daq import InputError, Session, write_session
 from daq.channels import Channel, Quantity
 from daq.formats.export import ExportFormat, ModeShapes, export_session
 from daq.runs import SampleGroup
-from daq.vehicle import Corner, VehicleGeometry
+from daq.vehicle import Corner, Fact, VehicleGeometry
 from tui.cli import run
 
 from ..daq.small_session import START_NS, small_session
@@ -172,11 +172,15 @@ def test_uff(tmp_path: Path) -> None:
     """Kinds of the format: 0 unknown, 8 displacement, 11 velocity, 12 acceleration, 17 time."""
     hub, imu = SESSION.runs[0].groups
     imu = replace(imu, values={**imu.values, "s": np.array([1.0, 2.0, 3.0]), "v": np.arange(3.0)})
+    imu = replace(imu, values={**imu.values, "cg": np.ones(3), "roll": np.zeros(3)})
     travel = Channel("s", Quantity.SUSPENSION_TRAVEL, "m", corner=Corner.FRONT_RIGHT)
     unused = Channel("v", Quantity.UNUSED, "V")
-    session = replace(of_group(hub, imu), channels=(*SESSION.channels, travel, unused))
+    cg = Channel("cg", Quantity.BODY_ACCELERATION, at_cg=True)
+    roll = Channel("roll", Quantity.ROLL_ACCELERATION, "rad/s2")
+    channels = (*SESSION.channels, travel, unused, cg, roll)
+    session = replace(of_group(hub, imu), channels=channels)
     path = exported(session, tmp_path / "car.uff")
-    units, nodes, *lines, fl, fr, az, pitch, s, v = pyuff.UFF(str(path)).read_sets()
+    units, nodes, *lines, fl, fr, az, pitch, s, v, cg_z, x = pyuff.UFF(str(path)).read_sets()
     assert (units["type"], units["units_code"], units["length"], units["force"]) == (164, 1, 1, 1)
     labels = [int(label) for label in nodes["node_nums"]]
     places = dict(zip(labels, zip(nodes["x"], nodes["y"], nodes["z"], strict=True), strict=True))
@@ -211,14 +215,16 @@ def test_uff(tmp_path: Path) -> None:
     assert (pitch["rsp_node"], pitch["rsp_dir"], pitch["ordinate_spec_data_type"]) == (5, 5, 11)
     assert (s["rsp_node"], s["ref_node"], s["ordinate_spec_data_type"]) == (12, 2, 8)
     assert (v["rsp_node"], v["rsp_dir"], v["ordinate_spec_data_type"]) == (0, 0, 0)
+    assert (cg_z["rsp_node"], cg_z["rsp_dir"]) == (5, 3)
+    assert (x["rsp_node"], x["rsp_dir"], x["ordinate_spec_data_type"]) == (5, 4, 12)
     raw = path.read_bytes()
     sizes = [int(line[31:43]) for line in raw.split(b"\n") if line.startswith(b"    58b")]
-    assert sizes == [500 * 16, 499 * 16, 24, 24, 24, 24]
+    assert sizes == [500 * 16, 499 * 16, *[24] * 6]
 
 
 def test_modes_of_a_car_that_turns_about_y(tmp_path: Path) -> None:
-    """A rigid body that turns about y: z = -(x + a), with a = 1.25 m."""
-    turning = np.array([[0.0], [1.0 + 2.0j], [0.0], [1.0], [2.0], [3.0], [4.0j]])
+    """A rigid body that turns about y and x: z = -(x + a) theta + y phi, with a = 1.25 m."""
+    turning = np.array([[0.0], [1.0 + 2.0j], [10.0], [1.0], [2.0], [3.0], [4.0j]])
     geometry = SESSION.vehicle.geometry
     assert geometry is not None
     modes = ModeShapes("added", geometry, np.array([-3.0 + 4.0j]), turning)
@@ -229,9 +235,10 @@ def test_modes_of_a_car_that_turns_about_y(tmp_path: Path) -> None:
     assert mode["id2"].strip() == "0.79577 Hz, damping 0.6"  # 5 rad/s, 3 of them real
     shape = dict(zip(mode["node_nums"].tolist(), mode["r3"], strict=True))
     hubs = {11: 1.0, 12: 2.0, 13: 3.0, 14: 4.0j}
-    body = {1: -1.25, 2: -1.25, 3: 1.51, 4: 1.51, 5: 0.0, 103: -0.25}
-    for node, motion in (hubs | {n: z * (1 + 2j) for n, z in body.items()}).items():
-        assert_allclose(shape[node], motion, atol=1e-5)
+    body = {1: (-1.25, 0.74), 2: (-1.25, -0.74), 4: (1.51, -0.75), 5: (0, 0), 103: (-0.25, 0.1)}
+    turned = {node: z * (1 + 2j) + 10.0 * y for node, (z, y) in body.items()}
+    for node, motion in (hubs | turned).items():
+        assert_allclose(shape[node], motion, rtol=1e-5, atol=1e-5)
     assert not np.any([mode["r1"], mode["r2"]])  # up and down alone
 
 
@@ -242,6 +249,15 @@ def test_uff_of_a_car_that_was_not_measured(
     path = exported(unknown, tmp_path / "car.unv")
     assert "wheel positions are not known" in capsys.readouterr().err
     assert set(pyuff.UFF(str(path)).get_set_types().tolist()) == {164, 58}
+    lengths = (Fact("wheelbase_m", 2.75, 0.01), Fact("front_track_m", 1.48, 0.01))
+    rear = Fact("rear_track_m", 1.52, 0.01)
+    for facts, known in ((lengths, False), ((*lengths, rear), True)):
+        stated = replace(unknown, vehicle=replace(unknown.vehicle, facts=facts))
+        export_session(stated, path, ExportFormat.UFF, force=True)
+        assert (15 in pyuff.UFF(str(path)).get_set_types()) is known
+    nodes = pyuff.UFF(str(path)).read_sets(1)
+    assert nodes["node_nums"] == [1, 2, 3, 4, 11, 12, 13, 14, 103]  # without the CG
+    assert (nodes["x"][7], nodes["y"][7]) == (-2.75, -0.76)
     identified = ModeShapes(
         "baseline", VehicleGeometry(1.0, 1.5, 0.7, 0.8), np.array([1j]), np.ones((7, 1), complex)
     )

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import can
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +16,9 @@ from dbc.words import counted
 
 from ...errors import InputError
 from ...sessions import Session
+
+if TYPE_CHECKING:
+    import can
 
 _NS_PER_MS, _NS_PER_US = 1_000_000, 1000
 
@@ -58,6 +61,8 @@ def write_blf(session: Session, path: Path) -> tuple[str, ...]:
     Returns notes on the frames' contents that the format cannot hold.  Raises InputError if the
     session has no frames.
     """
+    import can
+
     frames = session_frames(session)
     start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
     with can.BLFWriter(path) as writer:
@@ -74,6 +79,8 @@ def write_blf(session: Session, path: Path) -> tuple[str, ...]:
 
 def write_asc(session: Session, path: Path) -> tuple[str, ...]:
     """Write an ASC log; as `write_blf`, but with times in whole microseconds."""
+    import can
+
     frames = session_frames(session)
     start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
     start = datetime.fromtimestamp(start_ns // _NS_PER_MS / 1000)
@@ -92,6 +99,8 @@ def write_asc(session: Session, path: Path) -> tuple[str, ...]:
 
 def write_candump(session: Session, path: Path) -> tuple[str, ...]:
     """Write a log of candump; as `write_asc`."""
+    import can
+
     frames = session_frames(session)
     with can.CanutilsLogWriter(path) as writer:
         for message in _messages(frames, 0):
@@ -111,6 +120,8 @@ def _lost_in_text(frames: FrameBatch, name: str) -> tuple[str, ...]:
 
 def _messages(frames: FrameBatch, start_ns: int) -> Iterator[can.Message]:
     """Yield frames as messages of python-can, stamped in seconds from `start_ns`."""
+    import can
+
     # Half a nanosecond is added, because the BLF writer truncates digits instead of rounding.
     since_s = ((frames.t_ns - start_ns) + 0.5) * 1e-9
     columns = (since_s, frames.can_id, frames.flags, frames.bus, frames.length)

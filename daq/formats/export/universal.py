@@ -22,7 +22,7 @@ from ...errors import printable
 from ...runs import Run, SampleGroup
 from ...sessions import Session
 from ...vehicle import VehicleGeometry
-from .car_nodes import CarNodes, Place, car_lines, car_nodes, place_of, vertical_motion
+from .car_nodes import LINES, Nodes, car_nodes, place_of, vertical_motion
 from .frames import frames_left_out
 
 _BEGIN = "    -1"
@@ -55,23 +55,25 @@ def write_uff(session: Session, modes: Sequence[ModeShapes], path: Path) -> tupl
     if modes and vehicle.geometry is None:
         vehicle = replace(vehicle, geometry=modes[0].geometry)
     nodes = car_nodes(vehicle, session.channels)
-    if nodes is None:
+    if not nodes:
         notes.append("nodes and lines are left out: wheel positions are not known (--modes)")
     missing = 0
     with path.open("wb") as stream:
         stream.write(_units())
-        if nodes is not None:
+        if nodes:
             stream.write(_nodes(nodes))
-            for number, (name, line) in enumerate(car_lines(), start=1):
+            for number, (name, line) in enumerate(LINES.items(), start=1):
                 stream.write(_line(number, name, line))
         for run in session.runs:
             for group in run.groups:
-                for record, count in _records(run, group, session.channels):
-                    stream.write(record)
-                    missing += count
-        for state in modes:
-            if nodes is not None:
-                stream.writelines(_modes(state, nodes, session.vehicle.name))
+                for number, channel in enumerate(session.channels):
+                    values = group.values.get(channel.name)
+                    if values is None or np.isfinite(values).sum() < 2:
+                        continue
+                    stream.write(_record(run, group, channel, place_of(number, channel)))
+                    missing += int(np.sum(~np.isfinite(values)))
+        for state in modes if nodes else ():
+            stream.writelines(_modes(state, nodes, session.vehicle.name))
     if missing:
         notes.append(
             f"{counted(missing, 'missing sample is', 'missing samples are')} left out: "
@@ -82,8 +84,9 @@ def write_uff(session: Session, modes: Sequence[ModeShapes], path: Path) -> tupl
 
 def _block(lines: Sequence[str], tail: bytes = b"") -> bytes:
     """Return a dataset between its delimiters."""
-    head = "\n".join(line.rstrip() if "\n" in line else line for line in [_BEGIN, *lines])
-    return f"{head}\n".encode("ascii", "replace") + tail + f"{_BEGIN}\n".encode("ascii")
+    return "".join(f"{line}\n" for line in [_BEGIN, *lines]).encode("ascii", "replace") + (
+        tail + f"{_BEGIN}\n".encode()
+    )
 
 
 def _text(text: str) -> str:
@@ -103,11 +106,11 @@ def _units() -> bytes:
     )
 
 
-def _nodes(nodes: CarNodes) -> bytes:
+def _nodes(nodes: Nodes) -> bytes:
     """Dataset 15: nodes. (4I10,1P3E13.5)."""
     rows = [
         f"{label:10d}{0:10d}{0:10d}{0:10d}" + "".join(f"{x:13.5E}" for x in place)
-        for label, place in zip(nodes.labels.tolist(), nodes.positions_m.tolist(), strict=True)
+        for label, place in nodes.items()
     ]
     return _block([f"{15:6d}", *rows])
 
@@ -118,33 +121,16 @@ def _line(number: int, name: str, nodes: Sequence[int]) -> bytes:
     return _block([f"{82:6d}{'':74}", f"{number:10d}{len(nodes):10d}{0:10d}", _text(name), *rows])
 
 
-def _records(
-    run: Run, group: SampleGroup, channels: Sequence[Channel]
-) -> Iterator[tuple[bytes, int]]:
-    """Yield dataset 58 of each channel of a group, and the number of its missing samples."""
-    numbered = {channel.name: (i, channel) for i, channel in enumerate(channels)}
-    for name, values in group.values.items():
-        number, channel = numbered[name]
-        there = np.isfinite(values)
-        if np.sum(there) >= 2:
-            place = place_of(number, channel)
-            record = _record(run, group.name, channel, place, group.time_s[there], values[there])
-            yield record, int(np.sum(~there))
-
-
-def _record(
-    run: Run,
-    group: str,
-    channel: Channel,
-    place: Place,
-    time_s: NDArray[np.float64],
-    values: NDArray[np.float64],
-) -> bytes:
-    """Dataset 58b: a function at a degree of freedom, binary.
+def _record(run: Run, group: SampleGroup, channel: Channel, place: tuple[int, int, int]) -> bytes:
+    """Dataset 58b: a function at a degree of freedom, binary, without its missing samples.
 
     (I6,1A1,2I6,2I12,4I..), 5 x (80A1), 2(I5,I10),2(1X,10A1,I10,I4), (3I10,3E13.5),
     4 x (I10,3I5,2(1X,20A1)), then the data.
     """
+    node, direction, against = place
+    values = group.values[channel.name]
+    there = np.isfinite(values)
+    time_s, values = group.time_s[there], values[there]
     start, step = time_s[0], (time_s[-1] - time_s[0]) / (len(time_s) - 1)
     # The head has only six digits; if these do not give the times, every sample has its own.
     start, step = float(f"{start:13.5e}"), float(f"{step:13.5e}")
@@ -158,12 +144,12 @@ def _record(
     head = [
         f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(tail):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
         _text(channel.name),
-        _text(f"{run.label} {group} ({run.status})"),
+        _text(f"{run.label} {group.name} ({run.status})"),
         _text(f"{when:%d-%b-%y %H:%M:%S}".upper()),
         _text(f"mass state {run.mass_state}, {run.excitation}, repeat {run.repeat}"),
         _text(channel.signal),
-        f"{1:5d}{0:10d}{0:5d}{0:10d} {entity or 'NONE':<10}{place.node:10d}{place.direction:4d}"
-        f" {'NONE':<10}{place.against:10d}{place.direction if place.against else 0:4d}",
+        f"{1:5d}{0:10d}{0:5d}{0:10d} {entity or 'NONE':<10}{node:10d}{direction:4d}"
+        f" {'NONE':<10}{against:10d}{direction if against else 0:4d}",
         f"{4:10d}{len(values):10d}{even:10d}{even * start:13.5e}{even * step:13.5e}{0.0:13.5e}",
         _axis(_TIME, "time", "s"),
         _axis(kind, str(channel.quantity), channel.unit),
@@ -177,15 +163,15 @@ def _axis(kind: int, label: str, unit: str) -> str:
     return f"{kind:10d}{0:5d}{0:5d}{0:5d} {label[:20]:<20} {unit[:20] or 'NONE':<20}"
 
 
-def _modes(state: ModeShapes, nodes: CarNodes, vehicle: str) -> Iterator[bytes]:
+def _modes(state: ModeShapes, nodes: Nodes, vehicle: str) -> Iterator[bytes]:
     """Yield dataset 55 of each mode: complex shapes at the nodes, first order.
 
     5 x (80A1), (6I10), (4I10), (6E13.5), then per node (I10), (6E13.5).
     """
-    motion = vertical_motion(nodes, state.shapes, state.geometry)
     for i, pole in enumerate(state.poles.tolist()):
         rows = []
-        for label, z in zip(nodes.labels.tolist(), motion[:, i].tolist(), strict=True):
+        motion = vertical_motion(nodes, state.shapes[:, i], state.geometry)
+        for label, z in motion.items():
             cells = (0.0, 0.0, 0.0, 0.0, z.real, z.imag)
             rows += [f"{label:10d}", "".join(f"{cell:13.5e}" for cell in cells)]
         yield _block(
