@@ -56,6 +56,7 @@ class _Text(NamedTuple):
     data: bytes
 
 
+_BLOCKS = (FrameBlock, EventBlock, CorruptBlock)
 _Item = FrameBlock | EventBlock | CorruptBlock | _Metadata | _Text
 
 
@@ -89,7 +90,7 @@ class SegmentReader:
         A segment that was not sealed ends with its last complete block.
         """
         for item in self._items:
-            if not isinstance(item, _Metadata | _Text):
+            if isinstance(item, _BLOCKS):
                 yield item
 
     def holds_blocks(self) -> bool:
@@ -131,12 +132,12 @@ class SegmentReader:
         """
         file, start = self.file, len(MAGIC)  # `start`: where the last record that is whole ends
         following: int | None = start
+        end = int(Kind.DATA_END)  # comparing with a Kind takes longer
         while following is not None:
-            begin, fault = following, ""
-            kind = -1
+            begin, fault, kind = following, "", -1
             for record in file.records(following):
                 kind = record.kind
-                if kind == Kind.DATA_END and len(record.content) == 4 and begin == start:
+                if kind == end and len(record.content) == 4 and begin == start:
                     self.sealed = True
                     return  # the rest is an index for other tools
                 if start == len(MAGIC) and kind in (Kind.HEADER, Kind.CHANNEL):
@@ -163,8 +164,8 @@ class SegmentReader:
                 # If no block follows, metadata are the segment's own summary: no block is lost.
                 if kind != Kind.METADATA:
                     yield CorruptBlock(fault)
-                end = next(file.records(stop), None)
-                self.sealed = end is not None and end.kind == Kind.DATA_END
+                last = next(file.records(stop), None)
+                self.sealed = last is not None and last.kind == end
                 file.stop = stop
 
     def _check_profile(self, header: Record) -> None:
@@ -185,10 +186,9 @@ def _parsed(record: Record) -> FrameBlock | EventBlock | _Metadata | _Text:
     """
     kind, content = record
     if kind == Kind.MESSAGE:
-        message = memoryview(content)[_MESSAGE_BYTES:]
-        if message[: len(_EVENTS_BEGIN)] == _EVENTS_BEGIN:
-            return unpack_events(bytes(message))
-        return check_frames(message)
+        if content.startswith(_EVENTS_BEGIN, _MESSAGE_BYTES):
+            return unpack_events(content[_MESSAGE_BYTES:])
+        return check_frames(memoryview(content)[_MESSAGE_BYTES:])
     try:
         if kind == Kind.METADATA:
             return _Metadata(*parse_metadata(content))
