@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from daq.files import write_named
 from dbc import InputError
 
-from .endings import require_ending
+from .diagnostics import require_ending
 
 if TYPE_CHECKING:
     from identify import Document

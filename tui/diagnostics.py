@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from enum import IntEnum
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from dbc import BumpbenchError, Codec, InputError
 
+PAGES = (".html", ".htm")
+"""Endings of pages."""
+SHEETS = (".pdf",)
+"""Endings of printed reports."""
+
+PROMETHEUS = (".prom",)
+"""Ending of the files that its node exporter reads."""
 _NAMED = 5
 _NO_CHOICE = re.compile(r"'([^']*)' is not one of (.*)")
 _CHOICE = re.compile(r"'([^']*)'")
@@ -57,6 +65,18 @@ def unknown_value(option: str, given: str, noun: str, choices: Sequence[str]) ->
     near = _nearest(given, choices)
     advice = f"did you mean {near}? There are" if near else "there are"
     return InputError(option, f"{given!r} is not a {noun}", f"{advice} {', '.join(choices)}")
+
+
+def require_ending(path: Path, noun: str, endings: Collection[str]) -> None:
+    """Raise InputError if a file to write has an ending of something else.
+
+    A session or a bench.toml that is named by mistake is then not overwritten.
+    """
+    from dbc import InputError
+
+    if path.suffix.lower() not in endings:
+        advice = f"end its name in {', '.join(endings)}"
+        raise InputError(str(path), f"is not a known form of {noun}", advice)
 
 
 def _nearest(given: str, choices: Sequence[str]) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from copy import copy
 from functools import cache
 from inspect import getdoc
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -69,12 +70,9 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
         _discard_output()  # its reader has gone, so the command may end
         return ExitCode.OK
     except Exception as error:
-        if isinstance(error, (ImportError, AttributeError)):
-            from .ownership import foreign_package
-
-            if line := foreign_package():
-                sys.stderr.write(f"bumpbench: error: {line}\n")  # our own dbc may be hidden
-                return ExitCode.BAD_INPUT
+        if isinstance(error, (ImportError, AttributeError)) and (line := foreign_package()):
+            sys.stderr.write(f"bumpbench: error: {line}\n")  # our own dbc may be hidden
+            return ExitCode.BAD_INPUT
         from dbc import BumpbenchError, InputError  # this loads NumPy, which --help does not need
 
         if isinstance(error, BumpbenchError):
@@ -117,3 +115,26 @@ def _refused_output() -> str:
 
 def _discard_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def foreign_package() -> str:
+    """Return in one line which package name another distribution has, and what to do; else "".
+
+    The index has an `identify`.
+    """
+    from importlib.metadata import packages_distributions
+    from importlib.util import find_spec
+
+    root = Path(__file__).resolve().parents[1]
+    owners = packages_distributions()
+    for name in ("dbc", "daq", "identify", "tui"):
+        spec = find_spec(name)
+        found = Path(spec.origin).resolve() if spec and spec.origin else None
+        others = [owner for owner in owners.get(name, []) if owner != "bumpbench"]
+        if others or (found is not None and found.parents[1] != root):
+            whose = f"the distribution {others[0]}" if others else "something else"
+            return (
+                f"package {name}: {whose} has that name, too ({found}) (uninstall or move it, then"
+                " install bumpbench again; both work in separate environments)"
+            )
+    return ""

@@ -1,4 +1,4 @@
-"""Asks in the terminal about uncertain parts of a proposal, until all are answered or skipped."""
+"""Asks in the terminal about uncertain parts of a proposal, and writes it with the rest."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import sys
 import textwrap
 import tomllib
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .diagnostics import say
@@ -18,6 +19,19 @@ if TYPE_CHECKING:
 _ANSWER_WIDTH = 12
 """Columns that a question leaves free for its answer."""
 _TO_FILL_IN = re.compile(r"(\w+) = (\S.*?)  # FILL IN(?:: (.*))?")
+
+
+def write_proposal(proposal: Proposal, target: Path) -> None:
+    """Write a proposal and print its questions.
+
+    Raises InputError if the file cannot be written.
+    """
+    from daq.files import write_named
+
+    write_named(target, proposal.text.encode())
+    say(f"wrote {target}: read it, and fill in what is marked")
+    for question in proposal.questions:
+        say(f"? {question}")
 
 
 def is_asked() -> bool:

@@ -10,10 +10,9 @@ import pytest
 import typer
 
 from daq.errors import BusError, FolderLockedError, InputError
-from tui import ownership
+from tui import invocation
 from tui.diagnostics import report, say_left_out
-from tui.invocation import invoke
-from tui.ownership import foreign_package
+from tui.invocation import foreign_package, invoke
 
 
 def ends(error: BaseException | None, code: int | None = None) -> int:
@@ -84,7 +83,7 @@ def test_a_package_of_another_distribution_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     owners = {"identify": ["bumpbench", "identify"], "tui": ["bumpbench"], "numpy": ["numpy"]}
-    monkeypatch.setattr(ownership, "packages_distributions", lambda: owners)
+    monkeypatch.setattr("importlib.metadata.packages_distributions", lambda: owners)
     line = foreign_package()
     assert line.startswith("package identify: the distribution identify has that name")
     assert ends(ImportError("cannot import name 'Document'")) == 2
@@ -94,18 +93,18 @@ def test_a_package_of_another_distribution_is_named(
 def test_a_package_that_lies_elsewhere_is_named_with_its_place(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    ours = Path(ownership.__file__).parents[1]
+    ours = Path(invocation.__file__).parents[1]
 
     def spec(name: str) -> SimpleNamespace | None:
         elsewhere = {"daq": "/usr/lib/daq/__init__.py", "identify": None}
         return SimpleNamespace(origin=elsewhere.get(name, f"{ours}/{name}/__init__.py"))
 
-    monkeypatch.setattr(ownership, "packages_distributions", dict)
-    monkeypatch.setattr(ownership, "find_spec", spec)
+    monkeypatch.setattr("importlib.metadata.packages_distributions", dict)
+    monkeypatch.setattr("importlib.util.find_spec", spec)
     line = foreign_package()
     assert line.startswith("package daq: something else has that name")
     assert "/usr/lib/daq/__init__.py" in line
-    monkeypatch.setattr(ownership, "find_spec", lambda _: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     assert foreign_package() == "", "not installed at all"
 
 

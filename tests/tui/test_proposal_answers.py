@@ -13,8 +13,7 @@ import pytest
 
 from daq import InputError
 from daq.check import Answers, Proposal
-from tui.proposal_file import write_proposal
-from tui.proposal_questions import completed, is_asked
+from tui.proposal_questions import completed, is_asked, write_proposal
 
 TEXT = """# a comment  # FILL IN
 [vehicle]

@@ -259,7 +259,7 @@ def _check_outputs(out: Path, page: Path | None) -> None:
     from daq.files import make_room
     from dbc import InputError
 
-    from ..endings import PAGES, require_ending
+    from ..diagnostics import PAGES, require_ending
 
     if out.suffix.lower() not in (".csv", ".parquet"):
         raise InputError(

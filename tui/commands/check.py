@@ -11,7 +11,7 @@ import typer
 
 from ..diagnostics import ExitCode, say, say_left_out
 from ..options import BenchFile, Buses, Force, Interface, Sensors
-from ..proposal_file import write_proposal
+from ..proposal_questions import write_proposal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -27,7 +27,7 @@ def compare(
     from daq.files import make_room, write_named
     from identify.compare import compare as compared
 
-    from ..endings import PAGES, require_ending
+    from ..diagnostics import PAGES, require_ending
     from ..jobs.comparing import identified, print_comparison
     from ..output import print_json, progress
 

@@ -1,4 +1,4 @@
-"""`bumpbench demo`: does the whole job with a simulated car, through a bus and the recorder."""
+"""`bumpbench demo` and `notebook`: the whole job with a simulated car; a worked example."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import JsonResult, Seed
+from ..options import Force, JsonResult, Seed
 
 if TYPE_CHECKING:
     from threading import Event
@@ -164,3 +164,24 @@ def _judged(latest: Callable[[], Status], bumped: int, stop: Event) -> Status | 
         if stop.wait(_LOOK_S):
             return None
     return None
+
+
+def notebook(
+    out: Annotated[Path, typer.Option(help="Notebook to write.")] = Path("bump_test.ipynb"),
+    force: Force = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the file as JSON.")] = False,
+) -> None:
+    """Write a notebook that leads from arrays and session files to parameters and figures."""
+    from importlib.resources import files
+
+    from daq.files import refuse_existing, write_named
+
+    from ..output import print_json, print_line
+
+    source = files("identify") / "notebook" / "bump_test.ipynb"
+    refuse_existing(out, replace=force)
+    write_named(out, source.read_bytes())
+    if json:
+        print_json({"files": [str(out)]})
+        return
+    print_line(f"{out} (open it with: jupyter lab {out})")

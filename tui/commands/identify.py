@@ -29,7 +29,7 @@ def identify(
     from daq.files import refuse_existing
 
     from ..damper_table import DAMPER_WRITERS, write_damper_table
-    from ..endings import require_ending
+    from ..diagnostics import require_ending
     from ..model_file import MODEL_WRITERS, write_model
     from ..output import print_json, progress
 

@@ -42,8 +42,8 @@ def record(
     from daq.control import lone_recorder
 
     from ..bench import shared_bench
+    from ..diagnostics import PROMETHEUS, require_ending
     from ..display.start import display_beside_recorder
-    from ..endings import PROMETHEUS, require_ending
     from ..output import progress
     from ..recorders.daemon import Lifetime
     from ..recorders.log import Log, require_log

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from daq.files import make_room, write_named
 
-from ..endings import PAGES, SHEETS, require_ending
+from ..diagnostics import PAGES, SHEETS, require_ending
 from .helpers import helpers
 
 if TYPE_CHECKING:  # slow to load

@@ -13,8 +13,7 @@ from dbc import counted, plural
 
 from ..diagnostics import ExitCode, say
 from ..output import Stage, print_json, progress
-from ..proposal_file import write_proposal
-from ..proposal_questions import completed
+from ..proposal_questions import completed, write_proposal
 from .recording import print_summary, summary
 
 if TYPE_CHECKING:
