@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,16 @@ import pyuff
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import loadmat
 
-from daq import InputError, Session, write_session
+from daq import InputError, Session, read_session, write_session
 from daq.channels import Channel, Quantity
 from daq.formats.export import ExportFormat, ModeShapes, export_session
 from daq.runs import SampleGroup
 from daq.vehicle import Corner, Fact, VehicleGeometry
 from tui.cli import run
 
+from ..daq.small_campaign import bumps, small_codec
 from ..daq.small_session import START_NS, small_session
+from .test_import import BENCH, write_log
 
 SESSION = small_session()
 UNITS = {"hub_fl": "m/s2", "hub_fr": "m/s2", "az": "m/s2", "pitch": "rad/s"}
@@ -344,3 +347,25 @@ def test_what_the_system_or_a_library_refuses_is_one_line(tmp_path: Path) -> Non
         with pytest.raises(InputError, match="hold no"):
             export_session(empty, tmp_path / "car.x", form)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("form", ["blf", "asc", "log", "mf4"])
+def test_an_exported_log_is_read_as_any_log(
+    form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench, first, second = (tmp_path / name for name in ("bench.toml", "first.h5", "second.h5"))
+    bench.write_text(BENCH.replace("pre_s = 0.1", "pre_s = 0.3"))  # rest enough before each bump
+    write_log(tmp_path / "all.log", bumps(small_codec(), 4))
+    assert run(["import", str(tmp_path / "all.log"), str(bench), "--out", str(first)]) == 0
+    log = tmp_path / f"car.{form}"
+    assert run(["export", str(first), "--out", str(log)]) == 0
+    assert run(["import", str(log), str(bench), "--out", str(second)]) == 0
+    capsys.readouterr()
+    one, two = read_session(first), read_session(second)
+    assert [r.label for r in two.runs] == [r.label for r in one.runs]
+    for before, after in zip(one.runs, two.runs, strict=True):
+        assert abs(after.t0_ns - before.t0_ns) <= 1000
+        assert after.losses == before.losses
+    assert run(["decode", str(log), str(bench), "--json"]) == 0
+    frames = sum(len(one.frames) for one in one.runs)
+    assert json.loads(capsys.readouterr().out)["frames"] == frames
