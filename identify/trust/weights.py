@@ -94,14 +94,14 @@ def wrong_weight(estimation: Estimation) -> Explanation | None:
     right = replace(best, weight=_fitted(found, best))
     after = refit(_with(estimation, right), as_described, found.fit.eta)
     before = refit(estimation, as_described, estimation.fit.eta)
-    if after.excess - allowed > (1.0 - _EXPLAINS) * before.excess:
-        return None
+    explained = 1.0 - after.excess / before.excess
+    if after.excess - allowed > (1.0 - _EXPLAINS) * before.excess or explained < 0.5:
+        return None  # a cause explains most of the misfit
     if not _is_gross(_weights(box, best.state)[best.number], right.weight):
         return None
     # Another weight may explain the runs as well: that of the same place on the other axle.
     likely = sorted((p for p in fitted if p[0].excess <= allowed), key=lambda p: p[0].fit.cost)
     sizes = ", or ".join(_sizes(box, *one) for one in likely or [(found, best)])
-    explained = 1.0 - after.excess / before.excess
     return Explanation(ONE_WEIGHT, sizes, _ADVICE, explained, *shift_between(before, after))
 
 
