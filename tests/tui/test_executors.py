@@ -55,7 +55,7 @@ def test_no_more_items_are_taken_than_the_workers_need() -> None:
 
 def test_an_error_crosses_from_a_worker_whole_and_ends_the_work() -> None:
     with pytest.raises(InputError) as caught:
-        map_items(_refuses, [7, 8], 1, lambda done, text="": None, "study")
+        map_items(_refuses, [7], 1, lambda done, text="": None, "study")
     error = caught.value
     assert (error.where, error.what, error.advice) == ("item 7", "is odd", "give an even one")
 
