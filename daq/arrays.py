@@ -36,7 +36,8 @@ def session_from_arrays(
         rest before the bump (then the noise is measured during that rest) or in the free decay.
     channels : iterable of Channel, optional
         Description of the channels named in `runs`.  Default: the seven accelerations of the paper,
-        named as the degrees of freedom: z_s theta phi z_uA z_uB z_uC z_uD.
+        named as the degrees of freedom: z_s theta phi z_uA z_uB z_uC z_uD; z_s within 0.2 m of the
+        CG.
     delta_mass : (7, 7) or (7,) array_like, sequence of weights, or AddedMass, optional
         Mass that the state "added" adds: a mass matrix about the baseline CG, its diagonal, or
         weights with their positions.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from math import hypot
 
@@ -62,6 +62,11 @@ AT_CORNER = frozenset(
     {Quantity.HUB_ACCELERATION, Quantity.SUSPENSION_TRAVEL, Quantity.HUB_DISPLACEMENT}
 )
 
+_BY_TAPE_M = 0.01
+"""Standard uncertainty of a place that is measured by tape, m."""
+_NEAR_CG_M = 0.2
+"""Standard uncertainty of a place that is called the CG, m: nobody knows where that is."""
+
 
 @dataclass(frozen=True, slots=True)
 class Channel:
@@ -86,9 +91,9 @@ class Channel:
     y_m: float = 0.0
     """Mounting position, to the left."""
     position_sigma_m: float = 0.0
-    """Standard uncertainty of x_m and y_m; 0 means exact."""
+    """Standard uncertainty of x_m and y_m; 0: it is not stated (`placed`)."""
     at_cg: bool = False
-    """True if the position is exactly the CG, wherever that is; x_m and y_m are then ignored."""
+    """True if the position is about the CG, wherever that is; x_m and y_m are then ignored."""
     sign: float = 1.0
     """Polarity of the sensor, +1 or -1."""
     gain: float = 1.0
@@ -136,6 +141,15 @@ class Channel:
         if (self.quantity in AT_CORNER) != (self.corner is not None):
             need = "needs a" if self.quantity in AT_CORNER else "has no"
             raise ValueError(f"channel {self.name}: {self.quantity} {need} corner")
+
+    def placed(self) -> Channel:
+        """Return the channel with an uncertainty of its place: no place on a body is exact.
+
+        Where none is stated it is that of a tape measure, or of the CG.
+        """
+        if self.position_sigma_m or self.quantity not in ON_BODY:
+            return self
+        return replace(self, position_sigma_m=_NEAR_CG_M if self.at_cg else _BY_TAPE_M)
 
     @property
     def scale(self) -> float:

@@ -137,7 +137,7 @@ def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
     `run`: with its sample groups.  `channels`: the session's channels; those of quantity `unused`
     are passed over.
     """
-    used = {c.name: c for c in channels if c.quantity is not Quantity.UNUSED}
+    used = {c.name: c.placed() for c in channels if c.quantity is not Quantity.UNUSED}
     recordings = [r for group in run.groups for r in _by_channel_group(group, used)]
     return Record(
         run.label, run.mass_state, run.bump_s, tuple(r for r in recordings if len(r.time_s))

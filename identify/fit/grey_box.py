@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import TIME_DERIVATIVE, Channel
+from daq.channels import ON_BODY, TIME_DERIVATIVE, Channel
 from daq.vehicle import (
     BodyWeight,
     Fact,
@@ -42,11 +42,43 @@ from ..model.matrices import (
 
 CROSS_SCALE_KG = 10.0
 """Cross weight that counts as one unknown, kg."""
-_OFF = ("", "x of ", "y of ")
-"""Begins the name of a weight's correction: its mass, its place forward, to the left."""
-
 SIGNED = {"k_af": 1e4, "k_ar": 1e4, "c_tf": 100.0, "c_tr": 100.0, "y_s": 0.1}
 """Parameters that may be zero or negative, each with the size that counts as one unknown."""
+
+
+_OFF = {
+    "x": (1.0, "m further forward", "m further back"),
+    "y": (1.0, "m further left", "m further right"),
+    "gain": (100.0, "% larger", "% smaller"),
+    "delay": (1e3, "ms later", "ms earlier"),
+    "": (1.0, "kg heavier", "kg lighter"),
+}
+"""Size of a correction in words, by its kind: factor to the printed unit, more, and less than
+stated.  The kind without a name is the mass of a weight."""
+_OF_WEIGHT = ("", "x", "y")
+"""Kinds of the corrections of a weight, in the order of `weight_sigmas`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """One thing that is stated with an uncertainty: an unknown whose prior is its sigma."""
+
+    kind: str
+    """A key of `_OFF`."""
+    subject: str
+    """Channel, channel group or weight that it is of."""
+    sigma: float
+    """Standard uncertainty, SI; that of a gain is relative."""
+
+    @property
+    def name(self) -> str:
+        """Name of what is stated."""
+        return f"{self.kind} of {self.subject}" if self.kind else self.subject
+
+    def in_words(self, size: float) -> str:
+        """Return how far the true value lies from the stated one, `size` in the unit of sigma."""
+        factor, more, less = _OFF[self.kind]
+        return f"{abs(size) * factor:.2g} {more if size > 0.0 else less} than stated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,45 +119,52 @@ class GreyBox:
     names: tuple[str, ...] = field(init=False)
     parameters: tuple[str, ...] = field(init=False)
     prior_sigma: NDArray[np.float64] = field(init=False)
+    stated: tuple[Correction, ...] = field(init=False)
+    """The stated uncertainties: the unknowns after the parameters, in this order."""
     _channels: tuple[Channel, ...] = field(init=False)
-    _loose: tuple[str, ...] = field(init=False)
-    _scaled: tuple[str, ...] = field(init=False)
-    _late: tuple[int, ...] = field(init=False)
-    _weights: tuple[tuple[str, int, int], ...] = field(init=False)
-    """Mass state, weight and figure (`_OFF`) of each correction of a weight."""
+    _index: dict[tuple[str, str | int], int] = field(init=False)
+    """Position of each correction among the unknowns, by its kind and subject; of a delay, by its
+    group: groups of one clock share their name."""
 
     def __post_init__(self) -> None:
         known = () if self.geometry is None else ("a", "b", "t_f", "t_r")
         names = parameter_names(self.structure)
         channels = {c.name: c for group in self.groups for c in group.channels}
-        loose = [c for c in channels.values() if c.position_sigma_m > 0 and not c.at_cg]
-        scaled = [c for c in channels.values() if c.scale_sigma > 0]
-        late = tuple(i for i, group in enumerate(self.groups) if group.delay_sigma_s > 0)
-        weights = {
-            (state.name, i, figure): sigma
+        each: dict[tuple[str, str | int], Correction] = {
+            (axis, c.name): Correction(axis, c.name, c.position_sigma_m)
+            for c in channels.values()
+            if c.quantity in ON_BODY
+            for axis in "xy"
+        }
+        each |= {
+            ("gain", c.name): Correction("gain", c.name, c.scale_sigma) for c in channels.values()
+        }
+        each |= {
+            ("delay", i): Correction("delay", group.name, group.delay_sigma_s)
+            for i, group in enumerate(self.groups)
+        }
+        each |= {
+            (kind, _weight(state, i)): Correction(kind, _weight(state, i), sigma)
             for state in self.mass_states
             for i, weight in enumerate(state.added.weights)
-            for figure, sigma in enumerate(weight_sigmas(weight))
-            if sigma > 0
+            for kind, sigma in zip(_OF_WEIGHT, weight_sigmas(weight), strict=False)
         }
+        each = {key: one for key, one in each.items() if one.sigma > 0}
+        stated = tuple(each.values())
         parameters = tuple(name for name in names if name not in known)
         prior = [
             *[np.inf] * len(parameters),
-            *[c.position_sigma_m for c in loose for _ in "xy"],
-            *[c.scale_sigma for c in scaled],
-            *[self.groups[i].delay_sigma_s for i in late],
-            *weights.values(),
+            *[one.sigma for one in stated],
             *[np.inf] * self._crossed,
         ]
+        index = {key: p for p, key in enumerate(each, len(parameters))}
         for name, value in (
             ("names", names),
             ("parameters", parameters),
+            ("stated", stated),
             ("prior_sigma", read_only(np.array(prior))),
             ("_channels", tuple(channels.values())),
-            ("_loose", tuple(c.name for c in loose)),
-            ("_scaled", tuple(c.name for c in scaled)),
-            ("_late", late),
-            ("_weights", tuple(weights)),
+            ("_index", index),
         ):
             object.__setattr__(self, name, value)
 
@@ -139,28 +178,18 @@ class GreyBox:
         return self.lifts or any(fact.quantity in CORNERS for fact in self.facts)
 
     @property
-    def _first_delay(self) -> int:
-        return self._first_gain + len(self._scaled)
-
-    @property
-    def _first_gain(self) -> int:
-        return len(self.parameters) + 2 * len(self._loose)
-
-    @property
     def corrections(self) -> tuple[str, ...]:
         """Names of the stated uncertainties, in the order of the unknowns after the parameters."""
-        return (
-            *(f"{axis} of {name}" for name in self._loose for axis in "xy"),
-            *(f"gain of {name}" for name in self._scaled),
-            *(f"delay of {self.groups[i].name}" for i in self._late),
-            *(f"{_OFF[figure]}weight {i + 1} of state {s}" for s, i, figure in self._weights),
-        )
+        return tuple(one.name for one in self.stated)
 
     @property
     def scaled(self) -> dict[int, Channel]:
         """Return the channels whose gain is fitted, by the place of the unknown."""
-        channels = {c.name: c for c in self._channels}
-        return {self._first_gain + i: channels[name] for i, name in enumerate(self._scaled)}
+        return {
+            self._index["gain", c.name]: c
+            for c in self._channels
+            if ("gain", c.name) in self._index
+        }
 
     def gains(self, eta: NDArray[np.float64]) -> dict[str, float]:
         """Return the fitted scale of each uncertain channel over the stated one, by its name."""
@@ -213,13 +242,12 @@ class GreyBox:
 
     def delays_s(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the lateness of each group beyond its nominal one, (n_groups,) s."""
-        delays = np.zeros(len(self.groups))
-        delays[list(self._late)] = eta[self._first_delay : self._first_delay + len(self._late)]
-        return delays
+        late = [self.delay_index(group) for group in range(len(self.groups))]
+        return np.array([0.0 if p is None else eta[p] for p in late])
 
     def delay_index(self, group: int) -> int | None:
         """Return which unknown is the lateness of a group, None if it is exact."""
-        return self._first_delay + self._late.index(group) if group in self._late else None
+        return self._index.get(("delay", group))
 
     def system(self, eta: NDArray[np.float64], mass_state: str) -> System:
         """Return state matrix, output rows and their derivatives for one mass state."""
@@ -263,12 +291,11 @@ class GreyBox:
     @property
     def weight_masses(self) -> dict[int, float]:
         """Stated mass of each weight that has a sigma, kg, by the position of its unknown."""
-        first = self._first_delay + len(self._late)
-        states = {state.name: state for state in self.mass_states}
         return {
-            p: states[name].added.weights[i].mass_kg
-            for p, (name, i, figure) in enumerate(self._weights, start=first)
-            if figure == 0
+            self._index["", _weight(state, i)]: weight.mass_kg
+            for state in self.mass_states
+            for i, weight in enumerate(state.added.weights)
+            if ("", _weight(state, i)) in self._index
         }
 
     def off_weights(self, eta: NDArray[np.complex128], state: MassState) -> NDArray[np.complex128]:
@@ -276,12 +303,18 @@ class GreyBox:
 
         `eta`: unknowns, (n, P).  Returns (n, n_weights, 3): kg, and m forward and to the left.
         """
-        first = self._first_delay + len(self._late)
         off = np.zeros((len(eta), len(state.added.weights), 3), dtype=complex)
-        for p, (name, i, figure) in enumerate(self._weights, start=first):
-            if name == state.name:
-                off[:, i, figure] = eta[:, p]
+        for i in range(len(state.added.weights)):
+            for figure, kind in enumerate(_OF_WEIGHT):
+                off[:, i, figure] = self._correction(eta, kind, _weight(state, i))
         return off
+
+    def _correction(
+        self, eta: NDArray[np.complex128], kind: str, subject: str
+    ) -> NDArray[np.complex128]:
+        """Return the correction of what is stated, (n,) SI, at `eta`, (n, P); 0 if it is exact."""
+        p = self._index.get((kind, subject))
+        return np.zeros(len(eta), dtype=complex) if p is None else eta[:, p]
 
     def _system(
         self, A: NDArray[np.complex128], motion: Sequence[NDArray[np.complex128]]
@@ -311,12 +344,11 @@ class GreyBox:
             x, y = channel.x_m + full[:, 19], channel.y_m - full[:, 27]
             if channel.at_cg:
                 x, y = 0.0 * x, 0.0 * y
-            elif channel.name in self._loose:
-                p = len(self.parameters) + 2 * self._loose.index(channel.name)
-                x, y = x + eta[:, p], y + eta[:, p + 1]
+            x = x + self._correction(eta, "x", channel.name)
+            y = y + self._correction(eta, "y", channel.name)
             row = motion_row(channel, x, y, full[:, [19, 20, 21, 22, 27]])
-            if channel.name in self._scaled:  # the true scale over the stated one
-                row = row * (1.0 + eta[:, [self._first_gain + self._scaled.index(channel.name)]])
+            if ("gain", channel.name) in self._index:  # the true scale over the stated one
+                row = row * (1.0 + self._correction(eta, "gain", channel.name))[:, None]
             rows.append(row)
         return rows
 
@@ -338,3 +370,8 @@ def weight_sigmas(weight: BodyWeight | HubWeight) -> tuple[float, ...]:
     if isinstance(weight, BodyWeight):
         return weight.sigma_kg, weight.position_sigma_m, weight.position_sigma_m
     return (weight.sigma_kg,)
+
+
+def _weight(state: MassState, index: int) -> str:
+    """Return the name of a weight."""
+    return f"weight {index + 1} of state {state.name}"

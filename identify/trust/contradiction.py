@@ -40,6 +40,11 @@ class Contradiction:
     direction: NDArray[np.float64]
     """Error of each statement, in its sigmas, that this one means, (n_stated,)."""
 
+    @property
+    def of_place(self) -> bool:
+        """True if it is the place of a sensor or of a weight."""
+        return self.name.startswith(("x of ", "y of "))
+
 
 def contradiction_findings(estimation: Estimation) -> tuple[Finding, ...]:
     """Return a finding on the statements that the runs contradict."""
@@ -47,7 +52,11 @@ def contradiction_findings(estimation: Estimation) -> tuple[Finding, ...]:
     if not found:
         return ()
     moved = float(np.max(np.abs(contradicted_shift(estimation, found))))
-    named = [f"{one.name} by {one.sigmas:.1f} sigma" for one in found]
+    off = _sizes(estimation, found)
+    named = [
+        f"{one.name} by {one.sigmas:.1f} sigma{_in_words(estimation.box, one, size)}"
+        for one, size in zip(found, off.tolist(), strict=True)
+    ]
     text = (
         f"the runs contradict what is stated: {'; '.join(named)} (limit {_LIMIT_SIGMAS:g}; moves a "
         f"parameter by about {min(moved, 1.0) * 100:.1f} %): measure it again"
@@ -74,14 +83,25 @@ def contradicted_shift(
     It is relative to the value, with its sign; zero for parameters that may be zero.
     """
     C = _finite(estimation.fit.covariance)
-    rows, left = _stated(estimation)
-    D = np.array([one.direction for one in found]).T
-    Q = _redundancy(estimation, rows)
-    off = D @ np.linalg.solve(D.T @ Q @ D, D.T @ left)
+    rows, _ = _stated(estimation)
+    off = np.array([one.direction for one in found]).T @ _sizes(estimation, found)
     names = estimation.box.parameters
     moved = -C[: len(names)] @ (rows.T @ off)
     moved[[name in SIGNED for name in names]] = 0.0
     return np.asarray(moved)
+
+
+def _sizes(estimation: Estimation, found: tuple[Contradiction, ...]) -> NDArray[np.float64]:
+    """Return the multiple of each direction by which what is stated is off, (n_found,)."""
+    rows, left = _stated(estimation)
+    D = np.array([one.direction for one in found]).T
+    return np.linalg.solve(D.T @ _redundancy(estimation, rows) @ D, D.T @ left)
+
+
+def _in_words(box: GreyBox, one: Contradiction, size: float) -> str:
+    """Return how far one correction is off, `size` stated less true in sigmas; empty for others."""
+    which = dict(zip(box.corrections, box.stated, strict=True)).get(one.name)
+    return f", {which.in_words(-size * which.sigma)}" if which else ""
 
 
 def shift_without_scales(estimation: Estimation) -> dict[str, float]:

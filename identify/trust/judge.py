@@ -90,6 +90,9 @@ def _causes(estimation: Estimation) -> Causes:
     """Report an outlying run first, because it imitates other causes; amplitude last."""
     ranked = rank_causes(estimation)
     repeats = repeat_findings(estimation, ranked[0].strength)
+    at_odds = contradictions(estimation) if estimation.holds else ()
+    if at_odds and at_odds[0].of_place:  # a gain, or a bar, would explain a part of it
+        ranked = tuple(s for s in ranked if s.score.gain > at_odds[0].sigmas ** 2)
     for odd in (finding for finding in repeats if finding.code == "odd_run"):
         excess = max(estimation.chi2_per_n - 1.0, 1e-9)
         moved = moves_without(estimation, odd.subject)

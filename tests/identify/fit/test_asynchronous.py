@@ -103,8 +103,8 @@ def test_intervals_cover_whatever_the_clocks_do(
         result = estimate(box, records, generic_vehicles())
         assert result.fit.converged
         assert result.holds
-        errors.append(np.exp(result.fit.eta) / TRUTH - 1.0)
-        stated.append(np.sqrt(np.diag(result.fit.covariance)))
+        errors.append(np.exp(result.fit.eta[:15]) / TRUTH - 1.0)
+        stated.append(np.sqrt(np.diag(result.fit.covariance))[:15])
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     bound = np.mean(stated, axis=0)
     assert np.all(rms < most * bound)

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dbc.finding import Severity
+from identify.fit.grey_box import Correction
 from identify.trust import contradiction
 from identify.trust.contradiction import (
     Contradiction,
@@ -31,6 +32,7 @@ def fitted(rows: Array, values: Array, stated: float, sigma: float) -> Any:
     eta = np.linalg.solve(H, rows.T @ values + np.array([0.0, stated / sigma**2]))
     box = SimpleNamespace(
         parameters=("k_sf",), corrections=("delay",), facts=(), mass_states=(),
+        stated=(Correction("delay", "imu", sigma),),
         prior_sigma=np.array([np.inf, sigma]), pulls=lambda eta: (eta[1:] - stated) / sigma,
     )  # fmt: skip
     fit = SimpleNamespace(eta=eta, covariance=np.linalg.inv(H))

@@ -1,0 +1,153 @@
+"""A body accelerometer that is not where it is said to be: it is named, and spoils nothing."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from functools import cache
+
+import pytest
+
+from daq.channels import Channel, Quantity, paper_channels
+from daq.runs import ADDED, BASELINE, Excitation
+from daq.sessions import Session
+from daq.sim.campaign import Plan, PlannedBump, simulate
+from daq.sim.car import SimulatedCar
+from daq.vehicle import (
+    FORD_GRANADA,
+    AddedMass,
+    BodyWeight,
+    Corner,
+    HubWeight,
+    MassState,
+    VehicleParameters,
+)
+from identify.identification import Identification
+from identify.pipeline import identify_parameters
+from identify.trust.finding import Verdict
+
+CARS = {
+    "granada": FORD_GRANADA,
+    "kei": VehicleParameters(
+        680, 790, 210, 28, 30, 15e3, 16e3, 150e3, 150e3, 950, 1000, 1.05, 1.35, 0.65, 0.65
+    ),
+    "suv": VehicleParameters(
+        1850, 3200, 720, 50, 48, 30e3, 34e3, 240e3, 245e3, 2300, 2500, 1.3, 1.45, 0.80, 0.81
+    ),
+    "truck": VehicleParameters(
+        2600, 6500, 1300, 75, 160, 60e3, 110e3, 450e3, 800e3, 4500, 6000, 1.95, 1.25, 0.80, 0.70
+    ),
+}
+STATED_M = (-1.0, 0.1)
+OFF_M = (0.05, -0.1, 0.15, -0.2, 0.3)
+EVERY = [(car, axis, off_m) for car in CARS for axis in "xy" for off_m in OFF_M]
+LEFT_M, RIGHT_M = 0.6, -0.6
+
+
+def plan_of(car: VehicleParameters, place_m: tuple[float, float]) -> Plan:
+    """Return six runs of a car with an IMU at a place, and sensors of hubs and travels."""
+    share = car.m_s / 1380.0
+    body = [
+        BodyWeight(32.5 * share, x_m, y_m)
+        for x_m in (0.0, -car.a - car.b)
+        for y_m in (LEFT_M, RIGHT_M)
+    ]
+    hubs = [HubWeight(5.0 * share, corner) for corner in Corner]
+    imu = (
+        Channel("az", Quantity.BODY_ACCELERATION, signal="IMU.az", x_m=place_m[0], y_m=place_m[1]),
+        Channel("wy", Quantity.PITCH_RATE, signal="IMU.wy"),
+        Channel("wx", Quantity.ROLL_RATE, signal="IMU.wx"),
+    )
+    wheels = (
+        Channel(f"{name}{corner}", quantity, signal=f"{name}.{corner}", corner=corner)
+        for name, quantity in (
+            ("hub", Quantity.HUB_ACCELERATION), ("travel", Quantity.SUSPENSION_TRAVEL)
+        )
+        for corner in Corner
+    )  # fmt: skip
+    kinds = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+    return Plan(
+        tuple(PlannedBump(state, kind) for state in (BASELINE, ADDED) for kind in kinds),
+        (*imu, *wheels),
+        (MassState(BASELINE), MassState(ADDED, AddedMass((*body, *hubs)))),
+    )
+
+
+@cache
+def recorded(car: str, axis: str, off_m: float) -> Session:
+    """Return a campaign whose IMU sits `off_m` ahead, or to the left, of where it is stated."""
+    parameters, at = CARS[car], "xy".index(axis)
+    place_m = (STATED_M[0] + off_m * (at == 0), STATED_M[1] + off_m * (at == 1))
+    simulated = SimulatedCar(parameters=parameters)
+    return simulate(
+        simulated, plan_of(parameters, place_m), EVERY.index((car, axis, off_m))
+    ).session
+
+
+def stated(session: Session, sigma_m: float, at_cg: bool = False) -> Session:
+    az, *others = session.channels
+    x_m, y_m = STATED_M
+    az = replace(az, x_m=x_m, y_m=y_m, position_sigma_m=sigma_m, at_cg=at_cg)
+    return replace(session, channels=(az, *others))
+
+
+def checked(car: str, axis: str, off_m: float) -> bool:
+    """Return whether the place is named where it is taken as measured by tape.
+
+    Asserts that no `ok` is wrong, and that with the place unknown the answer is right.
+    """
+    session = recorded(car, axis, off_m)
+    by_tape = identify_parameters(stated(session, 0.0))
+    open_place = identify_parameters(stated(session, 0.2))
+    assert open_place.quality.verdict is Verdict.OK
+    for result in (by_tape, open_place):
+        if result.quality.verdict is Verdict.OK:
+            assert_right(result, CARS[car])
+    way = {"x": ("back", "forward"), "y": ("right", "left")}[axis][off_m > 0.0]
+    said = [f.text for f in by_tape.quality.findings if f.code == "contradiction"]
+    causes = [f.text for f in by_tape.quality.findings if "likely cause" in f.text]
+    return (
+        bool(said)
+        and f"{axis} of az by" in said[0]
+        and f"m further {way} than" in said[0]
+        and not causes
+    )
+
+
+def assert_right(result: Identification, car: VehicleParameters) -> None:
+    for name, value in asdict(car).items():
+        found = result.parameters[name]
+        assert abs(found.value / value - 1.0) < 0.05, name
+        assert abs(found.value - value) < 4.0 * found.std, name
+
+
+@pytest.mark.parametrize("case", EVERY[::7], ids=str)
+def test_a_wrong_place_is_named_and_an_unknown_one_is_found(case: tuple[str, str, float]) -> None:
+    assert checked(*case)
+
+
+@pytest.mark.long
+def test_of_forty_wrong_places_thirty_six_are_named_and_none_spoils_an_ok() -> None:
+    assert sum(checked(*case) for case in EVERY) >= 36
+
+
+def test_a_place_that_is_right_is_no_cause_and_costs_no_precision() -> None:
+    """Exact to a tenth of a millimetre, by tape, or anywhere near the CG."""
+    granada = CARS["granada"]
+    plan = plan_of(granada, STATED_M)
+    session = simulate(SimulatedCar(parameters=granada), plan, 7).session
+    exact, tape = (identify_parameters(stated(session, sigma_m)) for sigma_m in (1e-4, 0.0))
+    at_cg = identify_parameters(stated(session, 0.0, at_cg=True))  # 0.25 m behind it, in truth
+    for result in (exact, tape, at_cg):
+        assert_right(result, granada)
+    for name, found in tape.parameters.items():
+        assert found.std < 1.25 * exact.parameters[name].std, name
+    assert exact.quality.verdict is tape.quality.verdict is Verdict.OK
+
+
+def test_arrays_without_channels_do_not_state_where_the_body_sensor_is() -> None:
+    """Its z_s may be 0.2 m beside the CG, which nobody knows before the test."""
+    (z, *others) = paper_channels()
+    assert z.placed().position_sigma_m == pytest.approx(0.2)
+    assert [c.placed() for c in others] == others
+    assert replace(z, at_cg=False).placed().position_sigma_m == pytest.approx(0.01)
+    assert replace(z, position_sigma_m=0.003).placed().position_sigma_m == pytest.approx(0.003)
