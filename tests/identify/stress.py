@@ -151,11 +151,11 @@ STRESSES: Mapping[str, Stress] = {
 def stress_channels(travels: bool = False) -> tuple[Channel, ...]:
     """Return the sensors: an IMU and four hub accelerometers, with suspension travels if wanted.
 
-    Their places are exact, their delays known to be zero.
+    Their places are known to 0.1 mm, their delays to be zero.
     """
     wanted = BODY + HUBS + (TRAVELS if travels else ())
     return tuple(
-        replace(channel, position_sigma_m=0.0, gain_sigma=0.0, delay_s=0.0, delay_sigma_s=0.0)
+        replace(channel, position_sigma_m=1e-4, gain_sigma=0.0, delay_s=0.0, delay_sigma_s=0.0)
         for channel in _BENCH.channels
         if channel.name in wanted
     )

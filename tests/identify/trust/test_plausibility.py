@@ -180,7 +180,7 @@ def test_of_unequal_springs_the_mean_holds_an_axle_in_roll(
     first = 7 if axle == "f" else 9
     full[first : first + 2] = 10e3, 30e3
     full[23 if axle == "f" else 24] = bar
-    covariance = 1e-4 * np.eye(len(box.parameters))
+    covariance = 1e-4 * np.eye(len(box.prior_sigma))
     fit = replace(linear.fit, eta=box.unknowns_of(full), covariance=covariance)
     found = parameter_findings(replace(linear, box=box, fit=fit))
     assert [f.code for f in found] == gates
