@@ -10,7 +10,6 @@ import pytest
 from daq.channels import Channel, Quantity, paper_channels
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import Session
-from daq.sim.campaign import Plan, PlannedBump, simulate
 from daq.sim.car import SimulatedCar
 from daq.vehicle import (
     FORD_GRANADA,
@@ -24,6 +23,7 @@ from daq.vehicle import (
 from identify.identification import Identification
 from identify.pipeline import identify_parameters
 from identify.trust.finding import Verdict
+from tests.simulated.campaign import Plan, PlannedBump, simulate
 
 CARS = {
     "granada": FORD_GRANADA,
