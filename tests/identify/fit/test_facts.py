@@ -138,7 +138,7 @@ def test_corner_loads_tell_left_from_right() -> None:
     _right(weighed, "cg_offset")
     y_s = _found(weighed)["y_s"]
     assert y_s.value == pytest.approx(0.03, abs=4.0 * y_s.std)
-    assert y_s.std < 0.0007  # the place of the IMU is known to 10 mm
+    assert y_s.std < 0.0005
     assert drivers(weighed.box, weighed.fit)["y_s"][FACTS] > 0.1
 
 
