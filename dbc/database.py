@@ -1,38 +1,57 @@
-"""Reads DBC files; leaves out or refuses what cannot be decoded correctly.
+"""Reads CAN databases (DBC, KCD, SYM, ARXML) with cantools, as messages that can be decoded.
 
-The DBC is not read by cantools for three reasons: cantools rejects a whole file because of one line
-that it does not understand, its work grows with the numbers in the text and not with the length of
-the text, and its import alone takes as long as a hostile file may take.  In the tests, cantools is
-the reference for this reader.
+A message or a signal that cannot be decoded correctly is left out and reported.
 """
 
 from __future__ import annotations
 
+import logging
+import math
+import re
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from html import unescape
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from .codec import Codec
+from .crc import CRC_RULES
 from .errors import InputError
-from .finding import Finding
-from .layout import MessageLayout
-from .reader.compose import compose
-from .reader.document import EXTENDED_BIT, ORPHANS, Block, Document, read_document, whole
-from .reader.foreign import foreign_kind, parse_foreign
-from .reader.limits import MAX_BYTES, PICK_DBC
-from .reader.lint import (
-    TOO_LONG,
-    FaultError,
-    ambiguous,
-    as_long_as_it_is,
-    odd,
-    overlaps,
-    unusable,
-    usable_part,
-    with_own_names,
+from .finding import Finding, Severity
+from .layout import CounterRule, MessageLayout, SignalLayout
+from .repair import EXTENDED, RepairedText
+from .value_tables import sentinels
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
+
+MAX_BYTES = 5_000_000
+NETWORK = "#"
+"""Separator between the name of a KCD or ARXML file and of one of its buses."""
+PICK = "give a CAN database: DBC, KCD, SYM or ARXML"
+ROLE = "SignalRole"
+"""Attribute of a DBC's signal that is a counter or a checksum."""
+
+_ROOT = re.compile(r"\A\s*<.{0,4000}?<?(?:\w+:)?(NetworkDefinition|AUTOSAR|CANDELA)\b", re.DOTALL)
+_KINDS = {"NetworkDefinition": "kcd", "AUTOSAR": "arxml", "CANDELA": "cdd"}
+_SYM = re.compile(r"\s*(?://[^\n]*\n\s*)*FormatVersion\s*=")
+_NETWORKS = {
+    "kcd": r'<(?:\w+:)?Bus\b[^>]*?\bname="([^"]*)"[^>]*?(?:/>|>.*?</(?:\w+:)?Bus>)',
+    "arxml": r"<CAN-CLUSTER\b.*?<SHORT-NAME>\s*(.*?)\s*</SHORT-NAME>.*?</CAN-CLUSTER>",
+}
+"""Element of one bus, by kind of database."""
+_HUGE = re.compile(
+    r"""\b(?:length|offset|count)\s*=\s*["']?\d{5}|\bLen\s*=\s*\d{5}|<!ENTITY"""
+    r"|\b(?:unsigned|signed|float|double|bit|char|string|raw)\s+\d{5}|(?:LENGTH|POSITION)>\s*(?:0x)?[\da-f]{7}",
+    re.IGNORECASE,
 )
-from .reader.networks import MARK, network_names, one_network
-from .reader.source import Source
-from .words import counted
+"""Numbers beyond any payload, which cantools would build, and entities of XML."""
+_SYM_RANGE = re.compile(r"\bID\s*=\s*([0-9A-Fa-f]+)h\s*-\s*([0-9A-Fa-f]+)h")
+_MOST_IDENTIFIERS = 2000
+_END = '\nCM_ "end";\n'
+"""Statement after the text: cantools ignores a last statement that is cut off."""
 
 
 def shipped_dbc() -> str:
@@ -41,38 +60,28 @@ def shipped_dbc() -> str:
 
 
 def read_dbc(path: str | Path) -> str:
-    """Read a DBC file as UTF-8 or, if it is not valid UTF-8, as Windows-1252.
+    """Return the text of a database of at most 5 MB, read as UTF-8 or else as Windows-1252.
 
-    Parameters
-    ----------
-    path : str or Path
-        A regular file of at most 5 MB.  ``car.kcd#Powertrain`` is one bus of a KCD or ARXML: the
-        text without the other buses.
-
-    Returns
-    -------
-    str
-        Its text.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is too large or is UTF-16, or has no such bus.
+    ``car.kcd#Powertrain`` is one bus of a KCD or ARXML: the text without the other buses.  Raises
+    InputError if the file cannot be read, is too large or is UTF-16, or has no such bus.
     """
     path = Path(path)
-    whole_file, mark, network = str(path).rpartition(MARK)
-    if mark and not path.exists() and Path(whole_file).is_file():
-        text = read_dbc(whole_file)
-        return one_network(text, foreign_kind(text, whole_file), whole_file, network)
+    file, mark, network = str(path).rpartition(NETWORK)
+    if mark and not path.exists() and Path(file).is_file():
+        buses = split_by_bus(read_dbc(file), file)
+        if network not in buses:
+            advice = f"name one of {', '.join(buses)}" if buses else "name the file alone"
+            raise InputError(file, f"has no bus {network}", advice)
+        return buses[network]
     if path.exists() and not path.is_file():  # a directory; or a device, which may never end
-        raise InputError(str(path), "not a file", PICK_DBC)
+        raise InputError(str(path), "not a file", PICK)
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+        with path.open("rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), PICK_DBC) from error
+        raise InputError(str(path), error.strerror or str(error), PICK) from error
     if len(content) > MAX_BYTES:
-        raise InputError(str(path), f"larger than {MAX_BYTES // 1_000_000} MB", PICK_DBC)
+        raise InputError(str(path), f"larger than {MAX_BYTES // 1_000_000} MB", PICK)
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError(str(path), "UTF-16 text, not UTF-8 or Windows text", "save it as UTF-8")
     try:
@@ -84,157 +93,375 @@ def read_dbc(path: str | Path) -> str:
 def split_by_bus(text: str, name: str) -> dict[str, str]:
     """Return the text of each bus that a KCD or ARXML describes, by name; empty for other formats.
 
-    `text` and `name`: as in `parse_codec`.
+    So every stored text of a database has unique identifiers.  `text`, `name`: see `parse_codec`.
     """
-    kind = foreign_kind(text, name)
-    return {each: one_network(text, kind, name, each) for each in network_names(text, kind)}
+    pattern = _NETWORKS.get(_kind(text, name))
+    buses = list(re.finditer(pattern, text, re.DOTALL)) if pattern else []
+    parts = {}
+    for network in dict.fromkeys(bus[1] for bus in buses):
+        part = text
+        for bus in reversed(buses):
+            if bus[1] != network:
+                part = part[: bus.start()] + part[bus.end() :]
+        parts[unescape(network)] = part
+    return parts
 
 
 def load_codec(path: str | Path) -> Codec:
-    """Read and compile a CAN database.
+    """Return the messages of a CAN database (DBC, KCD, SYM or ARXML), ready to decode.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file: DBC, KCD, SYM or ARXML.
-
-    Returns
-    -------
-    Codec
-        Its messages, ready to decode; `left_out` lists those that cannot be used.
-
-    Raises
-    ------
-    InputError
-        See `read_dbc` and `parse_codec`.
+    Raises InputError as `read_dbc` and `parse_codec`.
     """
     return parse_codec(read_dbc(path), str(path))
 
 
 def parse_codec(text: str, name: str) -> Codec:
-    """Compile the text of a CAN database.
+    """Return the messages of a database's text, ready to decode.
 
-    A signal or message that cannot be decoded correctly is left out and listed in `Codec.left_out`;
-    the others are loaded.  Messages that share a name are loaded under different names
-    (`dbc.reader.lint.with_own_names`).  Overlapping signals are legal (sensors document them): each
-    is read from its own bits, and `Codec.notes` lists them.
+    Messages that share a name are loaded as ``Name_0x1A0``, signals of a message as ``Name_m3``
+    (selector value) or ``Name_b8`` (start bit).  Signals that overlap are legal: each is read from
+    its own bits.
 
     Parameters
     ----------
     text : str
-        DBC, KCD, SYM or ARXML; the format is recognised by the first characters, else by the suffix
-        of `name`.
+        DBC, KCD, SYM or ARXML; recognised by its beginning, else by the suffix of `name`.
     name : str
         Source of the text, for error messages.
 
     Returns
     -------
     Codec
-        Its messages, ready to decode.
+        The messages; `left_out` lists what cannot be used, `notes` what was repaired or is odd.
 
     Raises
     ------
     InputError
-        If it is not a CAN database, or ends within a definition, or none of its messages can be
-        used; with `name:line`.
+        If it is no CAN database, ends within a definition, or none of its messages can be used;
+        with `name:line` where it is known.
     """
     if len(text) > MAX_BYTES:
-        raise InputError(name, f"larger than {MAX_BYTES // 1_000_000} MB", PICK_DBC)
+        raise InputError(name, f"larger than {MAX_BYTES // 1_000_000} MB", PICK)
     if not text.strip():
-        raise InputError(name, "the file is empty", PICK_DBC)
+        raise InputError(name, "the file is empty", PICK)
     if "\0" in text:
-        raise InputError(name, "binary data, not a DBC", PICK_DBC)
-    if foreign_kind(text, name):
-        return parse_foreign(text, name)
-    source = Source.of(text, name)
-    return _compile(read_document(text, source), source)
-
-
-def _compile(document: Document, source: Source) -> Codec:
-    """Check the messages of a document one by one and separate the usable ones from the others."""
-    usable: list[tuple[Block, MessageLayout]] = []
-    left_out: list[Finding] = []
-    faults = _strays(document) | document.faults
-    for block in document.blocks:
-        name = block.head["name"] if block.head else "?"
-        if name == ORPHANS:
-            continue
-        known = faults.get(whole(block.head["id"])) if block.head else None
-        fault = block.fault or known
-        if fault is not None:
-            left_out.append(unusable(source.at(fault[0]), f"message {name}", fault[1]))
+        raise InputError(name, "binary data, not a CAN database", PICK)
+    kind = _kind(text, name)
+    source = RepairedText(text if not kind else "", name)
+    found = _read_other(text, name, kind) if kind else _read_dbc(source)
+    messages: list[MessageLayout] = []
+    places: list[tuple[str, str]] = []
+    left_out = list(source.left_out)
+    notes = list(source.notes)
+    for message in found:
+        can_id = message.frame_id | EXTENDED * message.is_extended_frame
+        bus = message.bus_name or ""
+        if (can_id, "") in source.lost:
             continue
         try:
-            message, lost = usable_part(as_long_as_it_is(compose(document, block)))
-        except FaultError as found:
-            place, subject = _place(source, block, name, found.signal)
-            left_out.append(unusable(place, subject, found.reason))
-        else:
-            usable.append((block, message))
-            left_out += [
-                unusable(*_place(source, block, name, signal), reason) for signal, reason in lost
-            ]
-    twice = ambiguous([message for _, message in usable])
-    left_out += [
-        unusable(*_place(source, usable[i][0], usable[i][1].name, None), why)
-        for i, why in twice.items()
-    ]
-    blocks = [block for i, (block, _) in enumerate(usable) if i not in twice]
-    messages = [message for i, (_, message) in enumerate(usable) if i not in twice]
-    kept = with_own_names(messages)
-    notes = [odd(source.at(start), "the text", what) for start, what in document.loose]
-    for block, message, own in zip(blocks, messages, kept, strict=True):
-        if own.name != message.name:
-            where = f"has the name of another message: it is {own.name} here"
-            notes.append(odd(*_place(source, block, message.name, None), where))
-    for block, message in zip(blocks, kept, strict=True):
-        if block.head and message.is_extended and whole(block.head["id"]) < EXTENDED_BIT:
-            notes.append(odd(*_place(source, block, message.name, None), TOO_LONG))
-        shared = overlaps(message)
-        if shared:
-            rest = len(shared) - 1
-            more = f" (and {counted(rest, 'more signal')})" if rest else ""
-            what = f"overlaps {shared[0][1]}{more}"
-            notes.append(odd(*_place(source, block, message.name, shared[0][0]), what))
+            layout, faults = _layout(message, source, can_id)
+        except ValueError as error:
+            text_ = f"message {message.name} {error}"
+            left_out.append(_finding("left_out", source.at(can_id), text_, message.name))
+            continue
+        for signal, fault in faults.items():
+            subject = f"{message.name}.{signal}"
+            where = source.at(can_id, signal)
+            left_out.append(_finding("left_out", where, f"{subject} {fault}", subject))
+        # A message that is passed on from one bus to another means the same on both.
+        meaning = replace(layout, senders=(), cycle_s=None)
+        if kind and meaning in [replace(each, senders=(), cycle_s=None) for each in messages]:
+            continue
+        messages.append(layout)
+        places.append((source.at(can_id), bus))
+        if pair := _overlap(layout):
+            subject = f"{layout.name}.{pair[0]}"
+            what = f"{subject} overlaps {pair[1]}"
+            notes.append(_finding("odd", source.at(can_id, pair[0]), what, subject))
+    identifiers = Counter((m.can_id, m.is_extended) for m in messages)
+    kept = []
+    for message_, (where, bus) in zip(messages, places, strict=True):
+        if identifiers[message_.can_id, message_.is_extended] == 1:
+            kept.append(message_)
+            continue
+        what = f"message {message_.name} has the identifier 0x{message_.can_id:X} of another"
+        several = len({bus for _, bus in places}) > 1
+        advice = f" (if it is of the bus {bus}, name {name}{NETWORK}{bus})" if several else ""
+        left_out.append(_finding("left_out", where, what + advice, message_.name))
     if not kept:
-        raise _refusal(source, [*left_out, *notes])
-    return Codec(tuple(kept), tuple(left_out), tuple(notes))
+        first = next(iter(left_out or notes), None)
+        if first is None:
+            raise InputError(name, "has no messages", PICK)
+        more = len(left_out or notes) - 1
+        what = first.text + (f", and {more} more" if more else "")
+        raise InputError(first.where or name, what, "correct that line or give another file")
+    named = _unique_names(kept)
+    for message_, own in zip(kept, named, strict=True):
+        if own.name != message_.name:
+            where = source.at(own.can_id | EXTENDED * own.is_extended)
+            what = f"message {message_.name} has the name of another: it is {own.name} here"
+            notes.append(_finding("odd", where, what, message_.name))
+    return Codec(named, tuple(left_out), tuple(notes))
 
 
-def _strays(document: Document) -> dict[int, tuple[int, str]]:
-    """Find messages without a signal that the DBC elsewhere declares as float or multiplexed.
+def _kind(text: str, name: str) -> str:
+    """Return the format of a database from its content, or else its suffix; "" for a DBC."""
+    if root := _ROOT.match(text.lstrip("\ufeff")):
+        return _KINDS[root[1]]
+    if _SYM.match(text[:4096]):
+        return "sym"
+    suffix = Path(name.partition(NETWORK)[0]).suffix.lower()[1:]
+    return suffix if suffix in ("kcd", "sym", "arxml") else ""
 
-    The DBC may mean another signal of that message.  (A value table of a missing signal is common
-    and harmless.)
+
+def _read_dbc(source: RepairedText) -> Sequence[Message]:
+    """Return the messages of a DBC; what cantools refuses is left out until it reads the rest."""
+    from cantools.database.can.formats import dbc
+    from textparser import ParseError as SyntaxFault
+
+    while str(source).strip():
+        try:
+            return dbc.load_string(f"{source}{_END}", strict=False).messages
+        except SyntaxFault as error:
+            source.without_error(error.offset)
+        except Exception as error:
+            # cantools raises many kinds of errors: ValueError, KeyError, AssertionError, its own.
+            if not (isinstance(error, ValueError) and source.without_strays(str(error))):
+                raise _refused(source.name, "DBC", error) from error
+    return ()
+
+
+def _read_other(text: str, name: str, kind: str) -> Sequence[Message]:
+    """Return the messages of a KCD, SYM or ARXML."""
+    if kind == "cdd":
+        what = "is a diagnostic description (CDD), which has no messages of the bus"
+        raise InputError(name, what, PICK)
+    if huge := _HUGE.search(text):
+        where = f"{name}:{text.count(chr(10), 0, huge.start()) + 1}"
+        raise InputError(where, f"{huge[0]!r} lies outside any payload", "correct that line")
+    ranges = [(int(r[1], 16), int(r[2], 16)) for r in _SYM_RANGE.finditer(text)]
+    if sum(max(high - low, 0) for low, high in ranges) > _MOST_IDENTIFIERS:
+        raise InputError(name, f"has more than {_MOST_IDENTIFIERS:,} identifiers", "split it")
+    from cantools.database.can.formats import arxml, kcd, sym
+
+    load: Any = {"kcd": kcd, "sym": sym, "arxml": arxml}[kind]
+    logger = logging.getLogger("cantools")
+    before, logger.disabled = logger.disabled, True  # it prints what it does not support
+    try:
+        # Without a line feed at the end, cantools would search from each // to the end of the text.
+        return [*load.load_string(f"{text}\n", strict=False).messages]
+    except Exception as error:
+        raise _refused(name, kind.upper(), error) from error
+    finally:
+        logger.disabled = before
+
+
+def _refused(name: str, kind: str, error: Exception) -> InputError:
+    what = str(error).split("\n", 1)[0] or type(error).__name__
+    what = f"{what} is not defined" if isinstance(error, KeyError) else what
+    line = re.search(r"\bline (\d+)", what)
+    return InputError(f"{name}:{line[1]}" if line else name, f"not a valid {kind}: {what}", PICK)
+
+
+def _layout(
+    message: Message, source: RepairedText, can_id: int
+) -> tuple[MessageLayout, dict[str, str]]:
+    """Return a message without the signals that cannot be decoded, and why each cannot be.
+
+    Raises ValueError with the reason if the message cannot be decoded.
     """
-    held = {
-        whole(block.head["id"]): {s.body["name"] for s in block.signals if s.body}
-        for block in document.blocks
-        if block.head
-    }
-    return {
-        key[0]: (document.positions[key], f"has no signal {key[1]}, which is named there")
-        for key in [*document.float_types, *document.selections]
-        if key[0] in held and key[1] not in held[key[0]]
-    }
+    if message.is_container:
+        raise ValueError("is a container of other messages")
+    if message.length > 64:
+        raise ValueError(f"has {message.length} bytes, not 0 to 64")
+    signals = []
+    faults: dict[str, str] = {}
+    for signal in message.signals:
+        if (can_id, signal.name) in source.lost:
+            continue
+        fault = _fault(signal, message.length)
+        selected = signal.multiplexer_signal is not None and signal.multiplexer_ids
+        if (can_id, signal.name) in source.multiplexed and not selected:
+            fault = "is multiplexed without one clear selector"
+        if fault:
+            faults[signal.name] = fault
+        else:
+            signals.append(signal)
+    layouts = list(map(_signal, signals))
+    named = Counter(each.name for each in layouts)
+    roles = _roles(signals)
+    for part in (_selector_part, _bit_part):
+        layouts = [
+            replace(each, name=each.name + part(each)) if named[each.name] > 1 else each
+            for each in layouts
+        ]
+        named = Counter(each.name for each in layouts)
+    by_name = {each.name: each for each in layouts}
+    for each in layouts:
+        seen, above = {each.name}, each
+        while above.selector is not None and each.name not in faults:
+            selector = by_name.get(above.selector)
+            if selector is None or selector.is_float or selector.name in seen:
+                faults[each.name] = f"has no usable selector {above.selector}"
+                break
+            seen.add(selector.name)
+            above = selector
+        if named[each.name] > 1:
+            faults[each.name] = "is defined twice"
+    counter, crc = roles.get("counter"), next((r for r in roles if r in CRC_RULES), None)
+    for name in roles.values():
+        one = by_name.get(name)
+        if one is None or name in faults or not one.is_plain or one.length > 32:
+            raise ValueError(f"has {name}, whose {ROLE} is not a plain unsigned number")
+        if name != counter and (one.length != 8 or one.low_bit != 0):
+            raise ValueError(f"has the checksum {name}, which is not one whole byte")
+    kept = [each for each in layouts if each.name not in faults]
+    if faults and not kept:
+        raise ValueError(
+            f"has no usable signal: {next(iter(faults))} {next(iter(faults.values()))}"
+        )
+    cycle_ms = message.cycle_time
+    layout = MessageLayout(
+        name=message.name,
+        can_id=message.frame_id,
+        is_extended=message.is_extended_frame,
+        length=message.length,
+        cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
+        signals=tuple(sorted(kept, key=lambda each: each.first_bit)),
+        counter=CounterRule(counter, 1 << by_name[counter].length) if counter else None,
+        crc=roles[crc] if crc else None,
+        crc_rule=crc or "crc8_j1850",
+        senders=tuple(message.senders),
+        is_j1939=message.is_extended_frame and message.protocol == "j1939",
+    )
+    return layout, faults
 
 
-def _place(source: Source, block: Block, message: str, signal: str | None) -> tuple[str, str]:
-    """Return line and name of a message, or of one of its signals if the text has that name."""
-    if signal is None:
-        return source.at(block.position), f"message {message}"
-    lines = (s.start for s in reversed(block.signals) if s.body and s.body["name"] == signal)
-    return source.at(next(lines, block.position)), f"{message}.{signal}"
+def _fault(signal: Signal, length: int) -> str | None:
+    """Return why the bits of a signal cannot be decoded; None if they can."""
+    if not signal.name:
+        return "has no name"
+    if not 1 <= signal.length <= 64 or not 0 <= signal.start < 512:
+        return f"has {signal.length} bits from bit {signal.start}, outside any payload"
+    numbers = signal.conversion.scale, signal.conversion.offset
+    try:
+        ends = [number * 2.0**signal.length for number in numbers]
+    except OverflowError:
+        ends = [math.inf]
+    if not all(map(math.isfinite, ends)):
+        return "has a factor or offset beyond float64"
+    if numbers[0] == 0:
+        return "has the factor 0: all its values would be the same"
+    if signal.conversion.is_float and signal.length not in (16, 32, 64):
+        return f"is a float of {signal.length} bits, not 16, 32 or 64"
+    last = _signal(signal).last_byte
+    return f"ends in byte {last + 1} of a message of {length}" if last >= length else None
 
 
-def _refusal(source: Source, findings: list[Finding]) -> InputError:
-    """Return the error for a file that has no usable message."""
-    if not findings:
-        return InputError(source.name, "the DBC has no messages", PICK_DBC)
-    first = findings[0]
-    rest = len(findings) - 1
-    more = f", and {counted(rest, 'more fault')}" if rest else ""
-    what = f"{first.text}{more}"
-    if first.subject == "the text":
-        what = f"not a valid DBC: {first.text.removeprefix('the text ')}{more}"
-    return InputError(first.where, what, "correct that line or give another file")
+def _signal(signal: Signal) -> SignalLayout:
+    conversion = signal.conversion
+    low, high = (
+        None if limit is None or not math.isfinite(limit) else float(limit)
+        for limit in (signal.minimum, signal.maximum)
+    )
+    if low is not None and high is not None and low > high and conversion.scale < 0:
+        low, high = high, low  # in an ARXML: converted from the limits of the raw values
+    layout = SignalLayout(
+        name=signal.name,
+        unit=signal.unit or "",
+        start=signal.start,
+        length=signal.length,
+        is_big_endian=signal.byte_order == "big_endian",
+        is_signed=signal.is_signed,
+        is_float=conversion.is_float,
+        factor=conversion.scale,
+        offset=conversion.offset,
+        minimum=low,
+        maximum=high,
+        selector=signal.multiplexer_signal,
+        selected_by=_ranges(signal.multiplexer_ids or ()),
+        sentinels=(),
+    )
+    if not conversion.choices or _role(signal) != "value":
+        return layout
+    return replace(
+        layout, sentinels=sentinels(layout, {raw: str(n) for raw, n in conversion.choices.items()})
+    )
+
+
+def _ranges(values: Sequence[int]) -> tuple[tuple[int, int], ...]:
+    """Return whole numbers as inclusive ranges."""
+    found: list[tuple[int, int]] = []
+    for value in sorted(values):
+        if found and value <= found[-1][1] + 1:
+            found[-1] = found[-1][0], value
+        else:
+            found.append((value, value))
+    return tuple(found)
+
+
+def _role(signal: Signal) -> str:
+    attribute = signal.dbc.attributes.get(ROLE) if signal.dbc else None
+    if attribute is None:
+        return "value"
+    choices = attribute.definition.choices or ()
+    value = attribute.value  # an ENUM states the index, a STRING the text
+    return choices[value] if isinstance(value, int) and 0 <= value < len(choices) else str(value)
+
+
+def _roles(signals: Sequence[Signal]) -> dict[str, str]:
+    """Return the names of the counter and the checksum of a message, by role."""
+    roles: dict[str, str] = {}
+    for signal in signals:
+        role = _role(signal)
+        if role == "value":
+            continue
+        if role != "counter" and role not in CRC_RULES:
+            raise ValueError(f"has {signal.name} with the {ROLE} {role}, which is unknown")
+        if role in roles or (role in CRC_RULES and not CRC_RULES.keys().isdisjoint(roles)):
+            raise ValueError(f"has two signals with the {ROLE} {role}")
+        roles[role] = signal.name
+    return roles
+
+
+def _selector_part(signal: SignalLayout) -> str:
+    return f"_m{signal.selected_by[0][0]}" if signal.selected_by else ""
+
+
+def _bit_part(signal: SignalLayout) -> str:
+    return f"_b{signal.start}"
+
+
+def _overlap(message: MessageLayout) -> tuple[str, str] | None:
+    """Return the first signal that shares bits with an earlier one of the same frames."""
+    taken: dict[object, dict[int, str]] = defaultdict(dict)
+    for signal in sorted(message.signals, key=lambda each: each.is_multiplexed):
+        own = taken[signal.selector, signal.selected_by]
+        for bit in range(signal.first_bit, signal.first_bit + signal.length):
+            place = 8 * (bit // 8) + 7 - bit % 8 if signal.is_big_endian else bit
+            other = own.get(place) or taken[None, ()].get(place)
+            if other and other != signal.name:
+                return signal.name, other
+            own[place] = signal.name
+    return None
+
+
+def _unique_names(messages: Sequence[MessageLayout]) -> tuple[MessageLayout, ...]:
+    """Return messages of different identifiers, each under its own name."""
+    named = Counter(message.name for message in messages)
+    numbers = Counter((message.name, message.can_id) for message in messages)
+    return tuple(
+        replace(m, name=f"{m.name}_0x{m.can_id:X}{'x' * _is_twin(m, numbers)}")
+        if named[m.name] > 1
+        else m
+        for m in messages
+    )
+
+
+def _is_twin(message: MessageLayout, numbers: Mapping[tuple[str, int], int]) -> bool:
+    return message.is_extended and numbers[message.name, message.can_id] > 1
+
+
+def _finding(code: str, where: str, text: str, subject: str) -> Finding:
+    severity = Severity.ERROR if code == "left_out" else Severity.WARNING
+    return Finding(code, severity, text, subject, where=where)

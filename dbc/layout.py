@@ -46,7 +46,7 @@ class SignalLayout:
     selected_by: tuple[tuple[int, int], ...]
     """Inclusive ranges of the selector's raw value for which the signal is in the frame."""
     sentinels: tuple[int, ...]
-    """Raw values that are not measurements, see `dbc.reader.sentinels`."""
+    """Raw values that are not measurements, see `dbc.value_tables`."""
 
     @property
     def is_multiplexed(self) -> bool:

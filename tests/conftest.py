@@ -22,7 +22,6 @@ pytest_plugins = [
     "tests.compiled_in_shares",
     "tests.compiled_once",
     "tests.few_reports",
-    "tests.without_children",
 ]
 
 

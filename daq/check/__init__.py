@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from .check import CheckReport as CheckReport
     from .check import check_bench as check_bench
     from .check import part_of as part_of
-    from .dbc_readers import bench_witness as bench_witness
-    from .dbc_readers import reader_lines as reader_lines
     from .frame_checks import mixed_messages as mixed_messages
     from .marks import open_questions as open_questions
     from .propose import Proposal as Proposal

@@ -1,4 +1,4 @@
-"""Commands and screens without a process for each file that they read."""
+"""What commands show on their bars of progress."""
 
 from __future__ import annotations
 
@@ -9,13 +9,6 @@ import pytest
 
 from tui import output
 from tui.output import Stage
-
-
-@pytest.fixture(autouse=True)
-def _in_this_process(request: pytest.FixtureRequest) -> None:
-    """Read session files and DBCs here."""
-    request.getfixturevalue("without_children")
-
 
 Stages = dict[str, list[tuple[float, str]]]
 """What each bar of progress has shown: the share that is done, and the words beside it."""

@@ -4,7 +4,6 @@ import gzip
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 import can
 import numpy as np
@@ -15,7 +14,6 @@ from daq.bus.source import SourceLosses
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch
-from dbc.witness.second_reader import Witness
 from tui.cli import run
 
 START_NS = 1_800_000_000_000_000_000
@@ -230,23 +228,6 @@ def test_mistakes_are_one_line(
     assert reported.err.count("\n") == 1
     assert reason in reported.err
     assert reported.out == ""
-
-
-def _doctored(text: str, *rest: Any) -> Witness:
-    """Give cantools another factor than our reader."""
-    return Witness(text.replace("(0.001,0)", "(0.002,0)"), *rest)
-
-
-def test_a_dbc_that_cantools_reads_otherwise_fails(
-    log: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("daq.check.dbc_readers.Witness", _doctored)
-    assert run(["check", "--log", str(log)]) == 1
-    lines = capsys.readouterr().out.splitlines()
-    found = [line for line in lines if "our DBC reader has" in line]
-    assert found
-    assert all(line.startswith("FAIL message ") for line in found)
-    assert lines[-1].startswith("FAIL: ")
 
 
 def test_at_a_terminal_a_proposal_asks(

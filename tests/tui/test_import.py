@@ -14,7 +14,6 @@ import pytest
 
 import daq
 from dbc import FrameBatch, shipped_dbc
-from dbc.witness.second_reader import Witness
 from tui.cli import run
 
 from ..daq.small_campaign import bumps, small_codec
@@ -143,7 +142,6 @@ def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
     assert shown[len(counts) :] == [
         (1.0, "reading the logs' hashes"),
         (1.0, "writing the session"),
-        (1.0, "reading the DBC with cantools"),
     ]
 
 
@@ -279,23 +277,6 @@ def test_a_log_and_its_session_are_replayed(
     assert document["sent"] == len(sent) == 4 * 600
     stamps = [message.timestamp for message in sent]
     assert stamps == sorted(stamps)
-
-
-def test_a_dbc_that_cantools_reads_otherwise_ends_with_1_and_keeps_the_session(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def doctored(text: str, *rest: Any) -> Witness:
-        return Witness(text.replace("(0.0005,0)", "(0.001,0)"), *rest)
-
-    monkeypatch.setattr("daq.check.dbc_readers.Witness", doctored)
-    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
-    out = tmp_path / "s.h5"
-    document, err = done(capsys, "import", str(log), "--config", bench, "--out", str(out), code=1)
-    assert labels(document) == CAMPAIGN
-    assert len(daq.read_session(out).runs) == 4
-    first, *_ = err.splitlines()
-    assert first.startswith("bumpbench: FAIL message HUB_Front: signal acc_fl: our DBC reader has ")
-    assert ", cantools has " in first
 
 
 def test_frames_that_are_lost_in_a_run_are_exit_code_3_though_the_log_is_whole(

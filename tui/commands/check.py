@@ -82,11 +82,10 @@ def check(
     """
     if layouts:
         return _list_layouts(json)
-    from dataclasses import replace
     from datetime import date
 
     from daq import InputError, bench_codec
-    from daq.check import bench_witness, check_bench, part_of, reader_lines
+    from daq.check import check_bench, part_of
 
     from ..bench import bench_and_log, bus_numbers, named_once, with_sensors
 
@@ -113,12 +112,10 @@ def check(
     with_sensors(described, sensor or [], numbers)  # refuses unknown names
     codec = bench_codec(described)  # before anything is opened
     say_left_out(codec)
-    with bench_witness(described, codec) as witness:  # at work while the bus is listened to
-        if frames is None:
-            frames = _frames(described, log, 0.0, seconds)
-        report = check_bench(described, codec, frames, date.today())
-        report = replace(report, lines=(*report.lines, *reader_lines(witness.report())))
-        report = part_of(report, described, sensor or [], numbers)
+    if frames is None:
+        frames = _frames(described, log, 0.0, seconds)
+    report = check_bench(described, codec, frames, date.today())
+    report = part_of(report, described, sensor or [], numbers)
     if json:
         _print_document(report)
     else:

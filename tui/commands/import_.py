@@ -69,11 +69,10 @@ def import_(
 
     from daq import InputError, bench_codec, read_log, write_session
     from daq.bench import Origin
-    from daq.check import WORDS, bench_witness, mixed_messages, reader_lines
+    from daq.check import mixed_messages
     from daq.derive import labelled, numbered, parse_runs, session_from_parts, with_steps
     from daq.files import refuse_existing
     from daq.formats import read_logs
-    from dbc import Severity
 
     from ..bench import bench_with_dbc, bus_numbers, named_once, with_sensors
     from ..diagnostics import say, say_left_out
@@ -116,7 +115,7 @@ def import_(
     bench = with_steps(bench, steps)
     for source in sources:
         refuse_existing(out, replace=force, inputs=source.paths)
-    with bench_witness(bench, codec) as witness, progress("import") as stage:
+    with progress("import") as stage:
         parts = _parts(bench, codec, sources, numbers, stage, apart=bool(singles))
         if singles:
             for part, source in zip(parts, sources, strict=True):
@@ -138,8 +137,6 @@ def import_(
         if not session.runs:
             raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
         write_session(out, session)
-        stage(1.0, "reading the DBC with cantools")
-        reading = witness.report()
     bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
     if json:
         extra = {"sources": facts, "bumps": bumps, "planned": len(steps)}
@@ -154,11 +151,6 @@ def import_(
         say(
             f"come on several buses, two sensors read as one: {names} (--bus, or a [[sensor]] each)"
         )
-    for line in reader_lines(reading):
-        if line.severity > Severity.NOTE:
-            say(f"{WORDS[line.severity]} {line.subject}: {line.text} ({line.advice})")
-    if reading.differences:
-        return ExitCode.ANSWER_IS_NO
     lost = any(source.loss.any for source in sources)
     lost |= any(one.losses.measured for one in session.runs)
     return ExitCode.DATA_LOST if lost else ExitCode.OK

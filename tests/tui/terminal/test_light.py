@@ -41,6 +41,6 @@ def test_home_and_run_screen_load_only_what_they_show() -> None:
     )
     before, loaded = (set(part.split()) for part in done.stdout.split("and with a recorder:"))
     assert "tui.terminal.app" in before
-    assert not before & {"daq.bench.config", "dbc.codec", "dbc.reader", "tui.jobs.outcome"}
+    assert not before & {"daq.bench.config", "cantools", "tui.jobs.outcome"}
     assert "textual" in loaded
     assert not loaded & {"scipy", "matplotlib", "pandas", "asammdf", "can", "h5py"}

@@ -1,1 +1,0 @@
-"""Reads the DBC with cantools as well, in a separate process, and reports the differences."""

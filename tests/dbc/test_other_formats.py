@@ -1,0 +1,139 @@
+"""KCD, SYM and ARXML against what they say; databases of several buses; J1939."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cantools.database
+import pytest
+
+from dbc import InputError, load_codec, parse_codec, read_dbc, split_by_bus
+
+from .foreign_texts import FRAME, REAR, SYM_TEXT, TWO_BUSES, arxml, kcd, kcd_text, message
+from .frames import block
+
+
+@pytest.mark.parametrize("name", ["a.arxml", "a.xml", "a.dbc"])
+def test_arxml_under_any_name(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(arxml())
+    hub = load_codec(path).message("Hub")
+    assert (hub.can_id, hub.is_extended, hub.length) == (FRAME, False, 8)
+    assert hub.signal("az").unit == "m/s2"
+    decoded = load_codec(path).decode(block([(0x3E8 << 4).to_bytes(8, "little")], FRAME))
+    assert decoded["Hub.az"].value.tolist() == [490.0]
+
+
+def test_sym_is_what_cantools_reads() -> None:
+    codec = parse_codec(SYM_TEXT, "a.sym")
+    theirs = cantools.database.can.Database(strict=False)
+    theirs.add_sym_string(SYM_TEXT)
+    payload = bytes([1, 0x23, 0x45, 0x67, 0x89, 0x40, 0x12, 0x45])
+    for each in theirs.messages:
+        decoded = codec.decode(block([payload], each.frame_id, each.is_extended_frame))
+        values = each.decode(payload, decode_choices=False)
+        ours = {name.partition(".")[2]: s.value.tolist() for name, s in decoded.samples.items()}
+        assert {name: value[0] for name, value in ours.items() if value} == values
+    assert codec.message("Pots").cycle_s == 0.01
+    assert [s.sentinels for m in codec.messages for s in m.signals if s.name == "Mode"] == [(255,)]
+
+
+def test_signals_of_one_name_have_the_value_of_their_selector() -> None:
+    codec = parse_codec(kcd_text("Low"), "a.kcd")
+    assert [s.name for s in codec.message("Limits").signals] == ["Which", "Low_m3", "Low_m4"]
+    decoded = codec.decode(block([bytes([3, 10, 0, 0]), bytes([4, 0, 7, 0])], FRAME))
+    assert decoded["Limits.Low_m3"].value.tolist() == [1.0]
+    assert decoded["Limits.Low_m4"].value.tolist() == [7.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.arxml", arxml()[:-60], "not a valid ARXML"),
+        ("a.arxml", arxml(100_000_000), r"a.arxml:\d+: .* lies outside any payload"),
+        ("a.arxml", "<!DOCTYPE x [<!ENTITY a 'b'>]>" + arxml(), "ENTITY"),
+        ("a.arxml", "no XML at all", "not a valid ARXML"),
+        ("a.cdd", "<?xml version='1.0'?>\n<CANDELA dtdvers='5'></CANDELA>", "diagnostic"),
+        ("a.kcd", TWO_BUSES.replace('length="16"', 'length="999999999"'), "outside any payload"),
+        ("a.kcd", TWO_BUSES[:-30], "not a valid KCD"),
+        ("a.kcd", kcd('<Bus name="Empty"/>'), "no messages"),
+        ("a.sym", SYM_TEXT.replace("unsigned 12", "unsigned 999999999"), "outside any payload"),
+        ("a.sym", SYM_TEXT.replace("00000023h", "1FFFFFFFh"), "more than 2,000 identifiers"),
+        ("a.sym", "FormatVersion=5.0\n", "not a valid SYM"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_in_one_line(name: str, text: str, said: str) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        parse_codec(text, name)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(("bus", "factor"), [("Front & é", 0.5), ("Rear", 0.25)])
+def test_a_bus_of_a_file_has_its_own_messages(tmp_path: Path, bus: str, factor: float) -> None:
+    path = tmp_path / "car.kcd"
+    path.write_text(TWO_BUSES, "utf-8")
+    codec = load_codec(f"{path}#{bus}")
+    assert not codec.left_out
+    decoded = codec.decode(block([(1000).to_bytes(8, "little")], FRAME))
+    assert decoded["Hub.az"].value.tolist() == [1000 * factor]
+    assert len(codec.messages) == (2 if factor == 0.5 else 1)
+
+
+def test_an_identifier_of_two_buses_is_left_out_and_said_how_to_name_it() -> None:
+    codec = parse_codec(TWO_BUSES, "car.kcd")
+    assert [m.name for m in codec.messages] == ["Own"]
+    assert ["name car.kcd#Front & é" in codec.left_out[0].text, len(codec.left_out)] == [True, 2]
+    passed = [f'<Bus name="{n}">{message("Hub", 0.5, producer=n)}</Bus>' for n in "12"]
+    gateway = parse_codec(kcd(*passed), "car.kcd")
+    assert [m.name for m in gateway.messages] == ["Hub"]
+    twice = f'<Bus name="B">{message("Hub", 0.5)}{message("Other", 1)}{message("C", 1, 1)}</Bus>'
+    assert [m.name for m in parse_codec(kcd(twice), "car.kcd").messages] == ["C"]
+
+
+def test_the_texts_of_the_buses_by_name(tmp_path: Path) -> None:
+    parts = split_by_bus(TWO_BUSES, "car.kcd")
+    assert list(parts) == ["Empty", "Front & é", "Rear"]
+    assert parts["Rear"] == kcd(REAR)
+    assert split_by_bus("VERSION ''", "a.dbc") == {}
+    one = arxml()
+    start, stop = one.index("<CAN-CLUSTER>"), one.index("</ELEMENTS>")
+    two = one[:stop] + one[start:stop].replace(">Bus<", "> Other <") + one[stop:]
+    assert list(split_by_bus(two, "a.xml")) == ["Bus", "Other"]
+    assert split_by_bus(two, "a.xml")["Bus"] == one
+    (tmp_path / "a.kcd").write_text(TWO_BUSES, "utf-8")
+    with pytest.raises(InputError, match="has no bus Side"):
+        read_dbc(tmp_path / "a.kcd#Side")
+    (tmp_path / "a.kcd#Side").write_text("one", "utf-8")
+    assert read_dbc(tmp_path / "a.kcd#Side") == "one"
+
+
+J1939 = (
+    'VERSION ""\nBU_: A\n'
+    'BO_ 2364540158 EEC1: 8 A\n SG_ rpm : 24|16@1+ (0.125,0) [0|0] "1/min" A\n'
+    'BO_ 2348810494 TSC1: 8 A\n SG_ torque : 0|8@1+ (1,-125) [0|0] "%" A\n'
+    'BO_ 2566844160 Own: 8 A\n SG_ x : 0|8@1+ (1,0) [0|0] "" A\n'
+    'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
+    'BA_DEF_DEF_ "VFrameFormat" "ExtendedCAN";\n'
+    'BA_ "VFrameFormat" BO_ 2364540158 3;\nBA_ "VFrameFormat" BO_ 2348810494 3;\n'
+)
+
+
+@pytest.mark.parametrize(
+    ("can_id", "signal"),
+    [
+        (0x0CF00400, "EEC1.rpm"),  # another source and priority
+        (0x18F00417, "EEC1.rpm"),
+        (0x0C0000FE, "TSC1.torque"),
+        (0x0C001721, "TSC1.torque"),  # to 0x17 from 0x21
+        (0x18FF0040, None),  # is not marked, and has another source
+        (0x0CF00500, None),
+    ],
+)
+def test_marked_messages_are_matched_by_their_parameter_group(
+    can_id: int, signal: str | None
+) -> None:
+    payload = bytes([130, 0, 0, 0x40, 0x1F, 0, 0, 0])
+    decoded = parse_codec(J1939, "x.dbc").decode(block([payload], can_id, extended=True))
+    assert list(decoded.samples) == ([signal] if signal else [])
+    every = parse_codec(J1939, "x.dbc").by_parameter_group()
+    assert len(every.decode(block([payload], 0x0CF004AA, extended=True)).samples) == 1

@@ -1,0 +1,289 @@
+"""DBC files: what cannot be decoded correctly is left out with its line, and the rest is loaded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dbc import Codec, InputError, load_codec, parse_codec, read_dbc, shipped_dbc
+from tui.cli import run
+
+from .frames import block
+from .mutations import outcome
+
+HEAD = 'VERSION ""\n\nNS_ :\n\tCM_\n\tVAL_\n\nBS_:\n\nBU_: A B\n\n'
+M = 'BO_ 256 M: 8 A\n SG_ s : 0|16@1- (0.5,0) [0|0] "g" B\n SG_ t : 16|8@1+ (1,0) [0|0] "" A,B\n\n'
+N = 'BO_ 257 N: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] "" B\n\n'
+
+
+def names(codec: Codec) -> list[str]:
+    """Return the names of all signals."""
+    return [f"{message.name}.{each.name}" for message in codec.messages for each in message.signals]
+
+
+def signal(line: str, tail: str = "") -> str:
+    return f"{HEAD}BO_ 300 Bad: 8 A\n SG_ {line} B\n{N}{tail}"
+
+
+# A text with a fault in message Bad or signal Bad.s, and what is said on which line.
+LEFT_OUT = {
+    "syntax": (signal('s : 0|16@1- (0.5;0) [0|0] "g"'), "12: Bad.s is not valid DBC"),
+    "no receivers": (
+        f'{HEAD}BO_ 300 Bad: 8 A\n SG_ s : 0|8@1- (1,0) [0|0] "g"\n{N}',
+        "12: Bad.s is not valid DBC",
+    ),
+    "factor 0": (signal('s : 0|16@1- (0,0) [0|0] "g"'), "has the factor 0"),
+    "factor": (signal('s : 0|8@1+ (1e400,0) [0|0] ""'), "factor or offset beyond float64"),
+    "values": (signal('s : 0|64@1+ (1.5e300,0) [0|0] ""'), "factor or offset beyond float64"),
+    "long": (signal('s : 0|999999@1- (1,0) [0|0] "g"'), "12: Bad.s has 999999 bits"),
+    "65 bits": (signal('s : 0|65@1- (1,0) [0|0] "g"'), "12: Bad.s has 65 bits"),
+    "beyond": (signal('s : 60|16@1- (1,0) [0|0] "g"'), "ends in byte 10 of a message of 8"),
+    "motorola": (signal('s : 59|8@0+ (1,0) [0|0] ""'), "ends in byte 9 of a message of 8"),
+    "float": (
+        signal('s : 0|17@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 300 s : 1;\n"),
+        "is a float of 17 bits",
+    ),
+    "bytes": (signal('s : 0|8@1+ (1,0) [0|0] ""').replace("Bad: 8", "Bad: 65"), "has 65 bytes"),
+    "no selector": (signal('s m1 : 0|8@1- (1,0) [0|0] "g"'), "without one clear selector"),
+    "two selectors": (
+        signal(
+            's M : 0|8@1- (1,0) [0|0] "g" B\n SG_ u M : 8|8@1+ (1,0) [0|0] "" B\n'
+            ' SG_ v m1 : 16|8@1+ (1,0) [0|0] ""'
+        ),
+        "14: Bad.v is multiplexed without one clear selector",
+    ),
+    "selector of itself": (
+        signal(
+            's m0M : 0|8@1+ (1,0) [0|0] "" B\n SG_ r m0M : 8|8@1+ (1,0) [0|0] ""',
+            "SG_MUL_VAL_ 300 s r 0-1;\nSG_MUL_VAL_ 300 r s 0-1;\n",
+        ),
+        "has no usable selector",
+    ),
+    "range": (
+        signal(
+            's M : 0|32@1+ (1,0) [0|0] "" B\n SG_ r m0 : 32|8@1+ (1,0) [0|0] ""',
+            "SG_MUL_VAL_ 300 r s 0-4000000000;\n",
+        ),
+        "Bad.r has a statement that has 4,000,000,001 values of its selector",
+    ),
+    "identifier": (
+        signal('s : 0|8@1+ (1,0) [0|0] ""').replace("300", "1073741824"),
+        "has an identifier of 31 bits",
+    ),
+    "twin": (
+        signal('s : 0|8@1+ (1,0) [0|0] ""')
+        + 'BO_ 300 Bad2: 8 A\n SG_ q : 0|8@1+ (1,0) [0|0] "" B\n',
+        "identifier 0x12C of another",
+    ),
+    "twin signals": (
+        signal('s : 0|8@1+ (1,0) [0|0] "" B\n SG_ s : 0|8@1+ (1,0) [0|0] ""'),
+        "is defined twice",
+    ),
+    "type": (
+        signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 300 s ; 1;\n"),
+        "Bad.s has a",
+    ),
+    "type of none": (
+        signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 300 q : 1;\n"),
+        "signal q",
+    ),
+    "mistyped": (signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VLTYPE_ 300 s : 1;\n"), "16: Bad.s has"),
+    "table": (signal('s : 0|8@1- (1,0) [0|0] ""', 'VAL_ 300 s 1 "a "b" c";\n'), "16: Bad.s has"),
+    "role": (
+        signal(
+            's : 0|8@1+ (1,0) [0|0] ""',
+            'BA_DEF_ SG_ "SignalRole" ENUM "value","crc16";\nBA_ "SignalRole" SG_ 300 s 1;\n',
+        ),
+        "has s with the SignalRole crc16, which is unknown",
+    ),
+    "counter": (
+        signal(
+            's : 0|8@1- (1,0) [0|0] ""',
+            'BA_DEF_ SG_ "SignalRole" STRING;\nBA_ "SignalRole" SG_ 300 s "counter";\n',
+        ),
+        "has s, whose SignalRole is not a plain unsigned number",
+    ),
+    "head": (signal('s : 0|8@1- (1,0) [0|0] ""').replace("300 Bad:", "300 Bad"), "11: message Bad"),
+    "no head": (signal('s : 0|8@1- (1,0) [0|0] ""').replace("BO_ 300", "XO_ 300"), "11: message ?"),
+}
+
+
+@pytest.mark.parametrize("case", LEFT_OUT)
+def test_what_cannot_be_decoded_costs_itself_only(case: str) -> None:
+    text, said = LEFT_OUT[case]
+    codec = parse_codec(M + text, "x.dbc")
+    kept = {name for name in names(codec) if not name.startswith("Bad.")}
+    assert kept == {"M.s", "M.t", "N.s"}
+    assert "Bad.s" not in names(codec) or case in ("two selectors", "range")
+    if said[:2].isdigit():
+        said = f"x.dbc:{int(said[:2]) + M.count(chr(10))}{said[2:]}"
+    assert any(said in str(each) for each in codec.left_out), codec.left_out
+    assert all(each.where.startswith("x.dbc:") for each in codec.left_out)
+
+
+# A text that is repaired, and what is said.
+REPAIRED = {
+    "11 bits": (f"{HEAD}{M}{N}".replace("256", "123456"), "it is read as 29-bit"),
+    "table of none": (f'{HEAD}{M}{N}VAL_ 256 q 1 "a";\nVAL_ 9 s 1 "a";\n', "names no signal"),
+    "comment": (
+        f'{HEAD}{M}{N}CM_ BO_ 256 "no end;\nVAL_ 257 s 255 "invalid";\nCM_ "x";\n',
+        "18: CM_",
+    ),
+    "semicolon": (f'{HEAD}{M}{N}VAL_ 256 t 1 "a"\nVAL_ 257 s 255 "invalid";\n', "no semicolon"),
+    "last": (f'{HEAD}{M}{N}VAL_ 257 s 255 "invalid"\n', "18: VAL_ has no semicolon"),
+    "unknown": (f"{HEAD}{M}{N}FOO_ bar;\n", "18: the text is not valid DBC"),
+}
+
+
+@pytest.mark.parametrize("case", REPAIRED)
+def test_a_repair_loses_nothing_and_is_said(case: str) -> None:
+    text, said = REPAIRED[case]
+    codec = parse_codec(text, "x.dbc")
+    assert names(codec) == ["M.s", "M.t", "N.s"]
+    assert not codec.left_out
+    assert any(said in str(each) for each in codec.notes), codec.notes
+    sentinels = (255,) if "invalid" in text else ()
+    assert codec.message("N").signal("s").sentinels == sentinels
+    assert codec.message("M").is_extended == (case == "11 bits")
+
+
+REFUSED = {
+    "empty": ("", "empty"),
+    "blank": (" \n\n\t\n", "empty"),
+    "prose": ("A bump test over CAN.\n", "not valid DBC"),
+    "xml": ("<?xml version='1.0'?><a/>\n", "not valid DBC"),
+    "nul": ("VERSION \0", "binary"),
+    "header only": (HEAD, "no messages"),
+    "orphans only": (
+        f"{HEAD}BO_ 3221225472 VECTOR__INDEPENDENT_SIG_MSG: 0 Vector__XXX\n"
+        ' SG_ s : 0|8@1+ (1,0) [0|0] "" B\n',
+        "no messages",
+    ),
+    "attribute": (f'{HEAD}{M}BA_ "Unknown" 1;\n', "'Unknown' is not defined"),
+    "large": ("x" * 5_000_001, "larger than 5 MB"),
+    "quotes": ('CM_ "\n' * 2000, "x.dbc:"),
+    "parentheses": ("(" * 20_000, "ends within a definition"),
+    "recursion": (
+        f'{HEAD}BO_ 1 M: 8 A\n SG_ s0 M : 0|8@1+ (1,0) [0|0] "" B\n'
+        + "".join(f' SG_ s{k} m1M : 0|8@1+ (1,0) [0|0] "" B\n' for k in range(1, 2000))
+        + "".join(f"SG_MUL_VAL_ 1 s{k} s{k - 1} 1-1;\n" for k in range(1, 2000)),
+        "not a valid DBC",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_database_is_refused_in_one_line(case: str) -> None:
+    text, said = REFUSED[case]
+    with pytest.raises(InputError, match=said) as caught:
+        parse_codec(text, "x.dbc")
+    assert str(caught.value).isprintable()
+    assert str(caught.value).startswith("x.dbc")
+
+
+@pytest.mark.parametrize("cut", [2, 4, 9, 15, 20])
+def test_a_text_that_is_cut_off_is_refused(cut: int) -> None:
+    with pytest.raises(InputError, match="ends within a definition"):
+        parse_codec((HEAD + M + N + "SIG_VALTYPE_ 256 s : 1;\n")[:-cut], "x.dbc")
+
+
+@pytest.mark.parametrize(("errors", "loads"), [(40, True), (41, False)])
+def test_forty_errors_of_syntax_are_repaired_and_no_more(errors: int, loads: bool) -> None:
+    text = HEAD + M + "".join(f'BO_ {k} K{k}: 8 A\n SG_ s ; "" B\n' for k in range(errors)) + N
+    if loads:
+        assert len(parse_codec(text, "x.dbc").left_out) == 40
+        return
+    with pytest.raises(InputError, match="more than 40 errors of syntax"):
+        parse_codec(text, "x.dbc")
+
+
+@pytest.mark.parametrize(("values", "loads"), [(1 << 16, True), ((1 << 16) + 1, False)])
+def test_ranges_of_selectors_have_a_limit(values: int, loads: bool) -> None:
+    text = (
+        f'{HEAD}BO_ 1 M: 8 A\n SG_ top M : 0|32@1+ (1,0) [0|0] "" B\n'
+        f' SG_ s m0 : 32|8@1+ (1,0) [0|0] "" B\nSG_MUL_VAL_ 1 s top 0-{values - 1};\n'
+    )
+    codec = parse_codec(text, "x.dbc")
+    assert names(codec) == (["M.top", "M.s"] if loads else ["M.top"])
+    if loads:
+        assert codec.message("M").signal("s").selected_by == ((0, values - 1),)
+
+
+def test_names_that_are_given_twice_are_told_apart() -> None:
+    far = M.replace("256", str((1 << 31) + 256))
+    twice = 'BO_ 258 K: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] "" B\n SG_ s : 8|8@1+ (1,0) [0|0] "" B\n'
+    codec = parse_codec(HEAD + M + N + far + twice, "x.dbc")
+    assert [m.name for m in codec.messages] == ["M_0x100", "N", "M_0x100x", "K"]
+    assert [s.name for s in codec.message("K").signals] == ["s_b0", "s_b8"]
+    assert any("it is M_0x100 here" in str(note) for note in codec.notes)
+    decoded = codec.decode(block([b"\2\0\7\0\0\0\0\0", b"\4\5\7\0\0\0\0\0"], [256, 258]))
+    assert decoded["M_0x100.s"].value.tolist() == [1.0]
+    assert decoded["K.s_b8"].value.tolist() == [5.0]
+
+
+def test_roles_long_names_cycles_and_senders_are_read() -> None:
+    text = (
+        f'{HEAD}{M}BO_TX_BU_ 256 : A,B;\nBA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;\n'
+        'BA_DEF_ SG_ "SignalRole" ENUM "value","counter";\n'
+        'BA_DEF_ SG_ "SystemSignalLongSymbol" STRING;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'
+        f'BA_ "GenMsgCycleTime" BO_ 256 5;\nBA_ "SignalRole" SG_ 256 t 1;\n'
+        f'BA_ "SystemSignalLongSymbol" SG_ 256 s "{"long" * 9}";\n'
+    )
+    message = parse_codec(text, "x.dbc").message("M")
+    assert message.cycle_s == 0.005
+    assert message.counter is not None
+    assert (message.counter.signal, message.counter.modulus) == ("t", 256)
+    assert message.senders == ("A", "B")
+    assert [s.name for s in message.signals] == ["long" * 9, "t"]
+
+
+def test_overlaps_are_read_and_noted() -> None:
+    codec = parse_codec(signal('s : 0|8@1+ (1,0) [0|0] "" B\n SG_ u : 4|8@1+ (1,0) [0|0] ""'), "x")
+    assert "Bad.u" in names(codec)
+    assert any("Bad.u overlaps s" in str(note) for note in codec.notes)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+@pytest.mark.parametrize("ends", ["\n", "\r\n"])
+def test_encodings_and_line_ends(tmp_path: Path, encoding: str, ends: str) -> None:
+    path = tmp_path / "x.dbc"
+    path.write_bytes((HEAD + M.replace('"g"', '"°/s"')).replace("\n", ends).encode(encoding))
+    assert load_codec(path).message("M").signal("s").unit == "°/s"
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    (tmp_path / "wide.dbc").write_bytes(HEAD.encode("utf-16"))
+    for name, said in (("none.dbc", "No such file"), ("", "not a file"), ("wide.dbc", "UTF-16")):
+        with pytest.raises(InputError, match=said):
+            read_dbc(tmp_path / name)
+
+
+def test_the_shipped_database_has_no_findings() -> None:
+    codec = parse_codec(shipped_dbc(), "shipped")
+    assert not codec.left_out
+    assert not codec.notes
+
+
+def test_decode_ends_with_one_line_for_a_broken_database(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, dbc = tmp_path / "x.log", tmp_path / "x.dbc"
+    log.write_text("(1.0) can0 100#0200070000000000\n")
+    dbc.write_text(HEAD + M[:-30])
+    assert run(["decode", str(log), "--dbc", str(dbc)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    dbc.write_text(HEAD + M + N.replace(": 0|8@1+", ": 0|8@1"))
+    assert run(["decode", str(log), "--dbc", str(dbc)]) == 0
+    out, err = capsys.readouterr()
+    assert "1.000000000,M,s,1,g" in out
+    assert "x.dbc:16: N.s is not valid DBC" in err
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@given(st.integers(0, 1 << 32), st.sampled_from(["dbc", "kcd", "sym", "arxml"]))
+def test_a_changed_database_is_read_or_refused_and_nothing_else(seed: int, kind: str) -> None:
+    assert outcome(np.random.default_rng(seed), kind) in ("read", "repaired", "refused")
