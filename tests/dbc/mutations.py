@@ -33,7 +33,7 @@ def outcome(rng: np.random.Generator, kind: str) -> str:
     """Return what becomes of a text with one to four faults: read, repaired or refused."""
     text = TEXTS[kind]
     for _ in range(rng.integers(1, 5)):
-        at, width = int(rng.integers(len(text))), int(rng.integers(1, 40))
+        at, width = int(rng.integers(len(text) + 1)), int(rng.integers(1, 40))
         piece = PIECES[rng.integers(len(PIECES))]
         change = rng.integers(4)
         if change == 0:  # cut off
