@@ -75,6 +75,7 @@ class RepairedText:
         """Name of each message."""
         self._repairs = 0
         self._extended_identifiers()
+        self._undefined_attributes()
         self._numbers()
 
     def __str__(self) -> str:
@@ -156,6 +157,18 @@ class RepairedText:
                 if about := _ABOUT.match(s.text):
                     start, stop = about.span(2)
                     s.text = f"{s.text[:start]}{s.can_id}{s.text[stop:]}"
+
+    def _undefined_attributes(self) -> None:
+        """Leave out the values of attributes that are not defined: they say nothing."""
+        names = [(s, match[0]) for s in self.statements if (match := _STRING.search(s.text))]
+        defined = {name for s, name in names if s.kind in ("BA_DEF_", "BA_DEF_REL_")}
+        noted: set[str] = set()
+        for s, name in names:
+            if s.kind in ("BA_", "BA_REL_") and name not in defined:
+                if name not in noted:
+                    self._note(s.line, f"attribute {name}", "is not defined: it is left out")
+                noted.add(name)
+                s.text = "\n" * s.text.count("\n")
 
     def _numbers(self) -> None:
         """Leave out what no payload can hold, because cantools would build it."""

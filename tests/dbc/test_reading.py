@@ -136,6 +136,10 @@ REPAIRED = {
     "semicolon": (f'{HEAD}{M}{N}VAL_ 256 t 1 "a"\nVAL_ 257 s 255 "invalid";\n', "no semicolon"),
     "last": (f'{HEAD}{M}{N}VAL_ 257 s 255 "invalid"\n', "18: VAL_ has no semicolon"),
     "unknown": (f"{HEAD}{M}{N}FOO_ bar;\n", "18: the text is not valid DBC"),
+    "attribute": (
+        f'{HEAD}{M}{N}BA_ "GenMsgOther" BO_ 256 10;\nBA_ "GenMsgOther" BO_ 257 20;\n',
+        '18: attribute "GenMsgOther" is not defined',
+    ),
 }
 
 
@@ -163,7 +167,6 @@ REFUSED = {
         ' SG_ s : 0|8@1+ (1,0) [0|0] "" B\n',
         "no messages",
     ),
-    "attribute": (f'{HEAD}{M}BA_ "Unknown" 1;\n', "'Unknown' is not defined"),
     "large": ("x" * 5_000_001, "larger than 5 MB"),
     "quotes": ('CM_ "\n' * 2000, "x.dbc:"),
     "parentheses": ("(" * 20_000, "ends within a definition"),
