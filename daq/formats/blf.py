@@ -6,24 +6,80 @@ import struct
 import zlib
 from collections.abc import Iterator
 from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dbc.errors import InputError
-from dbc.frames import FrameBatch
+from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
+from dbc.words import counted
 
-from .blf_objects import MAX_OBJECT_BYTES, find_objects, frames_of
-from .source import Ledger, Readable
+from .source import LATEST_NS, LONGEST_NS, LogLoss, Readable, possible_frames
 
 LACKS = "the direction of error frames"
 BLOCK_BYTES = 1 << 19
+MAX_OBJECT_BYTES = 1 << 24
 _FILE = struct.Struct("<4sL8BQQLL8H8H")
 _OBJECT = struct.Struct("<4sHHLL")
 _CONTAINER = struct.Struct("<H6xL4x")
-_IS_CONTAINER = 10
-_PLAIN, _ZLIB = 0, 2
+_IS_CONTAINER, _PLAIN, _ZLIB = 10, 0, 2
 _ADVICE = "check what it is; its suffix may be wrong"
+_GAP = 8
+"""Limit of the padding after an object, bytes: it is shorter."""
 
 
-def read_blf(file: Readable, where: str, size: int | None, ledger: Ledger) -> Iterator[FrameBatch]:
+def _layout(itemsize: int, /, **fields: tuple[str, int]) -> np.dtype[np.void]:
+    return np.dtype(
+        {
+            "names": list(fields),
+            "formats": [form for form, _ in fields.values()],
+            "offsets": [offset for _, offset in fields.values()],
+            "itemsize": itemsize,
+        }
+    )
+
+
+_HEADER = _layout(
+    32, version=("<u2", 6), size=("<u4", 8), kind=("<u4", 12), unit=("<u4", 16), stamp=("<u8", 24)
+)
+_CLASSIC = _layout(16, bus=("<u2", 0), flags=("u1", 2), dlc=("u1", 3), can_id=("<u4", 4))
+_ERROR_EXT = _layout(32, bus=("<u2", 0), dlc=("u1", 10), can_id=("<u4", 16))
+_ERROR = _layout(4, bus=("<u2", 0))
+_FD_ERROR_64 = _layout(4, bus=("u1", 0))
+_FD = _layout(
+    84,
+    bus=("<u2", 0),
+    flags=("u1", 2),
+    dlc=("u1", 3),
+    can_id=("<u4", 4),
+    fd=("u1", 13),
+    valid=("u1", 14),
+)
+_FD_64 = _layout(
+    40,
+    bus=("u1", 0),
+    dlc=("u1", 1),
+    valid=("u1", 2),
+    can_id=("<u4", 4),
+    flags=("<u4", 12),
+    sent=("u1", 34),
+    extra=("u1", 35),
+)
+_KINDS = {
+    1: (_CLASSIC, 8),
+    86: (_CLASSIC, 8),
+    2: (_ERROR, 0),
+    73: (_ERROR_EXT, 24),
+    100: (_FD, 20),
+    101: (_FD_64, 40),
+    104: (_FD_ERROR_64, 0),
+}
+"""Layout of the objects that are frames, and where their payload begins, by type."""
+_LOST_EVENTS, _LOST = 126, _layout(16, count=("<u4", 12))
+
+
+def read_blf(file: Readable, where: str, size: int | None, loss: LogLoss) -> Iterator[FrameBatch]:
     """Read a BLF block by block.
 
     `file`: at its beginning.  `where`: its name, for messages.  `size`: its length in bytes, None
@@ -41,56 +97,54 @@ def read_blf(file: Readable, where: str, size: int | None, ledger: Ledger) -> It
     file.read(header_bytes - _FILE.size)
     start_ns = _systemtime_ns(fields[14:22])
     if size is not None and size < claimed:
-        ledger.cut(claimed - size, f"has {size} of the {claimed} bytes that its header states")
-    data, found, unpacked = b"", False, 0
-    for piece, whole in _pieces(file, size, ledger):
+        what = f"has {size} of the {claimed} bytes that its header states"
+        loss.add(what, bytes_cut=claimed - size)
+    data, known, unpacked = b"", False, 0
+    for piece, is_whole in _pieces(file, size, loss):
         data += piece
         unpacked += len(piece)
-        if whole and len(data) < BLOCK_BYTES:
+        if is_whole and len(data) < BLOCK_BYTES:
             continue
-        at, used = find_objects(data, ledger)
-        found |= len(at) > 0
-        if not found and unpacked > MAX_OBJECT_BYTES:
+        places, used = find_objects(data, loss)
+        known |= len(places) > 0
+        if not known and unpacked > MAX_OBJECT_BYTES:
             raise InputError(where, f"has no object in its first {unpacked} bytes", _ADVICE)
-        if len(at):
-            yield frames_of(data, at, start_ns, ledger)
-        if whole:
-            data = data[used:]
-        else:  # an object that was begun must not continue after the gap
-            ledger.cut(len(data) - used, "an object extends into lost data")
-            data = b""
-    at, used = find_objects(data, ledger)
-    if len(at):
-        yield frames_of(data, at, start_ns, ledger)
-    if len(data) - used >= 8:
-        ledger.cut(len(data) - used, "its last object is incomplete")
+        yield frames_of(data, places, start_ns, loss)
+        if not is_whole:  # an object that was begun must not continue after the gap
+            loss.add("an object extends into lost data", bytes_cut=len(data) - used)
+            used = len(data)
+        data = data[used:]
+    places, used = find_objects(data, loss)
+    yield frames_of(data, places, start_ns, loss)
+    if len(data) - used >= _GAP:
+        loss.add("its last object is incomplete", bytes_cut=len(data) - used)
 
 
-def _pieces(file: Readable, file_bytes: int | None, ledger: Ledger) -> Iterator[tuple[bytes, bool]]:
+def _pieces(file: Readable, file_bytes: int | None, loss: LogLoss) -> Iterator[tuple[bytes, bool]]:
     """Yield the contents of containers, and objects outside them; and whether they are complete."""
     while head := file.read(_OBJECT.size):
         if len(head) < _OBJECT.size:
-            ledger.cut(len(head), "its last container is incomplete")
+            loss.add("its last container is incomplete", bytes_cut=len(head))
             return
         mark, _, _, size, kind = _OBJECT.unpack(head)
         if mark != b"LOBJ" or not _OBJECT.size < size <= MAX_OBJECT_BYTES:
             place = file.tell() - len(head)
-            rest = len(head) if file_bytes is None else file_bytes - place
-            ledger.cut(rest, f"after byte {place} there is no container")
+            cut = len(head) if file_bytes is None else file_bytes - place
+            loss.add(f"after byte {place} there is no container", bytes_cut=cut)
             return
         body = file.read(size - _OBJECT.size)
         padding = file.read(size % 4)
         if kind == _IS_CONTAINER:
-            yield _unpacked(body, size - _OBJECT.size, ledger)
+            yield _unpacked(body, size - _OBJECT.size, loss)
         else:
             yield head + body + padding, True
         if len(body) < size - _OBJECT.size:
             return
 
 
-def _unpacked(body: bytes, size: int, ledger: Ledger) -> tuple[bytes, bool]:
+def _unpacked(body: bytes, size: int, loss: LogLoss) -> tuple[bytes, bool]:
     if len(body) < size:
-        ledger.cut(size - len(body), "its last container is incomplete")
+        loss.add("its last container is incomplete", bytes_cut=size - len(body))
     if len(body) < _CONTAINER.size:
         return b"", False
     method, claimed = _CONTAINER.unpack_from(body)
@@ -98,7 +152,8 @@ def _unpacked(body: bytes, size: int, ledger: Ledger) -> tuple[bytes, bool]:
     if method == _PLAIN:
         return packed, len(body) == size
     if method != _ZLIB or claimed > MAX_OBJECT_BYTES:
-        ledger.cut(len(packed), f"a container is packed in an unknown way ({method}, {claimed})")
+        what = f"a container is packed in an unknown way ({method}, {claimed})"
+        loss.add(what, bytes_cut=len(packed))
         return b"", False
     unpacker = zlib.decompressobj()
     try:
@@ -106,12 +161,13 @@ def _unpacked(body: bytes, size: int, ledger: Ledger) -> tuple[bytes, bool]:
         # requested so that the checksum after the last byte is verified.
         data = unpacker.decompress(packed, claimed + 1)
     except zlib.error as error:
-        ledger.cut(claimed, f"a container cannot be unpacked: {error}")
+        loss.add(f"a container cannot be unpacked: {error}", bytes_cut=claimed)
         return b"", False
-    whole = unpacker.eof and len(data) == claimed
-    if len(body) == size and not whole:
-        ledger.cut(max(claimed - len(data), 1), "a container has another content than it states")
-    return data, whole
+    is_whole = unpacker.eof and len(data) == claimed
+    if len(body) == size and not is_whole:
+        lost = max(claimed - len(data), 1)
+        loss.add("a container has another content than it states", bytes_cut=lost)
+    return data, is_whole
 
 
 def _systemtime_ns(fields: tuple[int, ...]) -> int:
@@ -122,3 +178,131 @@ def _systemtime_ns(fields: tuple[int, ...]) -> int:
     except ValueError:
         return 0
     return max(round(date.timestamp()) * 1_000_000_000 + milliseconds * 1_000_000, 0)
+
+
+def _records(text: NDArray[np.uint8], places: NDArray[Any], layout: np.dtype[Any]) -> NDArray[Any]:
+    """Return the structures of a NumPy type that begin at places, (n,)."""
+    raw = text[places[:, None] + np.arange(layout.itemsize)]
+    return np.ascontiguousarray(raw).view(layout).reshape(len(places))
+
+
+def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
+    """Return the positions of the complete objects in `data`, and the number of bytes processed.
+
+    Each object states its end, where the next one begins, so the mark of an object within a payload
+    is not taken as an object.  Data to which no chain leads are counted as lost.
+    """
+    text = np.frombuffer(data, np.uint8)
+    marks = np.flatnonzero(text[: max(len(data) - 31, 0)] == ord("L"))
+    for place, letter in enumerate(b"LOBJ"):
+        marks = marks[text[marks + place] == letter]
+    size = _records(text, marks, _HEADER)["size"].astype(np.int64)
+    ends, chain = marks + size, list[int]()
+    is_object = ((size >= 32) & (size <= MAX_OBJECT_BYTES)).tolist()
+    following = np.searchsorted(marks, ends).tolist()
+    begins, stops = marks.tolist(), ends.tolist()
+    i = lost = expected = used = 0
+    while i < len(begins):
+        if not is_object[i]:
+            i += 1
+            continue
+        if begins[i] - expected >= _GAP:
+            lost += begins[i] - expected
+        used = begins[i]
+        if stops[i] > len(data):
+            break
+        chain.append(begins[i])
+        used = expected = stops[i]
+        i = following[i]
+    else:
+        if len(data) - used >= MAX_OBJECT_BYTES:
+            lost += len(data) - used - 32
+            used = len(data) - 32
+    if lost:
+        many = "bytes between objects are not objects"
+        loss.add(counted(lost, "byte between objects is no object", many), bytes_cut=lost)
+    return np.array(chain, np.intp), used
+
+
+def frames_of(data: bytes, places: NDArray[np.intp], start_ns: int, loss: LogLoss) -> FrameBatch:
+    """Return the frames among the objects at `places`, in their order; others are ignored."""
+    text = np.frombuffer(data, np.uint8)
+    head = _records(text, places, _HEADER)
+    begin = places + np.where(head["version"] == 2, 40, 32)
+    room = places + head["size"] - begin
+    unit_ns = np.where(head["unit"] == 1, 10_000, 1)
+    is_timed = head["stamp"] < (LONGEST_NS if start_ns else LATEST_NS) // unit_ns
+    t_ns = start_ns + np.where(is_timed, head["stamp"], 0).astype(np.int64) * unit_ns
+    orders: list[NDArray[np.intp]] = []
+    batches: list[FrameBatch] = []
+    for kind, (layout, offset) in _KINDS.items():
+        rows = np.flatnonzero(head["kind"] == kind)
+        good = (room[rows] >= layout.itemsize) & is_timed[rows] & (head["version"][rows] <= 2)
+        if torn := len(rows) - int(good.sum()):
+            many = f"objects of type {kind} are not frames"
+            loss.add(counted(torn, f"object of type {kind} is not a frame", many), garbled=torn)
+        rows = rows[good]
+        if not len(rows):
+            continue
+        record = _records(text, begin[rows], layout)
+        flags, length, size = _properties(record, kind)
+        names = layout.names or ()
+        if "extra" in names:
+            # More bytes may be stated as valid than exist: the missing ones are zero.  Data that
+            # may follow the payload begin at `extra`, counted from the start of the object.
+            whole, extra = head["size"][rows].astype(np.intp), record["extra"].astype(np.intp)
+            stop = np.where(extra > 0, np.minimum(extra, whole), whole)
+            size = np.minimum(size, stop - (begin[rows] - places[rows]) - offset)
+        can_id = np.zeros(len(rows), np.uint32)
+        if "can_id" in names:
+            can_id |= record["can_id"] & 0x1FFF_FFFF
+        width = 8 if length.max(initial=0) <= 8 else 64
+        index = (begin[rows] + offset)[:, None] + np.arange(width)
+        payload = text[np.minimum(index, len(text) - 1)]
+        payload = np.where(np.arange(width) < size[:, None], payload, 0).astype(np.uint8)
+        bus = (np.clip(record["bus"], 1, 256) - 1).astype(np.uint8)
+        lengths = length.astype(np.uint8)
+        batches.append(FrameBatch(t_ns[rows], can_id, flags, bus, lengths, payload))
+        orders.append(rows)
+    lost = np.flatnonzero((head["kind"] == _LOST_EVENTS) & (room >= _LOST.itemsize))
+    for row in lost.tolist():
+        count = int(_records(text, begin[row : row + 1], _LOST)["count"][0])
+        when = np.datetime64(int(t_ns[row]), "ns")
+        what = f"the log states {counted(count, 'lost event')} at {when}Z"
+        loss.add(what, dropped=count)
+    if not batches:
+        return FrameBatch.empty()
+    order = np.argsort(np.concatenate(orders), kind="stable")
+    return possible_frames(FrameBatch.concatenate(batches).select(order), loss)
+
+
+def _properties(
+    record: NDArray[Any], kind: int
+) -> tuple[NDArray[np.uint16], NDArray[np.intp], NDArray[np.intp]]:
+    """Return flags, stated length and number of stored bytes of objects of one type."""
+    n, names = len(record), record.dtype.names or ()
+    no = np.zeros(n, bool)
+    extended = record["can_id"] >> 31 != 0 if "can_id" in names else no
+    error = kind in (2, 73, 104)
+    bits = record["flags"] if "flags" in names else np.zeros(n, np.uint8)
+    fd, brs, esi, remote, sent = no, no, no, bits & 0x80 != 0, bits & 0x01 != 0
+    if kind == 100:
+        fd, brs, esi = (record["fd"] & bit != 0 for bit in (1, 2, 4))
+    elif kind == 101:
+        fd, brs, esi, remote = (bits & bit != 0 for bit in (0x1000, 0x2000, 0x4000, 0x10))
+        sent = record["sent"] != 0
+    remote &= ~fd
+    dlc = record["dlc"] if "dlc" in names else np.zeros(n, np.uint8)
+    length = np.where(fd, FD_LENGTHS[np.minimum(dlc, 15)], np.minimum(dlc, 8)).astype(np.intp)
+    stored = np.minimum(length, record["valid"]) if "valid" in names else length
+    flags = np.full(n, FrameFlag.ERROR if error else 0, np.uint16)
+    for bit, marks in (
+        (FrameFlag.EXTENDED, extended),
+        (FrameFlag.REMOTE, remote),
+        (FrameFlag.FD, fd),
+        (FrameFlag.BITRATE_SWITCH, fd & brs),
+        (FrameFlag.ERROR_STATE, fd & esi),
+        (FrameFlag.TRANSMITTED, sent),
+    ):
+        flags |= marks * np.uint16(bit)
+    return flags, length, np.where(remote, 0, stored)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.errors import printable
 from dbc.frames import FrameBatch, FrameFlag, read_only
 from dbc.words import counted, plural
 
@@ -16,10 +17,9 @@ from ..bench.origin import Origin
 from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.reader import JournalReader
-from . import blf, mf4
-from .detect import BLF, JOURNAL, MF4, LogFormat, detect
-from .source import Ledger, LogLoss, Unpacked
-from .text import LastLine, read_lines
+from . import asc, blf, can_csv, candump, mf4, trc
+from .source import LogLoss, Unpacked
+from .text import LineParser, head_of, parsed, read_lines
 
 RESTART_NS = 1_000_000_000
 """Time, ns, by which stamps go back where a clock began anew, and not where a frame came late."""
@@ -30,6 +30,76 @@ MOST_PARTS = 50
 """Largest number of parts: two clocks whose frames are mixed are no parts."""
 _ALIKE = 50
 """Number of frames by which a log is recognised that is stored twice."""
+HEAD_BYTES = 1 << 16
+"""Number of bytes by which a format is detected: the head of a text log is shorter."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogFormat:
+    """A format of logs."""
+
+    name: str
+    """Name, for people."""
+    lacks: str
+    """Parts of a frame that it cannot hold; empty if it holds everything."""
+    suffix: str
+    """Usual suffix of its files."""
+    parser: Callable[[], LineParser] | None = None
+    """Makes the parser of its lines; None for a format that is not text."""
+
+
+BLF = LogFormat("BLF", blf.LACKS, ".blf")
+MF4 = LogFormat("MF4", mf4.LACKS, ".mf4")
+JOURNAL = LogFormat("MCAP journal", "", ".mcap")
+_TEXTS = (
+    LogFormat("candump", candump.LACKS, ".log", candump.CandumpParser),
+    LogFormat("ASC", asc.LACKS, ".asc", asc.AscParser),
+    LogFormat("CSV of python-can", can_csv.LACKS, ".csv", can_csv.CsvParser),
+    LogFormat("TRC", trc.LACKS, ".trc", trc.TrcParser),
+)
+NAMES = "BLF, ASC, TRC, candump -L, CSV of python-can, MF4, journal; packed with gzip or not"
+"""Names of the formats, for messages."""
+_MAGIC = {b"LOGG": BLF, b"MDF     ": MF4, b"UnFinMF ": MF4, b"\x89MCAP0\r\n": JOURNAL}
+
+
+def detect(path: Path) -> LogFormat:
+    """Return the format of a log by its content; its suffix decides between equal candidates.
+
+    Raises InputError if the file is missing, empty or not a known log.
+    """
+    where = str(path)
+    if not path.is_file():
+        other = "is a directory" if path.is_dir() else "is not a regular file"
+        raise InputError(where, other if path.exists() else "no such file", f"name a log: {NAMES}")
+    try:
+        with path.open("rb") as file:
+            head = Unpacked(file, LogLoss()).read(HEAD_BYTES)
+    except OSError as error:
+        what = f"cannot be read: {error.strerror or error}"
+        raise InputError(where, what, "check rights and disk") from error
+    if not head:
+        raise InputError(where, "is empty", "check that it is the right log")
+    for magic, form in _MAGIC.items():
+        if head.startswith(magic):
+            return form
+    block = head_of(head)
+    suffixes = [suffix.lower() for suffix in path.suffixes if suffix.lower() != ".gz"]
+    best, most = None, 0.0
+    for form in _TEXTS:  # the one that reads most of the first lines
+        assert form.parser is not None
+        parser = form.parser()
+        lines = parsed(block, parser)
+        score = len(lines.frames) + 0.5 * parser.has_header
+        if len(lines.bad) > score:
+            continue
+        score += 0.25 * (score > 0 and suffixes[-1:] == [form.suffix])
+        if score > most:
+            best, most = form, score
+    if best is None:
+        first = next((line for line in block.splitlines() if line.strip()), b"")
+        shown = printable(first.strip().decode("ascii", "backslashreplace"), 40)
+        raise InputError(where, f"begins with no line of a known log: {shown!r}", f"use {NAMES}")
+    return best
 
 
 class Log:
@@ -53,7 +123,7 @@ class Log:
         """What was put right in the times so far."""
         self._bytes = sum(path.stat().st_size for path in paths)
         self._position: Callable[[], int] = int
-        self._ledger = Ledger()
+        self._loss = LogLoss()
         self._hops = HopLosses()
         self._journal = JournalReader(self.paths) if self.format is JOURNAL else None
         self._first: FrameBatch | None = None
@@ -75,15 +145,16 @@ class Log:
     def loss(self) -> LogLoss:
         """Losses found so far."""
         if self._journal is None:
-            return self._ledger.loss
+            return self._loss
         lost = self._journal.lost
-        return LogLoss(lost.blocks_corrupt + lost.blocks_missing, lost.bytes_cut, notes=lost.notes)
+        blocks = lost.blocks_corrupt + lost.blocks_missing
+        return LogLoss(blocks, lost.bytes_cut, notes=list(lost.notes))
 
     @property
     def hops(self) -> HopLosses:
         """Losses before the log was written, as stated in it, and unreadable parts of it."""
         if self._journal is None:
-            lost = self._ledger.loss
+            lost = self._loss
             return HopLosses(bus_dropped=lost.dropped, bus_garbled=lost.garbled)
         return self._hops
 
@@ -117,17 +188,15 @@ class Log:
             return
         with self.paths[0].open("rb") as file:
             self._position = file.tell
-            unpacked = Unpacked(file, self._ledger)
+            unpacked = Unpacked(file, self._loss)
             if self.format is MF4:
-                yield from mf4.read_mf4(file, unpacked, self.name, self._ledger)
+                yield from mf4.read_mf4(file, unpacked, self.name, self._loss)
             elif self.format is BLF:
                 size = None if unpacked.packed else self._bytes
-                yield from blf.read_blf(unpacked, self.name, size, self._ledger)
+                yield from blf.read_blf(unpacked, self.name, size, self._loss)
             else:
                 assert self.format.parser is not None
-                last = LastLine(self.format.states_length, self.format.spaced)
-                parser = self.format.parser()
-                yield from read_lines(unpacked, self.name, parser, self._ledger, last)
+                yield from read_lines(unpacked, self.name, self.format.parser(), self._loss)
             self._position = lambda: self._bytes
 
     def _in_order(self, batch: FrameBatch) -> FrameBatch:
@@ -166,7 +235,7 @@ class Log:
             n = int(wrong.sum())
             place = self.frames + int(np.flatnonzero(wrong)[0]) + 1
             what = f"{counted(n, 'time stamp')} out of line with {plural(n, 'its', 'their')}"
-            self._ledger.garbled(n, f"{what} neighbours, the first at frame {place}")
+            self._loss.add(f"{what} neighbours, the first at frame {place}", garbled=n)
             return replace(batch, t_ns=read_only(t_ns)).select(np.flatnonzero(~wrong))
         return replace(batch, t_ns=read_only(t_ns)) if self._shift_ns else batch
 

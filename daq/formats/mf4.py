@@ -20,9 +20,7 @@ from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import counted
 
 from ..optional import optional
-from .assemble import count_impossible_ids, good_frames
-from .source import Ledger, Unpacked
-from .text import possible_times
+from .source import LATEST_NS, LONGEST_NS, LogLoss, Unpacked, possible_frames
 
 LACKS = ""
 _KINDS = {
@@ -38,7 +36,6 @@ _BITS = {
     "Dir": FrameFlag.TRANSMITTED,
 }
 _BLOCK_FRAMES = 1 << 18
-_DAMAGED = "the file is damaged or cut off"
 _MAX_UNPACKED_BYTES = 4 << 30
 
 
@@ -53,9 +50,7 @@ class _Group:
     time_s: NDArray[np.float64]
 
 
-def read_mf4(
-    file: BinaryIO, unpacked: Unpacked, where: str, ledger: Ledger
-) -> Iterator[FrameBatch]:
+def read_mf4(file: BinaryIO, unpacked: Unpacked, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
     """Read the CAN frames of an MF4 file block by block.
 
     Buses count from 1 in MF4, and from 0 in `FrameBatch`; a file whose first block has a bus 0
@@ -68,7 +63,7 @@ def read_mf4(
     if unpacked.packed or unfinished:
         content = BytesIO(unpacked.read(_MAX_UNPACKED_BYTES))
     with open_mdf(content, where) as mdf:
-        yield from _blocks(mdf, where, ledger)
+        yield from _blocks(mdf, where, loss)
 
 
 @contextmanager
@@ -94,36 +89,33 @@ def open_mdf(file: Path | BinaryIO, where: str) -> Iterator[Any]:
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     gc.collect()
     sys.unraisablehook = hook
-    raise InputError(where, what, _DAMAGED)
+    raise InputError(where, what, "the file is damaged or cut off")
 
 
-def _blocks(mdf: Any, where: str, ledger: Ledger) -> Iterator[FrameBatch]:
-    groups = list(_bus_logging(mdf, where, ledger))
+def _blocks(mdf: Any, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
+    groups = list(_bus_logging(mdf, where, loss))
     if not groups:
         advice = "import decoded channels with --channels"
         raise InputError(where, "holds no CAN bus logging", advice)
     start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
     rising = [np.maximum.accumulate(group.time_s) for group in groups]
     ends = np.append(np.sort(np.concatenate(rising))[_BLOCK_FRAMES::_BLOCK_FRAMES], np.inf)
-    begins, lowest = [0] * len(groups), 1
-    for number, end_s in enumerate(ends.tolist()):
-        batches, order = [], []
+    begins, lowest = [0] * len(groups), -1
+    for end_s in ends.tolist():
+        batches = []
         for i, group in enumerate(groups):
             end = int(np.searchsorted(rising[i], end_s, side="right"))
             if end > begins[i]:
-                frames, good = _frames(mdf, group, slice(begins[i], end), start_ns, ledger)
-                batches.append(frames)
-                order.append(rising[i][begins[i] : end][good])
+                batches.append(_frames(mdf, group, slice(begins[i], end), start_ns, loss))
                 begins[i] = end
         block = FrameBatch.concatenate(batches)
-        if len(batches) > 1:
-            block = block.select(np.argsort(np.concatenate(order), kind="stable"))
-        if number == 0 and len(block):
+        block = possible_frames(block.by_time() if len(batches) > 1 else block, loss)
+        if lowest < 0 and len(block):
             lowest = int(block.bus.min())
         yield replace(block, bus=np.maximum(block.bus, 1) - 1) if lowest else block
 
 
-def _bus_logging(mdf: Any, where: str, ledger: Ledger) -> Iterator[_Group]:
+def _bus_logging(mdf: Any, where: str, loss: LogLoss) -> Iterator[_Group]:
     for number, group in enumerate(mdf.groups):
         names = [str(channel.name) for channel in group.channels]
         for kind in _KINDS:
@@ -136,89 +128,66 @@ def _bus_logging(mdf: Any, where: str, ledger: Ledger) -> Iterator[_Group]:
             if "ID" not in fields or not stated:
                 continue
             time_s = np.asarray(mdf.get_master(number), np.float64)
-            if len(time_s) < stated:
-                missing = stated - len(time_s)
-                ledger.garbled(missing, f"{counted(missing, 'record')} of {kind} missing")
+            if missing := max(stated - len(time_s), 0):
+                loss.add(f"{counted(missing, 'record')} of {kind} missing", garbled=missing)
             if kind == "CAN_DataFrame" and "DataBytes" not in fields:
                 what = f"its {kind} has no DataBytes"
                 raise InputError(where, what, "write the payload with the logger")
             yield _Group(number, kind, fields, time_s)
 
 
-def _frames(
-    mdf: Any, group: _Group, rows: slice, start_ns: int, ledger: Ledger
-) -> tuple[FrameBatch, NDArray[np.bool_]]:
-    """Return the frames in records, and a mask of the records that are frames."""
+def _frames(mdf: Any, group: _Group, rows: slice, start_ns: int, loss: LogLoss) -> FrameBatch:
+    """Return the frames in records; those that no frame can be are counted."""
     n = rows.stop - rows.start
+
+    def samples(name: str, *, raw: bool) -> NDArray[Any]:
+        about = {"group": group.number, "index": group.fields[name], "raw": raw}
+        about |= {"record_offset": rows.start, "record_count": n}
+        return np.asarray(mdf.get(**about, samples_only=True, ignore_invalidation_bits=True)[0])
+
+    def whole(name: str) -> NDArray[np.int64]:
+        """Return a field; one that is converted to words (Rx, Tx) as it is stored."""
+        values = samples(name, raw=False)
+        if values.dtype.kind not in "iufb" or values.ndim != 1:
+            values = samples(name, raw=True)
+        return values.astype(np.int64)
+
     fields = {
-        name: _values(mdf, group, index, rows)
-        for name, index in group.fields.items()
+        name: whole(name)
+        for name in group.fields
         if name in {"ID", "DLC", "DataLength", "BusChannel", *_BITS}
     }
-    nothing = np.zeros(n, np.int64)
-    raw_id = fields["ID"]
     flags = np.full(n, _KINDS[group.kind], np.uint16)
     for field, bit in _BITS.items():
         if field in fields:
             flags |= (fields[field] != 0) * np.uint16(bit)
-    can_id = raw_id & 0x1FFF_FFFF
+    can_id = fields["ID"] & 0x1FFF_FFFF
     if "IDE" not in fields:
-        extended = (raw_id >> 31 & 1 != 0) | (can_id >= 1 << 11)
+        extended = (fields["ID"] >> 31 & 1 != 0) | (can_id >= 1 << 11)
         flags |= extended * np.uint16(FrameFlag.EXTENDED)
+    fd, remote = flags & FrameFlag.FD != 0, flags & FrameFlag.REMOTE != 0
     payload = np.zeros((n, 0), np.uint8)
     if "DataBytes" in group.fields and not _KINDS[group.kind] & FrameFlag.REMOTE:
-        payload = _payload(mdf, group, rows)
-    fd = flags & FrameFlag.FD != 0
-    remote = flags & FrameFlag.REMOTE != 0
+        payload = samples("DataBytes", raw=True)
+        if payload.dtype != np.uint8 or payload.ndim != 2:
+            payload = np.frombuffer(payload.tobytes(), np.uint8).reshape(n, -1)
+    size = np.full(n, payload.shape[1])
     if "DLC" in fields:
         code = fields["DLC"].clip(0, 15)
         size = np.where(fd, FD_LENGTHS[code], np.minimum(code, 8)).astype(np.int64)
-    else:
-        size = np.full(n, payload.shape[1])
     size = fields.get("DataLength", size)
     length = np.where(remote, np.minimum(fields.get("DLC", size), 8), size)
     since_ns = group.time_s[rows] * 1e9
-    timed = np.isfinite(since_ns) & (np.abs(since_ns) < 1e18)
+    timed = np.isfinite(since_ns) & (np.abs(since_ns) < LONGEST_NS)
     t_ns = start_ns + np.rint(np.where(timed, since_ns, 0.0)).astype(np.int64)
-    good = timed & possible_times(t_ns) & (length >= 0) & (length <= np.where(fd, 64, 8))
+    good = timed & (t_ns < LATEST_NS) & (length >= 0) & (length <= np.where(fd, 64, 8))
     if bad := n - int(good.sum()):
         many = f"records of {group.kind} are not frames"
-        ledger.garbled(bad, counted(bad, f"record of {group.kind} is not a frame", many))
-    long = flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
-    good &= count_impossible_ids(can_id, long, t_ns, good, ledger)
+        loss.add(counted(bad, f"record of {group.kind} is not a frame", many), garbled=bad)
     width = 8 if length.max(initial=0) <= 8 else 64
     data = np.zeros((n, width), np.uint8)
     data[:, : payload.shape[1]] = payload[:, :width]
     data[np.arange(width) >= np.where(remote, 0, length)[:, None]] = 0
-    bus = fields.get("BusChannel", nothing).clip(0, 255)
-    return good_frames(good, t_ns, can_id, flags, bus, length, data), good
-
-
-def _values(mdf: Any, group: _Group, index: int, rows: slice) -> NDArray[np.int64]:
-    """Return a field as whole numbers; one that is converted to words (Rx, Tx) as it is stored."""
-    for raw in (False, True):
-        values = np.asarray(_samples(mdf, group, index, rows, raw))
-        if values.dtype.kind in "iufb" and values.ndim == 1:
-            break
-    return values.astype(np.int64)
-
-
-def _payload(mdf: Any, group: _Group, rows: slice) -> NDArray[np.uint8]:
-    """Return the payloads, padded with zeros, shape (n, longest)."""
-    stored = np.asarray(_samples(mdf, group, group.fields["DataBytes"], rows, True))
-    if stored.dtype == np.uint8 and stored.ndim == 2:
-        return stored
-    n = rows.stop - rows.start
-    return np.frombuffer(stored.tobytes(), np.uint8).reshape(n, -1)
-
-
-def _samples(mdf: Any, group: _Group, index: int, rows: slice, raw: bool) -> Any:
-    return mdf.get(
-        group=group.number,
-        index=index,
-        raw=raw,
-        samples_only=True,
-        ignore_invalidation_bits=True,
-        record_offset=rows.start,
-        record_count=rows.stop - rows.start,
-    )[0]
+    bus = fields.get("BusChannel", np.zeros(n, np.int64)).clip(0, 255)
+    numbers = can_id.astype(np.uint32), flags, bus.astype(np.uint8)
+    return FrameBatch(t_ns, *numbers, length.clip(0, 64).astype(np.uint8), data).select(good)

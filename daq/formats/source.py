@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import gzip
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import BinaryIO, Protocol
 
-from dbc.errors import printable
+import numpy as np
 
-GZIP_MAGIC = b"\x1f\x8b"
-_NOTES = 8
+from dbc.errors import printable
+from dbc.frames import FrameBatch, FrameFlag
+from dbc.words import counted
+
+LATEST_NS = 4_102_444_800 * 10**9
+"""The year 2100, ns since 1970: a later stamp is not in the unit of the format."""
+LONGEST_NS = 10**18
+"""Longest time since the start of a log, ns: 31 years.  A longer one is a date."""
+_MOST_NOTES = 8
 """Number of notes that are kept: the first faults describe a badly damaged log well enough."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class LogLoss:
-    """Numbers of records that are missing or damaged in a log."""
+    """Numbers of records that are missing or damaged in a log, counted while it is read."""
 
     garbled: int = 0
     """Number of records that should be frames and cannot be read."""
@@ -24,8 +31,16 @@ class LogLoss:
     """Number of bytes, at the end or skipped, that are not a complete record."""
     dropped: int = 0
     """Number of frames that the log itself states as lost by its recorder."""
-    notes: tuple[str, ...] = ()
+    notes: list[str] = field(default_factory=list)
     """Descriptions of the first losses, with their places."""
+
+    def add(self, note: str, *, garbled: int = 0, bytes_cut: int = 0, dropped: int = 0) -> None:
+        """Count a loss and note it."""
+        self.garbled += garbled
+        self.bytes_cut += bytes_cut
+        self.dropped += dropped
+        if len(self.notes) < _MOST_NOTES:
+            self.notes.append(printable(note))
 
     @property
     def any(self) -> bool:
@@ -44,34 +59,21 @@ class LogLoss:
         return "; ".join([", ".join(parts), *self.notes]) if parts else ""
 
 
-class Ledger:
-    """The losses of one log so far."""
+def possible_frames(frames: FrameBatch, loss: LogLoss) -> FrameBatch:
+    """Return the frames whose identifier fits its bits: 29 of an extended or error frame, else 11.
 
-    def __init__(self) -> None:
-        self._counts = {"garbled": 0, "bytes_cut": 0, "dropped": 0}
-        self._notes: list[str] = []
-
-    @property
-    def loss(self) -> LogLoss:
-        """Losses found so far."""
-        return LogLoss(**self._counts, notes=tuple(self._notes))
-
-    def garbled(self, count: int, note: str) -> None:
-        """Count records that cannot be read."""
-        self._add("garbled", count, note)
-
-    def cut(self, size: int, note: str) -> None:
-        """Count bytes that are missing or not a complete record."""
-        self._add("bytes_cut", size, note)
-
-    def dropped(self, count: int, note: str) -> None:
-        """Count frames that the log states as lost."""
-        self._add("dropped", count, note)
-
-    def _add(self, name: str, count: int, note: str) -> None:
-        self._counts[name] += count
-        if len(self._notes) < _NOTES:
-            self._notes.append(printable(note))
+    No bus carries another frame, so it is left out and counted, and the rest of the log is read.
+    """
+    long = frames.flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
+    wrong = np.flatnonzero(frames.can_id >= np.where(long, 1 << 29, 1 << 11))
+    if not len(wrong):
+        return frames
+    first = wrong[0]
+    n, when = len(wrong), np.datetime64(int(frames.t_ns[first]), "ns")
+    what = f"0x{int(frames.can_id[first]):X} with {29 if long[first] else 11} bits at {when}Z"
+    have = counted(n, "frame has", "frames have")
+    loss.add(f"{have} an impossible identifier, the first {what}", garbled=n)
+    return frames.select(np.delete(np.arange(len(frames)), wrong))
 
 
 class Readable(Protocol):
@@ -87,12 +89,12 @@ class Readable(Protocol):
 class Unpacked:
     """A file that is unpacked while it is read, if packed; it ends where it is damaged or cut.
 
-    `file`: at its beginning.  `ledger`: collects the losses.
+    `file`: at its beginning.  `loss`: collects the losses.
     """
 
-    def __init__(self, file: BinaryIO, ledger: Ledger) -> None:
-        self._ledger = ledger
-        self.packed = file.read(2) == GZIP_MAGIC
+    def __init__(self, file: BinaryIO, loss: LogLoss) -> None:
+        self._loss = loss
+        self.packed = file.read(2) == b"\x1f\x8b"
         """True if it is packed."""
         file.seek(0)
         self._stream: BinaryIO | gzip.GzipFile = (
@@ -104,13 +106,13 @@ class Unpacked:
     def read(self, size: int, /) -> bytes:
         """Return this number of bytes, fewer at the end."""
         parts: list[bytes] = []
-        left = 0 if self._ended else size
+        missing = 0 if self._ended else size
         try:
-            while left and (part := self._stream.read(left)):
+            while missing and (part := self._stream.read(missing)):
                 parts.append(part)
-                left -= len(part)
+                missing -= len(part)
         except (EOFError, gzip.BadGzipFile, zlib.error):
-            self._ledger.garbled(1, "it cannot be unpacked to its end; the rest is lost")
+            self._loss.add("it cannot be unpacked to its end; the rest is lost", garbled=1)
             self._ended = True
         data = b"".join(parts)
         self._count += len(data)

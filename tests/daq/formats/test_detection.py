@@ -11,8 +11,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.errors import InputError
 from daq.formats.columns import read_columns
-from daq.formats.detect import BLF, detect
-from daq.formats.log import Log, read_logs
+from daq.formats.log import BLF, Log, detect, read_logs
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 

@@ -9,9 +9,9 @@ import pytest
 
 from daq.errors import InputError
 from daq.formats.asc import AscParser, asc_date_ns
-from daq.formats.candump import parse_candump
-from daq.formats.source import Ledger, LogLoss
-from daq.formats.text import LastLine, Parse, read_lines
+from daq.formats.candump import CandumpParser
+from daq.formats.source import LogLoss
+from daq.formats.text import LineParser, parsed, read_lines
 from daq.formats.trc import TrcParser
 
 from .shown import shown
@@ -19,13 +19,18 @@ from .shown import shown
 S = 1_000_000_000
 
 
-def _seconds(parser: Parse, *blocks: str) -> list[float]:
+def _seconds(parser: LineParser, *blocks: str) -> list[float]:
     """Return the times of the frames of blocks, s."""
     return [
         int(frame.split()[0]) / S
         for block in blocks
-        for frame in shown(parser(block.encode()).frames)
+        for frame in shown(parsed(block.encode(), parser).frames)
     ]
+
+
+def _has_header(parser: LineParser, text: bytes) -> bool:
+    parsed(text, parser)
+    return parser.has_header
 
 
 def _local(*date: int) -> float:
@@ -46,17 +51,19 @@ TRC = {
 
 @pytest.mark.parametrize("version", TRC)
 def test_a_version_of_trc_has_its_columns(version: str) -> None:
-    parsed = TrcParser()(f";$FILEVERSION={version}\n{TRC[version]}\n".encode())
+    parser = TrcParser()
+    found = parsed(f";$FILEVERSION={version}\n{TRC[version]}\n".encode(), parser)
     bus = 2 if version in ("1.2", "1.3", "2.1") else 0
-    assert shown(parsed.frames) == [f"1500000 {bus} 123 1 0a -"]
-    assert parsed.header
+    assert shown(found.frames) == [f"1500000 {bus} 123 1 0a -"]
+    assert parser.has_header
 
 
 def test_a_version_of_trc_that_is_not_known_has_the_columns_of_the_first() -> None:
-    parsed = TrcParser()(f";$FILEVERSION=7.0\n{TRC['1.0']}\n".encode())
-    assert shown(parsed.frames) == ["1500000 0 123 1 0a -"]
-    assert parsed.header
-    assert not TrcParser()(f";a comment\n{TRC['1.0']}\n".encode()).header
+    parser = TrcParser()
+    found = parsed(f";$FILEVERSION=7.0\n{TRC['1.0']}\n".encode(), parser)
+    assert shown(found.frames) == ["1500000 0 123 1 0a -"]
+    assert parser.has_header
+    assert not _has_header(TrcParser(), f";a comment\n{TRC['1.0']}\n".encode())
 
 
 COLUMNS = {
@@ -79,7 +86,7 @@ COLUMNS = {
 def test_columns_of_trc_in_another_order(columns: str) -> None:
     head = f";$FILEVERSION=2.1\n;$COLUMNS={columns}\n"
     bus = 2 if COLUMNS[columns] == TRC["2.1"] else 0
-    found = shown(TrcParser()(f"{head}{COLUMNS[columns]}\n".encode()).frames)
+    found = shown(parsed(f"{head}{COLUMNS[columns]}\n".encode(), TrcParser()).frames)
     assert found == [f"1500000 {bus} 123 1 0a -"]
 
 
@@ -90,7 +97,6 @@ def test_columns_of_trc_in_another_order(columns: str) -> None:
         ("25570.5", 129_600.0),
         ("45939.25", 1_759_989_600.0),
         ("25568", 0.0),
-        ("78944", 4_611_600_000.0),
         ("78946", 0.0),
         ("today", 0.0),
         ("NaN", 0.0),
@@ -177,18 +183,19 @@ def test_events_of_other_kinds_take_their_time_in_a_relative_asc() -> None:
     ("base", "can_id", "data"), [("hex", "100", "11"), ("HEX", "100", "11"), ("dec", "64", "0b")]
 )
 def test_numbers_of_asc_have_the_base_of_the_head(base: str, can_id: str, data: str) -> None:
-    parsed = AscParser()(f"{DATE}\nbase {base} timestamps absolute\n{_asc(1)}".encode())
-    assert [frame.split()[2:5:2] for frame in shown(parsed.frames)] == [[can_id, data]]
-    assert parsed.header
+    parser = AscParser()
+    found = parsed(f"{DATE}\nbase {base} timestamps absolute\n{_asc(1)}".encode(), parser)
+    assert [frame.split()[2:5:2] for frame in shown(found.frames)] == [[can_id, data]]
+    assert parser.has_header
 
 
 def test_comments_and_other_lines_of_asc_are_no_head() -> None:
     for line in ("// base dec", "// date Fri Oct 10 08:53:20 2025", "internal events logged"):
         parser = AscParser()
-        assert not parser(f"{line}\n".encode()).header
+        assert not _has_header(parser, f"{line}\n".encode())
         assert _seconds(parser, _asc(1)) == [1.0]
-    assert AscParser()(f"{DATE}\n".encode()).header
-    assert AscParser()(b"date of today\n").header
+    assert _has_header(AscParser(), f"{DATE}\n".encode())
+    assert _has_header(AscParser(), b"date of today\n")
 
 
 def test_frames_of_all_forms_of_asc_keep_their_order() -> None:
@@ -204,10 +211,9 @@ LINE = b"(1.5) can0 123#0102\n"
 
 def _read(raw: bytes) -> tuple[int, LogLoss]:
     """Return the number of frames, and what was lost."""
-    ledger = Ledger()
-    last = LastLine(states_length=False, spaced=False)
-    blocks = read_lines(io.BytesIO(raw), "a.log", parse_candump, ledger, last)
-    return sum(len(block) for block in blocks), ledger.loss
+    loss = LogLoss()
+    blocks = read_lines(io.BytesIO(raw), "a.log", CandumpParser(), loss)
+    return sum(len(block) for block in blocks), loss
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import pytest
 
 from daq.formats.asc import AscParser
-from daq.formats.can_csv import parse_csv
-from daq.formats.candump import parse_candump
-from daq.formats.text import Parse
+from daq.formats.can_csv import CsvParser
+from daq.formats.candump import CandumpParser
+from daq.formats.text import LineParser, parsed
 from daq.formats.trc import TrcParser
 
 from .shown import shown
@@ -25,12 +25,12 @@ _8_SPACED = "1 2 3 4 5 6 7 8"
 _8 = "0102030405060708"
 
 
-def _is(parser: Parse, head: str, line: str, expected: str) -> None:
+def _is(parser: LineParser, head: str, line: str, expected: str) -> None:
     """Hold what becomes of a line between two lines of a head."""
-    parsed = parser(f"{head}{line}\n".encode())
-    frames = shown(parsed.frames)
+    found = parsed(f"{head}{line}\n".encode(), parser)
+    frames = shown(found.frames)
     at = head.count("\n")
-    assert parsed.bad.tolist() == ([at] if expected == BAD else [])
+    assert list(found.bad) == ([at] if expected == BAD else [])
     assert frames == ([] if expected in (BAD, OTHER) else [expected])
 
 
@@ -92,7 +92,7 @@ CSV = {
     "1.5,0x7ff,0,0,0,5,/wECAwQ=": "1500000000 0 7FF 5 ff01020304 -",
     "1.5,0x7ff,0,0,0,8,AQIDBAUGBwg=": f"1500000000 0 7FF 8 {_8} -",
     "1.5,0x7ff,0,0,0,9,AQIDBAUGBwgJ": f"1500000000 0 7FF 9 {_8}09 f",
-    "1.5,0x7ff,0,0,0,2,/wEC": "1500000000 0 7FF 2 ff01 -",  # as many letters as 3 bytes have
+    "1.5,0x7ff,0,0,0,2,/wEC": BAD,
     "1.5,0x7ff,0,0,0,4,/wEC": BAD,
     "1.5,0x7ff,0,0,0,3,/w=C": BAD,
     "1.5,0x7ff,0,0,0,3,+-+-": BAD,
@@ -102,10 +102,7 @@ CSV = {
     "1.5,0x1fffffff,1,0,0,0,": "1500000000 0 1FFFFFFF 0 - x",
     "1.5,0x20000000,1,0,0,0,": BAD,
     "1.5,0x7ff,0,1,0,8,": "1500000000 0 7FF 8 0000000000000000 r",
-    "1.5,0x0000007ff,0,0,0,0,": BAD,
     "1.5,0x7ff,01,0,0,0,": BAD,
-    "1.5,0x7ff,0,0,0,000,": BAD,
-    "1.5,0x7ff,0,0,0,00,": "1500000000 0 7FF 0 - -",
     "1.5,0x7ff,2,0,0,0,": BAD,
     "1.5,0x7ff,0,0,0,65,": BAD,
     "1.5,0x7ff,0,0,0": BAD,
@@ -122,9 +119,6 @@ ASC = {
     "1.5 0 7FF Rx d 0": "1500000000 0 7FF 0 - -",
     "1.5 256 7FF Rx d 0": "1500000000 255 7FF 0 - -",
     "1.5 300 7FF Rx d 0": "1500000000 255 7FF 0 - -",
-    "1.5 1 0000007FF Rx d 00": "1500000000 0 7FF 0 - -",
-    "1.5 1 00000007FF Rx d 0": BAD,
-    "1.5 1 7FF Rx d 000": BAD,
     "1.5 1 800 Rx d 0": BAD,
     "1.5 1 800x Rx d 0": "1500000000 0 800 0 - x",
     "1.5 1 1FFFFFFFx Rx d 0": "1500000000 0 1FFFFFFF 0 - x",
@@ -167,11 +161,7 @@ ASC = {
     "1.5 CANFD 1 Rx 7FF 2 0 2 2 0A FF": BAD,
     "1.5 CANFD 1 Rx 7FF 0 2 2 2 0A FF": BAD,
     "1.5 CANFD 1 Rx 7FF 0 0 2 3 0A FF": BAD,
-    "1.5 CANFD 1000 Rx 7FF 0 0 2 2 0A FF": BAD,
     "1.5 CANFD 1 Rx 7FF 00 0 2 2 0A FF": BAD,
-    "1.5 CANFD 1 Rx 7FF 0 00 2 2 0A FF": BAD,
-    "1.5 CANFD 1 Rx 7FF 0 0 002 2 0A FF": BAD,
-    "1.5 CANFD 1 Rx 7FF 0 0 2 002 0A FF": BAD,
     "1.5 CANFD 1 Rx 7FF 0 0": BAD,
     "1.5 CANFD x Rx 7FF 0 0 0 0": BAD,
     "1.5 CANFD 3 Rx ErrorFrame Not Acknowledge error": "1500000000 2 0 0 - e",
@@ -210,8 +200,6 @@ TRC_1_1 = {
     "1) 1.5 Rz 0123 1 0A": BAD,
     f"1) 1.5 Rx 0123 8 {_8_SPACED}": f"1500000 0 123 8 {_8} -",
     f"1) 1.5 Rx 0123 9 {_8_SPACED} 9": BAD,
-    "1) 1.5 Rx 000000123 0": BAD,
-    "1) 1.5 Rx 0123 002 0A FF": BAD,
     "1) 1.5 Rx 0123 2 0A": BAD,
     "1) 1.5 Rx 0123 1 GG": BAD,
     "1) 1.5 Rx 0123": BAD,
@@ -221,7 +209,7 @@ TRC_2_1 = {
     "1 1.5 DT 1 0123 Rx - 2 0A FF": "1500000 0 123 2 0aff -",
     "1 1.5 DT 16 0123 Tx - 2 0A FF": "1500000 15 123 2 0aff t",
     "1 1.5 DT - 0123 Tx - 0": "1500000 0 123 0 - t",
-    "1 1.5 DT 0002 0123 Rx - 0": "1500000 0 123 0 - -",
+    "1 1.5 DT 0002 0123 Rx - 0": "1500000 1 123 0 - -",
     "1 1.5 DT 300 0123 Rx - 0": "1500000 255 123 0 - -",
     "1 1.5 RR 1 0123 Rx - 3": "1500000 0 123 3 000000 r",
     "1 1.5 ER 1 - Rx - 0": "1500000 0 0 0 - e",
@@ -245,10 +233,10 @@ TRC_1_0 = {
     "1) 1500 00000123 1 0A": "1500000000 0 123 1 0a x",
 }
 
-Make = Callable[[], Parse]
+Make = Callable[[], LineParser]
 TABLES: dict[str, tuple[Make, str, dict[str, str]]] = {
-    "candump": (lambda: parse_candump, "", CANDUMP),
-    "python-can": (lambda: parse_csv, CSV_HEAD, CSV),
+    "candump": (CandumpParser, "", CANDUMP),
+    "python-can": (CsvParser, CSV_HEAD, CSV),
     "ASC": (AscParser, ASC_HEAD, ASC),
     "TRC 1.0": (TrcParser, "", TRC_1_0),
     "TRC 1.1": (TrcParser, _1_1, TRC_1_1),
@@ -266,9 +254,10 @@ def test_a_line_is_the_frame_that_its_format_describes(name: str, line: str) -> 
 @pytest.mark.parametrize("name", TABLES)
 def test_lines_do_not_disturb_each_other(name: str) -> None:
     make, head, table = TABLES[name]
-    parsed = make()("".join([head, "\r\n\r\n", *(f"{line}\r\n" for line in table)]).encode())
+    text = "".join([head, "\r\n\r\n", *(f"{line}\r\n" for line in table)])
+    found = parsed(text.encode(), make())
     first = head.count("\n") + 2
     kept = [each for each in table.values() if each not in (BAD, OTHER)]
-    assert shown(parsed.frames) == kept
+    assert shown(found.frames) == kept
     bad = [first + i for i, each in enumerate(table.values()) if each == BAD]
-    assert parsed.bad.tolist() == bad
+    assert list(found.bad) == bad

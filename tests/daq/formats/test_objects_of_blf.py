@@ -13,7 +13,7 @@ import pytest
 
 from daq.errors import InputError
 from daq.formats.blf import read_blf
-from daq.formats.source import Ledger, LogLoss
+from daq.formats.source import LogLoss
 from dbc import FrameBatch
 
 from .shown import shown
@@ -96,9 +96,9 @@ def _container(
 
 
 def _read(raw: bytes, size: int | None = None) -> tuple[list[str], LogLoss]:
-    ledger = Ledger()
+    ledger = LogLoss()
     batches = list(read_blf(io.BytesIO(raw), "a.blf", size, ledger))
-    return shown(FrameBatch.concatenate(batches)), ledger.loss
+    return shown(FrameBatch.concatenate(batches)), ledger
 
 
 def _ids(frames: list[str]) -> list[str]:
