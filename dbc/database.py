@@ -16,8 +16,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .codec import Codec
 from .crc import CRC_RULES
+from .decode import Codec
 from .errors import InputError
 from .finding import Finding, Severity
 from .layout import CounterRule, MessageLayout, SignalLayout

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
-from dbc.codec import Codec
+from dbc import Codec
 from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout
 from dbc.words import counted, plural

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc import Codec
 from dbc.crc import CRC_RULES, covered
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch, FrameFlag
-from dbc.identifiers import Identifiers
 from dbc.layout import MessageLayout
 from dbc.samples import Decoded, Quality
 from dbc.words import counted, plural
@@ -89,7 +89,7 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
     special = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
     data = frames.select((frames.flags & special) == 0)
     extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
-    index, _, _ = Identifiers.of(messages).classify(data)
+    index, _, _ = Codec(tuple(messages)).classify(data)
     stranger = index == len(messages)
     key = data.can_id.astype(np.int64) + _EXTENDED_KEY * extended
     key = np.where(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.codec import Codec
+from dbc import Codec
 from dbc.layout import MessageLayout
 from dbc.samples import Decoded, Quality, Samples
 

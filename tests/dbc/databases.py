@@ -12,8 +12,8 @@ from typing import Any
 from cantools.database import Database, load_string
 from hypothesis import strategies as st
 
-FACTORS = ("1", "2", "-3", "1000003", "0.001", "-0.5", "2.0", "0.1", "1e-7", "9.80665e3")
-OFFSETS = ("0", "0", "-40", "0.5", "-163.84", "1e3", "9007199254740993", "-9223372036854775808")
+FACTORS = ("1", "2", "-3", "0.001", "-0.5", "2.0", "0.1", "1e-7", "9.80665e3")
+OFFSETS = ("0", "0", "-40", "0.5", "-163.84", "1e3")
 LENGTHS = (1, 2, 5, 7, 8, 8, 8, 12, 24, 64)
 
 
