@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .config import BusConfig as BusConfig
     from .config import on_bus as on_bus
     from .config import parse_bench as parse_bench
+    from .config import with_database as with_database
     from .databases import Database as Database
     from .databases import each_bus as each_bus
     from .databases import file_and_bus as file_and_bus
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from .procedure import sketch as sketch
     from .ready_maps import ready_map as ready_map
     from .ready_maps import ready_map_names as ready_map_names
-    from .replaced import with_database as with_database
     from .sensors import Sensor as Sensor
     from .sensors import sensors_codec as sensors_codec
     from .toml_file import holds_toml as holds_toml

@@ -1,6 +1,6 @@
 """Defines the tables of bench.toml as they are written: types, limits, unknown keys.
 
-Their meaning is in `daq.bench.config`.
+`daq.bench.config` makes a `Bench` of them.
 """
 
 from __future__ import annotations
@@ -104,6 +104,11 @@ class SensorTable(Table):
             raise ValueError("a sensor has either id_offset or ids")
         return self
 
+    @property
+    def database(self) -> str:
+        """The name of its database: a path, or ``layout:NAME``."""
+        return f"layout:{self.layout}" if self.layout else self.dbc
+
 
 class GeometryTable(Table):
     """`[vehicle.geometry]`."""
@@ -180,13 +185,21 @@ def campaign_limits(key: str) -> Limits:
     return Limits(float(low.gt if above_low else low.ge), float(high.le), above_low)
 
 
-class TriggerTable(Table):
-    """`[trigger]`."""
+class TriggerConfig(Table):
+    """`[trigger]`: the conditions on which a run starts and ends."""
 
     level: Annotated[float, Field(gt=0, le=1000)] = 3.0
+    """Deviation from rest, in SI units of the trigger channels, that counts as a bump."""
     pre_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
+    """Time kept before the trigger, s."""
     post_s: Annotated[float, Field(ge=0.5, le=600)] = 2.5
+    """Time kept after the trigger, s."""
     rest_s: Annotated[float, Field(ge=0.05, le=60)] = 0.3
+    """Time below `level` before the next bump is armed, s."""
+
+    def window_ns(self, bump_ns: int) -> tuple[int, int]:
+        """Return the span of the run of a bump, start <= t < stop, ns."""
+        return bump_ns - round(self.pre_s * 1e9), bump_ns + round(self.post_s * 1e9)
 
 
 class RecorderTable(Table):
@@ -269,21 +282,30 @@ class ChannelTable(Table):
         return self
 
 
-class MessageTable(Table):
-    """One `[[message]]`: what its DBC does not say."""
+class MessageRule(Table):
+    """One `[[message]]`: properties of a message that its DBC does not state."""
 
     name: str
+    """Name of the message."""
     cycle_ms: _Positive | None = None
+    """Time between two frames, ms, instead of that of the DBC."""
     counter: str | None = None
+    """Name of its rolling counter."""
     counter_modulus: Annotated[int, Field(ge=2, le=1 << 32)] | None = None
+    """Number of values of the counter; None: all values of its bits."""
     crc: str | None = None
+    """Signal that holds its checksum."""
     crc_rule: Annotated[str, AfterValidator(_crc_rule)] = "crc8_j1850"
+    """Rule by which the checksum is computed, one of `dbc.crc.CRC_RULES`."""
     time_signal: str | None = None
+    """Signal that holds the sensor's own time."""
     time_unit: Annotated[str, Field(max_length=16)] = ""
+    """Its unit if the DBC states none or a wrong one; empty: as in the DBC."""
     time_wrap: _Positive | None = None
+    """Value at which it starts again from 0, in its unit; None: at the end of its bits."""
 
     @model_validator(mode="after")
-    def _belongs_to_something(self) -> MessageTable:
+    def _belongs_to_something(self) -> MessageRule:
         stated = self.model_fields_set
         for owner, keys in (
             ("counter", {"counter_modulus"}),
@@ -295,12 +317,22 @@ class MessageTable(Table):
         return self
 
 
-class SampleSetTable(Table):
+class SampleSet(Table):
     """One `[[sample_set]]`: messages that carry one sample together."""
 
     name: _Name
-    messages: Annotated[list[str], Field(min_length=1)]
+    """Name of their sample group."""
+    messages: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Names of the messages."""
     bound_by: str
+    """``Message.signal``: a counter or time stamp in a separate frame that is sent in one burst
+    with the others; or the name of a counter that each of the messages has."""
+
+    @property
+    def carrier(self) -> tuple[str, str]:
+        """Message and signal by which the sets are numbered."""
+        message, dot, signal = self.bound_by.rpartition(".")
+        return (message, signal) if dot else (self.messages[0], self.bound_by)
 
 
 class CalibrationTable(Table):
@@ -317,13 +349,13 @@ class BenchFile(Table):
     bus: BusTable | Annotated[list[BusTable], Field(min_length=1, max_length=16)] = BusTable()
     vehicle: VehicleTable = VehicleTable()
     campaign: CampaignTable = CampaignTable()
-    trigger: TriggerTable = TriggerTable()
+    trigger: TriggerConfig = TriggerConfig()
     recorder: RecorderTable = RecorderTable()
     weight: list[WeightTable] = []
     fact: list[FactTable] = []
     calibration: CalibrationTable = CalibrationTable()
-    message: list[MessageTable] = []
-    sample_set: list[SampleSetTable] = []
+    message: list[MessageRule] = []
+    sample_set: list[SampleSet] = []
     channel: list[ChannelTable] = []
 
     @model_validator(mode="after")

@@ -24,7 +24,7 @@ from .bench_tables import (
     ChannelTable,
     FactTable,
     Table,
-    TriggerTable,
+    TriggerConfig,
     VehicleTable,
     WeightTable,
 )
@@ -85,7 +85,7 @@ class ChannelMapFile(Table):
     time: TimeTable = TimeTable()
     vehicle: VehicleTable = VehicleTable()
     campaign: CampaignTable = CampaignTable()
-    trigger: TriggerTable = TriggerTable()
+    trigger: TriggerConfig = TriggerConfig()
     weight: Annotated[list[WeightTable], Field(default_factory=list)]
     fact: Annotated[list[FactTable], Field(default_factory=list)]
     calibration: CalibrationTable = CalibrationTable()
@@ -153,7 +153,7 @@ def load_channel_map(path: Path) -> ChannelMap:
         calibration=table.calibration,
         channel=[ChannelTable(**channel.model_dump(include=own)) for channel in table.channel],
     )
-    bench = bench_of(described, text, where, (), "")
+    bench = bench_of(described, text, where, "")
     usual = Clock(table.time.column, table.time.unit, table.time.rate_hz)
     clocks = {
         channel.name: Clock(

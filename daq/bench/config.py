@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import MappingProxyType
 
-from dbc import Codec
+from dbc import Codec, read_dbc
 
 from ..channels import SI_UNITS, Channel
 from ..errors import InputError
@@ -25,15 +26,21 @@ from ..vehicle import (
     VehicleGeometry,
     parameter_names,
 )
-from .bench_tables import BenchFile, ChannelTable, MessageTable, WeightTable
+from .bench_tables import (
+    BenchFile,
+    ChannelTable,
+    MessageRule,
+    SampleSet,
+    SensorTable,
+    TriggerConfig,
+    WeightTable,
+)
 from .campaign import Campaign
-from .databases import database_codec, stored_databases
-from .message_rules import MessageRule, SampleSet, TimeRule, check_sets, ruled_codec
-from .named_databases import check_ready_maps, read_named
+from .databases import Database, database_codec, read_databases, stored_databases, stored_text
+from .message_rules import check_sets, ruled_codec
 from .origin import Origin
 from .procedure import Procedure
-from .ready_maps import PREFIX, ready_map
-from .sensor_tables import sensors_of, with_ready_maps
+from .ready_maps import PREFIX, ready_map, ready_tables
 from .sensors import Sensor, full_name, sensors_codec
 from .toml_file import toml_text, validated
 
@@ -55,24 +62,6 @@ class BusConfig:
     def label(self) -> str:
         """The name, or the channel."""
         return self.name or self.channel
-
-
-@dataclass(frozen=True, slots=True)
-class TriggerConfig:
-    """The conditions on which a run starts and ends."""
-
-    level: float
-    """Deviation from rest, in SI units of the trigger channels, that counts as a bump."""
-    pre_s: float
-    """Time kept before the trigger, s."""
-    post_s: float
-    """Time kept after the trigger, s."""
-    rest_s: float
-    """Time below `level` before the next bump is armed, s."""
-
-    def window_ns(self, bump_ns: int) -> tuple[int, int]:
-        """Return the span of the run of a bump, start <= t < stop, ns."""
-        return bump_ns - round(self.pre_s * 1e9), bump_ns + round(self.post_s * 1e9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,17 +172,13 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     path in the file.  Raises InputError as `load_bench`.
     """
     stated = validated(text, where, BenchFile)
-    check_ready_maps(stated, text, where)
-    table = _completed(stated)
-    sensors = sensors_of(table, where)
+    databases = read_databases(stated, text, where, folder if dbc_text is None else None)
     if dbc_text is None:
-        dbc_text = read_named(table, text, where, folder)
-    return bench_of(table, text, where, sensors, dbc_text)
+        dbc_text = stored_text(databases)
+    return bench_of(_completed(stated), text, where, dbc_text)
 
 
-def bench_of(
-    table: BenchFile, text: str, where: str, sensors: tuple[Sensor, ...], dbc_text: str
-) -> Bench:
+def bench_of(table: BenchFile, text: str, where: str, dbc_text: str) -> Bench:
     """Return the bench that checked tables describe.
 
     `text` and `where`: as in `parse_bench`.  `dbc_text`: all databases; empty for data that did not
@@ -201,6 +186,7 @@ def bench_of(
     quantity, or the name of a signal is too long for a session file.
     """
     for kind, names in (
+        ("sensor", [sensor.name for sensor in table.sensor]),
         ("channel", [channel.name for channel in table.channel]),
         ("message", [message.name for message in table.message]),
         ("sample set", [sample_set.name for sample_set in table.sample_set]),
@@ -208,10 +194,22 @@ def bench_of(
         for name in names:
             if names.count(name) > 1:
                 raise InputError(where, f"{kind} {name} occurs twice", "give each its own name")
-    buses = _buses(table, where)
-    channels = _named_in_full(
-        tuple(_channel(c) for c in table.channel), sensors, dbc_text, len(buses)
+    tables = table.bus if isinstance(table.bus, list) else [table.bus]
+    buses = tuple(BusConfig(bus.interface, bus.channel, bus.bitrate, bus.name) for bus in tables)
+    taken = [(bus.interface, bus.channel) for bus in buses]
+    for interface, name in taken:
+        if taken.count((interface, name)) > 1:
+            what = f"bus {interface} {name} occurs twice"
+            raise InputError(where, what, "give each [[bus]] its own channel")
+    sensors = tuple(
+        Sensor(s.name, s.database, _bus_of(s, buses, where), s.id_offset, MappingProxyType(s.ids))
+        for s in table.sensor
     )
+    channels = tuple(_channel(c) for c in table.channel)
+    if sensors and dbc_text:
+        databases = stored_databases(dbc_text)
+        messages = [m for s in sensors for m in sensors_codec([s], databases, len(buses)).messages]
+        channels = tuple(replace(c, signal=full_name(c.signal, messages)) for c in channels)
     for channel in channels:
         if len(channel.signal.encode()) > _SIGNAL_BYTES:
             what = f"channel {channel.name}: the name of its signal takes more than 128 bytes"
@@ -251,11 +249,9 @@ def bench_of(
         ),
         campaign=Campaign(tuple(table.campaign.excitations), table.campaign.repeats),
         bump_s=table.campaign.bump_s,
-        trigger=TriggerConfig(**table.trigger.model_dump()),
-        message_rules=tuple(_rule(message) for message in table.message),
-        sample_sets=tuple(
-            SampleSet(s.name, tuple(s.messages), s.bound_by) for s in table.sample_set
-        ),
+        trigger=table.trigger,
+        message_rules=tuple(table.message),
+        sample_sets=tuple(table.sample_set),
         calibration_days=table.calibration.max_age_days,
         procedure=Procedure(
             table.campaign.method,
@@ -275,26 +271,22 @@ def bench_of(
     )
 
 
-def _named_in_full(
-    channels: tuple[Channel, ...], sensors: tuple[Sensor, ...], dbc_text: str, n_buses: int
-) -> tuple[Channel, ...]:
-    """Return the channels of a list of sensors with full signal names, if the DBCs are given."""
-    if not (sensors and dbc_text):
-        return channels
-    databases = stored_databases(dbc_text)
-    messages = [m for s in sensors for m in sensors_codec([s], databases, n_buses).messages]
-    return tuple(replace(c, signal=full_name(c.signal, messages)) for c in channels)
-
-
-def _buses(table: BenchFile, where: str) -> tuple[BusConfig, ...]:
-    tables = table.bus if isinstance(table.bus, list) else [table.bus]
-    buses = tuple(BusConfig(bus.interface, bus.channel, bus.bitrate, bus.name) for bus in tables)
-    taken = [(bus.interface, bus.channel) for bus in buses]
-    for interface, channel in taken:
-        if taken.count((interface, channel)) > 1:
-            what = f"bus {interface} {channel} occurs twice"
-            raise InputError(where, what, "give each [[bus]] its own channel")
-    return buses
+def _bus_of(sensor: SensorTable, buses: Sequence[BusConfig], where: str) -> int:
+    """Return the position of a sensor's bus, which it states by name, channel or position."""
+    known = ", ".join(bus.label for bus in buses)
+    if sensor.bus is None:
+        if len(buses) == 1:
+            return 0
+        what = f"sensor {sensor.name} states no bus, and there are {len(buses)}"
+        raise InputError(where, what, f"state bus, one of {known}")
+    if isinstance(sensor.bus, int):
+        matching = [sensor.bus] if sensor.bus < len(buses) else []
+    else:
+        matching = [i for i, bus in enumerate(buses) if sensor.bus in (bus.name, bus.channel)]
+    if len(matching) != 1:
+        what = f"sensor {sensor.name} is on bus {sensor.bus}, which matches {len(matching)} buses"
+        raise InputError(where, what, f"state one of {known}, or its position from 0")
+    return matching[0]
 
 
 def bench_codec(bench: Bench) -> Codec:
@@ -324,37 +316,29 @@ def bench_codec(bench: Bench) -> Codec:
 def _completed(table: BenchFile) -> BenchFile:
     """Add the tables that the file takes from the shipped bench or from ready maps."""
     if table.sensor:
-        return with_ready_maps(table)
+        stated = table.model_dump(include={"channel", "message", "sample_set"})
+        sensors = [(sensor.name, sensor.database) for sensor in table.sensor]
+        added = BenchFile.model_validate(ready_tables(sensors, stated))
+        return table.model_copy(
+            update={
+                "channel": table.channel + added.channel,
+                "message": table.message + added.message,
+                "sample_set": table.sample_set + added.sample_set,
+            }
+        )
     if not table.dbc.startswith(PREFIX):
         if table.channel:
             return table
         shipped = validated(default_bench_text(), "bench.toml (shipped)", BenchFile)
         return table.model_copy(update={"channel": shipped.channel})
-    ready = ready_map(table.dbc.removeprefix(PREFIX))
-    piece = validated(ready.bench_text, f"{PREFIX}{ready.name}", BenchFile)
-    stated = {message.name for message in table.message}
-    messages = [message for message in piece.message if message.name not in stated]
+    ready = validated(ready_map(table.dbc.removeprefix(PREFIX)).bench_text, table.dbc, BenchFile)
+    messages = {message.name for message in table.message}
     return table.model_copy(
         update={
-            "channel": table.channel or piece.channel,
-            "message": table.message + messages,
-            "sample_set": table.sample_set or piece.sample_set,
+            "channel": table.channel or ready.channel,
+            "message": table.message + [m for m in ready.message if m.name not in messages],
+            "sample_set": table.sample_set or ready.sample_set,
         }
-    )
-
-
-def _rule(table: MessageTable) -> MessageRule:
-    time = (
-        TimeRule(table.time_signal, table.time_unit, table.time_wrap) if table.time_signal else None
-    )
-    return MessageRule(
-        name=table.name,
-        cycle_s=None if table.cycle_ms is None else table.cycle_ms * 1e-3,
-        counter=table.counter,
-        counter_modulus=table.counter_modulus,
-        crc=table.crc,
-        crc_rule=table.crc_rule,
-        time=time,
     )
 
 
@@ -394,3 +378,25 @@ def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
         channel=channel or bench.bus.channel,
     )
     return replace(bench, buses=(bus,))
+
+
+def with_database(bench: Bench, path: Path) -> Bench:
+    """Return the bench with the database of a file instead of its only one, or the one so named.
+
+    Raises InputError if the file cannot be read, or the bench has several databases and none with
+    this file name.
+    """
+    text = read_dbc(path)
+    if not bench.sensors:
+        return replace(bench, dbc_text=text, dbc_name=str(path))
+    names = list(dict.fromkeys(sensor.database for sensor in bench.sensors))
+    chosen = names if len(names) == 1 else [n for n in names if PurePath(n).name == path.name]
+    if len(chosen) != 1:
+        what = f"none of the {len(names)} databases of the bench has this file name"
+        advice = f"name the file as the one it replaces: {', '.join(names)}"
+        raise InputError(str(path), what, advice)
+    old = {each.name: each.text for each in stored_databases(bench.dbc_text)}
+    stored = stored_text([Database(n, text if n == chosen[0] else old[n]) for n in names])
+    # Read again, because the full names of the channels depend on the databases.
+    again = parse_bench(bench.text, "bench.toml", Path(), stored)
+    return replace(bench, dbc_text=stored, channels=again.channels)

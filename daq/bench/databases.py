@@ -1,4 +1,4 @@
-"""Joins the databases of a bench to one text, which journals and sessions store.
+"""The databases of a bench: read by name, and joined to one text that journals and sessions store.
 
 A single database is stored as its own text.  Several databases are stored as a JSON document with
 the names by which bench.toml refers to them.
@@ -10,11 +10,14 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import PurePath
+from pathlib import Path, PurePath
 
-from dbc import Codec, parse_codec, split_by_bus
+from dbc import Codec, parse_codec, read_dbc, shipped_dbc, split_by_bus
 
 from ..errors import InputError
+from .bench_tables import BenchFile
+from .ready_maps import PREFIX, ready_map
+from .toml_file import Place, line_of
 
 _BUS_MARK = "#"
 """Separator between the name of a file and of one of its buses, as in `dbc.read_dbc`."""
@@ -29,6 +32,37 @@ class Database:
     """Its name in bench.toml: a path, or ``layout:NAME``; empty if bench.toml names none."""
     text: str
     """Its content."""
+
+
+def read_databases(
+    table: BenchFile, text: str, where: str, folder: Path | None
+) -> tuple[Database, ...]:
+    """Return the databases that a bench names.
+
+    `text` and `where`: the bench.toml and its name.  `folder`: where relative paths start; None
+    reads the ready maps only.  Raises InputError, with the line of bench.toml, if one cannot be
+    read.
+    """
+    places: dict[str, Place] = {} if table.sensor else {table.dbc: ("dbc",)}
+    for position, sensor in enumerate(table.sensor):
+        key = "layout" if sensor.layout else "dbc"
+        places.setdefault(sensor.database, ("sensor", position, key))
+    databases = []
+    for name, place in places.items():
+        try:
+            if name.startswith(PREFIX):
+                content = ready_map(name.removeprefix(PREFIX)).dbc_text
+            elif folder is not None:
+                content = read_dbc(folder / name) if name else shipped_dbc()
+            else:
+                continue
+        except InputError as error:
+            line = line_of(text, place)
+            key = ".".join(str(part) for part in place)
+            what = f"{key}: {error.where}: {error.what}"
+            raise InputError(f"{where}:{line}" if line else where, what, error.advice) from error
+        databases.append(Database(name, content))
+    return tuple(databases)
 
 
 def stored_text(databases: Sequence[Database]) -> str:
@@ -46,18 +80,11 @@ def stored_databases(text: str) -> tuple[Database, ...]:
     if not text.lstrip().startswith("{"):
         return (Database("", text),) if text else ()
     try:
-        found = json.loads(text)[_KEY]
-        return tuple(Database(str(name), str(each)) for name, each in found.items())
+        stored = json.loads(text)[_KEY]
+        return tuple(Database(str(name), str(each)) for name, each in stored.items())
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         what = "the list of databases is damaged"
         raise InputError("bench", what, "name the databases with --config") from error
-
-
-def database_text(databases: Sequence[Database], name: str) -> str | None:
-    """Return the text of the database called `name`; a single database has every name."""
-    if len(databases) == 1:
-        return databases[0].text
-    return next((each.text for each in databases if each.name == name), None)
 
 
 def each_bus(database: Database) -> tuple[Database, ...]:

@@ -10,60 +10,10 @@ from dbc.layout import CounterRule, MessageLayout, SignalLayout
 from dbc.units import to_si
 
 from ..errors import InputError
+from .bench_tables import MessageRule, SampleSet
 
 CORRECT_MESSAGE = "correct that [[message]] in bench.toml"
 CORRECT_SET = "correct that [[sample_set]] in bench.toml"
-
-
-@dataclass(frozen=True, slots=True)
-class TimeRule:
-    """The time stamp that a sensor puts into its message."""
-
-    signal: str
-    """Name of the signal in its message."""
-    unit: str
-    """Its unit if the DBC states none or a wrong one; empty: as in the DBC."""
-    wrap: float | None
-    """Value at which it starts again from 0, in its unit; None: at the end of its bits."""
-
-
-@dataclass(frozen=True, slots=True)
-class MessageRule:
-    """The properties that bench.toml adds to a message of the DBC."""
-
-    name: str
-    """Name of the message."""
-    cycle_s: float | None
-    """Time between two frames, s, instead of that of the DBC."""
-    counter: str | None
-    """Name of its rolling counter."""
-    counter_modulus: int | None
-    """Number of values of the counter; None: all values of its bits."""
-    crc: str | None
-    """Signal that holds its checksum."""
-    crc_rule: str
-    """Rule by which the checksum is computed, one of `dbc.crc.CRC_RULES`."""
-    time: TimeRule | None
-    """Its time stamp."""
-
-
-@dataclass(frozen=True, slots=True)
-class SampleSet:
-    """Messages that carry one sample together."""
-
-    name: str
-    """Name of their sample group."""
-    messages: tuple[str, ...]
-    """Names of the messages."""
-    bound_by: str
-    """``Message.signal``: a counter or time stamp in a separate frame that is sent in one burst
-    with the others; or the name of a counter that each of the messages has."""
-
-    @property
-    def carrier(self) -> tuple[str, str]:
-        """Message and signal by which the sets are numbered."""
-        message, dot, signal = self.bound_by.rpartition(".")
-        return (message, signal) if dot else (self.messages[0], self.bound_by)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +63,7 @@ def _ruled(message: MessageLayout, rule: MessageRule) -> MessageLayout:
             what = f"checksum {signal.name} is not one whole byte"
             raise InputError(f"message {message.name}", what, CORRECT_MESSAGE)
         crc, crc_rule = signal.name, rule.crc_rule
-    cycle_s = message.cycle_s if rule.cycle_s is None else rule.cycle_s
+    cycle_s = message.cycle_s if rule.cycle_ms is None else rule.cycle_ms * 1e-3
     return replace(message, cycle_s=cycle_s, counter=counter, crc=crc, crc_rule=crc_rule)
 
 
@@ -141,9 +91,9 @@ def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, Se
     Raises InputError if a time signal is missing, is not a time, or has no wrap.
     """
     return {
-        rule.name: _clock(codec.by_name[rule.name], rule.time)
+        rule.name: _clock(codec.by_name[rule.name], rule, rule.time_signal)
         for rule in rules
-        if rule.time is not None and rule.name in codec.by_name
+        if rule.time_signal and rule.name in codec.by_name
     }
 
 
@@ -153,24 +103,24 @@ def timed_messages(codec: Codec, rules: Sequence[MessageRule]) -> frozenset[str]
     return frozenset(counted | sensor_clocks(codec, rules).keys())
 
 
-def _clock(message: MessageLayout, time: TimeRule) -> SensorClock:
-    signal = _signal(message, "time_signal", time.signal, CORRECT_MESSAGE)
-    where = f"message {message.name}"
+def _clock(message: MessageLayout, rule: MessageRule, name: str) -> SensorClock:
+    signal = _signal(message, "time_signal", name, CORRECT_MESSAGE)
+    where, unit = f"message {message.name}", rule.time_unit or signal.unit
     try:
-        si = to_si(time.unit or signal.unit)
+        si = to_si(unit)
     except InputError as error:
-        what = f"time signal {signal.name} has the unknown unit {time.unit or signal.unit!r}"
+        what = f"time signal {name} has the unknown unit {unit!r}"
         raise InputError(where, what, "state time_unit as s, ms, us or ns") from error
     if si.unit != "s" or signal.is_multiplexed:
-        what = f"time signal {signal.name} has the unit {time.unit or signal.unit!r}, not of time"
+        what = f"time signal {name} has the unit {unit!r}, not of time"
         raise InputError(where, what, "state time_unit as s, ms, us or ns")
-    wrap = time.wrap
+    wrap = rule.time_wrap
     if wrap is None:
         if signal.is_float:
-            what = f"time signal {signal.name} is a float, whose bits set no wrap"
+            what = f"time signal {name} is a float, whose bits set no wrap"
             raise InputError(where, what, "state time_wrap in its unit")
         wrap = abs(signal.factor) * float(1 << signal.length)
-    return SensorClock(f"{message.name}.{signal.name}", si.factor, wrap)
+    return SensorClock(f"{message.name}.{name}", si.factor, wrap)
 
 
 def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[SampleSet]) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from typing import Any
 
 from ..errors import InputError
 
@@ -44,3 +47,47 @@ def ready_map(name: str) -> ReadyMap:
     bench = (_FOLDER / f"{name}.toml").read_text("utf-8")
     title = bench.partition("\n")[0].removeprefix("# ").rstrip(".")
     return ReadyMap(name, title, (_FOLDER / f"{name}.dbc").read_text("utf-8"), bench)
+
+
+def sensor_map(sensor: str, database: str) -> dict[str, Any]:
+    """Return the tables of a sensor's ready map under its name; empty if it has none.
+
+    Names of messages, signals, sample sets and channels begin with the name of the sensor.
+    """
+    if not database.startswith(PREFIX):
+        return {}
+    piece = tomllib.loads(ready_map(database.removeprefix(PREFIX)).bench_text)
+    for message in piece.get("message", []):
+        message["name"] = f"{sensor}.{message['name']}"
+    for each in piece.get("sample_set", []):
+        each["name"] = f"{sensor}_{each['name']}"
+        each["messages"] = [f"{sensor}.{name}" for name in each["messages"]]
+        if "." in each["bound_by"]:
+            each["bound_by"] = f"{sensor}.{each['bound_by']}"
+    for channel in piece.get("channel", []):
+        channel["name"] = f"{sensor}_{channel['name']}"
+        channel["signal"] = f"{sensor}.{channel['signal']}"
+    return piece
+
+
+def ready_tables(
+    sensors: Sequence[tuple[str, str]], stated: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> dict[str, list[dict[str, Any]]]:
+    """Return the tables that the ready maps add to those that bench.toml states.
+
+    `sensors`: name and database of each.  `stated`: the tables of bench.toml by kind.  The channels
+    of a sensor's ready map are added unless bench.toml has a channel of that sensor.  A message or
+    sample set is added unless bench.toml has one of that name or of that sensor.
+    """
+    added: dict[str, list[dict[str, Any]]] = {"message": [], "sample_set": [], "channel": []}
+    messages = {str(table.get("name")) for table in stated.get("message", ())}
+    signals = [str(table.get("signal")) for table in stated.get("channel", ())]
+    in_sets = [str(m) for table in stated.get("sample_set", ()) for m in table.get("messages", ())]
+    for name, database in sensors:
+        piece, prefix = sensor_map(name, database), f"{name}."
+        if not any(signal.startswith(prefix) for signal in signals):
+            added["channel"] += piece.get("channel", [])
+        added["message"] += [m for m in piece.get("message", []) if m["name"] not in messages]
+        if not any(message.startswith(prefix) for message in in_sets):
+            added["sample_set"] += piece.get("sample_set", [])
+    return added

@@ -16,7 +16,7 @@ from dbc.finding import Finding, Severity
 from dbc.layout import MessageLayout
 
 from ..errors import InputError
-from .databases import Database, database_codec, database_text
+from .databases import Database, database_codec
 
 CORRECT_SENSOR = "correct that [[sensor]] in bench.toml"
 _BITS = {False: 11, True: 29}
@@ -60,11 +60,13 @@ def sensors_codec(
     left_out: dict[Finding, None] = {}
     notes: dict[Finding, None] = {}
     for sensor in sensors:
-        text = database_text(databases, sensor.database)
-        if text is None:
+        # A single database has every name.
+        only = len(databases) == 1
+        texts = [each.text for each in databases if only or each.name == sensor.database]
+        if not texts:
             what = f"the database {sensor.database} is missing"
             raise InputError(f"sensor {sensor.name}", what, CORRECT_SENSOR)
-        codec = database_codec(text, sensor.database)
+        codec = database_codec(texts[0], sensor.database)
         left_out |= dict.fromkeys(codec.left_out)
         notes |= dict.fromkeys(codec.notes)
         messages += _own_messages(sensor, codec, sensor.bus if n_buses > 1 else None)

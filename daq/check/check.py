@@ -17,8 +17,8 @@ from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 from dbc.words import plural
 
+from ..bench.bench_tables import SampleSet
 from ..bench.config import Bench
-from ..bench.message_rules import SampleSet
 from ..runs import SampleGroup
 from ..samples.bench_mapping import mapped_channels
 from ..samples.groups import sample_groups, timekeeping

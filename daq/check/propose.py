@@ -17,8 +17,7 @@ from dbc.words import counted
 
 from ..bench.config import BusConfig
 from ..bench.databases import Database
-from ..bench.ready_maps import PREFIX
-from ..bench.sensor_maps import sensor_map
+from ..bench.ready_maps import PREFIX, sensor_map
 from ..bench.sensors import Sensor, sensors_codec
 from ..signal_names import sensor_of, signal_of
 from .answers import AT_WHEEL, NO, NO_ANSWERS, YES, Answers, Question, answered, stated_forward

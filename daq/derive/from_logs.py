@@ -19,8 +19,9 @@ import numpy as np
 from dbc import Codec
 from dbc.frames import FrameBatch
 
+from ..bench.bench_tables import TriggerConfig
 from ..bench.campaign import Campaign, Step
-from ..bench.config import Bench, TriggerConfig, bench_codec
+from ..bench.config import Bench, bench_codec
 from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.contents import HopCounts

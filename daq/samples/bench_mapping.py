@@ -5,7 +5,7 @@ from __future__ import annotations
 from dbc import Codec
 
 from ..bench.config import Bench
-from ..bench.mistakes import channel_line
+from ..bench.toml_file import channel_line
 from ..errors import InputError
 from .mapping import MappedChannel, map_channels
 from .trigger import trigger_channels

@@ -20,7 +20,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench.config import TriggerConfig
+from ..bench.bench_tables import TriggerConfig
 from ..bench.procedure import Method
 from ..channels import Channel, Quantity
 from ..runs import Event

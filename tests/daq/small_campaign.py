@@ -8,8 +8,9 @@ from functools import cache
 
 import numpy as np
 
+from daq.bench.bench_tables import TriggerConfig
 from daq.bench.campaign import Campaign
-from daq.bench.config import Bench, TriggerConfig, load_bench
+from daq.bench.config import Bench, load_bench
 from daq.runs import Event, Excitation
 from dbc import Codec, FrameBatch, parse_codec
 
@@ -23,7 +24,9 @@ LABELS = [step.label for step in CAMPAIGN.steps]
 def small_bench() -> Bench:
     """Return the shipped bench with a campaign of four short runs."""
     return replace(
-        load_bench(None), campaign=CAMPAIGN, trigger=TriggerConfig(3.0, 0.1, 0.5, rest_s=0.1)
+        load_bench(None),
+        campaign=CAMPAIGN,
+        trigger=TriggerConfig(level=3.0, pre_s=0.1, post_s=0.5, rest_s=0.1),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.bench.campaign import Step
-from daq.bench.config import Bench, TriggerConfig, load_bench
+from daq.bench.config import Bench, load_bench
 from daq.channels import Channel, Quantity
 from daq.runs import Excitation, Losses
 from daq.samples.trigger import TriggerState, advance, trigger_channels
@@ -71,7 +71,7 @@ def benches() -> Mapping[str, Bench]:
         "hubs, two travels": hubs + travels[:2],
     }
     bench = load_bench(None)
-    low = TriggerConfig(0.4, bench.trigger.pre_s, bench.trigger.post_s, bench.trigger.rest_s)
+    low = bench.trigger.model_copy(update={"level": 0.4})
     return {
         name: replace(
             bench, channels=channels, trigger=bench.trigger if hubs[0] in channels else low

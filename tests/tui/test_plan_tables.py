@@ -173,7 +173,7 @@ def test_a_bench_is_planned_as_it_will_be_recorded() -> None:
     assert plan.decay_s == pytest.approx(BENCH.trigger.post_s - BENCH.bump_s)
     assert [run.mass_state for run in plan.runs] == ["baseline"] * 3 + ["added"] * 3
     assert {run.repeats for run in plan.runs} == {2}
-    short = replace(BENCH, trigger=replace(BENCH.trigger, post_s=BENCH.bump_s + 0.1))
+    short = replace(BENCH, trigger=BENCH.trigger.model_copy(update={"post_s": BENCH.bump_s + 0.1}))
     assert planned(short, vehicle, None, 0.03).decay_s == 0.2
     campaign = replace(
         BENCH.campaign, excitations=(Excitation.ROLL, Excitation.ROLL), mass_states=("baseline",)

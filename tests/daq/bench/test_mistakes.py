@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from daq.bench.config import load_bench, parse_bench
-from daq.bench.mistakes import line_of
+from daq.bench.toml_file import line_of
 from daq.errors import InputError
 
 TEXT = """\

@@ -8,13 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.bench.bench_tables import BenchFile
-from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench
+from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench, with_database
 from daq.bench.databases import Database, stored_databases, stored_text
 from daq.bench.edit import with_channel
-from daq.bench.replaced import with_database
-from daq.bench.sensor_maps import ready_tables, sensor_map
-from daq.bench.sensor_tables import with_ready_maps
+from daq.bench.ready_maps import ready_tables, sensor_map
 from daq.errors import InputError
 from daq.samples.bench_mapping import bench_mapping
 from dbc import Samples, shipped_dbc
@@ -268,19 +265,3 @@ def test_a_sensor_without_a_bus_is_on_the_only_one() -> None:
     text = text.replace('name = "imu_b"', 'name = "imu_b"\nid_offset = 16')
     bench = parse_bench(text, "bench.toml", Path(), STORED)
     assert {sensor.bus for sensor in bench.sensors} == {0}
-
-
-def test_what_is_stated_stays_before_what_the_ready_map_adds() -> None:
-    own: dict[str, list[dict[str, object]]] = {
-        "message": [{"name": "own.M"}],
-        "channel": [{"name": "p", "quantity": "unused", "signal": "own.M.p"}],
-        "sample_set": [{"name": "both", "messages": ["own.M"], "bound_by": "own.M.n"}],
-    }
-    sensors = [{"name": "imu", "layout": "bosch_mm7"}, {"name": "own", "dbc": "own.dbc"}]
-    table = BenchFile.model_validate({"sensor": sensors} | own)
-    added = BenchFile.model_validate(ready_tables([("imu", "layout:bosch_mm7")], {}))
-    whole = with_ready_maps(table)
-    assert len(added.message) * len(added.channel) * len(added.sample_set) > 0
-    assert whole.message == table.message + added.message
-    assert whole.channel == table.channel + added.channel
-    assert whole.sample_set == table.sample_set + added.sample_set

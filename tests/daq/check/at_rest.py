@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.bench.message_rules import SampleSet
+from daq.bench.bench_tables import SampleSet
 from daq.channels import Channel, Quantity
 from daq.check.channel_checks import check_channel
 from daq.samples.groups import Timekeeping

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.bench.message_rules import SampleSet, SensorClock
+from daq.bench.bench_tables import SampleSet
+from daq.bench.message_rules import SensorClock
 from daq.channels import Channel, Quantity
 from daq.check import mixed_messages
 from daq.check.frame_checks import check_messages, frame_table
@@ -293,7 +294,7 @@ def test_a_message_that_numbers_the_samples_of_others_must_come_without_a_channe
 ):
     carrier = replace(message(), name="C", can_id=0x101)
     mapped = map_channels((Channel("c", Quantity.UNUSED, signal="M.v"),), (message(),), "m.dbc")
-    sets = (SampleSet("set", ("M",), "C.cnt"),)
+    sets = (SampleSet(name="set", messages=("M",), bound_by="C.cnt"),)
     keeping = Timekeeping({"M": message(), "C": carrier}, {}, sets)
     messages = (message(), carrier)
     batch = sent(beats(30))

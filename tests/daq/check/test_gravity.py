@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from daq.bench.message_rules import SampleSet
+from daq.bench.bench_tables import SampleSet
 from daq.channels import Quantity
 from dbc.finding import Severity
 from dbc.samples import Quality, Samples
@@ -124,8 +123,11 @@ def test_another_axis_of_the_sensor_that_reads_gravity_is_named(
 
 
 def test_messages_of_one_sample_set_are_one_sensor() -> None:
-    together = SampleSet("set", ("IMU", "Z"), "IMU.x")
-    for sets, named in (((together,), True), ((replace(together, messages=("T", "Z")),), False)):
+    together = SampleSet(name="set", messages=("IMU", "Z"), bound_by="IMU.x")
+    for sets, named in (
+        ((together,), True),
+        ((together.model_copy(update={"messages": ("T", "Z")}),), False),
+    ):
         own = channel(Quantity.BODY_ACCELERATION, "IMU.y")
         (line,) = faults(checked(own, still(0.2 * G, 0.1), others=sibling("Z.v", G), sets=sets))
         assert (line.advice == 'take signal = "Z.v"') is named

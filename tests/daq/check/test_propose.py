@@ -92,7 +92,7 @@ def test_every_line_that_is_left_to_the_reader_can_be_uncommented() -> None:
     lines = [x.removeprefix("# ") if x.startswith(settings) else x for x in text.splitlines()]
     bench = parse_bench("\n".join(lines), "proposed", Path(), DBC)
     bench_codec(bench)
-    assert [rule.cycle_s for rule in bench.message_rules] == [0.01] * 4
+    assert [rule.cycle_ms for rule in bench.message_rules] == [10.0] * 4
     assert [weight.mass_kg for weight in bench.mass_states[1].added.weights] == [32.5, 4.0]
     assert bench.vehicle.facts[0].value == pytest.approx(1551.8)
 
@@ -111,8 +111,7 @@ def test_traffic_tells_the_axis_the_sign_the_counter_the_checksum_and_the_clock(
     assert (chassis.counter.signal, chassis.counter.modulus) == ("MsgCnt", 15)
     assert (chassis.crc, chassis.crc_rule) == ("Checksum", "crc8_8h2f")
     (gyro,) = [rule for rule in bench.message_rules if rule.name == "Gyro"]
-    assert gyro.time is not None
-    assert gyro.time.signal == "TimeStamp"
+    assert gyro.time_signal == "TimeStamp"
     assert text.count("FILL IN") >= 6
 
 
@@ -121,7 +120,7 @@ def test_a_clock_that_runs_at_another_rate_is_not_taken() -> None:
             for t, i, d in _traffic()]  # fmt: skip
     text, bench = _proposed(rows)
     assert '# "TimeStamp" runs 0.01 times as fast' in text
-    assert all(rule.time is None for rule in bench.message_rules)
+    assert all(rule.time_signal is None for rule in bench.message_rules)
 
 
 def test_hostile_names_stay_inside_their_quotes() -> None:

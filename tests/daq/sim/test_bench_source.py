@@ -105,7 +105,7 @@ def test_the_car_is_dropped_or_pushed_as_the_procedure_says(method: Method, leve
         bench,
         campaign=Campaign((Excitation.ROLL,), 1, (BASELINE,)),
         procedure=replace(bench.procedure, method=method),
-        trigger=replace(bench.trigger, level=level),
+        trigger=bench.trigger.model_copy(update={"level": level}),
     )
     _, status = record(bench, 5)
     assert [run.status for run in status.runs] == [LoggedStatus.ACCEPTED]

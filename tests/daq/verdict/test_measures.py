@@ -37,7 +37,7 @@ BOUNCE = Step(BASELINE, Excitation.BOUNCE, 1)
 
 def bench_of(*channels: Channel, **trigger: float) -> Bench:
     bench = load_bench(None)
-    return replace(bench, channels=channels, trigger=replace(bench.trigger, **trigger))
+    return replace(bench, channels=channels, trigger=bench.trigger.model_copy(update=trigger))
 
 
 def window(records: Mapping[Channel, Array], time_s: Array = T_S) -> RunWindow:

@@ -42,7 +42,7 @@ def _bench(name: str, method: Method) -> Bench:
     return replace(
         bench,
         procedure=replace(bench.procedure, method=method),
-        trigger=replace(bench.trigger, level=level),
+        trigger=bench.trigger.model_copy(update={"level": level}),
     )
 
 
