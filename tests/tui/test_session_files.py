@@ -7,21 +7,17 @@ from pathlib import Path
 import asammdf
 import can
 import h5py
-import numpy as np
 import pytest
-import pyuff
 
-from daq import session_from_arrays, write_session
+from daq import write_session
 from daq.bench.databases import Database, stored_text
 from daq.formats.export import ExportFormat
-from daq.vehicle import DOF, Vehicle
 from tui.cli import run
 from tui.commands.export import Format
 from tui.output import print_line, print_table
 
 from ..daq.sensor_bench import IMU
 from ..daq.small_session import small_session
-from ..identify.bumps import PAPER_DELTA_MASS, paper_records
 
 
 @pytest.fixture
@@ -65,7 +61,6 @@ def test_the_suffix_tells_the_format_and_a_folder_the_place(
         (["--out", "x.xls"], ".xls is not an export format"),
         (["--format", "mat", "--run", "warp"], "there is no run warp"),
         (["--format", "csv", "--separator", ",", "--decimal", ","], "--separator"),
-        (["--format", "mat", "--modes"], "--modes"),
         (["--format", "mat", "--decimal", ","], "--separator, --decimal: mat has neither"),
         (["--out", "x.parquet", "--separator", ";"], "parquet has neither (use --format csv)"),
         (["--out", "/dev/null/x.mat"], "name another folder"),
@@ -84,41 +79,6 @@ def test_what_cannot_be_exported(
 
 def test_help_names_every_format() -> None:
     assert [form.value for form in Format] == [form.value for form in ExportFormat]
-
-
-def test_modes_go_into_the_universal_file(tmp_path: Path) -> None:
-    runs = []
-    for record in paper_records(200.0, np.inf, 4):
-        columns = zip(DOF, record.recordings[0].values.T, strict=True)
-        samples = {name: (record.recordings[0].time_s, column) for name, column in columns}
-        runs.append((record.mass_state, record.label.split("_")[1], samples))
-    session = session_from_arrays(
-        runs, delta_mass=PAPER_DELTA_MASS, bump_s=0.2, vehicle=Vehicle("Granada")
-    )
-    write_session(tmp_path / "car.h5", session)
-    assert run(["export", str(tmp_path / "car.h5"), "--format", "uff", "--modes"]) == 0
-    modes = [s for s in pyuff.UFF(str(tmp_path / "car.uff")).read_sets() if s["type"] == 55]
-    # docs/method.md, "The vehicle": 10.7678 Hz becomes 10.2395 with mass on board.
-    found_hz = sorted(abs(mode["eig"]) / (2 * np.pi) for mode in modes if "baseline" in mode["id1"])
-    assert len(modes) == 14
-    assert found_hz[3] == pytest.approx(10.7678, abs=2e-4)
-    # A symmetric car: four modes move left and right alike (bounce, pitch, two of the wheels),
-    # in three they are opposite (roll, two of the wheels).
-    alike, opposite = 0, 0
-    for mode in modes[:7]:
-        at = dict(zip(mode["node_nums"].tolist(), mode["r3"], strict=True))
-        pairs = np.array([(at[1], at[2]), (at[3], at[4]), (at[11], at[12]), (at[13], at[14])])
-        alike += np.allclose(pairs[:, 0], pairs[:, 1], atol=1e-4)
-        opposite += np.allclose(pairs[:, 0], -pairs[:, 1], atol=1e-4)
-    assert (alike, opposite) == (4, 3)
-
-
-def test_modes_that_are_refused_are_not_written(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str
-) -> None:
-    assert run(["export", car, "--format", "uff", "--modes"]) == 1
-    assert "refused" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["car.h5"]
 
 
 def test_validate(capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str) -> None:

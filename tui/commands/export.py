@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from daq import Channel, Session
-    from daq.formats import ModeShapes
 
 
 class Format(StrEnum):
@@ -48,13 +47,6 @@ def export(
     decimal: Annotated[
         str | None, typer.Option(help="Decimal mark of CSV, point or comma; default: point.")
     ] = None,
-    modes: Annotated[
-        bool, typer.Option("--modes", help="Identify, and add the mode shapes (UFF).")
-    ] = False,
-    rate: Annotated[
-        float | None,
-        typer.Option(help="Even times at this number of samples a second, by splines (UFF)."),
-    ] = None,
     force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
 ) -> int:
@@ -67,7 +59,6 @@ def export(
         chosen_runs,
         export_session,
         format_of,
-        with_even_times,
     )
 
     from ..output import print_json, print_line
@@ -81,20 +72,12 @@ def export(
     if place.is_dir():
         place = place / name
     refuse_existing(place, replace=True, inputs=[session])  # all files: see `export_session`
-    if modes and wanted is not ExportFormat.UFF:
-        raise InputError("--modes", f"{wanted} holds no mode shapes", "use --format uff")
-    if rate is not None and wanted is not ExportFormat.UFF:
-        raise InputError("--rate", f"{wanted} takes times as they are", "use --format uff")
     if (separator or decimal) and wanted is not ExportFormat.CSV:
         raise InputError("--separator, --decimal", f"{wanted} has neither", "use --format csv")
     style = CsvStyle(separator or ",", decimal or ".")
     whole = read_session(session)
     chosen = _part(chosen_runs(whole, run or []), sensor or [], bus or [])
-    chosen = with_even_times(chosen, rate) if rate is not None else chosen
-    shapes = _mode_shapes(whole) if modes else ()
-    if shapes is None:
-        return ExitCode.ANSWER_IS_NO
-    done = export_session(chosen, place, wanted, style=style, modes=shapes, force=force)
+    done = export_session(chosen, place, wanted, style=style, force=force)
     if json:
         files = [str(path) for path in done.paths]
         print_json({"session": str(session), "files": files, "notes": list(done.notes)})
@@ -141,21 +124,3 @@ def _sensor(channel: Channel) -> str:
     from daq.bench import sensor_of_signal
 
     return sensor_of_signal(channel.signal)
-
-
-def _mode_shapes(session: Session) -> tuple[ModeShapes, ...] | None:
-    """Return the modes of every mass state; None, after a message, if they are refused."""
-    import identify as method
-    from daq.formats import ModeShapes
-
-    from ..output import progress
-
-    with progress("identify") as stage:
-        result = method.identify(session, stage)
-    if result.quality.verdict == "refused":
-        say(f"the identification is refused, nothing is written: {result.quality.reasons[0]}")
-        return None
-    return tuple(
-        ModeShapes(state, result.geometry, model.poles, model.shapes)
-        for state, model in result.modal.items()
-    )

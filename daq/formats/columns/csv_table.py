@@ -11,8 +11,7 @@ import codecs
 import csv
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,7 @@ from dbc.words import counted
 
 from ...errors import InputError
 from ...optional import optional
-from .opened import MAX_VALUES, ColumnFile, Heading, too_long
+from .table import Choose, Heading, Table, bounded
 
 _HEAD_BYTES = 1 << 17
 _SEPARATORS = (";", "\t", ",")
@@ -37,7 +36,6 @@ _NUMBER = re.compile(
 _SKIPPED = re.compile(r"Skipping line (\d+)")
 """Words of pandas for a row with more fields than one too many."""
 _POINT = r"^\s*[+-]?\d*\.\d+([eE][+-]?\d+)?\s*$"
-"""A number with a point: then commas are no decimal marks."""
 _DATE = re.compile(r"^\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 
 
@@ -53,16 +51,14 @@ class _Form:
     """All columns."""
 
 
-@contextmanager
-def open_csv(path: Path) -> Iterator[ColumnFile]:
-    """Open a table."""
+def read_csv(path: Path, choose: Choose) -> Table:
+    """Return columns of a table.
+
+    Rows with too many fields are left out, and unreadable cells are missing values; both are
+    stated.
+    """
     form = _form(path)
-    unread: list[str] = []
-
-    def read(wanted: Sequence[Heading]) -> Mapping[str, NDArray[Any]]:
-        return _read(path, form, wanted, unread)
-
-    yield ColumnFile(form.headings, read, unread=unread)
+    return _read(path, form, choose(form.headings))
 
 
 def _form(path: Path) -> _Form:
@@ -123,15 +119,15 @@ def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Headi
             units = [cell.strip("[]()") for cell in last]
             last = [*wide[-2], *[""] * n][:n]
         names = last
-    found = list[Heading]()
+    headings = list[Heading]()
     for i, name in enumerate(names):
         match = _UNIT.match(name)
         if match and not units[i]:
             name, units[i] = match[1], match[2]
         name, units[i] = name or f"column {i + 1}", "ns" if _DATE.match(data[i]) else units[i]
-        taken = any(each.name == name for each in found)
-        found.append(Heading(f"{name}:{i + 1}" if taken else name, units[i], "table"))
-    return tuple(found)
+        taken = any(each.name == name for each in headings)
+        headings.append(Heading(f"{name}:{i + 1}" if taken else name, units[i], "table"))
+    return tuple(headings)
 
 
 def _is_unit(cell: str) -> bool:
@@ -139,10 +135,7 @@ def _is_unit(cell: str) -> bool:
     return plain != cell or known_si(plain) is not None
 
 
-def _read(
-    path: Path, form: _Form, wanted: Sequence[Heading], unread: list[str]
-) -> dict[str, NDArray[Any]]:
-    """Read columns; note rows with too many fields, which are left out, and unreadable cells."""
+def _read(path: Path, form: _Form, wanted: Sequence[Heading]) -> Table:
     pandas = optional("pandas", "data")
     n = len(form.headings)
     numbers = [form.headings.index(each) for each in wanted]
@@ -161,22 +154,17 @@ def _read(
             index_col=False,
             low_memory=False,
         )
-    if len(table) * len(wanted) > MAX_VALUES:
-        raise too_long(f"{len(table) * len(wanted)}", str(path))
+    bounded(len(table) * len(wanted), str(path))
     longer = [int(line) for each in skipped for line in _SKIPPED.findall(str(each.message))]
     last = form.first + len(table) + len(longer)
     table.index = np.setdiff1d(np.arange(form.first, last) + 1, longer)[: len(table)]
     long = table.index[table[n].notna()]
-    if len(long) or longer:
-        rows = counted(len(long) + len(longer), "row has", "rows have")
-        line = min([*long.tolist(), *longer])
-        unread.append(f"{rows} a field too many, the first in line {line}")
-        table = table.drop(index=long)
-    texts = [table[number] for number in numbers if table[number].dtype.kind not in "iuf"]
-    has_point = any(bool(text.astype("string").str.contains(_POINT).any()) for text in texts)
-    has_point |= any(
-        table[number].dtype.kind == "f" and _has_fraction(table[number]) for number in numbers
-    )
+    table = table.drop(index=long)
+    unread = []
+    if lines := [*long.tolist(), *longer]:
+        rows = counted(len(lines), "row has", "rows have")
+        unread.append(f"{rows} a field too many, the first in line {min(lines)}")
+    has_point = any(_has_point(table[number]) for number in numbers)
     values, bad = {}, []
     for heading, number in zip(wanted, numbers, strict=True):
         column = table[number]
@@ -190,12 +178,17 @@ def _read(
         line, name = min(bad)
         cells = counted(len(bad), "cell is no number", "cells are no numbers")
         unread.append(f"{cells}, the first in line {line}, column {printable(name, 60)}")
-    return values
+    return Table(values, unread=tuple(unread))
 
 
-def _has_fraction(column: Any) -> bool:
-    values = column.to_numpy()
-    return bool(np.any(np.isfinite(values) & (values != np.rint(values))))
+def _has_point(column: Any) -> bool:
+    """Return whether a column has a number with a point: then commas are no decimal marks."""
+    if column.dtype.kind == "f":
+        values = column.to_numpy()
+        return bool(np.any(np.isfinite(values) & (values != np.rint(values))))
+    if column.dtype.kind in "iu":
+        return False
+    return bool(column.astype("string").str.contains(_POINT).any())
 
 
 def _numbers(pandas: Any, column: Any, is_comma: bool) -> tuple[NDArray[Any], NDArray[np.bool_]]:

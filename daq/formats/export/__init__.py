@@ -1,17 +1,8 @@
 """Exports sessions to the formats of other tools."""
 
-from .even_times import with_even_times
-from .export import Exported, ExportFormat, chosen_runs, export_session, format_of
-from .tables import CsvStyle
-from .universal import ModeShapes
-
-__all__ = [
-    "CsvStyle",
-    "ExportFormat",
-    "Exported",
-    "ModeShapes",
-    "chosen_runs",
-    "export_session",
-    "format_of",
-    "with_even_times",
-]
+from .channels import CsvStyle as CsvStyle
+from .export import Exported as Exported
+from .export import ExportFormat as ExportFormat
+from .export import chosen_runs as chosen_runs
+from .export import export_session as export_session
+from .export import format_of as format_of

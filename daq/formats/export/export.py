@@ -11,11 +11,9 @@ from pathlib import Path
 from ...errors import InputError
 from ...files import make_room, refuse_existing, replaced
 from ...sessions import Session
+from .channels import CsvStyle, csv_groups, write_csv, write_mat, write_parquet, write_uff
 from .frames import frames_left_out, write_asc, write_blf, write_candump
-from .matlab import write_mat
 from .mdf import write_mf4
-from .tables import CsvStyle, csv_groups, write_csv, write_parquet
-from .universal import ModeShapes, write_uff
 
 
 class ExportFormat(StrEnum):
@@ -39,6 +37,7 @@ class ExportFormat(StrEnum):
 _WRITERS = {
     ExportFormat.MF4: write_mf4,
     ExportFormat.MAT: write_mat,
+    ExportFormat.UFF: write_uff,
     ExportFormat.PARQUET: write_parquet,
     ExportFormat.BLF: write_blf,
     ExportFormat.ASC: write_asc,
@@ -88,15 +87,14 @@ def export_session(
     form: ExportFormat,
     *,
     style: CsvStyle | None = None,
-    modes: Sequence[ModeShapes] = (),
     force: bool = False,
 ) -> Exported:
     """Write a session in a format of other tools; files are complete or absent.
 
     CSV has one file per run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.  `style`:
-    of CSV.  `modes`: of UFF.  `force`: True if existing files may be replaced.  Raises InputError
-    if there is nothing to write in this format, a file exists already or cannot be written, or a
-    library is missing.
+    of CSV.  `force`: True if existing files may be replaced.  Raises InputError if there is
+    nothing to write in this format, a file exists already or cannot be written, or a library is
+    missing.
     """
     try:
         if form is ExportFormat.CSV:
@@ -106,10 +104,7 @@ def export_session(
                     write_csv(group, session.units, part, style or CsvStyle())
             return Exported(tuple(groups), frames_left_out(session))
         with _written_whole([path], force) as (part,):
-            if form is ExportFormat.UFF:
-                notes = write_uff(session, modes, part)
-            else:
-                notes = _WRITERS[form](session, part)
+            notes = _WRITERS[form](session, part)
         return Exported((path,), notes)
     except InputError:
         raise

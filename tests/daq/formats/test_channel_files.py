@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.io import savemat
 
 from daq.channels import Channel, Quantity
 from daq.derive import bump_run, bumps_in, recording
@@ -77,31 +76,6 @@ def test_channels_come_back_digit_for_digit(tmp_path: Path, session: Session, su
                 assert_array_equal(got_group.values[name], values)
 
 
-def columns(path: Path) -> dict[str, tuple[str, float]]:
-    """Return unit and second value of all columns."""
-    held = read_columns(path, ()).columns
-    return {name: (each.unit, float(each.values[1])) for name, each in held.items()}
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("a,b\n1,2\n3,4\n", {"a": ("", 3.0), "b": ("", 4.0)}),
-        ("a [g];b (mm)\n1,5;2\n3,5;4\n", {"a": ("g", 3.5), "b": ("mm", 4.0)}),
-        ("Logger 7\nt\tacc\ns\tm/s²\n0\t1\n1\t2\n", {"t": ("s", 1.0), "acc": ("m/s²", 2.0)}),
-        ("a,a\n1,2\n3,4\n", {"a": ("", 3.0), "a:2": ("", 4.0)}),
-        ("1;2\n3;4\n", {"column 1": ("", 3.0), "column 2": ("", 4.0)}),
-    ],
-)
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "cp1252", "utf-16"])
-def test_tables_of_any_style(
-    tmp_path: Path, text: str, expected: dict[str, tuple[str, float]], encoding: str
-) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(text, encoding)
-    assert columns(path) == expected
-
-
 def test_dates_are_times(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     rows = [
@@ -124,16 +98,6 @@ def test_times_since_1970_keep_their_nanoseconds(tmp_path: Path) -> None:
     known = mapped(path, f'[time]\ncolumn = "t"\nunit = "ns"\n{HUB}signal_unit = "m/s2"\n')
     group = recording(known, read_columns(path, known.columns)).groups[0]
     assert_array_equal(group.t_ns, t_ns)
-
-
-def test_units_and_tables_of_matlab(tmp_path: Path) -> None:
-    table = np.column_stack([T, FL])
-    boxes = [{"Name": "fl", "Data": FL}, {"Name": "fr", "Data": T}]
-    savemat(tmp_path / "a.mat", {"s": {"fl": FL, "units": {"fl": "g"}}, "m": table, "Y": boxes})
-    got = columns(tmp_path / "a.mat")
-    assert got["s/fl"] == ("g", FL[1])
-    assert got["m:2"] == ("", FL[1])
-    assert got["Y/fr/Data"] == ("", T[1])
 
 
 BUMPS = """
@@ -216,20 +180,25 @@ def test_what_a_map_gets_wrong_is_said(tmp_path: Path, text: str, why: str) -> N
         imported()
 
 
+@pytest.mark.parametrize(("last", "fits"), [(4_102_444_799.0, True), (4_102_444_800.0, False)])
+def test_times_after_2100_are_in_another_unit(tmp_path: Path, last: float, fits: bool) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,fl [g]\n{last - 2.0!r},1\n{last - 1.0!r},2\n{last!r},3\n")
+    known = mapped(path, f'[time]\ncolumn = "t"\n{HUB}')
+    if fits:
+        found = recording(known, read_columns(path, known.columns))
+        assert found.start_ns == round(last - 2.0) * 1_000_000_000
+        return
+    with pytest.raises(InputError, match=r"its times t reach 4.1.*after 2100 \(state their unit"):
+        recording(known, read_columns(path, known.columns))
+
+
 def test_a_unit_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("t,fl [mm]\n0,1\n1,2\n")
     known = mapped(path, f'[time]\ncolumn = "t"\n{HUB}')
     with pytest.raises(InputError, match=r"fl has unit 'mm' in .*a.csv; hub_acceleration needs"):
         recording(known, read_columns(path, known.columns))
-
-
-def test_a_name_that_occurs_twice_is_to_be_written_in_full(tmp_path: Path) -> None:
-    path = tmp_path / "a.mat"
-    savemat(path, {"a": {"fl": FL}, "b": {"fl": T}})
-    with pytest.raises(InputError, match=r"has 2 columns 'fl' \(write one of a/fl, b/fl\)"):
-        read_columns(path, ("fl",))
-    assert_array_equal(read_columns(path, ("b/fl",)).columns["b/fl"].values, T)
 
 
 def _sparse(path: Path) -> None:
@@ -274,28 +243,3 @@ def test_damaged_files_are_refused_or_read(tmp_path: Path, session: Session, suf
         path.write_bytes(raw[:at] + rng.bytes(8) + raw[at + 8 :])
         with suppress(InputError):
             read_columns(path, ())
-
-
-def test_the_decimal_mark_is_that_of_the_whole_table(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    whole = "".join(f"{n};{n}\n" for n in range(100))
-    path.write_text(f"t;x\n{whole}100,5;3,25\n")
-    held = read_columns(path, ("t", "x"))
-    assert (held.columns["x"].values[-1], held.unread) == (3.25, ())
-    path.write_text(f"t;x\n{whole}100,5;3,25\n101.5;1\n")
-    held = read_columns(path, ("t", "x"))
-    assert np.isnan(held.columns["x"].values[100])
-    assert held.unread == ("2 cells are no numbers, the first in line 102, column t",)
-
-
-def test_rows_with_a_field_too_many_and_cells_that_are_no_numbers_are_counted(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("t,x,y\n0,1,2\n1,1,5,2\n2,1,2\n3,1,1,1,1,1\n4,,-\n5,fault,2\n6,NaN,2\n")
-    held = read_columns(path, ("t", "x", "y"))
-    assert held.columns["t"].values.tolist() == [0, 2, 4, 5, 6]
-    assert held.unread == (
-        "2 rows have a field too many, the first in line 3",
-        "1 cell is no number, the first in line 7, column x",
-    )

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
-from daq.formats.columns import csv_table, read_columns
-from daq.formats.columns.csv_table import open_csv
-from daq.formats.columns.opened import Heading, bounded, found
+from daq.formats.columns import read_columns, table
 
 Expected = dict[str, tuple[str, list[float]]]
 nan = float("nan")
@@ -167,71 +165,77 @@ def test_numbers_may_begin_below_a_long_head(tmp_path: Path) -> None:
             read_columns(tmp_path / "a.csv", ())
 
 
-HEADINGS = [Heading(name, "", "") for name in ("IMU/az", "IMU/ax", "HUB/az", "HUB", "speed")]
+def _named(path: Path, names: str, wanted: str) -> str:
+    """Return the full name of a column of a table with these names."""
+    cells = ",".join("1" for _ in names.split(","))
+    path.write_text(f"{names}\n{cells}\n{cells}\n")
+    return read_columns(path, [wanted]).columns[wanted].name
+
+
+NAMES = "IMU/az,IMU/ax,HUB/az,HUB,speed"
 
 
 @pytest.mark.parametrize(
     ("wanted", "full"),
     [("IMU/az", "IMU/az"), ("ax", "IMU/ax"), ("HUB", "HUB"), ("speed", "speed")],
 )
-def test_a_column_by_its_name_or_its_end(wanted: str, full: str) -> None:
-    assert found(HEADINGS, wanted, "a.x").name == full
+def test_a_column_by_its_name_or_its_end(tmp_path: Path, wanted: str, full: str) -> None:
+    assert _named(tmp_path / "a.csv", NAMES, wanted) == full
 
 
 @pytest.mark.parametrize(
-    ("wanted", "said"),
+    ("names", "wanted", "said"),
     [
-        ("az", ["2 columns", "IMU/az, HUB/az"]),
-        ("x", ["no column 'x'", "among 5"]),
-        ("spede", ["no column 'spede'", "among 5: speed"]),
-        ("aax", ["no column 'aax'", "IMU/ax"]),
-        ("U/az", ["no column 'U/az'"]),
+        (NAMES, "az", ["2 columns", "IMU/az, HUB/az"]),
+        (NAMES, "x", ["no column 'x'", "among 5"]),
+        (NAMES, "spede", ["no column 'spede'", "among 5: speed"]),
+        (NAMES, "aax", ["no column 'aax'", "IMU/ax"]),
+        (NAMES, "U/az", ["no column 'U/az'"]),
+        (NAMES, "x" * 101, ["has no column '" + "x" * 97 + "...'"]),
+        (",".join(f"g{n}/x" for n in range(6)), "x", ["write one of g0/x, g1/x, g2/x, g3/x)"]),
     ],
 )
-def test_a_column_that_is_not_there_once(wanted: str, said: list[str]) -> None:
+def test_a_column_that_is_not_there_once(
+    tmp_path: Path, names: str, wanted: str, said: list[str]
+) -> None:
     with pytest.raises(InputError) as refused:
-        found(HEADINGS, wanted, "a.x")
+        _named(tmp_path / "a.csv", names, wanted)
     assert all(words in str(refused.value) for words in said)
-
-
-def test_four_of_many_columns_are_named() -> None:
-    many = [Heading(f"g{n}/x", "", "") for n in range(6)]
-    with pytest.raises(InputError) as refused:
-        found(many, "x", "a.x")
-    assert "6 columns" in str(refused.value)
-    assert "g0/x, g1/x, g2/x, g3/x" in str(refused.value)
-    assert "g4" not in str(refused.value)
-    with pytest.raises(InputError) as refused:
-        found(many, "zzzzzz", "a.x")
-    assert "among 6: g0/x, g1/x, g2/x, g3/x" in str(refused.value)
-    assert "g4" not in str(refused.value)
-
-
-def test_columns_that_are_too_long_together() -> None:
-    bounded([Heading("a", "", "", 1 << 25), Heading("b", "", "", 1 << 25)], "a.x")
-    with pytest.raises(InputError, match="67108865 values"):
-        bounded([Heading("a", "", "", 1 << 25), Heading("b", "", "", (1 << 25) + 1)], "a.x")
 
 
 def test_a_table_is_read_up_to_the_largest_number_of_values(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Two columns of three lines are six values; a column not asked for does not count."""
-    monkeypatch.setattr(csv_table, "MAX_VALUES", 6)
+    monkeypatch.setattr(table, "MAX_VALUES", 6)
     path = tmp_path / "a.csv"
-    for lines, fits in ((3, True), (4, False)):
-        path.write_text("a,b,c\n" + "1,2,3\n" * lines, "utf-8")
-        with open_csv(path) as table:
-            wanted = table.headings[:2]
-            if fits:
-                assert [len(column) for column in table.read(wanted).values()] == [3, 3]
-            else:
-                with pytest.raises(InputError, match="has 8 values"):
-                    table.read(wanted)
+    path.write_text("a,b,c\n" + "1,2,3\n" * 3)
+    assert [len(c.values) for c in read_columns(path, "ab").columns.values()] == [3, 3]
+    path.write_text("a,b,c\n" + "1,2,3\n" * 4)
+    with pytest.raises(InputError, match="has 8 values"):
+        read_columns(path, "ab")
 
 
-@pytest.mark.parametrize(("length", "shown"), [(100, "x" * 100), (101, "x" * 97 + "...")])
-def test_of_a_long_name_a_hundred_characters_are_shown(length: int, shown: str) -> None:
-    with pytest.raises(InputError) as refused:
-        found([Heading("a", "", "")], "x" * length, "a.x")
-    assert f"has no column '{shown}'" in str(refused.value)
+def test_the_decimal_mark_is_that_of_the_whole_table(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    whole = "".join(f"{n};{n}\n" for n in range(100))
+    path.write_text(f"t;x\n{whole}100,5;3,25\n")
+    held = read_columns(path, ("t", "x"))
+    assert (held.columns["x"].values[-1], held.unread) == (3.25, ())
+    path.write_text(f"t;x\n{whole}100,5;3,25\n101.5;1\n")
+    held = read_columns(path, ("t", "x"))
+    assert np.isnan(held.columns["x"].values[100])
+    assert held.unread == ("2 cells are no numbers, the first in line 102, column t",)
+
+
+def test_rows_with_a_field_too_many_and_cells_that_are_no_numbers_are_counted(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,y\n0,1,2\n1,1,5,2\n2,1,2\n3,1,1,1,1,1\n4,,-\n5,fault,2\n6,NaN,2\n")
+    held = read_columns(path, ("t", "x", "y"))
+    assert held.columns["t"].values.tolist() == [0, 2, 4, 5, 6]
+    assert held.unread == (
+        "2 rows have a field too many, the first in line 3",
+        "1 cell is no number, the first in line 7, column x",
+    )

@@ -1,4 +1,4 @@
-"""Defines an open file of columns, which each reader returns, and finds columns in it."""
+"""Defines a file of columns: what it could give, and what was read of it."""
 
 from __future__ import annotations
 
@@ -34,23 +34,25 @@ class Heading:
     """Number of values, if it is known before reading."""
 
 
-@dataclass(frozen=True, slots=True)
-class ColumnFile:
-    """An open file of columns."""
+Choose = Callable[[Sequence[Heading]], Sequence[Heading]]
+"""Chooses which of all columns of a file are read."""
 
-    headings: Sequence[Heading]
-    """All columns of numbers."""
-    read: Callable[[Sequence[Heading]], Mapping[str, NDArray[Any]]]
-    """Function that reads some columns and returns them by full name, each with one dimension."""
-    times: Callable[[str], NDArray[np.float64] | None] = lambda _: None
-    """Function that returns the times of a clock in the file, s since its time zero."""
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """The columns that were read of a file."""
+
+    values: Mapping[str, NDArray[Any]]
+    """Columns by their full name."""
+    times_s: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Times of the clocks that the file states, s since its time zero."""
     start_ns: int = 0
     """UTC of that zero, ns since 1970; 0 if the file states none."""
-    unread: list[str] = field(default_factory=list)
-    """What `read` could not read, each kind with its number and first line."""
+    unread: tuple[str, ...] = ()
+    """What could not be read, each kind with its number and first line."""
 
 
-def found(headings: Sequence[Heading], wanted: str, where: str) -> Heading:
+def named(headings: Sequence[Heading], wanted: str, where: str) -> Heading:
     """Return the column of a name, given in full or from a slash to the end.
 
     Raises InputError if there is not exactly one.
@@ -67,18 +69,13 @@ def found(headings: Sequence[Heading], wanted: str, where: str) -> Heading:
     ends = {name.rpartition("/")[2]: name for name in reversed(names)}
     near = get_close_matches(wanted, [*names, *ends], _NAMED, 0.5)
     advice = ", ".join(dict.fromkeys(ends.get(name, name) for name in near) or names[:_NAMED])
-    advice = f"it has, among {len(names)}: {printable(advice, 300)}" if names else "check the file"
-    raise InputError(where, f"has no column {shown!r}", advice)
+    raise InputError(
+        where, f"has no column {shown!r}", f"it has, among {len(names)}: {printable(advice, 300)}"
+    )
 
 
-def bounded(headings: Sequence[Heading], where: str) -> None:
-    """Raise InputError if columns are too long to be read at once."""
-    total = sum(each.samples for each in headings)
-    if total > MAX_VALUES:
-        raise too_long(f"{total}", where)
-
-
-def too_long(total: str, where: str) -> InputError:
-    """Return the error of a file with too many values."""
-    what = f"has {total} values in these channels, more than {MAX_VALUES}"
-    return InputError(where, what, "cut it into files of one part of the campaign each")
+def bounded(values: int, where: str) -> None:
+    """Raise InputError if there are more values than are read at once."""
+    if values > MAX_VALUES:
+        what = f"has {values} values in these channels, more than {MAX_VALUES}"
+        raise InputError(where, what, "cut it into files of one part of the campaign each")

@@ -1,0 +1,252 @@
+"""Writes decoded channels as CSV, Parquet, MATLAB v5 and universal files (UFF 58)."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.words import counted, csv_text, plural
+
+from ...channels import ON_BODY, TIME_DERIVATIVE, Channel, Quantity
+from ...errors import InputError, printable
+from ...optional import optional
+from ...runs import Run, SampleGroup
+from ...sessions import Session
+from .frames import frames_left_out
+
+_NAME_LENGTH = 63
+"""Longest name of a field in MATLAB."""
+_MAX_BYTES = 2**31 - 1
+"""Largest size of one variable in MATLAB v5, bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class CsvStyle:
+    """Characters that separate columns and fractions.
+
+    Raises InputError if a file in this style could not be read.
+    """
+
+    separator: str = ","
+    """Character between columns."""
+    decimal: str = "."
+    """Character before the fraction."""
+
+    def __post_init__(self) -> None:
+        if self.decimal not in (".", ","):
+            raise InputError("--decimal", f"is {self.decimal!r}", "use . or ,")
+        if len(self.separator) != 1 or self.separator in '"\r\n.-+eE0123456789 ':
+            raise InputError("--separator", f"is {self.separator!r}", "use , or ; or a tabulator")
+        if self.separator == self.decimal:
+            what = f"{self.separator!r} would separate columns and decimals"
+            raise InputError("--separator", what, "use --separator ';' with a decimal comma")
+
+
+def csv_groups(session: Session, path: Path) -> dict[Path, SampleGroup]:
+    """Return the sample groups of a session by their files: ``car.csv``: ``car_RUN_GROUP.csv``.
+
+    Raises InputError if the runs have no samples, or two groups have the same file.
+    """
+    groups: dict[Path, SampleGroup] = {}
+    for run in session.runs:
+        for group in run.groups:
+            name = f"{run.label}_{group.name}"
+            plain = "".join(c if c.isalnum() or c in "-+_" else "_" for c in name)
+            place = path.with_name(f"{path.stem}_{plain}.csv")
+            if place in groups:
+                raise InputError(str(place), "would be the file of two runs", "choose with --run")
+            groups[place] = group
+    if not groups:
+        raise InputError("session", "its runs hold no samples", "choose other runs")
+    return groups
+
+
+def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvStyle) -> None:
+    """Write the samples of one clock; a missing value is an empty cell.
+
+    The columns are ``time_s``, the channels as ``name [unit]``, and ``quality``
+    (`dbc.samples.Quality`).  Numbers have as many digits as are needed to read them back exactly.
+    """
+
+    def cells(values: NDArray[np.float64]) -> list[str]:
+        texts = ["" if value != value else repr(value) for value in values.tolist()]
+        return [text.replace(".", style.decimal) for text in texts]
+
+    names = [f"{name} [{units[name]}]" if units[name] else name for name in group.values]
+    columns = [*map(cells, (group.time_s, *group.values.values())), group.quality.tolist()]
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, delimiter=style.separator)
+        writer.writerow(["time_s", *map(csv_text, names), "quality"])
+        writer.writerows(zip(*columns, strict=True))
+
+
+def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
+    """Write the table of `Session.to_dataframe`: a channel is null in the rows of other groups.
+
+    pandas reads the units in ``DataFrame.attrs["units"]``, other readers in the metadata ``unit``
+    of each field.  Returns notes on the contents of the session that the format cannot hold.
+    """
+    pa = optional("pyarrow", "data")
+    frame = session.to_dataframe()
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    units = frame.attrs["units"]
+    fields = [
+        field.with_metadata({"unit": units[field.name]}) if field.name in units else field
+        for field in table.schema
+    ]
+    schema = pa.schema(fields, metadata=table.schema.metadata)
+    parquet = optional("pyarrow.parquet", "data")
+    parquet.write_table(table.cast(schema), path, compression="zstd")
+    return frames_left_out(session)
+
+
+def write_mat(session: Session, path: Path) -> tuple[str, ...]:
+    """Write a MAT file: ``runs.RUN.GROUP.CHANNEL``, with ``t`` in s and ``units.CHANNEL``.
+
+    In addition to its channels a group has ``t_ns`` (int64, bus time) and ``quality`` (uint8); a
+    run has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons``, ``t0_ns`` and
+    ``bump_s``.  ``vehicle`` and ``channels`` describe the measured quantities and their places.
+
+    Returns notes on the contents of the session that the format cannot hold.  Raises InputError if
+    the session is too large for such a file.
+    """
+    from scipy.io import savemat
+
+    size = sum(g.time_s.nbytes * (3 + len(g.values)) for run in session.runs for g in run.groups)
+    if size > _MAX_BYTES:
+        what = f"has {size} bytes of samples, and MATLAB v5 holds 2 GB"
+        raise InputError("session", what, "choose runs with --run, or another format")
+    vehicle: dict[str, Any] = {"name": session.vehicle.name}
+    if session.vehicle.geometry is not None:
+        vehicle |= {f"{name}_m": v for name, v in asdict(session.vehicle.geometry).items()}
+    channels = {
+        channel.name: asdict(channel)
+        | {"quantity": str(channel.quantity), "corner": str(channel.corner or "")}
+        for channel in session.channels
+    }
+    runs = _fields((run.label, _matlab_run(run, session.units)) for run in session.runs)
+    variables = {"runs": runs, "channels": _fields(channels.items()), "vehicle": vehicle}
+    savemat(path, variables, long_field_names=True, do_compression=True, oned_as="column")
+    return frames_left_out(session)
+
+
+def _matlab_run(run: Run, units: dict[str, str]) -> dict[str, Any]:
+    about = {
+        "mass_state": run.mass_state,
+        "excitation": str(run.excitation),
+        "repeat": run.repeat,
+        "status": str(run.status),
+        "reasons": "\n".join(run.reasons),
+        "t0_ns": np.int64(run.t0_ns),
+        "bump_s": run.bump_s,
+    }
+    groups = {}
+    for group in run.groups:
+        fixed = {"t": group.time_s, "t_ns": group.t_ns, "quality": group.quality}
+        taken = [*fixed, "units"]
+        named = _fields(((name, units[name]) for name in group.values), taken)
+        fixed |= {"units": {"t": "s", **named}}
+        groups[group.name] = fixed | _fields(group.values.items(), taken)
+    return about | _fields(groups.items(), about)
+
+
+def _fields(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> dict[str, Any]:
+    """Return items under different names that MATLAB allows for fields and that are not `taken`."""
+    result: dict[str, Any] = {}
+    for name, value in items:
+        plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in name)
+        plain = plain if plain[:1].isalpha() else f"x{plain}"
+        field, number = plain[:_NAME_LENGTH], 1
+        while field in result or field in taken:
+            number += 1
+            field = f"{plain[: _NAME_LENGTH - 4]}_{number}"
+        result[field] = value
+    return result
+
+
+def write_uff(session: Session, path: Path) -> tuple[str, ...]:
+    """Write dataset 164 (SI), and one 58 per channel and run, as SDRC published them.
+
+    Data are binary (58b, little-endian float64), because the text form has only 6 digits of a time.
+    Returns notes on the contents of the session that the format cannot hold.
+    """
+    missing = 0
+    with path.open("wb") as stream:
+        one = f"{'1.0000000000000000D+00':>25}"
+        units = [f"{1:10d}{'SI: metre, newton':>20}{2:10d}", one * 3]
+        stream.write(_block([f"{164:6d}{'':74}", *units, f"{'2.7314999999999998D+02':>25}"]))
+        for run in session.runs:
+            for group in run.groups:
+                for number, channel in enumerate(session.channels, start=1):
+                    values = group.values.get(channel.name)
+                    if values is not None and np.isfinite(values).sum() > 1:
+                        stream.write(_record(run, group, channel, number))
+                        missing += int(np.sum(~np.isfinite(values)))
+    if not missing:
+        return frames_left_out(session)
+    note = (
+        f"{counted(missing, 'missing sample is', 'missing samples are')} left out: "
+        f"{plural(missing, 'its record is', 'their records are')} not equidistant"
+    )
+    return (note, *frames_left_out(session))
+
+
+def _block(lines: Sequence[str], tail: bytes = b"") -> bytes:
+    """Return a dataset between its delimiters."""
+    text = "".join(f"{line}\n" for line in ["    -1", *lines])
+    return text.encode("ascii", "replace") + tail + b"    -1\n"
+
+
+def _record(run: Run, group: SampleGroup, channel: Channel, number: int) -> bytes:
+    """Return dataset 58b: a channel without its missing samples.
+
+    Nodes 1..4 are the corners FL FR RL RR; a channel without a corner has its `number`, + 100.
+    Layout: (I6,1A1,2I6,2I12,4I..), 5 x (80A1), 2(I5,I10),2(1X,10A1,I10,I4), (3I10,3E13.5),
+    4 x (I10,3I5,2(1X,20A1)), then the data.
+    """
+    values = group.values[channel.name]
+    there = np.isfinite(values)
+    time_s, values = group.time_s[there], values[there]
+    # The head has only six digits; if these do not give the times, every sample has its own.
+    step = float(f"{(time_s[-1] - time_s[0]) / (len(time_s) - 1):13.5e}")
+    start = float(f"{time_s[0]:13.5e}")
+    even = int(np.array_equal(start + step * np.arange(len(time_s)), time_s))
+    data = values if even else np.column_stack([time_s, values])
+    tail = np.ascontiguousarray(data, "<f8").tobytes()
+    when = datetime.fromtimestamp(run.t0_ns // 1_000_000_000, UTC)
+    kinds = {None: 0, 0: 8, 1: 11, 2: 12}  # unknown, displacement, velocity, acceleration
+    kind = kinds[TIME_DERIVATIVE.get(channel.quantity)]
+    node = number + 100 if channel.corner is None else channel.corner.position + 1
+    about_y = (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION)
+    about_x = (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION)
+    is_vertical = channel.corner is not None or channel.quantity in ON_BODY
+    direction = 3 if is_vertical else 4 * (channel.quantity in about_x)
+    direction = 5 if channel.quantity in about_y else direction
+    entity = "".join(c if c.isascii() and c.isprintable() else "?" for c in channel.name)[:10]
+    texts = (
+        channel.name,
+        f"{run.label} {group.name} ({run.status})",
+        f"{when:%d-%b-%y %H:%M:%S}".upper(),
+        f"mass state {run.mass_state}, {run.excitation}, repeat {run.repeat}",
+        channel.signal,
+    )
+    axes = ((17, "time", "s"), (kind, str(channel.quantity), channel.unit))
+    head = [
+        f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(tail):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
+        *(f"{printable(text, 80) or 'NONE':<80}" for text in texts),
+        f"{1:5d}{0:10d}{0:5d}{0:10d} {entity or 'NONE':<10}{node:10d}{direction:4d}"
+        f" {'NONE':<10}{0:10d}{0:4d}",
+        f"{4:10d}{len(values):10d}{even:10d}{even * start:13.5e}{even * step:13.5e}{0.0:13.5e}",
+        *(
+            f"{code:10d}{0:5d}{0:5d}{0:5d} {label[:20]:<20} {unit[:20] or 'NONE':<20}"
+            for code, label, unit in (*axes, (0, "NONE", "NONE"), (0, "NONE", "NONE"))
+        ),
+    ]
+    return _block(head, tail)
