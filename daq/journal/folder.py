@@ -51,9 +51,9 @@ def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
 def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     """Return the recordings of these segments, the oldest first.
 
-    A segment without a complete head is the last of the recording before it, so that a reader
-    counts what is lost with it.  Raises InputError if a file cannot be read or is not a journal,
-    or none has a complete head.
+    A file that cannot be read, or is without a complete head, is the last of the recording before
+    it, so that a reader counts what is lost with it.  Raises InputError if none has a complete
+    head.
     """
     infos = scanned(segments)
     found = list(_grouped(infos))
@@ -85,9 +85,17 @@ def _newest_first(folder: Path) -> Iterator[JournalTail]:
 def scanned(segments: Sequence[Path]) -> tuple[SegmentInfo, ...]:
     """Return the content of segments in order of their numbers, without frames.
 
-    Raises InputError if a file cannot be read or is not a journal, or none has a complete head.
+    A file that cannot be read is left out.  Raises InputError if none has a complete head.
     """
-    infos = [info for path in segments if (info := scan(path))]
+    infos: list[SegmentInfo] = []
+    refused: list[InputError] = []
+    for path in segments:
+        try:
+            infos += [info] if (info := scan(path)) else []
+        except InputError as error:
+            refused.append(error)
+    if refused and not infos:
+        raise refused[0]
     if not infos:
         where = ", ".join(str(path) for path in segments) or "journal"
         raise InputError(where, "holds no recording", "name the files journal_*.mcap")

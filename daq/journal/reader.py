@@ -116,8 +116,8 @@ class JournalReader:
     """Iterates once over the blocks of a recording; `lost` is exact after that.
 
     `paths`: the segments of one recording, in any order, also of several processes.  Raises
-    InputError if a file cannot be read or is not a journal, if files belong to different
-    recordings, or if none has a complete head.
+    InputError if files belong to different recordings, or if none can be read and has a complete
+    head.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -126,15 +126,23 @@ class JournalReader:
         self._gaps: dict[tuple[str, Gap], None] = {}
         self._open: list[JournalLoss] = []  # losses that the next segment may cancel
         found: dict[Path, tuple[JournalHead, int]] = {}
+        refused: list[InputError] = []
         for path in paths:
-            with SegmentReader(path) as segment:
-                if segment.head is not None:
-                    found[path] = segment.head
-                    continue
-                # Usually killed while it was created: nothing in it was reported as written.
-                note = f"{path.name}: has no complete beginning"
-                cut = segment.file.size if segment.holds_blocks() else 0
-                self._lost = _plus(self._lost, JournalLoss(bytes_cut=cut, notes=(note,)))
+            try:
+                with SegmentReader(path) as segment:
+                    if segment.head is not None:
+                        found[path] = segment.head
+                        continue
+                    # Usually killed while it was created: nothing in it was reported as written.
+                    note = f"{path.name}: has no complete beginning"
+                    cut = segment.file.size if segment.holds_blocks() else 0
+            except InputError as error:  # its beginning may be overwritten
+                refused.append(error)
+                note = f"{path.name}: {error.what}"
+                cut = path.stat().st_size if path.is_file() else 0
+            self._lost = _plus(self._lost, JournalLoss(bytes_cut=cut, notes=(note,)))
+        if refused and not found:
+            raise refused[0]
         if not found:
             where = ", ".join(str(path) for path in paths) or "journal"
             advice = "it is damaged at its beginning, or not a journal; journals are journal_*.mcap"

@@ -69,9 +69,27 @@ def test_a_flipped_bit_is_harmless_or_counted_and_whole_blocks_come_out(
         path.write_bytes(content)
 
 
-@pytest.mark.parametrize("start", [b"\0" * 8, b"\x89MCAP0\r\n\xa5"])
+def test_a_segment_whose_first_bytes_are_overwritten_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    journal_of_runs(tmp_path / "journal", 40_000)
+    for path in segments_in(tmp_path / "journal"):
+        path.write_bytes(b"\xa5" * 8 + path.read_bytes()[8:])
+    assert run(["recover", str(tmp_path), "--json"]) == 0
+    reported = json.loads(capsys.readouterr().out)
+    assert [one["label"] for one in reported["runs"]] == LABELS
+
+
+@pytest.mark.parametrize(
+    ("start", "why"),
+    [
+        (b"\0" * 8, "has no complete beginning"),
+        (b"\x89MCAP0\r\n\xa5", "has no complete beginning"),
+        (b"\xa5" * 80_000, "is not a journal"),
+    ],
+)
 def test_a_segment_that_cannot_be_read_is_a_counted_loss(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], start: bytes
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], start: bytes, why: str
 ) -> None:
     journal_of_runs(tmp_path / "journal", 40_000)
     *_, last = segments_in(tmp_path / "journal")
@@ -79,7 +97,7 @@ def test_a_segment_that_cannot_be_read_is_a_counted_loss(
     last.write_bytes(start + start[-1:] * 19_000 + content[len(start) + 19_000 :])
     assert run(["recover", str(tmp_path), "--json"]) == 3
     loss = json.loads(capsys.readouterr().out)["loss"]
-    assert f"{last.name}: has no complete beginning" in loss
+    assert f"{last.name}: {why}" in loss
 
 
 def test_two_recordings_make_two_sessions_and_no_single_file(

@@ -150,16 +150,22 @@ STRANGE: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("name", STRANGE)
-def test_what_is_no_file_is_refused_in_one_line(tmp_path: Path, name: str) -> None:
+def test_what_is_no_file_is_refused_alone_and_a_loss_beside_a_segment(
+    tmp_path: Path, name: str
+) -> None:
     make, why = STRANGE[name]
     one, _ = segment(tmp_path)
     path = tmp_path / "journal_0002.mcap"
     make(path)
-    for read in (lambda: read_journal([one, path]), lambda: recordings_of(segments_in(tmp_path))):
-        with pytest.raises(InputError, match=why) as caught:
-            read()
-        assert str(caught.value).startswith(str(path))
-        assert "move it away" in str(caught.value)
+    with pytest.raises(InputError, match=why) as caught:
+        read_journal([path])
+    assert str(caught.value).startswith(str(path))
+    assert "move it away" in str(caught.value)
+    (info,) = recordings_of(segments_in(tmp_path))
+    assert info.segments == (one, path)
+    contents = read_journal(info.segments)
+    assert len(contents.frames) == 300
+    assert any(note.startswith(f"{path.name}: {why}") for note in contents.lost.notes)
 
 
 def test_a_device_is_refused(tmp_path: Path) -> None:
