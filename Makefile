@@ -58,8 +58,6 @@ mutate: .venv/test
 fuzz: .venv/test
 	$(BIN)/python -m tests.dbc.mutations $(or $(FILES),5000)
 	$(BIN)/python -m tests.daq.mutations $(or $(FILES),2000)
-	$(BIN)/python -m tests.daq.formats.mutations $(or $(FILES),2000)
-	$(BIN)/python -m tests.daq.formats.channel_mutations $(or $(FILES),2000)
 
 # Kills, crash images, failing writes, full disks: no acknowledged frame may be lost.  The parts run
 # side by side, one more than processors.

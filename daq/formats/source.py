@@ -17,6 +17,8 @@ LATEST_NS = 4_102_444_800 * 10**9
 """The year 2100, ns since 1970: a later stamp is not in the unit of the format."""
 LONGEST_NS = 10**18
 """Longest time since the start of a log, ns: 31 years.  A longer one is a date."""
+_PIECE_BYTES = 1 << 24
+"""Most bytes that are asked for at once: Python makes room for all of them before it reads."""
 _MOST_NOTES = 8
 """Number of notes that are kept: the first faults describe a badly damaged log well enough."""
 
@@ -108,7 +110,7 @@ class Unpacked:
         parts: list[bytes] = []
         missing = 0 if self._ended else size
         try:
-            while missing and (part := self._stream.read(missing)):
+            while missing and (part := self._stream.read(min(missing, _PIECE_BYTES))):
                 parts.append(part)
                 missing -= len(part)
         except (EOFError, gzip.BadGzipFile, zlib.error):

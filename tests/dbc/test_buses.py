@@ -49,27 +49,9 @@ def test_a_message_of_no_bus_is_decoded_from_each() -> None:
     assert two_buses().decode(frames)["N.s"].value.tolist() == [0, 1, 2, 3]
 
 
-def test_an_identifier_of_11_bits_is_not_one_of_29() -> None:
-    for extended, can_id in ((True, 256), (False, 262143)):
-        frames = replace(block([bytes(8)], can_id, extended), bus=np.array([3], np.uint8))
-        assert two_buses().decode(frames).counts.unknown_id == 1
-
-
 def test_a_message_of_the_bus_goes_before_one_of_any_bus() -> None:
     codec = Codec((replace(M, name="any"), replace(M, name="own", bus=2)))
     frames = block([b"\1" + bytes(7), b"\2" + bytes(7)], 256)
     decoded = codec.decode(replace(frames, bus=np.array([1, 2], np.uint8)))
     assert decoded["any.s"].value.tolist() == [1]
     assert decoded["own.s"].value.tolist() == [2]
-
-
-def test_a_message_is_found_by_identifier_and_bus() -> None:
-    codec = two_buses()
-    found = {bus: codec.find(256, False, bus) for bus in (0, 1, 3)}
-    assert {bus: m.name if m else None for bus, m in found.items()} == {
-        0: "a.M",
-        1: None,
-        3: "b.M",
-    }
-    assert codec.find(300, False, 9) == N
-    assert codec.find(300, True, 9) is None

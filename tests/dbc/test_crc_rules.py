@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dbc.crc import CRC_RULES, Crc8, covered
+from dbc.crc import CRC_RULES, covered
 
 CHECK = b"123456789"
 
@@ -27,21 +27,6 @@ def _row(data: bytes) -> NDArray[np.uint8]:
 @pytest.mark.parametrize("name", CRC_RULES)
 def test_the_published_check_value(name: str) -> None:
     assert CRC_RULES[name](_row(CHECK)).tolist() == [PUBLISHED[name]]
-
-
-def _divided(data: bytes, rule: Crc8) -> int:
-    crc = rule.initial
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = (crc << 1 ^ rule.polynomial if crc & 0x80 else crc << 1) & 0xFF
-    return crc ^ rule.final_xor
-
-
-@pytest.mark.parametrize("rule", [rule for rule in CRC_RULES.values() if isinstance(rule, Crc8)])
-def test_columns_give_what_bit_by_bit_division_gives(rule: Crc8) -> None:
-    rows = np.random.default_rng(1).integers(0, 256, (50, 7), dtype=np.uint8)
-    assert rule(rows).tolist() == [_divided(row.tobytes(), rule) for row in rows]
 
 
 def test_a_checksum_at_the_head_covers_what_follows_another_what_is_before() -> None:

@@ -1,18 +1,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
-from cantools.database import Database, load_string
 from cantools.database.errors import DecodeError
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dbc import FrameFlag, Quality, parse_codec
-from tests.benchmarks.decode import database_text, interleaved_frames
 
-from .databases import Field, Message, database, fields, messages, multiplexed, parse_one, payloads
+from .databases import Field, Message, database, messages, multiplexed, parse_one, payloads
 from .frames import block
 
 EXAMPLES = settings(max_examples=75, deadline=None, derandomize=True, database=None)
@@ -146,91 +143,7 @@ def test_multiplexed_signals_exist_where_their_selectors_say_so(
         assert {name: values[i] for name, values in rows.items() if i in values} == theirs
 
 
-@EXAMPLES
-@given(st.data())
-def test_everything_at_once_equals_cantools_signal_by_signal(data: st.DataObject) -> None:
-    """Overlaps, floats, both byte orders, two selectors, value tables and short frames mixed."""
-    length = data.draw(st.sampled_from((8, 12, 24, 64)))
-    drawn = [data.draw(fields(f"s{i}", length)) for i in range(4)]
-    top = Field("top", 7, 2, data.draw(st.booleans()), "+", 0, "1", "0", is_selector=True)
-    inner = Field("inner", 8, 2, False, "+", 0, "1", "0", "top", ((1, 2),), is_selector=True)
-    above = data.draw(st.lists(st.sampled_from(("", "top", "inner")), min_size=4, max_size=4))
-    ranges = st.sampled_from((((0, 0),), ((1, 3),), ((0, 1), (3, 3))))
-    chosen = [
-        replace(f, selector=name, chosen=data.draw(ranges) if name else ())
-        for f, name in zip(drawn, above, strict=True)
-    ]
-    top = replace(top, start=top.start if top.motorola else 0)
-    message = Message("M", 0x55, data.draw(st.booleans()), length, (top, inner, *chosen))
-    codes = data.draw(st.lists(st.sampled_from((-2, -1, 0, 255, 65535)), max_size=3, unique=True))
-    labels = {raw: data.draw(st.sampled_from(LABELS)) for raw in codes}
-    table = "".join(f' {raw} "{label}"' for raw, label in labels.items())
-    tables = "\n".join(f"VAL_ {message.number} {f.name}{table} ;" for f in chosen)
-    codec = parse_codec(database([message]) + tables + "\n", "random.dbc")
-    assert not codec.left_out
-    sizes = st.integers(0, length).flatmap(payloads) | payloads(length)
-    sent = data.draw(st.lists(sizes, min_size=1, max_size=6))
-    decoded = codec.decode(block(sent, 0x55, message.extended))
-    for field in message.fields:
-        oracle = parse_one(message, field)
-        absent = [raw for raw in codes if labels[raw] in LABELS[:2] and field in chosen]
-        size = 1 << field.length
-        if not field.float_type:
-            patterns = {raw % size for raw in codes if -(size // 2) <= raw < size}
-            absent = [raw for raw in absent if raw % size in patterns and len(patterns) < size]
-            absent = [raw for raw in absent if -(size // 2) <= raw < size]
-        ours = decoded[f"M.{field.name}"]
-        rows = [i for i, payload in enumerate(sent) if seen(message, field, payload)]
-        assert (ours.t_ns // 1000).tolist() == rows
-        for value, quality, i in zip(ours.value.tolist(), ours.quality, rows, strict=True):
-            number = oracle.decode(sent[i], False, allow_truncated=True).get(field.name)
-            if number is None:
-                assert math.isnan(value)
-                assert quality == Quality.MISSING
-                continue
-            raw = oracle.decode(sent[i], False, scaling=False, allow_truncated=True)[field.name]
-            modulus = math.inf if field.float_type else size
-            if any(raw == code or (raw - code) % modulus == 0 for code in absent):
-                assert math.isnan(value)
-                assert quality == Quality.SENTINEL
-            else:
-                assert same(value, number)
-                assert quality == 0
-
-
 LABELS = ("error", "Signal not available", "maximum")
-
-
-def seen(message: Message, field: Field, payload: bytes) -> bool:
-    """Return True if a frame, which may be short, holds all selectors and they name the signal."""
-    above = field
-    while above.selector:
-        above = next(f for f in message.fields if f.name == above.selector)
-        if max(above.bits) // 8 >= len(payload):
-            return False
-    return held(message, field, payload)
-
-
-def test_frames_of_the_benchmark_equal_those_of_cantools() -> None:
-    frames = interleaved_frames(400, seed=2)
-    oracle = load_string(database_text(), "dbc")
-    assert isinstance(oracle, Database)
-    decoded = parse_codec(database_text(), "benchmark").decode(frames)
-    for number in range(4):
-        rows = np.flatnonzero(frames.can_id == 256 + number)
-        decode = oracle.get_message_by_name(f"M{number}").decode_simple
-        theirs = [decode(frames.data[i].tobytes()) for i in rows]
-        for signal in ("s0", "s1", "s2", "s3"):
-            ours = decoded[f"M{number}.{signal}"]
-            assert ours.value.tolist() == [values[signal] for values in theirs]
-            assert ours.t_ns.tolist() == frames.t_ns[rows].tolist()
-
-
-def test_a_block_without_frames_says_nothing() -> None:
-    message = Message("M", 1, False, 1, (Field("s", 0, 8, False, "+", 0, "1", "0"),))
-    decoded = parse_codec(database([message]), "one.dbc").decode(block([], 1))
-    assert dict(decoded.samples) == {}
-    assert decoded.counts.unknown_id == 0
 
 
 def test_a_message_without_payload_has_no_samples() -> None:

@@ -39,10 +39,6 @@ def test_frames_within_spans(spans: list[tuple[int, int]], kept: list[int]) -> N
     assert FRAMES.within(spans).can_id.tolist() == kept
 
 
-def test_no_frame_is_within_a_span() -> None:
-    assert len(FrameBatch.empty().within([(0, 100)])) == 0
-
-
 def test_frames_on_buses() -> None:
     assert FRAMES.on_buses({1, 2}).can_id.tolist() == [1, 2, 4]
     assert FRAMES.on_buses({3}).can_id.tolist() == []

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dbc import Codec, InputError, load_codec, parse_codec, read_dbc, shipped_dbc
+from dbc import Codec, InputError, load_codec, parse_codec, read_dbc
 from tui.cli import run
 
 from .frames import block
@@ -263,12 +263,6 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     for name, said in (("none.dbc", "No such file"), ("", "not a file"), ("wide.dbc", "UTF-16")):
         with pytest.raises(InputError, match=said):
             read_dbc(tmp_path / name)
-
-
-def test_the_shipped_database_has_no_findings() -> None:
-    codec = parse_codec(shipped_dbc(), "shipped")
-    assert not codec.left_out
-    assert not codec.notes
 
 
 def test_decode_ends_with_one_line_for_a_broken_database(

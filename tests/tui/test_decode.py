@@ -76,24 +76,6 @@ def test_foreign_frames_are_counted(capsys: pytest.CaptureFixture[str], tmp_path
     assert "3 unknown_id" in err
 
 
-def test_a_database_named_twice_is_one(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    log, first, copy = (tmp_path / name for name in ("bench.log", "a.dbc", "copy.dbc"))
-    _log(log, foreign=0)
-    for path in (first, copy):
-        path.write_text(shipped_dbc(), "utf-8")
-    twice = ["--dbc", str(first), "--dbc", str(tmp_path / "x" / ".." / "a.dbc")]
-    (tmp_path / "x").mkdir()
-    for files, remark in (
-        (twice, ""),
-        (["--dbc", str(first), "--dbc", str(copy)], "copy.dbc is the same database as"),
-    ):
-        assert run(["decode", str(log), *files, "--json"]) == 0
-        out, err = capsys.readouterr()
-        assert json.loads(out)["samples"]["HUB_Front.acc_fl"] == 20
-        assert remark in err
-        assert bool(err) == bool(remark)
-
-
 def test_several_databases_keep_their_messages_apart(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -128,20 +110,6 @@ BO_ 2566849022 Motor: 8 A
 """One message with the J1939 identifier 0x18FF01FE: its group is 0xFF01, its source 0xFE."""
 
 
-def test_a_value_has_the_shortest_text_that_reads_back_as_the_same_number(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    """-29 times 0.001 is -0.029: not the 17 digits of the nearest binary number."""
-    log, dbc = tmp_path / "a.log", tmp_path / "motor.dbc"
-    dbc.write_text(MOTOR.replace("(1,0)", "(0.001,0)"), "utf-8")
-    log.write_text("(2.5) can0 18FF01FE#1500E3FF00000000\n", "ascii")
-    assert run(["decode", str(log), "--dbc", str(dbc)]) == 0
-    assert capsys.readouterr().out.splitlines()[1:] == [
-        '2.500000000,Motor,speed,0.5,"1,min"',
-        "2.500000000,Motor,torque,-0.029,Nm",
-    ]
-
-
 def test_another_source_of_a_parameter_group_is_decoded_where_that_is_asked_for(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -170,18 +138,6 @@ def test_another_source_of_a_parameter_group_is_decoded_where_that_is_asked_for(
         "2.500000000,Motor,torque,-1,Nm",
     ]
     assert "1 unknown_id" in err
-
-
-def test_a_frame_that_is_too_short_has_no_line_for_the_signal_that_it_lacks(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    log, dbc = tmp_path / "a.log", tmp_path / "motor.dbc"
-    dbc.write_text(MOTOR, "utf-8")
-    log.write_text("(0.000000001) can0 18FF01FE#1400\n", "ascii")
-    assert run(["decode", str(log), "--dbc", str(dbc)]) == 0
-    out, err = capsys.readouterr()
-    assert out.splitlines()[1:] == ['0.000000001,Motor,speed,0,"1,min"']
-    assert "of 1 frame not all were decoded: 1 wrong_length" in err
 
 
 BENCH = """

@@ -92,23 +92,6 @@ def test_mat(tmp_path: Path, car: str, capsys: pytest.CaptureFixture[str]) -> No
     assert read["vehicle"]["t_r_m"] == 0.75
 
 
-def test_names_that_matlab_does_not_allow(tmp_path: Path) -> None:
-    names = {"hub_fl": "1 hub (fl)", "hub_fr": "1 hub [fl]", "az": "t", "pitch": "x" * 64}
-    groups = tuple(
-        replace(g, values={names[n]: v for n, v in g.values.items()})
-        for g in SESSION.runs[0].groups
-    )
-    channels = tuple(replace(c, name=names[c.name]) for c in SESSION.channels)
-    path = exported(replace(of_group(*groups), channels=channels), tmp_path / "car.mat")
-    one = loadmat(path, simplify_cells=True)["runs"]["baseline_roll_1"]
-    hub, imu = one["HUB_Front"], one["A_IMU"]
-    assert_array_equal(hub["x1_hub__fl_"], groups[0].values["1 hub (fl)"])
-    assert_array_equal(hub["x1_hub__fl__2"], groups[0].values["1 hub [fl]"])
-    assert_array_equal(imu["t"], groups[1].time_s)
-    assert_array_equal(imu["t_2"], groups[1].values["t"])
-    assert_array_equal(imu["x" * 63], groups[1].values["x" * 64])
-
-
 def test_more_samples_than_matlab_holds_are_refused(tmp_path: Path) -> None:
     n = 89_478_486  # times 24 bytes are 2 GiB and 16 bytes; of one number, so that it takes no room
     one = np.broadcast_to(np.float64(0.0), (n,))

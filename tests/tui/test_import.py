@@ -11,6 +11,7 @@ from typing import Any
 import can
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import daq
 from dbc import FrameBatch, shipped_dbc
@@ -221,34 +222,6 @@ def test_a_session_is_decoded_anew_with_a_corrected_dbc(
     assert "exists already" in capsys.readouterr().err
 
 
-def test_a_verdict_of_the_dbc_falls_with_it_and_one_of_the_operator_stays(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
-) -> None:
-    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
-    old = tmp_path / "s.h5"
-    wrong = Path(bench).with_name("wrong.toml")
-    wrong.write_text(
-        BENCH
-        + '[[channel]]\nname = "hub_acc_rl"\nsignal = "HUB_Rear.acc_rl"\n'
-        + 'quantity = "hub_acceleration"\ncorner = "RL"\n'
-    )
-    document, _ = done(capsys, "import", str(log), "--config", str(wrong), "--out", str(old))
-    assert {one["status"] for one in document["runs"]} == {"rejected"}
-    session = daq.read_session(old)
-    hit = session.runs[1]
-    marked = replace(hit, reasons=(*hit.reasons, "somebody leaned on the car"))
-    runs = (session.runs[0], marked, *session.runs[2:])
-    daq.write_session(old, replace(session, runs=runs))
-    document, _ = done(capsys, "redecode", str(old), "--config", bench)
-    states = [(one["status"], one["reasons"]) for one in document["runs"]]
-    assert states == [
-        ("accepted", []),
-        ("rejected", ["somebody leaned on the car"]),
-        ("accepted", []),
-        ("accepted", []),
-    ]
-
-
 def test_a_log_and_its_session_are_replayed(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -293,36 +266,29 @@ def test_frames_that_are_lost_in_a_run_are_exit_code_3_though_the_log_is_whole(
     assert [run["losses"]["counter_gaps"] for run in document["runs"][1:]] == [0, 0, 0]
 
 
-def test_a_log_of_one_run_that_has_nothing_of_the_bus_is_named_alone(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
-) -> None:
-    logs = [write_log(tmp_path / f"{n}.log", bumps(small_codec(), 1)) for n in range(2)]
-    logs[1].write_text(logs[1].read_text().replace("can0", "can3"))
-    runs = [word for n in range(2) for word in ("--run", f"baseline:bounce:{logs[n]}")]
-    out = ["--out", str(tmp_path / "s.h5"), "--config", bench]
-    assert run(["import", *runs, *out, "--bus", "0"]) == 2
-    err = capsys.readouterr().err
-    assert "1.log" in err
-    assert "0.log" not in err
-    assert "no bump in 1,200 frames" in err
-
-
-def test_bumps_are_found_at_times_below_zero(
+def test_runs_at_times_below_zero_have_their_labels_and_samples(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
 ) -> None:
     frames = bumps(small_codec(), 4)
-    early = replace(frames, t_ns=frames.t_ns - int(frames.t_ns[-1]) - 10**9)
-    lines = [
-        f"{t * 1e-9:.9f},{can_id:#x},0,0,0,6,{b64encode(row[:6].tobytes()).decode()}\n"
-        for t, can_id, row in zip(
-            early.t_ns.tolist(), early.can_id.tolist(), early.data, strict=True
-        )
-    ]
-    path = tmp_path / "all.csv"
-    path.write_text("timestamp,arbitration_id,extended,remote,error,dlc,data\n" + "".join(lines))
-    out = str(tmp_path / "s.h5")
-    document, _ = done(capsys, "import", str(path), "--config", bench, "--out", out)
-    assert labels(document) == CAMPAIGN
+    sessions = []
+    for shift_ns in (10**9 - int(frames.t_ns[0]), -int(frames.t_ns[-1]) - 10**9):
+        rows = zip((frames.t_ns + shift_ns).tolist(), frames.can_id, frames.data, strict=True)
+        lines = [
+            f"{t * 1e-9:.9f},{can_id:#x},0,0,0,6,{b64encode(row[:6].tobytes()).decode()}\n"
+            for t, can_id, row in rows
+        ]
+        head = "timestamp,arbitration_id,extended,remote,error,dlc,data\n"
+        (tmp_path / "all.csv").write_text(head + "".join(lines))
+        out = tmp_path / "s.h5"
+        words = ["import", str(tmp_path / "all.csv"), "--config", bench, "--out", str(out)]
+        document, _ = done(capsys, *words, "--force")
+        assert labels(document) == CAMPAIGN
+        sessions.append((shift_ns, daq.read_session(out)))
+    (shift_ns, right), (below_ns, early) = sessions
+    assert early.runs[-1].t0_ns < 0
+    for one, two in zip(right.runs, early.runs, strict=True):
+        assert two.t0_ns - one.t0_ns == below_ns - shift_ns
+        assert_allclose(two.groups[0].values["hub_acc_fl"], one.groups[0].values["hub_acc_fl"])
 
 
 def test_two_logs_in_one_file_whose_clocks_begin_anew_follow_each_other(

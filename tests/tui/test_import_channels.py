@@ -83,31 +83,6 @@ def test_a_travel_against_its_hub_is_named(
     assert (f"bumpbench: {remark}" in capsys.readouterr().err) == (sign < 0)
 
 
-def test_a_question_that_is_left_in_the_map_is_named(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    channel_map = recorded / "map.toml"
-    channel_map.write_text(MAP.replace('corner = "FL"\n', 'corner = "FL"\n# ASK: is it g?\n'))
-    files = [str(recorded / "drive.csv"), "--channels", str(channel_map)]
-    assert run(["import", *files, "--out", str(recorded / "s.h5")]) == 0
-    said = capsys.readouterr().err
-    line = MAP.count("\n", 0, MAP.rindex("corner")) + 2
-    assert f"bumpbench: {channel_map}:{line}: asks: is it g? (find the answer" in said
-
-
-def test_a_file_a_run(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    one = [
-        "--run",
-        f"added:roll:{recorded / 'drive.csv'}",
-        "--channels",
-        str(recorded / "map.toml"),
-    ]
-    assert run(["import", *one, "--out", str(recorded / "s.h5"), "--json"]) == 0
-    said = capsys.readouterr()
-    assert [one["label"] for one in json.loads(said.out)["runs"]] == ["added_roll_1"]
-    assert "1 of 2 bumps was left out" in said.err
-
-
 def test_what_does_not_go_together_is_refused(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

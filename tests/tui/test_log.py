@@ -43,17 +43,6 @@ def test_a_full_pipe_holds_nothing_up() -> None:
     assert process.returncode == 0
 
 
-def test_a_reader_that_has_gone_holds_nothing_up() -> None:
-    reader, writer = os.pipe()
-    os.close(reader)
-    with subprocess.Popen(
-        [sys.executable, "-c", STORM], stdout=subprocess.PIPE, stderr=writer
-    ) as process:
-        os.close(writer)
-        out, _ = process.communicate(timeout=60)
-    assert out == b"went on\n"
-
-
 def test_a_line_is_not_glued_to_a_bar_of_progress() -> None:
     master, terminal = os.openpty()
     script = "from tui.recorders.log import Log\nwith Log(None) as log: log.line('alarm')"
@@ -126,46 +115,6 @@ def test_a_line_in_a_file_has_the_time_at_which_it_was_logged(
     assert last_line(tmp_path) == "x: no bus (plug it)"
 
 
-def test_lines_that_find_no_room_are_counted(tmp_path: Path) -> None:
-    path = tmp_path / "recorder.log"
-    log = Log(path)
-    for number in range(1002):
-        log.line(f"line {number}")
-    with log:
-        pass
-    words = [line.partition("bumpbench: ")[2] for line in path.read_text().splitlines()]
-    assert len(words) == 1000
-    assert words[:2] == ["2 lines of log dropped; line 2", "line 3"]
-    assert words[-1] == "line 1001"
-
-
-def test_a_thousand_kinds_of_lines_are_told_apart_then_counted_anew(tmp_path: Path) -> None:
-    path = tmp_path / "recorder.log"
-    with Log(path) as log:
-        for _ in range(BURST + 1):
-            log.line("often", "often")
-        for number in range(1001):
-            log.line("once", f"key {number}")
-            if number % 100 == 99:
-                while log._lines:
-                    pass  # there is room for a thousand
-        log.line("often", "often")
-    text = path.read_text()
-    assert text.count("bumpbench: often") == BURST + 1, "five, and one after the thousand"
-    assert text.count("bumpbench: once") == 1001
-
-
-def test_a_log_is_continued_and_its_group_may_read_it(tmp_path: Path) -> None:
-    path = tmp_path / "recorder.log"
-    path.write_text(f"{STAMP} bumpbench: before\n")
-    other = tmp_path / "other.log"
-    with Log(path) as log, Log(other):
-        log.line("after")
-    before, after = path.read_text().splitlines()
-    assert (before[25:], after[25:]) == ("bumpbench: before", "bumpbench: after")
-    assert other.stat().st_mode & 0o777 == 0o640
-
-
 FOREIGN = {
     "car.toml": b'dbc = "car.dbc"\n',
     "report.pdf": b"%PDF-1.7\n\xe2\xe3\xcf\xd3",
@@ -185,21 +134,6 @@ def test_a_file_that_no_log_has_begun_is_neither_continued_nor_replaced(
     what = "is there already and is not a log of bumpbench (name another file for the log)"
     assert str(raised.value) == f"{foreign}: {what}"
     assert foreign.read_bytes() == content
-
-
-@pytest.mark.parametrize(
-    "there",
-    ["", "2026-1", f"{STAMP} bumpb", "bumpbench: error: x", "Traceback (most recent call last):\n"],
-)
-def test_an_empty_file_a_torn_line_and_output_of_a_recorder_are_continued(
-    tmp_path: Path, there: str
-) -> None:
-    (path := tmp_path / "recorder.log").write_text(there)
-    with Log(path) as log:
-        log.line("after")
-    text = path.read_text()
-    assert text.startswith(there)
-    assert text.endswith("bumpbench: after\n")
 
 
 def test_a_pipe_is_refused_without_waiting_for_its_reader(tmp_path: Path) -> None:
@@ -222,23 +156,3 @@ def test_a_recorder_refuses_a_foreign_log_before_it_makes_or_locks_anything(
     with pytest.raises(InputError, match="is not a log of bumpbench"):
         start_recorder(None, tmp_path)
     assert folder_log.read_bytes() == FOREIGN["syslog"]
-
-
-def test_what_a_log_takes_from_libraries_is_given_back(tmp_path: Path) -> None:
-    root = logging.getLogger()
-    before = (threading.excepthook, list(root.handlers), root.level)
-    path = tmp_path / "recorder.log"
-    root.setLevel(logging.DEBUG)
-    try:
-        with Log(path):
-            assert not logging.raiseExceptions
-            assert threading.excepthook is not before[0]
-            logging.getLogger("can").info("quiet")
-            logging.getLogger("can").warning("loud")
-    finally:
-        root.setLevel(before[2])
-    assert logging.raiseExceptions
-    assert (threading.excepthook, list(root.handlers)) == before[:2]
-    assert warnings.showwarning.__module__ != "logging"
-    assert "loud" in path.read_text()
-    assert "quiet" not in path.read_text()

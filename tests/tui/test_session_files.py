@@ -11,10 +11,7 @@ import pytest
 
 from daq import write_session
 from daq.bench.databases import Database, stored_text
-from daq.formats.export import ExportFormat
 from tui.cli import run
-from tui.commands.export import Format
-from tui.output import print_line, print_table
 
 from ..daq.sensor_bench import IMU
 from ..daq.small_session import small_session
@@ -77,10 +74,6 @@ def test_what_cannot_be_exported(
     assert [path.name for path in tmp_path.iterdir()] == ["car.h5"]
 
 
-def test_help_names_every_format() -> None:
-    assert [form.value for form in Format] == [form.value for form in ExportFormat]
-
-
 def test_validate(capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str) -> None:
     broken, prose = tmp_path / "broken.h5", tmp_path / "prose.h5"
     broken.write_bytes(Path(car).read_bytes())
@@ -107,14 +100,6 @@ def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     assert "schema v1" in out
     assert "/runs/r001_LABEL" in out
-
-
-def test_foreign_text_is_neither_markup_nor_control(capsys: pytest.CaptureFixture[str]) -> None:
-    print_table("T [/x]", ["a [/b]", "c"], [["[/nope]", "[red]x[/red]\x1b[2J"]])
-    print_line("[/y]\x1b[31m")
-    out = capsys.readouterr().out
-    for text in ("T [/x]", "a [/b]", "[/nope]", "[red]x[/red]\ufffd[2J", "[/y]\ufffd[31m"):
-        assert text in out
 
 
 def test_inspect(capsys: pytest.CaptureFixture[str], car: str) -> None:

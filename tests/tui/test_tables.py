@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +25,11 @@ from daq.vehicle import (
     Vehicle,
 )
 from identify import Estimate
-from identify.change import Change
 from identify.compare import Compared, Comparison, Difference, Trend
 from identify.document import Document, EstimateEntry, ModeEntry
-from tui.contents import contents_document, print_contents
+from tui.contents import print_contents
 from tui.jobs.comparing import print_comparison
 from tui.jobs.comparison_rows import comparison_lines
-from tui.jobs.damper_lines import damper_lines
 from tui.recorders.recording import print_summary
 from tui.result import print_identification
 
@@ -141,38 +138,6 @@ def test_a_known_truth_stands_beside_the_estimates(printed: Printed) -> None:
     assert "Motion ratios" in titles
 
 
-def test_without_parameters_only_the_verdict_is_printed(printed: Printed) -> None:
-    bare = document()
-    bare["parameters"] = {}
-    assert printed(print_identification, bare, {})[0] == ["verdict: doubtful", "chi2/n 1.062"]
-    plain = document()
-    plain["forces"], plain["motion_ratios"] = None, {}
-    titles = {row[0] for row in printed(print_identification, plain, {})}
-    assert {"Parameters", "Derived"} <= titles
-    assert not {"Motion ratios", "element", "Force elements, each of one corner"} & titles
-
-
-def test_the_terminals_damper_page_keeps_its_columns() -> None:
-    made = document()["forces"]
-    assert made is not None
-    made["axles"]["rear"]["elements"] = {"mount": entry(nan, nan, "N/m", "too soft")}
-    lines = list(damper_lines(made))
-    assert lines[2] == (
-        "   m/s             front  front + friction              rear   rear + friction"
-    )
-    assert lines[3] == (
-        " -0.10      -100.0 ± 9.8         -120 ± 20      -100.0 ± 9.8         -120 ± 20"
-    )
-    element = "front bump stop                         50.0 N                   46.1 .. 53.9"
-    assert element in lines
-    assert "rear mount                    not determined" in [line.rstrip() for line in lines]
-    assert "  front knees: none seen" in lines
-    assert lines[-2:] == [
-        "  friction                      there",
-        "  bump stops                    not needed",
-    ]
-
-
 def compared(name: str, values: tuple[float, ...], significant: bool, slope: bool) -> Compared:
     """Return one quantity of standard deviation 0.5; a difference has 0.625."""
     first, *others = values
@@ -222,20 +187,6 @@ def test_a_comparison_of_three_is_printed_with_its_trends(printed: Printed) -> N
     assert not any(row[0].startswith("Forces") for row in lines)
 
 
-def test_a_comparison_of_two_has_no_trend(printed: Printed) -> None:
-    forces = (compared("front friction", (50.0, 52.0), False, False),)
-    bare = comparison(2, forces=forces, common=(), open=(), change=Change("nothing"))
-    lines = printed(print_comparison, bare)
-    texts = [" ".join(row) for row in lines]
-    assert "Nothing differs beyond chance." in texts[0]
-    assert texts[1].startswith("Test that everything is unchanged")
-    assert texts[2] == ""
-    assert "Trend" not in texts
-    assert any(t.startswith("Forces of one corner") for t in texts)
-    assert not any("not compared" in t for t in texts)
-    assert texts[-1].endswith("independent.")
-
-
 def test_a_comparison_says_in_one_line_what_is_stated_differently(printed: Printed) -> None:
     unlike = ("vehicle Golf in one; Polo in two", "place of acc (1, 0) m in one; (2, 0) m in two")
     line = f"stated differently (is it one car?): {unlike[0]}; {unlike[1]}"
@@ -243,35 +194,6 @@ def test_a_comparison_says_in_one_line_what_is_stated_differently(printed: Print
     assert texts[0] == line
     lines = comparison_lines(comparison(2, unlike=unlike))
     assert line[1:] in " ".join(lines)
-
-
-def test_the_terminals_comparison_names_what_differs() -> None:
-    lines = list(comparison_lines(comparison(2)))
-    assert lines[:3] == ["1  one: ok", "2  two: doubtful", ""]
-    assert lines[3].endswith("in 1:")
-    assert lines[4] == "  m_s"
-    head = "Parameters                         1         2        2 minus 1       z"
-    row = "m_s, kg                         50.0      52.0     +4.0 ± 2.4 %   +2.50  differs"
-    at = lines.index(head)
-    assert lines[at - 1] == ""
-    assert lines[at + 1] == row
-    assert "mode 1 Hz, kg                   50.0      52.0     +4.0 ± 2.4 %   +2.50" in lines
-    assert any(line.startswith("Not compared") and line.endswith("t_f.") for line in lines)
-    assert lines[-1].endswith("in common are wheelbase_m.")
-    long = "added: body roll, frequency"
-    lines = list(
-        comparison_lines(comparison(2, modes=(compared(long, (50.0, 52.0), True, False),)))
-    )
-    at = lines.index(f"{long}, kg")
-    assert lines[at + 1] == row.replace("m_s, kg", " " * 7)
-    rows = (compared("m_s", (50.0, 52.0), False, False),)
-    none = comparison(2, parameters=rows, common=(), open=(), change=Change("nothing"))
-    lines = list(comparison_lines(none))
-    assert lines[3] == "Nothing differs beyond chance."
-    assert lines[5] == ""
-    assert "nothing differs beyond what noise alone" in lines[6]
-    assert not any(line.startswith("Not compared") for line in lines)
-    assert lines[-1].endswith("independent.")
 
 
 def session() -> Session:
@@ -343,33 +265,6 @@ def test_the_contents_of_a_session_are_printed_cell_by_cell(printed: Printed) ->
     assert ["model has", "anti_roll_bars"] not in lines
     assert ["in added", "a mass matrix"] not in lines
     assert not any(row[0] in ("notes", "overrides") for row in lines)
-
-
-def test_a_session_of_which_nothing_is_known_has_no_empty_tables(printed: Printed) -> None:
-    bare = replace(
-        session(),
-        vehicle=Vehicle("car", structure=Structure(symmetric=False)),
-        mass_states=(MassState("baseline"),),
-        provenance={},
-    )
-    titles = {row[0] for row in printed(print_contents, Path("car.h5"), bare)}
-    assert "Channels" in titles
-    assert not {"Known beforehand", "Provenance"} & titles
-    assert contents_document(Path("car.h5"), bare)["geometry"] is None
-
-
-def test_the_contents_as_a_document_have_every_part() -> None:
-    found = contents_document(Path("car.h5"), session())
-    assert found["geometry"] == {"a": 1.25, "b": 1.51, "t_f": 0.74, "t_r": 0.75}
-    assert found["structure"]["cg_offset"] is True
-    assert found["facts"] == [{"quantity": "wheelbase_m", "value": 2.76, "sigma": 0.002}]
-    assert [channel["name"] for channel in found["channels"]][:2] == ["rear", "middle"]
-    assert found["mass_states"]["added"]["weights"][1]["corner"] == "RL"
-    assert found["mass_states"]["odd"]["delta_mass"][6][6] == 1.0
-    assert found["provenance"]["dbc"] == "3 bytes"
-    assert found["provenance"]["verdicts"] == "[1]"
-    assert [run["status"] for run in found["runs"]] == ["accepted", "rejected"]
-    assert found["runs"][1]["reasons"] == ["late"]
 
 
 def test_runs_are_printed_with_length_frames_losses_and_reasons(printed: Printed) -> None:

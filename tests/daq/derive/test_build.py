@@ -22,16 +22,15 @@ from daq.runlog.entries import entry, verdict_entry
 from daq.runlog.runlog import Code
 from daq.runs import Event, Excitation, Run, RunStatus
 from daq.samples.mapping import map_channels
-from daq.session import read_session, write_session
+from daq.session import read_session
 from daq.sessions import Session
 from daq.sim.car import SimulatedCar, truth
 from daq.sim.ecu import bench_senders, campaign_frames
 from daq.sim.wire import frame_time_ns
 from daq.vehicle import Corner
-from dbc import UNUSABLE, Codec, FrameBatch, Quality, parse_codec
+from dbc import UNUSABLE, Codec, FrameBatch, Quality
 from dbc.finding import Finding, Severity
 
-from ..session.test_session import assert_same
 from ..small_campaign import START_NS, small_bench, small_codec
 
 CODEC = small_codec()
@@ -150,16 +149,6 @@ def test_garbled_lost_and_repeated_frames() -> None:
     assert run.status is RunStatus.ACCEPTED
 
 
-def test_a_run_of_nothing_but_garbled_frames_is_rejected() -> None:
-    frames = _frames(CODEC, "HUB_Front", acc_fl=1.0)
-    data = frames.data ^ np.array([1, 0, 0, 0, 0, 0, 0, 0], np.uint8)
-    bad = FrameBatch(frames.t_ns, frames.can_id, frames.flags, frames.bus, frames.length, data)
-    run = _run(_bench(ACC_FL), bad)
-    assert run.groups == ()
-    assert run.status is RunStatus.REJECTED
-    assert len(run.frames) == run.losses.crc_bad == 600
-
-
 @pytest.mark.parametrize(
     ("n_hub", "n_rate", "reason"),
     [
@@ -172,10 +161,6 @@ def test_incomplete_runs_are_rejected_with_the_reason(n_hub: int, n_rate: int, r
     frames = _merge(_frames(CODEC, "HUB_Front", n_hub), _frames(CODEC, "IMU_Rate", n_rate))
     assert _run(_bench(ACC_FL, PITCH), frames).reasons == (reason,)
     assert _run(_bench(ACC_FL, PITCH), frames).status is RunStatus.REJECTED
-
-
-def test_what_is_not_needed_may_be_absent() -> None:
-    assert _run(_bench(ACC_FL, YAW), _frames(CODEC, "HUB_Front")).status is RunStatus.ACCEPTED
 
 
 def test_losses_on_the_way_belong_to_the_run_in_which_they_happened() -> None:
@@ -266,15 +251,6 @@ def test_channels_that_do_not_fit_the_dbc_are_named(channel: Channel, what: str)
         map_channels((channel,), CODEC.messages, "bench.dbc")
 
 
-def test_an_unknown_unit_matters_only_where_it_is_used() -> None:
-    text = small_bench().dbc_text.replace('"deg/s"', '"furlong"')
-    codec = parse_codec(text, "odd.dbc")
-    with pytest.raises(InputError, match=r"'furlong' in odd\.dbc, which is not known"):
-        map_channels((PITCH,), codec.messages, "odd.dbc")
-    (yaw,) = map_channels((YAW,), codec.messages, "odd.dbc")
-    assert (yaw.channel.unit, yaw.factor, yaw.offset) == ("furlong", 1.0, 0.0)
-
-
 MULTIPLEXED = """VERSION ""
 BU_: A
 BO_ 5 M: 4 A
@@ -283,62 +259,6 @@ BO_ 5 M: 4 A
  SG_ right m1 : 8|16@1- (0.01,0) [0|0] "m/s2" A
  SG_ always : 24|8@1- (1,0) [0|0] "m/s2" A
 """
-
-
-def test_multiplexed_signals_are_groups_of_their_own() -> None:
-    codec = parse_codec(MULTIPLEXED, "mux.dbc")
-    n = 1000
-    data = np.zeros((n, 8), np.uint8)
-    data[:, 0] = np.arange(n) % 2
-    data[:, 1] = 100 + 50 * (np.arange(n) % 2)
-    data[:, 3] = 3
-    t_ns = START_NS + np.arange(n) * 2_000_000
-    frames = FrameBatch(
-        t_ns,
-        np.full(n, 5, np.uint32),
-        np.zeros(n, np.uint16),
-        np.zeros(n, np.uint8),
-        np.full(n, 4, np.uint8),
-        data,
-    )
-    corners = {"left": Corner.FRONT_LEFT, "right": Corner.FRONT_RIGHT, "always": Corner.REAR_LEFT}
-    channels = (
-        Channel(name, Quantity.HUB_ACCELERATION, "", f"M.{name}", corner)
-        for name, corner in corners.items()
-    )
-    session = build_session(_bench(*channels), codec, frames, (BUMP,), NO_HOPS, {})
-    groups = {group.name: group for group in session.runs[0].groups}
-    assert {name: len(group.time_s) for name, group in groups.items()} == {
-        "M_left": 150,
-        "M_right": 150,
-        "M": 300,
-    }
-    np.testing.assert_allclose(groups["M_right"].values["right"], 1.5)
-    np.testing.assert_allclose(groups["M_right"].time_s[:2], [0.002, 0.006])
-
-
-def test_a_journal_gives_the_same_session_each_time_and_the_file_gives_it_back(
-    tmp_path: Path,
-) -> None:
-    bench = small_bench()
-    head = JournalHead(bench.text, bench.dbc_text, "test 1", START_NS, 5)
-    frames = _merge(*(_frames(CODEC, m.name, 1000) for m in CODEC.messages))
-    with JournalWriter(tmp_path, head) as journal:
-        journal.append(frames, HopLosses())
-        journal.append_events([replace(BUMP, t_ns=START_NS + 1_200_000_000)])
-    derive(journal.paths, tmp_path / "s.h5")
-    session = read_session(tmp_path / "s.h5")
-    derive(journal.paths, tmp_path / "again.h5")
-    assert (tmp_path / "again.h5").read_bytes() == (tmp_path / "s.h5").read_bytes()
-    assert session.provenance["created"] == "2027-01-15T08:00:00+00:00"
-    assert (session.provenance["dbc"], session.provenance["software"]) == (
-        bench.dbc_text,
-        "test 1",
-    )
-    write_session(tmp_path / "written.h5", session)
-    again = read_session(tmp_path / "written.h5")
-    assert dict(again.provenance) == dict(session.provenance)
-    assert_same(again, replace(session, provenance=again.provenance))
 
 
 def test_simulated_samples_get_their_true_times() -> None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 
 from daq.derive.build_samples import build_session
-from daq.runlog.fold import fold
 from daq.runs import Event, RunStatus
 
 from .test_build import (
@@ -52,12 +51,6 @@ def test_a_message_may_begin_and_end_50_ms_and_two_periods_within_the_run(
     run = _run(_bench(ACC_FL, PITCH), _merge(_frames(CODEC, "HUB_Front"), rate))
     assert run.status is (RunStatus.ACCEPTED if good else RunStatus.REJECTED)
     assert len(run.reasons) == (0 if good else 1)
-
-
-def test_a_run_reaches_from_before_its_bump_to_after_it() -> None:
-    bench = _bench(ACC_FL)
-    (logged,) = fold((BUMP, RUN_END)).runs
-    assert bench.trigger.window_ns(logged.t_ns) == (BEGAN, ENDED)
 
 
 def test_events_within_a_run_are_kept_and_long_texts_cut() -> None:

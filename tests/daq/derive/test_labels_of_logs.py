@@ -112,32 +112,6 @@ def test_a_log_goes_on_with_the_one_before_within_a_second(gap_ns: int, goes_on:
     assert intake.goes_on_with(_frame(START_NS + gap_ns)) is goes_on
 
 
-def test_an_import_keeps_the_frames_around_bumps_and_counts_the_rest() -> None:
-    bench, frames = small_bench(), bumps(small_codec(), 2)
-    foreign = replace(frames.select(slice(0, 3)), can_id=np.full(3, 0x7FE, np.uint32))
-    intake = Intake(bench, small_codec())
-    found = 0
-    for start in range(0, len(frames), 100):
-        lost = HopLosses(bus_dropped=start)
-        found += intake.take(frames.select(slice(start, start + 100)), lost)
-    intake.take(foreign, HopLosses(7, 8, 9, 10))
-    part = intake.part()
-    assert (found, part.bumps, part.unknown_id) == (2, 2, 3)
-    # Windows of the bumps: from 0.1 s before to 0.5 s after each, of bumps 1.2 s apart.
-    onsets = [event.t_ns for event in part.events if event.code == "bump"]
-    kept = part.frames.t_ns
-    wanted = np.zeros(len(frames), bool)
-    for onset in onsets:
-        pre, post = round(bench.trigger.pre_s * 1e9), round(bench.trigger.post_s * 1e9)
-        wanted |= (frames.t_ns >= onset - pre) & (frames.t_ns < onset + post)
-    own = kept[part.frames.can_id != 0x7FE]
-    assert set(own.tolist()) == set(frames.t_ns[wanted].tolist())
-    assert part.hops.counts[-1].tolist() == [7, 8, 9, 10]
-    assert part.hops.counts[1].tolist() == [100, 0, 0, 0]
-    assert np.all(np.diff(part.hops.t_ns) >= 0)
-    assert part.hops.t_ns[-1] == frames.t_ns.max()
-
-
 def test_a_session_of_parts_has_the_name_of_its_frames() -> None:
     bench, frames = small_bench(), bumps(small_codec(), 1)
     intake = Intake(bench, small_codec())

@@ -35,12 +35,6 @@ def _verdict(run: Run) -> tuple[str, tuple[str, ...]]:
     return run.status.value, run.reasons
 
 
-def test_a_session_without_a_run_is_refused() -> None:
-    with pytest.raises(InputError, match="no run") as refused:
-        _again(replace(imported(), runs=()))
-    assert refused.value.where == "old.h5"
-
-
 def test_a_run_without_raw_frames_is_refused_and_named() -> None:
     label = imported().runs[0].label
     with pytest.raises(InputError, match=f"{label} has no raw frames") as refused:
@@ -64,15 +58,6 @@ def test_what_the_operator_decided_stays() -> None:
     assert _verdict(_again(leaned).runs[0]) == ("rejected", ("somebody leaned on the car",))
     silent = _with(status=RunStatus.REJECTED, reasons=())
     assert _verdict(_again(silent).runs[0]) == ("rejected", ())
-
-
-def test_a_reason_of_a_session_that_does_not_say_how_it_was_decoded_is_the_operators() -> None:
-    session = _with(status=RunStatus.REJECTED, reasons=("too weak",))
-    said = {key: text for key, text in session.provenance.items() if key != "bench_toml"}
-    found = _again(replace(session, provenance=said)).runs[0]
-    assert _verdict(found) == ("rejected", ("too weak",))
-    garbled = replace(session, provenance={**session.provenance, "bench_toml": "= ["})
-    assert _verdict(_again(garbled).runs[0]) == ("rejected", ("too weak",))
 
 
 def test_losses_before_the_session_are_kept_and_the_rest_is_counted_anew() -> None:

@@ -15,10 +15,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from daq.bench.campaign import Step
 from daq.bench.channel_map import ChannelMap, GivenRun, load_channel_map
-from daq.derive import bump_run, bumps_in, given_run, recording, session_from_columns
+from daq.derive import bumps_in, given_run, recording, session_from_columns
 from daq.derive.from_columns import Recording
 from daq.errors import InputError
-from daq.runs import Event, Excitation, RunStatus, SampleGroup
+from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.samples.columns import Column, Columns
 
 nan = float("nan")
@@ -94,12 +94,6 @@ def test_times_of_a_column(
     assert_allclose(found_s, times_s, rtol=1e-15, atol=1e-12)
 
 
-@pytest.mark.parametrize("unit", ["m", "stone"])
-def test_times_in_what_is_no_unit_of_time_are_refused(unit: str) -> None:
-    with pytest.raises(InputError, match=f"{unit}'"):
-        _times([0.0, 1.0], unit)
-
-
 def test_times_of_a_rate_and_of_the_file() -> None:
     by_rate = recording(_map("[time]\nrate_hz = 50.0\n"), _file({"fl": np.zeros(3)}))
     assert by_rate.groups[0].time_s.tolist() == [0.0, 0.02, 0.04]
@@ -147,25 +141,6 @@ def test_channels_that_fill_nine_of_ten_rows_together_are_one_group(
         else:
             assert [group.quality.any() for group in groups] == [False, False]
             assert len({group.name for group in groups}) == 2
-
-
-def test_channels_of_two_clocks_are_two_groups_and_an_empty_one_is_none() -> None:
-    file = _file(
-        {"fl": [1.0, 2.0], "fr": [3.0, 4.0], "rl": [nan, nan]},
-        times_s={"a/b": [0.0, 1.0], "c": [5.0, 6.0]},
-        clocks={"fl": "a/b", "fr": "c", "rl": "c"},
-    )
-    found = recording(_map("", ("fl", "fr", "rl")), file)
-    assert [list(group.values) for group in found.groups] == [["fl"], ["fr"]]
-    assert found.groups[0].name == "a_b"
-    assert [channel.name for channel in found.channels] == ["fl", "fr", "rl"]
-
-
-def test_values_are_in_si() -> None:
-    file = _file({"fl": [1.0, -2.0]}, times_s={"table": [0.0, 1.0]}, units={"fl": "g"})
-    found = recording(_map(), file)
-    assert_allclose(found.groups[0].values["fl"], [9.80665, -19.6133])
-    assert found.channels[0].unit == "m/s2"
 
 
 STEP = Step("baseline", Excitation.ROLL, 2)
@@ -241,22 +216,6 @@ def test_bumps_are_found_in_groups_that_begin_at_different_times() -> None:
     known = _map(TRIGGER, ("fl", "fr"))
     bumps = bumps_in(known, recording(known, file))
     assert [bump.t_ns for bump in bumps] == [(T0_S + 3) * S, (T0_S + 8) * S]
-
-
-def test_the_run_around_a_bump() -> None:
-    bump = Event((T0_S + 4) * S, "bump", 9.0)
-    run = bump_run(_map(TRIGGER), _found(), STEP, bump)
-    assert run.t0_ns == T0_S * S + 3_500_000_000
-    assert run.groups[0].time_s[[0, -1]].tolist() == pytest.approx([0.0, 1.9])
-    assert run.events == (replace(bump, text="baseline_roll_2"),)
-    assert run.bump_s == 0.3
-
-
-def test_without_a_channel_that_can_trigger_there_are_no_bumps() -> None:
-    found = replace(_found(), channels=())
-    with pytest.raises(InputError, match="can trigger"):
-        bumps_in(_map(), found)
-    assert bumps_in(_map(), replace(_found(), groups=())) == ()
 
 
 def test_the_same_files_give_a_session_of_the_same_name() -> None:

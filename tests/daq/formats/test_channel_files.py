@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,19 +73,6 @@ def test_channels_come_back_digit_for_digit(tmp_path: Path, session: Session, su
             assert list(got_group.values) == list(group.values)
             for name, values in group.values.items():
                 assert_array_equal(got_group.values[name], values)
-
-
-def test_dates_are_times(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    rows = [
-        f"2026-05-31 10:00:{t:09.6f},{x!r}" for t, x in zip(T.tolist(), FL.tolist(), strict=True)
-    ]
-    path.write_text("when,fl [g]\n" + "\n".join(rows))
-    known = mapped(path, f'[time]\ncolumn = "when"\n{HUB}')
-    found = recording(known, read_columns(path, known.columns))
-    assert found.start_ns == 1_780_221_600_000_000_000
-    assert_allclose(found.groups[0].time_s, T, atol=1e-12)
-    assert_allclose(found.groups[0].values["hub_fl"], 9.80665 * FL)
 
 
 def test_times_since_1970_keep_their_nanoseconds(tmp_path: Path) -> None:
@@ -226,20 +212,3 @@ def test_what_is_no_table_is_refused(
     make(path)
     with pytest.raises(InputError, match=why):
         read_columns(path, ())
-
-
-@pytest.mark.parametrize("suffix", WRITERS)
-def test_damaged_files_are_refused_or_read(tmp_path: Path, session: Session, suffix: str) -> None:
-    path = tmp_path / f"car{suffix}"
-    again(session, "", path)
-    raw = path.read_bytes()
-    rng = np.random.default_rng(5)
-    for cut in (len(raw) // 2, len(raw) - 3, 700, 12):
-        path.write_bytes(raw[:cut])
-        with suppress(InputError):
-            read_columns(path, ())
-    for _ in range(4):
-        at = int(rng.integers(len(raw)))
-        path.write_bytes(raw[:at] + rng.bytes(8) + raw[at + 8 :])
-        with suppress(InputError):
-            read_columns(path, ())

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import can
-import cantools.database
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -13,10 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from daq.errors import InputError
 from daq.formats.export import ExportFormat, export_session
 from daq.sessions import Session
-from dbc import FrameBatch, shipped_dbc
+from dbc import FrameBatch
 from dbc.frames import FrameFlag
 
-from ..small_campaign import bumps, small_codec
 from ..small_session import mixed_frames, small_run, small_session
 
 FRAMES = mixed_frames(2000)
@@ -73,14 +71,6 @@ def test_blf(tmp_path: Path) -> None:
         assert reader.start_timestamp == 1_700_000_000.123
 
 
-def test_what_blf_cannot_hold_is_said(tmp_path: Path) -> None:
-    notes = export_session(small_session(FRAMES), tmp_path / "a.blf", ExportFormat.BLF).notes
-    sent = int(np.sum(ERROR & ((FRAMES.flags & FrameFlag.TRANSMITTED) != 0)))
-    assert notes == (f"BLF does not store who sent {sent} error frames",)
-    plain = FRAMES.select(~ERROR)
-    assert not export_session(small_session(plain), tmp_path / "b.blf", ExportFormat.BLF).notes
-
-
 def test_every_nanosecond_is_in_the_blf(tmp_path: Path) -> None:
     start_ns = 1_700_000_000_000_000_000
     t_ns = start_ns + np.array([0, 1, 2, 999_999_999, 1_000_000_001, 3_600_000_000_007])
@@ -134,27 +124,6 @@ def test_mf4(tmp_path: Path) -> None:
     messages = _messages(FRAMES, tmp_path / "car.mf4", ExportFormat.MF4)
     _is_kept(replace(FRAMES, bus=FRAMES.bus + 1), messages)  # MDF counts buses from 1
     assert_allclose(_times_s(messages), FRAMES.t_ns * 1e-9, rtol=0, atol=2.4e-7)
-
-
-def test_the_bus_log_of_the_mf4_decodes_as_cantools_does(tmp_path: Path) -> None:
-    frames = bumps(small_codec(), 2)
-    export_session(small_session(frames), tmp_path / "car.mf4", ExportFormat.MF4)
-    (tmp_path / "car.dbc").write_text(shipped_dbc(), "utf-8")
-    database = cantools.database.can.Database()
-    database.add_dbc_string(shipped_dbc())
-    message = database.get_message_by_name("HUB_Front")
-    rows = [message.decode_simple(data.tobytes(), decode_choices=False) for data in frames.data]
-    import asammdf
-
-    with asammdf.MDF(tmp_path / "car.mf4") as mdf:
-        decoded = mdf.extract_bus_logging({"CAN": [(str(tmp_path / "car.dbc"), 0)]})
-        for name in ("acc_fl", "acc_fr"):
-            got = decoded.get(name)
-            assert_allclose(got.samples, np.array([row[name] for row in rows], float), atol=1e-9)
-            start_s = mdf.header.start_time.timestamp()
-            assert_allclose(got.timestamps, frames.t_ns * 1e-9 - start_s, atol=1e-6)
-        assert np.ptp(decoded.get("acc_fl").samples) > 1.0
-        decoded.close()
 
 
 def test_frames_of_overlapping_runs_are_written_once(tmp_path: Path) -> None:

@@ -58,14 +58,6 @@ def test_a_version_of_trc_has_its_columns(version: str) -> None:
     assert parser.has_header
 
 
-def test_a_version_of_trc_that_is_not_known_has_the_columns_of_the_first() -> None:
-    parser = TrcParser()
-    found = parsed(f";$FILEVERSION=7.0\n{TRC['1.0']}\n".encode(), parser)
-    assert shown(found.frames) == ["1500000 0 123 1 0a -"]
-    assert parser.has_header
-    assert not _has_header(TrcParser(), f";a comment\n{TRC['1.0']}\n".encode())
-
-
 COLUMNS = {
     "O,T,I,L,D": "1.5 DT 0123 1 0A",
     "O,T,I,l,D": "1.5 DT 0123 1 0A",
@@ -108,12 +100,6 @@ def test_a_trc_begins_at_days_since_1899(days: str, seconds: float) -> None:
     assert _seconds(TrcParser(), text) == [seconds + 0.5]
 
 
-def test_the_head_of_a_trc_holds_for_the_blocks_behind_it() -> None:
-    head = ";$FILEVERSION=1.1\n;$STARTTIME=25570\n"
-    parser = TrcParser()
-    assert _seconds(parser, head, "1) 500.0 Rx 0123 0\n") == [86_400.5]
-
-
 DATES = {
     "date Thu Oct 9 08:53:20 2025": (2025, 10, 9, 8, 53, 20),
     "date Thu Oct 09 08:53:20.5 am 2025": (2025, 10, 9, 8, 53, 20, 500_000),
@@ -147,14 +133,6 @@ def test_dates_of_asc_are_local_time(line: str) -> None:
     assert asc_date_ns(line) == seconds * S + micros * 1000
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["date", "date Thu Foo 09 08:53:20 2025", "date Thu Feb 30 08:53:20 2025", "date 9.10.2025"],
-)
-def test_what_is_no_date_of_asc(line: str) -> None:
-    assert asc_date_ns(line) is None
-
-
 DATE = "date Thu Oct 09 08:53:20 2025"
 BEGAN = _local(2025, 10, 9, 8, 53, 20)
 
@@ -177,33 +155,6 @@ def test_times_of_asc_count_from_the_date_or_from_the_line_before() -> None:
 def test_events_of_other_kinds_take_their_time_in_a_relative_asc() -> None:
     text = f"{DATE}\nbase hex timestamps relative\n{_asc(1)}0.5 Start of measurement\n{_asc(1)}"
     assert _seconds(AscParser(), text) == [BEGAN + t for t in (1, 2.5)]
-
-
-@pytest.mark.parametrize(
-    ("base", "can_id", "data"), [("hex", "100", "11"), ("HEX", "100", "11"), ("dec", "64", "0b")]
-)
-def test_numbers_of_asc_have_the_base_of_the_head(base: str, can_id: str, data: str) -> None:
-    parser = AscParser()
-    found = parsed(f"{DATE}\nbase {base} timestamps absolute\n{_asc(1)}".encode(), parser)
-    assert [frame.split()[2:5:2] for frame in shown(found.frames)] == [[can_id, data]]
-    assert parser.has_header
-
-
-def test_comments_and_other_lines_of_asc_are_no_head() -> None:
-    for line in ("// base dec", "// date Fri Oct 10 08:53:20 2025", "internal events logged"):
-        parser = AscParser()
-        assert not _has_header(parser, f"{line}\n".encode())
-        assert _seconds(parser, _asc(1)) == [1.0]
-    assert _has_header(AscParser(), f"{DATE}\n".encode())
-    assert _has_header(AscParser(), b"date of today\n")
-
-
-def test_frames_of_all_forms_of_asc_keep_their_order() -> None:
-    text = (
-        "1 1 ErrorFrame\n2 CANFD 1 Rx 7FF 0 0 1 1 11\n3 1 100 Rx d 1 11\n"
-        "4 CANFD 1 Rx 7FF 0 0 1 1 11\n5 1 ErrorFrame\n"
-    )
-    assert _seconds(AscParser(), text) == [1, 2, 3, 4, 5]
 
 
 LINE = b"(1.5) can0 123#0102\n"
@@ -263,9 +214,3 @@ def test_zeros_after_a_power_cut_are_counted_with_the_line_that_they_cut() -> No
     ):
         found, loss = _read(raw)
         assert (found, loss.garbled, loss.bytes_cut) == (frames, garbled, cut)
-
-
-def test_frames_that_candump_lost_are_those_that_it_states() -> None:
-    found, loss = _read(LINE + b"DROPCOUNT: dropped 13 CAN frames (total drops 13)\n" + LINE)
-    assert (found, loss.garbled, loss.dropped) == (2, 0, 13)
-    assert loss.text == "13 frames lost by its recorder; line 2 states 13 lost frames"

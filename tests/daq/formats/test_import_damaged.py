@@ -12,7 +12,7 @@ from daq.errors import InputError
 from daq.formats.log import read_log
 from dbc import FrameBatch
 
-from .mixed import START_S, Frame, frames_in, mixed
+from .mixed import Frame, frames_in, mixed
 from .test_import_round_trips import write_journal, write_with_python_can
 
 TEXTS = (".asc", ".log", ".csv", ".trc")
@@ -160,84 +160,3 @@ def test_claims_of_a_blf_are_not_believed(tmp_path: Path) -> None:
         assert lost, name
     with pytest.raises(InputError, match="has no object"):
         list(read_log(_blf(path, *[_container(bytes(1 << 23))] * 4)))
-
-
-def test_events_that_a_blf_states_as_lost_are_counted(tmp_path: Path) -> None:
-    lost = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 48, 126, 2, 0, 0, 1_500_000_000)
-    lost += struct.pack("<LQL", 0, 1_000_000_000, 17)
-    path = _blf(tmp_path / "a.blf", _container(_object() + lost + _object(stamp_ns=1)))
-    found, text = _read(path)
-    assert len(found) == 2
-    assert text == (
-        "17 frames lost by its recorder; the log states 17 lost events at "
-        "1970-01-01T00:00:01.500000000Z"
-    )
-
-
-def test_an_object_of_another_kind_is_no_loss(tmp_path: Path) -> None:
-    other = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 40, 5, 2, 0, 0, 0) + bytes(8)
-    path = _blf(tmp_path / "a.blf", _container(_object() + other + _object(stamp_ns=1)))
-    found, lost = _read(path)
-    assert len(found) == 2
-    assert not lost
-
-
-def test_asc_times_are_absolute_in_whatever_way_they_are_written(tmp_path: Path) -> None:
-    path = tmp_path / "a.asc"
-    body = " {} 1  100             Rx   d 1 01\n" * 3
-    for date in ("Thu Oct 09 08:53:20.500 am 2025", "Don Okt 09 08:53:20.500 2025"):
-        heads = {
-            "absolute": ("0.250000", "0.500000", "1.000000"),
-            "relative": ("0.250000", "0.250000", "0.500000"),
-        }
-        for kind, stamps in heads.items():
-            text = f"date {date}\nbase hex  timestamps {kind}\n" + body.format(*stamps)
-            path.write_text(text, "utf-8")
-            times = [frame.t_us for frame in _read(path)[0]]
-            assert [t - times[0] for t in times] == [0, 250_000, 750_000], (date, kind)
-            # The date is local time: zones differ by whole quarters of an hour.
-            first_us = (times[0] + START_S * 10**6) % 900_000_000
-            assert first_us == (8 * 60 + 20) * 10**6 + 750_000, (date, kind)
-
-
-def test_asc_in_decimal_with_names_and_classic_frames_in_the_long_form(tmp_path: Path) -> None:
-    path = tmp_path / "a.asc"
-    path.write_text(
-        "date Thu Oct 09 08:53:20.000 2025\nbase dec  timestamps absolute\n"
-        "// a comment\n"
-        "   0.100000 1  1000            Rx   d 2 10 255  Length = 0 BitCount = 64\n"
-        "   0.200000 CANFD   2 Tx      100  Engine  1 0 8  8 1 2 3 4 5 6 7 8  0 0 12288 0\n"
-        "   0.300000 1  Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%\n"
-        "   0.400000 2  ErrorFrame\n"
-    )
-    frames, lost = _read(path)
-    assert not lost
-    assert [(f.can_id, f.length, f.bus, f.error) for f in frames] == [
-        (1000, 2, 0, False),
-        (100, 8, 1, False),
-        (0, 0, 1, True),
-    ]
-    assert frames[0].data == bytes([10, 255])
-    assert frames[1].sent
-    assert frames[1].data == bytes(range(1, 9))
-
-
-def test_versions_of_trc(tmp_path: Path) -> None:
-    path = tmp_path / "a.trc"
-    payload = "01 02 03"
-    rows = {
-        "1.0": f"     1)      1500 0123 3 {payload}\n     2)  1600 12345678 2 RTR\n",
-        "1.1": f"     1)    1500.0  Rx  0123  3  {payload}\n     2)  1600.0  Tx 12345678 2 RTR\n",
-        "1.3": f" 1)  1500.000 2  Rx  0123 -  3  {payload}\n 2)  1600.000 2 Tx 12345678 - 2 RTR\n",
-        "2.0": f" 1  1500.000 DT  0123 Rx 3  {payload}\n 2  1600.000 RR 12345678 Tx 2\n",
-    }
-    for version, text in rows.items():
-        head = "" if version == "1.0" else f";$FILEVERSION={version}\n;$STARTTIME=45939.25\n"
-        path.write_text(head + text)
-        frames, lost = _read(path)
-        assert not lost, version
-        assert [(f.can_id, f.length, f.data, f.remote, f.extended) for f in frames] == [
-            (0x123, 3, bytes([1, 2, 3]), False, False),
-            (0x12345678, 2, b"", True, True),
-        ], version
-        assert frames[1].t_us - frames[0].t_us == 100_000

@@ -93,48 +93,6 @@ def test_an_mf4_without_the_kind_of_identifiers_has_29_bits_where_11_do_not_do(
 CLASSIC = [f for f in mixed(400, seed=3) if not (f.fd or f.remote or f.error)]
 
 
-@pytest.mark.parametrize("suffix", [".asc", ".log", ".csv", ".trc"])
-def test_a_last_line_without_an_end_is_read_if_it_is_whole(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / "a.txt"
-    frames = [replace(f, length=4, data=f.data[:4].ljust(4, b"\x12"), can_id=5) for f in CLASSIC]
-    written = tmp_path / f"a{suffix}"
-    write_with_python_can(written, frames)
-    written.rename(path)
-    lines = path.read_bytes().split(b"\n")
-    lines = lines[: next(i for i in reversed(range(len(lines))) if b"12" in lines[i]) + 1]
-    whole = b"\n".join(lines).rstrip(b" ,\r")
-    path.write_bytes(whole)
-    log, found = read_all(path)
-    assert not log.loss.any
-    path.write_bytes(whole + b"\n")
-    assert read_all(path)[1] == found
-    # With one character less it is another frame, or none: it is not read.
-    path.write_bytes(whole[:-1] if whole[-1:] not in b"TR" else whole[:-3])
-    log, cut = read_all(path)
-    assert cut == found[:-1]
-    assert "has no end" in log.loss.text
-
-
-def test_frames_of_fd_in_an_asc_that_does_not_mark_them(tmp_path: Path) -> None:
-    path = tmp_path / "a.asc"
-    long, short = "01 " * 12, "01 " * 4
-    path.write_text(
-        "date Thu Oct 09 08:53:20.000 2025\nbase hex  timestamps absolute\n"
-        f"   0.1 CANFD   1 Rx  100  0 0 9 12 {long} 0 0 11 0\n"
-        f"   0.2 CANFD   1 Rx  100  1 0 4  4 {short} 0 0 11 0\n"
-        f"   0.3 CANFD   1 Rx  100  0 0 4  4 {short} 0 0 11 0\n"
-        f"   0.4 1  123x            Rx   d 40 {'07 ' * 64}\n"
-    )
-    log, found = read_all(path)
-    assert [(f.fd, f.brs, f.length) for f in found] == [
-        (True, False, 12),
-        (True, True, 4),
-        (False, False, 4),
-        (True, False, 64),
-    ]
-    assert not log.loss.any
-
-
 @pytest.mark.parametrize("tail", ["", "  Length = 240000 BitCount = 124 ID = 256"])
 @pytest.mark.parametrize("base", ["hex", "dec"])
 @pytest.mark.parametrize(
@@ -164,20 +122,4 @@ def test_frames_of_fd_in_the_short_form_by_a_dlc_in_decimal(
     assert [(f.fd, f.length, f.data) for f in found] == [
         (fd, length, bytes([0x11 if base == "hex" else 11] * length)),
         (False, 2, bytes([0x11 if base == "hex" else 11] * 2)),
-    ]
-
-
-def test_a_remote_frame_in_the_long_form_whatever_its_other_bits_are(tmp_path: Path) -> None:
-    path = tmp_path / "a.asc"
-    path.write_text(
-        "date Sam Sep 30 15:06:13.191 2017\nbase hex  timestamps absolute\n"
-        "  30.300981 CANFD   3 Tx   50005x  0 1 5 0 140000 73 200050 7a60 46500250 0\n"
-        "  30.400000 CANFD   3 Tx   50005x  0 1 5 0 140000 73 200040 7a60 46500250 0\n"
-        "  30.500000 CANFD   3 Tx   50005x  0 1 5 0 140000 73 201050 7a60 46500250 0\n"
-    )
-    found = read_all(path)[1]
-    assert [(f.remote, f.fd, f.esi, f.length) for f in found] == [
-        (True, False, False, 5),
-        (False, True, True, 0),
-        (False, True, True, 0),
     ]

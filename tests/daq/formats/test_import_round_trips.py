@@ -122,12 +122,6 @@ def test_every_kind_of_frame_is_kept(tmp_path: Path, case: str) -> None:
         assert got == held(sent)
 
 
-def test_what_a_format_cannot_hold_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    write_with_python_can(path, FRAMES[:8])
-    assert "CAN FD" in read_log(path).format.lacks
-
-
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".csv", ".trc"])
 def test_our_reader_agrees_with_python_can_where_that_is_right(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"plain{suffix}"

@@ -116,103 +116,54 @@ OBJECTS = {
         f"{_CENTURY_NS} 0 123 0 - -",
     ),
     "from 2100 on": (_object(1, _classic(), stamp=_CENTURY_NS + 1), BAD),
-    "before 2100 in 10 us": (
-        _object(1, _classic(dlc=0), unit=1, stamp=410_244_479_999_999),
-        "4102444799999990000 0 123 0 - -",
-    ),
-    "from 2100 on in 10 us": (
-        _object(1, _classic(), unit=1, stamp=410_244_480_000_000),
-        BAD,
-    ),
     "head of 40 bytes": (_object(1, _classic(), version=2), SEEN),
-    "version 0": (_object(1, _classic(), version=0), SEEN),
     "version 3": (_object(1, _classic(), version=3), BAD),
     "a byte short": (_object(1, _classic()[:-1]), BAD),
     "sent": (_object(1, _classic(flags=0x01)), f"{SEEN[:-1]}t"),
-    "other flags": (_object(1, _classic(flags=0x7E)), SEEN),
     "remote": (_object(1, _classic(flags=0x80)), "1500 0 123 8 0000000000000000 r"),
-    "remote, sent": (_object(1, _classic(flags=0xFF, dlc=2)), "1500 0 123 2 0000 rt"),
     "7 bytes": (_object(1, _classic(dlc=7)), "1500 0 123 7 01020304050607 -"),
     "dlc 9": (_object(1, _classic(dlc=9)), SEEN),
-    "bus 0": (_object(1, _classic(bus=0, dlc=0)), "1500 0 123 0 - -"),
     "bus 2": (_object(1, _classic(bus=2, dlc=0)), "1500 1 123 0 - -"),
-    "bus 256": (_object(1, _classic(bus=256, dlc=0)), "1500 255 123 0 - -"),
     "bus 257": (_object(1, _classic(bus=257, dlc=0)), "1500 255 123 0 - -"),
     "11 bits": (_object(1, _classic(can_id=0x7FF, dlc=0)), "1500 0 7FF 0 - -"),
     "12 bits": (_object(1, _classic(can_id=0x800, dlc=0)), BAD),
     "29 bits": (_object(1, _classic(can_id=0x9FFFFFFF, dlc=0)), "1500 0 1FFFFFFF 0 - x"),
-    "bits 29 and 30": (_object(1, _classic(can_id=0x60000123, dlc=0)), "1500 0 123 0 - -"),
     "longer": (_object(86, _classic() + bytes(8)), SEEN),
-    "longer, short": (_object(86, _classic()[:-1]), BAD),
     "error": (_object(2, struct.pack("<HHL", 3, 0, 0)), "1500 2 0 0 - e"),
-    "error of 4 bytes": (_object(2, struct.pack("<HH", 3, 0)), "1500 2 0 0 - e"),
     "error of 3 bytes": (_object(2, bytes(3)), BAD),
     "error with data": (_object(73, _error_ext(bus=2)), "1500 1 123 8 0102030405060708 e"),
-    "error, dlc 9": (_object(73, _error_ext(dlc=9)), "1500 0 123 8 0102030405060708 e"),
     "error, dlc 3": (_object(73, _error_ext(dlc=3)), "1500 0 123 3 010203 e"),
-    "error of 12 bits": (_object(73, _error_ext(dlc=0, can_id=0x800)), "1500 0 800 0 - e"),
     "error of 29 bits": (_object(73, _error_ext(dlc=0, can_id=0x80000004)), "1500 0 4 0 - xe"),
-    "error short": (_object(73, _error_ext()[:-1]), BAD),
     "FD": (_object(100, _fd(bus=2)), "1500 1 123 8 0102030405060708 f"),
     "FD, 9 bytes short": (_object(100, _fd()[:-1]), BAD),
     "FD, dlc 9": (_object(100, _fd(dlc=9)), f"1500 0 123 12 {_64[:12].hex()} f"),
     "FD, dlc 15": (_object(100, _fd(dlc=15)), f"1500 0 123 64 {_64.hex()} f"),
-    "FD, dlc 16": (_object(100, _fd(dlc=16)), f"1500 0 123 64 {_64.hex()} f"),
     "FD, 5 valid": (_object(100, _fd(valid=5)), "1500 0 123 8 0102030405000000 f"),
-    "FD, 9 valid": (_object(100, _fd(valid=9)), "1500 0 123 8 0102030405060708 f"),
     "FD, fast": (_object(100, _fd(dlc=0, fd=3)), "1500 0 123 0 - fb"),
     "FD, passive": (_object(100, _fd(dlc=0, fd=5)), "1500 0 123 0 - fs"),
     "FD, sent": (_object(100, _fd(dlc=0, flags=1)), "1500 0 123 0 - ft"),
     "FD, remote": (_object(100, _fd(dlc=0, flags=0x80)), "1500 0 123 0 - f"),
-    "FD, other bits": (_object(100, _fd(dlc=0, flags=0x7E, fd=0xF9)), "1500 0 123 0 - f"),
     "classic in FD": (_object(100, _fd(dlc=9, fd=0)), SEEN),
-    "classic in FD, fast": (_object(100, _fd(dlc=9, fd=6)), SEEN),
     "remote in FD": (_object(100, _fd(fd=0, flags=0x80)), "1500 0 123 8 0000000000000000 r"),
-    "FD, 29 bits": (_object(100, _fd(dlc=0, can_id=0x80000800)), "1500 0 800 0 - xf"),
     "FD 64": (_object(101, _fd_64(bus=2)), "1500 1 123 8 0102030405060708 f"),
-    "FD 64, 0 bus": (_object(101, _fd_64(bus=0, dlc=0)), "1500 0 123 0 - f"),
     "FD 64, 64 bytes": (_object(101, _fd_64(dlc=15)), f"1500 0 123 64 {_64.hex()} f"),
-    "FD 64, head 40": (
-        _object(101, _fd_64(dlc=15), version=2, beyond=b"\xff"),
-        f"1500 0 123 64 {_64.hex()} f",
-    ),
-    "FD 64, no payload": (
-        _object(101, _fd_64(data=b""), beyond=b"\xff" * 7),
-        "1500 0 123 8 0000000000000000 f",
-    ),
     "FD 64, short": (_object(101, _fd_64(data=b"")[:-1]), BAD),
     "FD 64, 3 bytes": (
         _object(101, _fd_64(data=b"\1\2\3"), beyond=b"\xff" * 5),
         "1500 0 123 8 0102030000000000 f",
     ),
-    "FD 64, 3 bytes, head 40": (
-        _object(101, _fd_64(data=b"\1\2\3"), version=2, beyond=b"\xff" * 5),
-        "1500 0 123 8 0102030000000000 f",
-    ),
     "FD 64, 5 valid": (_object(101, _fd_64(valid=5)), "1500 0 123 8 0102030405000000 f"),
     "FD 64, extra": (_object(101, _fd_64(extra=75)), "1500 0 123 8 0102030000000000 f"),
-    "FD 64, extra, head 40": (
-        _object(101, _fd_64(extra=83), version=2),
-        "1500 0 123 8 0102030000000000 f",
-    ),
-    "FD 64, extra at 1": (_object(101, _fd_64(extra=1)), "1500 0 123 8 0000000000000000 f"),
-    "FD 64, extra outside": (
-        _object(101, _fd_64(data=b"\1\2\3", extra=90), beyond=b"\xff" * 5),
-        "1500 0 123 8 0102030000000000 f",
-    ),
     "FD 64, remote": (_object(101, _fd_64(flags=0x1010, dlc=0)), "1500 0 123 0 - f"),
     "FD 64, fast": (_object(101, _fd_64(flags=0x3000, dlc=0)), "1500 0 123 0 - fb"),
     "FD 64, passive": (_object(101, _fd_64(flags=0x5000, dlc=0)), "1500 0 123 0 - fs"),
     "FD 64, sent": (_object(101, _fd_64(sent=1, dlc=0)), "1500 0 123 0 - ft"),
-    "FD 64, requested": (_object(101, _fd_64(sent=2, dlc=0)), "1500 0 123 0 - ft"),
     "classic in FD 64": (_object(101, _fd_64(flags=0x6000, dlc=9)), SEEN),
     "remote in FD 64": (
         _object(101, _fd_64(flags=0x10)),
         "1500 0 123 8 0000000000000000 r",
     ),
-    "FD 64, other bits": (_object(101, _fd_64(flags=0x1FEF, dlc=0)), "1500 0 123 0 - f"),
     "FD error": (_object(104, b"\2\0\0\0"), "1500 1 0 0 - e"),
-    "FD error of 3 bytes": (_object(104, bytes(3)), BAD),
 }
 
 
@@ -268,18 +219,12 @@ CHAINS = {
     "end to end": (CLASSIC * 2, 2, 0),
     "7 bytes of padding": (CLASSIC + bytes(7) + CLASSIC, 2, 0),
     "8 bytes between": (CLASSIC + bytes(8) + CLASSIC, 2, 8),
-    "7 bytes in front": (bytes(7) + CLASSIC, 1, 0),
     "8 bytes in front": (bytes(8) + CLASSIC, 1, 8),
-    "7 bytes at the end": (CLASSIC + bytes(7), 1, 0),
     "8 bytes at the end": (CLASSIC + bytes(8), 1, 8),
     "an object in a payload": (_object(1, _classic() + CLASSIC) + CLASSIC, 2, 0),
     "a head without a body": (CLASSIC + CLASSIC[:32], 1, 32),
     "a byte less than whole": (CLASSIC + CLASSIC[:-1], 1, 47),
-    "half a head": (CLASSIC + CLASSIC[:31], 1, 31),
-    "31 bytes": (CLASSIC[:31], 0, 31),
     "impossibly short": (_object(1, _classic(), size=31) + CLASSIC, 1, 48),
-    "as short as can be": (_object(5, b"", size=32) + CLASSIC, 1, 0),
-    "as long as can be": (_object(5, b"", size=1 << 24) + CLASSIC, 0, 80),
     "impossibly long": (_object(5, b"", size=(1 << 24) + 1) + CLASSIC, 1, 32),
     "after a gap": (CLASSIC + bytes(9) + CLASSIC + bytes(10) + CLASSIC + CLASSIC[:20], 3, 39),
 }
@@ -305,9 +250,7 @@ HALF = zlib.compress(CLASSIC * 2)[:-9]
 CONTAINERS = {
     "packed": (_container(CLASSIC), 1, 0),
     "plain": (_container(CLASSIC, method=0), 1, 0),
-    "plain, whatever it claims": (_container(CLASSIC, method=0, claimed=7), 1, 0),
     "another packing": (_container(CLASSIC, method=1, packed=bytes(10)), 0, 10),
-    "third packing": (_container(CLASSIC, method=3, packed=bytes(10)), 0, 10),
     "16 MiB claimed": (_container(CLASSIC, claimed=1 << 24), 1, (1 << 24) - 48),
     "more than 16 MiB claimed": (
         _container(CLASSIC, claimed=(1 << 24) + 1, packed=bytes(10)),
@@ -315,24 +258,16 @@ CONTAINERS = {
         10,
     ),
     "a byte less than claimed": (_container(CLASSIC, claimed=49), 1, 1),
-    "a byte more than claimed": (_container(CLASSIC, claimed=47), 1, 1),
     "a torn checksum": (_container(CLASSIC, packed=zlib.compress(CLASSIC)[:-1]), 1, 1),
     "no zlib": (_container(CLASSIC, packed=bytes(10)), 0, 48),
     "in two": (_container(CLASSIC[:20]) + _container(CLASSIC[20:]), 1, 0),
-    "in two, the first plain": (
-        _container(CLASSIC[:20], method=0) + _container(CLASSIC[20:]),
-        1,
-        0,
-    ),
     "begun before a gap": (
         _container(CLASSIC + CLASSIC[:20]) + _container(b"", claimed=9, packed=bytes(9)),
         1,
         29,
     ),
     "no body": (struct.pack("<4sHHLL", b"LOBJ", 16, 1, 17, 10) + bytes(2), 0, 0),
-    "15 bytes of body": (struct.pack("<4sHHLL", b"LOBJ", 16, 1, 31, 10) + bytes(18), 0, 0),
     "cut within the head": (_container(CLASSIC)[:15], 0, 15),
-    "cut within its description": (_container(CLASSIC, method=0)[:24], 0, 56),
     "cut within the data": (
         _container(CLASSIC, method=0) + _container(CLASSIC, method=0)[:-1],
         1,
@@ -340,7 +275,6 @@ CONTAINERS = {
     ),
     "another mark": (_container(CLASSIC) + b"LOBK" + bytes(40), 1, 16),
     "a size of 16": (struct.pack("<4sHHLL", b"LOBJ", 16, 1, 16, 5) + CLASSIC, 0, 16),
-    "a size of 17": (struct.pack("<4sHHLL", b"LOBJ", 16, 1, 17, 5) + bytes(2) + CLASSIC, 1, 18),
     "a size above 16 MiB": (struct.pack("<4sHHLL", b"LOBJ", 16, 1, (1 << 24) + 1, 5), 0, 16),
 }
 
@@ -352,27 +286,12 @@ def test_a_container_and_the_bytes_that_are_lost_with_it(name: str) -> None:
     assert (len(found), loss.garbled, loss.bytes_cut) == (frames, 0, lost)
 
 
-def test_what_is_no_container_is_lost_to_the_end_of_the_file() -> None:
-    raw = _file(_container(CLASSIC) + bytes(100))
-    frames, loss = _read(raw, len(raw))
-    assert frames == [SEEN]
-    assert loss.bytes_cut == 100
-    assert f"byte {len(raw) - 100} " in loss.text
-
-
 def test_a_file_shorter_than_its_header_states_is_cut_off() -> None:
     raw = _file(_container(CLASSIC))
     for more, lost in ((0, 0), (1, 1), (1000, 1000)):
         stated = _file(_container(CLASSIC), claimed=len(raw) + more)
         assert _read(stated, len(stated))[1].bytes_cut == lost
         assert _read(stated)[1].bytes_cut == 0  # of a packed file the size is not known
-
-
-@pytest.mark.parametrize("header", [72, 144, 65_536])
-def test_a_header_may_be_longer_than_the_fields_that_are_known(header: int) -> None:
-    frames, loss = _read(_file(_container(CLASSIC), header=header))
-    assert frames == [SEEN]
-    assert not loss.any
 
 
 @pytest.mark.parametrize("header", [0, 71, 65_537])

@@ -6,15 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
 
 from daq.errors import InputError
-from daq.runs import Event, SampleGroup
+from daq.runs import Event
 from daq.session import read_session, write_session
-from daq.session.schema import WEIGHT_COLUMNS
 from daq.sessions import Session
-from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState
+from daq.vehicle import MassState
 from dbc import FrameBatch
 
 from ..small_session import small_session
@@ -69,34 +67,6 @@ def test_a_name_has_1_to_64_printable_bytes(
     assert [g.name for g in found.runs[0].groups] == [g.name for g in session.runs[0].groups]
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "good"),
-    [
-        ("channel", "time", False),
-        ("channel", "t_ns", False),
-        ("channel", "quality", False),
-        ("channel", "times", True),
-        ("channel", "events", True),
-        ("group", "raw_bus0", False),
-        ("group", "raw_buses", False),
-        ("group", "events", False),
-        ("group", "raw", True),
-        ("group", "time", True),
-        ("state", "events", True),
-    ],
-)
-def test_names_that_mean_something_else_there(
-    tmp_path: Path, kind: str, name: str, good: bool
-) -> None:
-    path = tmp_path / "car.h5"
-    if good:
-        write_session(path, _renamed(kind, name))
-        assert path.exists()
-        return
-    with pytest.raises(InputError, match=f"'{name}' has another meaning"):
-        write_session(path, _renamed(kind, name))
-
-
 @pytest.mark.parametrize(("text", "good"), [("ä" * 80, True), ("ä" * 80 + "b", False)])
 def test_a_text_of_an_event_has_160_bytes(tmp_path: Path, text: str, good: bool) -> None:
     run = replace(BARE.runs[0], events=(Event(1, "note", 0.0, text),))
@@ -129,35 +99,3 @@ def test_the_first_group_of_the_first_run_is_the_default(tmp_path: Path) -> None
     write_session(path, none)
     with h5py.File(path) as file:
         assert "default" not in file.attrs
-
-
-def test_a_group_without_channels_is_written(tmp_path: Path) -> None:
-    group = SampleGroup("IMU", np.arange(2.0), np.arange(2), {}, np.zeros(2, np.uint8))
-    write_session(
-        tmp_path / "car.h5", replace(BARE, runs=(replace(BARE.runs[0], groups=(group,)),))
-    )
-    (found,) = read_session(tmp_path / "car.h5").runs[0].groups
-    assert (found.name, dict(found.values), found.time_s.tolist()) == ("IMU", {}, [0.0, 1.0])
-    with h5py.File(tmp_path / "car.h5") as file:
-        assert "signal" not in file["runs/r001_baseline_roll_1/IMU"].attrs
-
-
-def test_the_longest_texts_that_a_bench_accepts_are_written(tmp_path: Path) -> None:
-    """`tests/daq/bench/test_number_limits.py` has the first that a bench refuses."""
-    first, *others = BARE.channels
-    longest = replace(first, signal=128 * "x", serial_number=32 * "ä")
-    write_session(tmp_path / "a.h5", replace(BARE, channels=(longest, *others)))
-    assert read_session(tmp_path / "a.h5").channels[0] == longest
-
-
-def test_a_weight_on_a_hub_has_no_place_on_the_body(tmp_path: Path) -> None:
-    body = BodyWeight(30.0, -1.0, 0.5, 0.25, position_sigma_m=0.02, sigma_kg=0.005)
-    state = MassState("added", AddedMass((body, HubWeight(4.0, Corner.FRONT_LEFT, 0.01))))
-    write_session(tmp_path / "car.h5", replace(BARE, mass_states=(state,)))
-    with h5py.File(tmp_path / "car.h5") as file:
-        group = file["mass_states/added"]
-        rows = {name: group[name][()].tolist() for name in WEIGHT_COLUMNS}
-    assert rows == {
-        "mass_kg": [30.0, 4.0], "x_m": [-1.0, 0.0], "y_m": [0.5, 0.0], "height_m": [0.25, 0.0],
-        "sigma_kg": [0.005, 0.01], "position_sigma_m": [0.02, 0.0], "hub": [b"", b"FL"],
-    }  # fmt: skip
