@@ -72,10 +72,15 @@ COMMANDS = {
     "batch": ("s.csv", ["batch", "car.h5", "--workers", "1", "--out", "s.csv"]),
     "page": ("s.html", ["batch", "car.h5", "--workers", "1", "--page", "s.html"]),
     "recover": ("s.h5", ["recover", "journal", "--out", "s.h5"]),
-    "report": ("s.html", ["report", "identified.h5", "--out", "s.html"]),
+    "report": (
+        "s.pdf",
+        ["report", "identified.h5", "--out", "s.html", "--pdf", "s.pdf", "--figures", "figures"],
+    ),
+    "study": ("s.svg", ["study", "fig2", "--figure", "s.svg"]),
+    "channels": ("s.toml", ["import", "table.csv", "--propose", "s.toml"]),
     "compare": ("s.html", ["compare", "identified.h5", "identified.h5", "--page", "s.html"]),
 }
-_FORCED = {"report", "compare"}
+_FORCED = {"report", "compare", "study"}
 """Commands that replace a page without a word."""
 
 
@@ -90,6 +95,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory, identified: Path) -> Path:
     words = ["import", str(folder / "all.log"), str(folder / "bench.toml")]
     assert run([*words, "--out", str(folder / "imported.h5")]) == 0
     journal_of_runs(folder / "journal", 20_000)
+    rows = "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(400))
+    (folder / "table.csv").write_text("time [s],z_acc [m/s2],roll rate [rad/s]\n" + rows)
     return folder
 
 
@@ -102,24 +109,21 @@ def test_a_link_in_a_shared_folder_leads_nowhere(
     monkeypatch.chdir(folder)
     mine = tmp_path / "mine"
     mine.write_text("somebody's work")
-    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     with _names_written() as names:
         first = run(words)
-    written = {path.name for path in folder.iterdir()} - before.keys() - {"journal"}
-    assert name in written or command == "csv"
+    written = {path for path in folder.rglob("*") if path.is_file()} - before.keys()
+    assert folder / name in written or command == "csv"
     stem, _, suffix = name.partition(".")
     guessed = {f".{name}.tmp", f".{stem}.{os.getpid()}.tmp.{suffix}"}
-    laid = {*names, *guessed, *written}
-    for path in map(Path, laid):
-        place = folder / path.name
-        if path.name in before or path.parent.resolve() not in (folder, folder.parent, Path.cwd()):
-            continue
-        place.unlink(missing_ok=True)
-        place.symlink_to(mine)
+    for place in {folder / each for each in (*names, *guessed, *written)} - before.keys():
+        if place.is_relative_to(folder) and not place.is_dir():
+            place.unlink(missing_ok=True)
+            place.symlink_to(mine)
     assert run([*words, *([] if command in _FORCED else ["--force"])]) == first
     assert mine.read_text() == "somebody's work"
-    assert {name: (folder / name).read_bytes() for name in before} == before
-    for place in (folder / each for each in written):
+    assert {path: path.read_bytes() for path in before} == before
+    for place in written:
         assert place.is_file()
         assert not place.is_symlink()
 
