@@ -116,7 +116,8 @@ def test_a_link_in_a_shared_folder_leads_nowhere(
     assert folder / name in written or command == "csv"
     stem, _, suffix = name.partition(".")
     guessed = {f".{name}.tmp", f".{stem}.{os.getpid()}.tmp.{suffix}"}
-    for place in {folder / each for each in (*names, *guessed, *written)} - before.keys():
+    laid = written | {folder / each for each in names | guessed}
+    for place in laid - before.keys():
         if place.is_relative_to(folder) and not place.is_dir():
             place.unlink(missing_ok=True)
             place.symlink_to(mine)
