@@ -1,4 +1,4 @@
-"""Simulated campaigns of the paper's vehicle: records with noise of a known level.
+"""Simulated campaigns of the paper's vehicle: sensors, and records with noise of a known level.
 
 Noise of a level in dB is white and Gaussian, independent on each channel, and this level below the
 channel's rms over the three complete records (bounce, pitch, roll) of its mass state
@@ -8,25 +8,18 @@ there, too, and one more run does not change the noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import inf
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import TIME_DERIVATIVE
+from daq.channels import TIME_DERIVATIVE, Channel, Quantity, paper_channels
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import Session
-from daq.vehicle import (
-    FORD_GRANADA,
-    AddedMass,
-    Fact,
-    FactQuantity,
-    MassState,
-    Vehicle,
-    VehicleGeometry,
-)
+from daq.vehicle import FORD_GRANADA, AddedMass, Corner, MassState, Vehicle, VehicleGeometry
 from dbc.errors import InputError
 
 from ..decays.decay import ChannelGroup, Record, Recording
@@ -35,7 +28,6 @@ from ..model.matrices import delta_mass, physical_model
 from ..model.response import Bump, exact_response
 from ..modes.modal_model import sensor_rows
 from ..pipeline import grey_box
-from .sensor_sets import SENSOR_SETS
 
 PAPER_ADDED_MASS = AddedMass(matrix=np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]))
 """Eq. 36."""
@@ -44,6 +36,33 @@ PAPER_MASS_STATES = (MassState(BASELINE), MassState(ADDED, PAPER_ADDED_MASS))
 
 PAPER_CASES = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
 """Section 3.1."""
+
+_IMU = ChannelGroup(
+    "imu",
+    (
+        Channel("imu_z", Quantity.BODY_ACCELERATION, "m/s2", x_m=-1.05, y_m=0.0),
+        Channel("pitch_rate", Quantity.PITCH_RATE, "rad/s"),
+        Channel("roll_rate", Quantity.ROLL_RATE, "rad/s"),
+    ),
+)
+"""IMU on the tunnel, 0.2 m in front of the CG, as on the shipped bench."""
+_HUBS = ChannelGroup(
+    "hubs", tuple(Channel(f"hub_{c}", Quantity.HUB_ACCELERATION, "m/s2", corner=c) for c in Corner)
+)
+_TRAVELS = ChannelGroup(
+    "travels",
+    tuple(Channel(f"travel_{c}", Quantity.SUSPENSION_TRAVEL, "m", corner=c) for c in Corner),
+)
+SENSOR_SETS: Mapping[str, tuple[ChannelGroup, ...]] = MappingProxyType(
+    {
+        "paper": (ChannelGroup("acceleration", paper_channels()),),
+        "imu+hubs": (_IMU, _HUBS),
+        "imu+travels": (_IMU, _TRAVELS),
+        "all": (_IMU, _HUBS, _TRAVELS),
+    }
+)
+"""Channels that are sampled together.  The paper's seven accelerations of the degrees of freedom;
+an IMU with the accelerations of the four hubs, with the four suspension travels, or with both."""
 
 BUMP = Bump()
 RECORD_S = 3.0
@@ -67,9 +86,6 @@ class Campaign:
     """Loading of the vehicle."""
     geometry: VehicleGeometry | None = None
     """The four lengths as given to the identification; None leaves them to be identified."""
-    scales_sigma_kg: float = 0.0
-    """Standard uncertainty of the scales that show total mass and front axle load; 0 if the vehicle
-    is not weighed."""
 
     def __post_init__(self) -> None:
         lowest, highest = _RATES_HZ
@@ -85,8 +101,6 @@ class Campaign:
             )
         if not self.cases or len(set(self.cases)) < len(self.cases):
             raise InputError("cases", "none, or one named twice", "name each case once")
-        if not 0.0 <= self.scales_sigma_kg < inf:
-            raise InputError("scales", f"{self.scales_sigma_kg:g} kg", "give 0 kg or more")
 
 
 def require_noise(campaign: Campaign) -> None:
@@ -128,29 +142,12 @@ def noise_levels(campaign: Campaign) -> dict[str, float]:
     }
 
 
-def box_of(campaign: Campaign, seed: int | None) -> GreyBox:
-    """Return the structure of the problem that the campaign's records pose.
-
-    `seed` draws what the scales show; with None they show the truth.
-    """
+def box_of(campaign: Campaign) -> GreyBox:
+    """Return the structure of the problem that the campaign's records pose."""
     channels = tuple(channel for group in campaign.groups for channel in group.channels)
-    vehicle = Vehicle("Ford Granada", campaign.geometry, facts=_facts(campaign, seed))
+    vehicle = Vehicle("Ford Granada", campaign.geometry)
     session = Session(vehicle, channels, campaign.mass_states, (), {})
     return grey_box(session, records_of(campaign, 0))
-
-
-def _facts(campaign: Campaign, seed: int | None) -> tuple[Fact, ...]:
-    sigma = campaign.scales_sigma_kg
-    if sigma == 0.0:
-        return ()
-    car = FORD_GRANADA
-    front = car.m_s * car.b / (car.a + car.b) + 2.0 * car.m_uf
-    total = car.m_s + 2.0 * (car.m_uf + car.m_ur)
-    error = np.zeros(2) if seed is None else np.random.default_rng([seed, 1]).standard_normal(2)
-    return (
-        Fact(FactQuantity.TOTAL_MASS, total + sigma * float(error[0]), sigma),
-        Fact(FactQuantity.FRONT_AXLE, front + sigma * float(error[1]), sigma),
-    )
 
 
 def _clean(

@@ -65,7 +65,7 @@ class Outcome:
 
 def outcome(campaign: Campaign, seed: int) -> Outcome:
     """Identify the campaign that `seed` draws."""
-    box = box_of(campaign, seed)
+    box = box_of(campaign)
     estimation = estimate(box, records_of(campaign, seed), generic_vehicles())
     found = estimates(box, estimation.fit)
     known = FORD_GRANADA.to_array()
@@ -86,7 +86,7 @@ def bound_percent(campaign: Campaign) -> NDArray[np.float64]:
     Raises InputError if the campaign has no noise, or noise below rounding.
     """
     require_noise(campaign)
-    box = box_of(campaign, None)
+    box = box_of(campaign)
     clean = records_of(replace(campaign, noise_db=inf), 0)
     decays = tuple(record.decay(BUMP.end_s - 1e-9) for record in clean)
     truth = box.unknowns(FORD_GRANADA.to_array())

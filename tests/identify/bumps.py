@@ -10,8 +10,13 @@ import numpy as np
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, MassState
 from identify.decays.decay import Record
-from identify.study.campaign import PAPER_CASES, PAPER_MASS_STATES, Campaign, records_of
-from identify.study.sensor_sets import SENSOR_SETS
+from identify.study.campaign import (
+    PAPER_CASES,
+    PAPER_MASS_STATES,
+    SENSOR_SETS,
+    Campaign,
+    records_of,
+)
 
 MASS_STATES = PAPER_MASS_STATES
 PAPER_DELTA_MASS = MASS_STATES[1].added.matrix

@@ -32,7 +32,7 @@ START_S = 0.3 + 1e-9
 @cache
 def box(rate_hz: float) -> GreyBox:
     """Return the problem that every session poses."""
-    return box_of(Campaign(rate_hz=rate_hz), None)
+    return box_of(Campaign(rate_hz=rate_hz))
 
 
 @cache

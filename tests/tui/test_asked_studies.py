@@ -126,18 +126,17 @@ def test_a_study_of_noise_has_the_campaign_that_is_asked_for(asked: Asked) -> No
     work, plain, told = asked
     assert work == ("map", range(1, 101), 2, "study", None)
     assert told == ("noise", plain, "bound", "outcomes")
-    assert (plain.rate_hz, plain.noise_db, plain.scales_sigma_kg) == (200.0, 30.0, 0.0)
+    assert (plain.rate_hz, plain.noise_db) == (200.0, 30.0)
     assert plain.cases == (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
     assert plain.groups == SENSOR_SETS["paper"]
     assert plain.geometry is None
     assert len(plain.mass_states) == 2
     asked.clear()
-    words = ["--known-geometry", "--scales-kg", "0.5", "--no-added-mass", "--sensors", "all"]
+    words = ["--known-geometry", "--no-added-mass", "--sensors", "all"]
     assert run(["study", "noise", *words, "--cases", " Roll ,,warp", "--fits", "2"]) == 0
     work, campaign, _ = asked
     assert work[1] == range(1, 3)
     assert campaign.geometry == FORD_GRANADA.geometry
-    assert campaign.scales_sigma_kg == 0.5
     assert campaign.mass_states == plain.mass_states[:1]
     assert campaign.groups == SENSOR_SETS["all"]
     assert campaign.cases == (Excitation.ROLL, Excitation.WARP)

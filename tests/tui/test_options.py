@@ -27,7 +27,6 @@ NUMBERS = {
     "tui": {"--speed": (1, 0.1, 20)},
     "batch": {"--workers": (None, 1, 64)},
     "import": {"--skip": (0, 0, None)},
-    "export": {"--rate": (None, None, None)},
     "replay": {"--bus": (None, 0, 255), "--speed": (1, 0.001, 1000)},
     "study table3": {
         "--rate-hz": (1000, None, None),
@@ -44,7 +43,6 @@ NUMBERS = {
     "study noise": {
         "--rate-hz": (200, None, None),
         "--noise-db": (30, None, None),
-        "--scales-kg": (0, None, None),
         "--fits": (100, 1, 100_000),
         "--seed": (1, 0, None),
         "--workers": (2, 1, 64),

@@ -21,8 +21,7 @@ from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS
 from identify.fit.uncertainty import Estimate, drivers, estimates
 from identify.pipeline import grey_box
-from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of
-from identify.study.sensor_sets import SENSOR_SETS
+from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, records_of
 from identify.trust.plausibility import parameter_findings
 from identify.trust.shortcomings import shortcomings
 

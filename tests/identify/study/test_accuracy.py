@@ -13,8 +13,13 @@ from identify import identify
 from identify.fit.estimation import estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.grey_box import GreyBox
-from identify.study.campaign import PAPER_CASES, PAPER_MASS_STATES, Campaign, records_of
-from identify.study.sensor_sets import SENSOR_SETS
+from identify.study.campaign import (
+    PAPER_CASES,
+    PAPER_MASS_STATES,
+    SENSOR_SETS,
+    Campaign,
+    records_of,
+)
 
 from ..bumps import PAPER_DELTA_MASS, TRUTH, paper_records
 

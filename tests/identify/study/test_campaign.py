@@ -12,8 +12,7 @@ from dbc.errors import InputError
 from identify.decays.decay import Record
 from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response
-from identify.study.campaign import Campaign, noise_levels, records_of
-from identify.study.sensor_sets import SENSOR_SETS
+from identify.study.campaign import SENSOR_SETS, Campaign, noise_levels, records_of
 
 QUIET = np.inf
 

@@ -8,12 +8,10 @@ import pytest
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.errors import InputError
 from identify.model.matrices import physical_model
-from identify.study.added_mass import MASS_ERRORS, fig2_study, mass_error_study
-from identify.study.fig9 import fig9_study
-from identify.study.fir import filtered, taps
-from identify.study.geometry_error import fig8_study
-from identify.study.measured_geometry import vehicle_of_geometry
+from identify.study.low_pass import fig9_study, filtered, taps
+from identify.study.paper_figures import MASS_ERRORS, fig2_study, fig8_study, mass_error_study
 from identify.study.result import CurvePanel, Study
+from identify.study.tables import vehicle_of_geometry
 
 # Table 2: what the paper's simulation adds to every figure.
 WILSON = {"a": -0.141, "b": -0.130, "k_sr": -0.078, "c_sf": -0.103}

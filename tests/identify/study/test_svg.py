@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from identify.study.added_mass import fig2_study, mass_error_study
 from identify.study.campaign import Campaign
-from identify.study.fig9 import fig9_study
-from identify.study.figures import svg
-from identify.study.geometry_error import fig8_study
+from identify.study.drawing import svg
+from identify.study.low_pass import fig9_study
 from identify.study.noise import Outcome, noise_study
+from identify.study.paper_figures import fig2_study, fig8_study, mass_error_study
 from identify.study.result import CurvePanel, DotPanel, Study
-from identify.study.table3 import Attempt, table3_study
+from identify.study.tables import Attempt, table3_study
 
 NAN = np.full(11, np.nan)
 TEXT = "{http://www.w3.org/2000/svg}text"
@@ -65,27 +62,5 @@ def test_every_word_of_a_study_is_in_its_figure(study: Callable[[], Study]) -> N
                     assert {series.label for series in panel.series} <= words
 
 
-def test_labels_of_curves_do_not_cover_each_other() -> None:
-    names = {"a", "b", "t_f", "t_r"}
-    places = []
-    for element in _texts(svg(mass_error_study("fig3"))):
-        if "".join(element.itertext()) in names:
-            places.append((round(float(element.get("x", "nan"))), float(element.get("y", "nan"))))
-    assert len({x for x, _ in places}) == 1
-    heights = sorted(y for _, y in places)
-    assert len(heights) == 4
-    assert np.min(np.diff(heights)) > 9.0  # points, the size of the text
-
-
 def test_the_same_study_draws_the_same_bytes() -> None:
     assert svg(fig2_study()) == svg(fig2_study())
-
-
-def test_drawing_leaves_pyplot_alone() -> None:
-    code = (
-        "import sys; from identify.study.figures import svg;"
-        "from identify.study.added_mass import fig2_study;"
-        "svg(fig2_study()); print('matplotlib.pyplot' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"

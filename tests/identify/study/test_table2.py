@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from identify.study.table2 import table2_study
+from identify.study.tables import table2_study
 
 KNOWN = {
     "m_s": 1380,

@@ -7,7 +7,7 @@ import pytest
 
 from dbc.errors import InputError
 from identify.study.campaign import Campaign
-from identify.study.table3 import Attempt, attempt, table3_campaign, table3_study
+from identify.study.tables import Attempt, attempt, table3_campaign, table3_study
 
 NONE = np.full(11, np.nan)
 

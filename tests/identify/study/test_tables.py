@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import inf, nan, sqrt
 from typing import Any
 
@@ -10,16 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.errors import InputError
-from identify.study.campaign import Campaign, box_of, records_of, require_noise
-from identify.study.fig9 import fig9_study
-from identify.study.fir import taps
+from identify.study.campaign import Campaign, require_noise
+from identify.study.low_pass import fig9_study, taps
 from identify.study.noise import Outcome, noise_study
 from identify.study.result import CurvePanel, DotPanel
-from identify.study.table2 import table2_study
-from identify.study.table3 import Attempt, table3_campaign, table3_study
+from identify.study.tables import Attempt, table2_study, table3_campaign, table3_study
 
 
 def shares(*first: float) -> NDArray[np.float64]:
@@ -37,9 +33,6 @@ def shares(*first: float) -> NDArray[np.float64]:
         ({"noise_db": -20.0}, True),
         ({"noise_db": -20.1}, False),
         ({"noise_db": inf}, True),
-        ({"scales_sigma_kg": 0.0}, True),
-        ({"scales_sigma_kg": -0.1}, False),
-        ({"scales_sigma_kg": inf}, False),
     ],
 )
 def test_a_campaign_is_taken_within_its_limits(given: dict[str, Any], taken: bool) -> None:
@@ -54,29 +47,6 @@ def test_noise_above_100_db_is_none_to_study() -> None:
     require_noise(Campaign(noise_db=100.0))
     with pytest.raises(InputError, match=r"^noise: 100\.1 dB leaves no noise to study"):
         require_noise(Campaign(noise_db=100.1))
-
-
-def test_scales_show_the_load_of_the_car_and_of_its_front_axle() -> None:
-    """1380 + 2 (40.5 + 45.4) kg, of which 1380 * 1.51 / 2.76 + 2 * 40.5 kg stand in front."""
-    total, front = box_of(Campaign(scales_sigma_kg=2.0), None).facts
-    assert (total.quantity, front.quantity) == ("total_mass_kg", "front_axle_kg")
-    assert total.value == pytest.approx(1551.8)
-    assert front.value == pytest.approx(836.0)
-    assert total.sigma == front.sigma == 2.0
-    assert box_of(Campaign(), None).facts == ()
-
-
-def test_each_seed_draws_what_the_scales_show() -> None:
-    drawn = np.array(
-        [
-            [fact.value for fact in box_of(Campaign(rate_hz=40.0, scales_sigma_kg=2.0), seed).facts]
-            for seed in range(40)
-        ]
-    ) - [1551.8, 836.0]
-    # Forty draws know their mean to 0.32 and their deviation to 0.22 kg.
-    np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=1.0)
-    np.testing.assert_allclose(drawn.std(axis=0), 2.0, atol=0.7)
-    assert abs(np.corrcoef(drawn.T)[0, 1]) < 0.5
 
 
 def fig9() -> tuple[dict[str, list[float]], tuple[tuple[CurvePanel, ...], ...]]:
@@ -128,22 +98,6 @@ def test_fig9_counts_noise_from_the_whole_run_and_the_decay_after_the_bump() -> 
         assert decay < 20.0 * np.log10(signal / noise)  # the decay is weaker than the bump
 
 
-def test_the_filtered_decay_begins_when_the_filter_has_left_the_bump() -> None:
-    campaign = Campaign(rate_hz=500.0, noise_db=30.0, cases=(Excitation.BOUNCE,))
-    noisy, clean = (
-        records_of(replace(campaign, noise_db=decibel), 3)[0].recordings[0]
-        for decibel in (30.0, inf)
-    )
-    half = len(taps(500.0)) // 2
-    column = [channel.name for channel in noisy.group.channels].index("z_uA")
-    low = [np.convolve(r.values[:, column], taps(500.0), mode="valid") for r in (noisy, clean)]
-    after = noisy.time_s[half:-half] > 0.3 + half / 500.0
-    signal, noise = low[1][after], (low[0] - low[1])[after]
-    expected = 10.0 * np.log10(np.mean(signal**2) / np.mean(noise**2))
-    rows, _ = fig9()
-    assert rows["z_uA"][4] == pytest.approx(expected, abs=1e-6)
-
-
 def test_table_2_draws_the_printed_errors_beside_those_found() -> None:
     ((panel,),) = table2_study("exact").panels
     assert isinstance(panel, DotPanel)
@@ -158,21 +112,6 @@ def test_table_2_draws_the_printed_errors_beside_those_found() -> None:
 
 def outcome(error: float, std: float, chi2: float = 1.0, converged: bool = True) -> Outcome:
     return Outcome(shares(error), shares(std), chi2, converged)
-
-
-@pytest.mark.parametrize(
-    ("made", "lost"),
-    [
-        (outcome(1.0, 25.0, 1.5), False),
-        (outcome(1.0, 25.1, 1.5), True),
-        (outcome(1.0, 25.0, 1.51), True),
-        (outcome(1.0, nan), True),
-        (outcome(1.0, 1.0, nan), True),
-        (outcome(1.0, 1.0, 1.0, False), True),
-    ],
-)
-def test_a_campaign_is_lost_beyond_its_limits(made: Outcome, lost: bool) -> None:
-    assert made.lost == lost
 
 
 def test_a_noise_study_sums_up_the_campaigns_that_are_not_lost() -> None:
@@ -202,24 +141,6 @@ def test_a_noise_study_sums_up_the_campaigns_that_are_not_lost() -> None:
     assert [one.values[0] for one in errors.series] == pytest.approx([2.5, 5.0, sqrt(5.0)])
     assert covered.expected == (50.0, 100.0)
     assert covered.series[0].values[0] == 50.0
-
-
-def test_chance_is_what_99_of_100_studies_show() -> None:
-    """Of 20 intervals of 95 %, 15 or fewer hold in 0.26 % of all studies, 16 or fewer in 1.6 %."""
-    study = noise_study(Campaign(), shares(), [outcome(0.0, 1.0)] * 20)
-    panel = study.panels[0][1]
-    assert isinstance(panel, DotPanel)
-    assert panel.expected == pytest.approx((80.0, 100.0))
-
-
-def test_lengths_that_are_given_are_not_in_a_noise_study() -> None:
-    given = Campaign(geometry=FORD_GRANADA.geometry, cases=(Excitation.BOUNCE,))
-    study = noise_study(given, shares(inf, 1.0, inf), [])
-    assert [row[0] for row in study.rows] == list(PARAMETER_NAMES[:11])
-    assert study.notes == (
-        "lost: 0 of 0 (not converged 0, chi2/n above 1.5 0, a standard deviation above 25 % 0)",
-        "these cases do not determine m_s, I_xx: take bounce, pitch and roll",
-    )
 
 
 def test_table_3_has_median_and_worst_of_the_attempts_that_answered() -> None:

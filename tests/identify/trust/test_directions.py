@@ -6,8 +6,7 @@ import numpy as np
 
 from daq.vehicle import FORD_GRANADA, RICHEST
 from identify.fit.grey_box import GreyBox
-from identify.study.campaign import PAPER_MASS_STATES
-from identify.study.sensor_sets import SENSOR_SETS
+from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS
 from identify.trust.linear_effects import _lacking, _with_unsure_weights
 
 

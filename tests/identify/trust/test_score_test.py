@@ -12,8 +12,7 @@ from identify.fit.estimation import Estimation, estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.pipeline import grey_box
-from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of
-from identify.study.sensor_sets import SENSOR_SETS
+from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, records_of
 from identify.trust.cause_ranking import Suspect, rank_causes
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge

@@ -74,9 +74,6 @@ def noise(
     known_geometry: Annotated[
         bool, typer.Option("--known-geometry", help="a, b, t_f and t_r are measured.")
     ] = False,
-    scales_kg: Annotated[
-        float, typer.Option(help="Sigma of scales for total mass and front axle; 0: not weighed.")
-    ] = 0.0,
     added_mass: Annotated[bool, typer.Option(help="Bump with added mass, too.")] = True,
     fits: Fits = 100,
     seed: Seed = 1,
@@ -108,7 +105,6 @@ def noise(
         cases=_cases(cases),
         groups=SENSOR_SETS[sensors.value],
         geometry=FORD_GRANADA.geometry if known_geometry else None,
-        scales_sigma_kg=scales_kg,
         mass_states=PAPER_MASS_STATES if added_mass else PAPER_MASS_STATES[:1],
     )
     bound = bound_percent(campaign)

@@ -1,0 +1,107 @@
+"""Draws the figures of the studies as SVG."""
+
+from __future__ import annotations
+
+from io import StringIO
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FuncFormatter
+
+from ..report.figure import FAINT, PALETTE, SETTINGS, zero_line
+from .result import CurvePanel, DotPanel, Panel, Study
+
+_WIDTH_IN = 9.0
+_CURVES_IN = 3.2
+_ITEM_IN = 0.3
+_DENSE = 100
+"""A curve of more points is a signal, and drawn thin."""
+_MARKS = ("|", "o", "o", "D", "s")
+_SPREAD = 0.5
+"""Share of the distance between two items over which the series of one item are spread."""
+
+
+def svg(study: Study) -> str:
+    """Draw the panels of a study.
+
+    Returns an SVG document; its text stays text, in DejaVu Sans where this font is installed.
+    """
+    heights = [max(_height_in(panel) for panel in row) for row in study.panels]
+    spaced = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12)
+    with matplotlib.rc_context(dict(SETTINGS)):
+        figure = Figure(figsize=(_WIDTH_IN, sum(heights)), layout=spaced)
+        rows = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+        for row, panels in zip(rows, study.panels, strict=True):
+            labels = {panel.y_label if isinstance(panel, CurvePanel) else None for panel in panels}
+            same_scale = len(labels) == 1 and None not in labels
+            axes = row.subplots(1, len(panels), squeeze=False, sharey=same_scale)[0]
+            for place, panel in zip(axes, panels, strict=True):
+                if isinstance(panel, CurvePanel):
+                    _draw_curves(place, panel)
+                else:
+                    _draw_dots(place, panel)
+        text = StringIO()
+        figure.savefig(text, format="svg", metadata={"Title": study.title, "Date": None})
+    return text.getvalue()
+
+
+def _height_in(panel: Panel) -> float:
+    return _CURVES_IN if isinstance(panel, CurvePanel) else 1.3 + _ITEM_IN * len(panel.items)
+
+
+def _draw_curves(axes: Axes, panel: CurvePanel) -> None:
+    zero_line(axes)
+    axes.set_title(panel.title)
+    axes.set_xlabel(panel.x_label)
+    axes.set_ylabel(panel.y_label)
+    axes.tick_params(axis="y", labelleft=True)  # to one scale, and legible by itself
+    for curve in panel.curves:
+        axes.plot(
+            curve.x,
+            curve.y,
+            color=PALETTE[curve.hue],
+            linewidth=0.9 if len(curve.x) > _DENSE else 1.6,
+            linestyle=(0, (4, 2)) if curve.dashed else "-",
+            label=curve.label,
+        )
+    axes.margins(x=0.0, y=0.06)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, handlelength=1.4)
+
+
+def _draw_dots(axes: Axes, panel: DotPanel) -> None:
+    n = len(panel.items)
+    axes.set_title(panel.title, pad=24.0)
+    axes.set_xlabel(panel.x_label)
+    axes.set_yticks(range(n), panel.items)
+    axes.set_ylim(n - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0.0)
+    axes.hlines(range(n), 0.0, 1.0, FAINT, transform=axes.get_yaxis_transform(), lw=0.6, zorder=0)
+    if panel.logarithmic:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    if panel.expected is not None:
+        axes.axvspan(*panel.expected, color=FAINT, alpha=0.6, lw=0.0, label="within chance")
+    whiskers = any(series.reach is not None for series in panel.series)
+    offsets = np.linspace(-_SPREAD, _SPREAD, len(panel.series)) / 2.0 * whiskers
+    for series, offset in zip(panel.series, offsets, strict=True):
+        place, colour, mark = np.arange(n) + offset, PALETTE[series.hue], _MARKS[series.hue]
+        if series.reach is not None:
+            axes.hlines(place, series.values, series.reach, colour, lw=1.4, alpha=0.5)
+        axes.plot(
+            series.values,
+            place,
+            mark,
+            color=colour,
+            markersize=11.0 if mark == "|" else 4.5,
+            markeredgewidth=2.0 if mark == "|" else 0.0,
+            label=series.label,
+            zorder=3,
+        )
+    if not panel.logarithmic and panel.expected is None:
+        low, high = axes.get_xlim()
+        axes.set_xlim(min(low, 0.0), max(high, 0.0))
+        axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
