@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from datetime import datetime
+from functools import lru_cache
 from itertools import takewhile
 
 from dbc.frames import FD_LENGTHS
@@ -62,11 +63,17 @@ class AscParser:
         self._start_ns = 0
         self._last_ns = 0
 
-    def __call__(self, line: bytes) -> Record | int:
+    def __call__(self, line: bytes) -> Record | int | None:
         """Return the frame in a line; 0 for the header, and events of other known kinds."""
-        tokens = line.split()
         try:
-            t_ns = nanoseconds(tokens[0])
+            return self._parsed(line)
+        except (ValueError, IndexError):
+            return None if line.strip() else 0
+
+    def _parsed(self, line: bytes) -> Record | int:
+        time, *parts = line.split(None, 6)
+        try:
+            t_ns = nanoseconds(time)
         except ValueError:
             return self._header(line.strip())
         if self._start_ns and t_ns >= LONGEST_NS:
@@ -74,6 +81,11 @@ class AscParser:
         if self._is_relative:
             t_ns = self._last_ns = self._last_ns + t_ns
         t_ns += self._start_ns
+        if len(parts) > 4 and (form := _short_form(*parts[:5], self._base)) is not None:
+            can_id, flags, bus, length = form
+            text = parts[5] if len(parts) > 5 else b""
+            return t_ns, can_id, flags, bus, length, spaced_bytes(text, length, self._base)
+        tokens = line.split()
         kind = tokens[1].lower()
         if kind.isdigit() and len(kind) <= 3:
             if tokens[2].lower() == b"errorframe":
@@ -104,7 +116,7 @@ class AscParser:
 
     def _classic(self, tokens: Sequence[bytes], t_ns: int) -> Record:
         """Return the frame of the short form, data or remote."""
-        can_id, flags = self._identifier(tokens[2])
+        can_id, flags = _identifier(tokens[2], self._base)
         flags |= _DIRECTIONS[tokens[3].lower()]
         bus = _bus(tokens[1])
         if tokens[4] in b"rR":  # before version 8.5 a remote frame had no DLC
@@ -123,7 +135,7 @@ class AscParser:
                 length, flags = _FD_LENGTHS[code] if coded else dlc, flags | FD
             elif dlc > 15:
                 raise ValueError(tokens)
-        data = spaced_bytes(tokens[6 : 6 + length], self._base)
+        data = spaced_bytes(b" ".join(tokens[6:]), length, self._base)
         return t_ns, can_id, flags, bus, length, data
 
     def _long(self, tokens: Sequence[bytes], t_ns: int) -> Record:
@@ -131,13 +143,13 @@ class AscParser:
         bus, sent = _bus(tokens[2]), _DIRECTIONS[tokens[3].lower()]
         if tokens[4].lower() == b"errorframe":
             return t_ns, 0, ERROR | sent, bus, 0, b""
-        can_id, flags = self._identifier(tokens[4])
+        can_id, flags = _identifier(tokens[4], self._base)
         # There may be a symbolic name between the identifier and the bits BRS and ESI.
         place = 5 if len(tokens[5]) == 1 and tokens[5].isdigit() else 6
         brs, esi = number(tokens[place], 2), number(tokens[place + 1], 2)
         dlc, length = number(tokens[place + 2], 16), number(tokens[place + 3], 10)
         stop = place + 4 + length
-        data = spaced_bytes(tokens[place + 4 : stop], self._base)
+        data = spaced_bytes(b" ".join(tokens[place + 4 :]), length, self._base)
         # After the payload: duration, bits on the wire, flags.  Bit 12 is FDF: without it, the
         # frame is a classic one in the long form, and bit 4 marks a remote frame.  Some loggers
         # never set bit 12; such a frame is FD if it has properties that only FD has.
@@ -149,11 +161,28 @@ class AscParser:
             flags |= FD | BITRATE_SWITCH * brs | ERROR_STATE * esi
         return t_ns, can_id, flags, bus, length, data
 
-    def _identifier(self, text: bytes) -> tuple[int, int]:
-        """Return an identifier and its flags; a final x marks 29 bits."""
-        if text[-1:] in b"xX":
-            return number(text[:-1], self._base), EXTENDED
-        return number(text, self._base), 0
+
+@lru_cache(4096)
+def _short_form(
+    bus: bytes, identifier: bytes, direction: bytes, kind: bytes, dlc: bytes, base: int
+) -> tuple[int, int, int, int] | None:
+    """Return identifier, flags, bus and length of a classic data frame; None if it is another."""
+    if not (bus.isdigit() and len(bus) <= 3 and kind in b"dD" and len(dlc) <= 2):
+        return None
+    try:
+        can_id, flags = _identifier(identifier, base)
+        length = number(dlc, base)
+        sent = _DIRECTIONS[direction.lower()]
+    except (ValueError, KeyError):
+        return None
+    return (can_id, flags | sent, _bus(bus), length) if length <= 8 else None
+
+
+def _identifier(text: bytes, base: int) -> tuple[int, int]:
+    """Return an identifier and its flags; a final x marks 29 bits."""
+    if text[-1:] in b"xX":
+        return number(text[:-1], base), EXTENDED
+    return number(text, base), 0
 
 
 def _bus(channel: bytes) -> int:

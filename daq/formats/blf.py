@@ -198,6 +198,10 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
         marks = marks[text[marks + place] == letter]
     size = _records(text, marks, _HEADER)["size"].astype(np.int64)
     ends, chain = marks + size, list[int]()
+    if len(marks) and marks[0] < _GAP and ends[-1] <= len(data) < ends[-1] + MAX_OBJECT_BYTES:
+        gaps = marks[1:] - ends[:-1]  # mostly the padding of objects that follow each other
+        if size.min() >= 32 and np.all((gaps >= 0) & (gaps < _GAP)):
+            return marks, int(ends[-1])
     is_object = ((size >= 32) & (size <= MAX_OBJECT_BYTES)).tolist()
     following = np.searchsorted(marks, ends).tolist()
     begins, stops = marks.tolist(), ends.tolist()

@@ -19,26 +19,26 @@ class CsvParser:
     def __init__(self) -> None:
         self.has_header = False
 
-    def __call__(self, line: bytes) -> Record | int:
-        """Return the frame in a line; 0 for the header."""
+    def __call__(self, line: bytes) -> Record | int | None:
+        """Return the frame in a line; 0 for the header and empty lines."""
         if not self.has_header and line.startswith(_HEADER):
             self.has_header = True
             return 0
         cells = line.rstrip().split(b",")
         cells += [b""] * (len(cells) == 6)  # a frame without data
-        time, identifier, *marks, dlc, data = cells
         try:
+            time, identifier, *marks, dlc, data = cells
             extended, remote, error = (_MARKS[mark] for mark in marks)
-        except KeyError as fault:
-            raise ValueError(line) from fault
-        length = number(dlc, 10)
-        if identifier[:2] != b"0x" or len(data) != (0 if remote else -(-length // 3) * 4):
-            raise ValueError(line)
-        flags = EXTENDED * extended | REMOTE * remote | ERROR * error
-        if length > 8:  # not stated, but no classic frame is longer
-            flags |= FD
-        payload = a2b_base64(data, strict_mode=True) if data else b""
-        return _stamp(time), number(identifier[2:], 16), flags, 0, length, payload
+            length = number(dlc, 10)
+            if identifier[:2] != b"0x" or len(data) != (0 if remote else -(-length // 3) * 4):
+                return None
+            flags = EXTENDED * extended | REMOTE * remote | ERROR * error
+            if length > 8:  # not stated, but no classic frame is longer
+                flags |= FD
+            payload = a2b_base64(data, strict_mode=True) if data else b""
+            return _stamp(time), number(identifier[2:], 16), flags, 0, length, payload
+        except (ValueError, KeyError):
+            return None if cells != [b""] else 0
 
 
 def _stamp(text: bytes) -> int:

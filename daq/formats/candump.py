@@ -29,6 +29,7 @@ direction.  A classic frame of 8 bytes may be followed by the raw DLC of the wir
 _DROPPED = re.compile(rb"DROPCOUNT: dropped (\d{1,9}) CAN frames?")
 """Line of candump, which states frames that its socket lost."""
 _ERROR_BIT = 0x2000_0000
+_OPEN, _CLOSE = b"()"
 
 
 class CandumpParser:
@@ -36,25 +37,41 @@ class CandumpParser:
 
     has_header = states_length = spaced = False
 
-    def __call__(self, line: bytes) -> Record | int:
+    def __call__(self, line: bytes) -> Record | int | None:
         """Return the frame in a line, or the number of frames that it states as lost."""
-        match = _FRAME.match(line)
+        try:
+            stamp, interface, frame, *more = line.split()
+            identifier, mark, digits = frame.partition(b"#")
+            data = unhexlify(digits)
+            if mark and stamp[0] == _OPEN and stamp[-1] == _CLOSE:
+                can_id, flags = _identifier(identifier)
+                if more and more[0] in b"Tt":
+                    flags |= SENT
+                t_ns = nanoseconds(stamp[1:-1])
+                return t_ns, can_id, flags, _bus(interface), len(data), data
+        except ValueError:
+            pass
+        return _other(line)
+
+
+def _other(line: bytes) -> Record | int | None:
+    """Return what a line holds that is not a classic data frame with its plain payload."""
+    match = _FRAME.match(line)
+    try:
         if match is None:
-            if stated := _DROPPED.search(line):
-                return int(stated[1])
-            raise ValueError(line)
+            stated = _DROPPED.search(line)
+            return int(stated[1]) if stated else None if line.strip() else 0
         time, interface, identifier, fd, request, digits, direction = match.groups()
         can_id, flags = _identifier(identifier)
-        if direction in (b"T", b"t"):
-            flags |= SENT
+        flags |= SENT * (direction in (b"T", b"t"))
         t_ns, bus = nanoseconds(time), _bus(interface)
         if request:
             return t_ns, can_id, flags | REMOTE, bus, int(request[1:] or b"0"), b""
-        if fd:
-            bits = int(fd[1:], 16)
-            flags |= FD
-            flags |= BITRATE_SWITCH * (bits & 1) | ERROR_STATE * (bits >> 1 & 1)
+        bits = int(fd[1:], 16) if fd else 0
+        flags |= FD * bool(fd) | BITRATE_SWITCH * (bits & 1) | ERROR_STATE * (bits >> 1 & 1)
         return t_ns, can_id, flags, bus, len(digits) // 2, unhexlify(digits)
+    except ValueError:
+        return None
 
 
 @lru_cache(4096)

@@ -21,6 +21,7 @@ BLOCK_BYTES = 1 << 18
 """Number of bytes that are read together: some 5,000 frames."""
 MAX_LINE_BYTES = 1 << 16
 _BOM = b"\xef\xbb\xbf"
+_SPACES = b" " * 64
 
 EXTENDED, REMOTE, ERROR, FD = map(int, list(FrameFlag)[:4])
 BITRATE_SWITCH, ERROR_STATE, SENT = map(int, list(FrameFlag)[4:])
@@ -40,10 +41,10 @@ class LineParser(Protocol):
     spaced: bool
     """True if a byte may lose its last digit unnoticed."""
 
-    def __call__(self, line: bytes) -> Record | int:
-        """Return the frame in a line; else the number of frames that it states as lost.
+    def __call__(self, line: bytes) -> Record | int | None:
+        """Return the frame in a line; None if it cannot be read.
 
-        Raises ValueError or IndexError if it cannot be read.
+        Of other lines: the number of frames that they state as lost, mostly 0.
         """
 
 
@@ -61,20 +62,14 @@ class Parsed:
 
 def parsed(block: bytes, parse: LineParser) -> Parsed:
     """Return the frames of complete lines; empty lines are skipped."""
-    records, numbers, bad, dropped = list[Record](), list[int](), list[int](), []
-    for number, line in enumerate(block.split(b"\n")):
-        if not line or line.isspace():
-            continue
-        try:
-            found = parse(line)
-        except (ValueError, IndexError):
-            bad.append(number)
-            continue
-        if isinstance(found, tuple):
-            records.append(found)
-            numbers.append(number)
-        elif found:
-            dropped.append((number, found))
+    results = list(map(parse, block.removesuffix(b"\n").split(b"\n")))
+    numbers = np.arange(len(results))
+    records, bad, dropped = results, list[int](), []
+    if others := [i for i, result in enumerate(results) if not isinstance(result, tuple)]:
+        bad = [i for i in others if results[i] is None]
+        dropped = [(i, result) for i in others if isinstance(result := results[i], int) and result]
+        records = [result for result in results if isinstance(result, tuple)]
+        numbers = np.delete(numbers, others)
     if not records:
         return Parsed(FrameBatch.empty(), bad, dropped)
     stamps, ids, marks, buses, lengths, payloads = zip(*records, strict=True)
@@ -99,7 +94,7 @@ def parsed(block: bytes, parse: LineParser) -> Parsed:
     frames = FrameBatch(t_ns, can_id.astype(np.uint32), flags, bus, sizes, data)
     if good.all():
         return Parsed(frames, bad, dropped)
-    return Parsed(frames.select(good), sorted([*bad, *np.array(numbers)[~good].tolist()]), dropped)
+    return Parsed(frames.select(good), sorted([*bad, *numbers[~good].tolist()]), dropped)
 
 
 def nanoseconds(text: bytes) -> int:
@@ -109,9 +104,9 @@ def nanoseconds(text: bytes) -> int:
     """
     whole, _, fraction = text.partition(b".")
     digits = whole + (fraction + b"000000000")[:9]
-    if not (digits.isdigit() or digits.removeprefix(b"-").isdigit()):
-        raise ValueError(text)
-    return int(digits)
+    if digits.isdigit() or digits.removeprefix(b"-").isdigit():
+        return int(digits)
+    raise ValueError(text)
 
 
 @lru_cache(4096)
@@ -122,14 +117,27 @@ def number(text: bytes, base: int) -> int:
     return int(text, base)
 
 
-def spaced_bytes(tokens: Sequence[bytes], base: int) -> bytes:
-    """Return a payload that is written as one token per byte; raises ValueError if it is none."""
+def spaced_bytes(text: bytes, length: int, base: int) -> bytes:
+    """Return a payload that a text begins with, one token per byte.
+
+    It is shorter or longer than `length` if the text is.  Raises ValueError if it is none.
+    """
+    if not length:
+        return b""
+    size = 3 * length - 1
+    raw = text[:size]
+    digits = raw.replace(b" ", b"")
+    if (
+        base == 16
+        and len(digits) == 2 * length
+        and raw[2::3] == _SPACES[: length - 1]
+        and (len(text) == size or text[size] in b" \t\r")
+    ):
+        return unhexlify(digits)
+    tokens = text.split(None, length)[:length]
     if base == 10:
         return bytes(number(token, 10) for token in tokens)
-    digits = b"".join(tokens)
-    if len(digits) != 2 * len(tokens) or len(set(map(len, tokens))) > 1:
-        digits = b"".join(token.zfill(2) for token in tokens)
-    return unhexlify(digits)
+    return unhexlify(b"".join(token.zfill(2) for token in tokens))
 
 
 def _without_zeros(data: bytes) -> tuple[bytes, int, int]:

@@ -72,14 +72,21 @@ class TrcParser:
         self._start_ns = 0
         self._place = _places(_COLUMNS["1.0"])
 
-    def __call__(self, line: bytes) -> Record | int:
+    def __call__(self, line: bytes) -> Record | int | None:
         """Return the frame in a line; else 1 if the line states an overrun, 0 if it does not."""
+        try:
+            return self._parsed(line)
+        except (ValueError, IndexError):
+            return None if line.strip() else 0
+
+    def _parsed(self, line: bytes) -> Record | int:
         if line.lstrip().startswith(b";"):
             self._header(line.strip())
             return 0
-        tokens, place = line.split(), self._place
-        first = place["D"]
-        word = tokens[first].lower() if len(tokens) > first else b""
+        place = self._place
+        tokens = line.split(None, place["D"])
+        text = tokens[place["D"]] if len(tokens) > place["D"] else b""
+        word = text[:5].lower()
         flags = self._flags(tokens, word)
         if flags is None:
             return int(bool(_OVERRUN.search(line)))
@@ -93,7 +100,7 @@ class TrcParser:
             return t_ns, 0, ERROR, bus, 0, b""
         identifier = tokens[place["I"]]
         can_id = number(identifier, 16)
-        flags |= EXTENDED * (len(identifier) > 4) | REMOTE * (word == b"rtr")
+        flags |= EXTENDED * (len(identifier) > 4) | REMOTE * (word.startswith(b"rtr"))
         if "d" in place and tokens[place["d"]].lower() == b"tx":
             flags |= SENT
         if "l" in place:
@@ -104,7 +111,7 @@ class TrcParser:
                 length = (
                     _FD_LENGTHS[length] if flags & FD else min(length, 8 if length < 16 else 99)
                 )
-        data = b"" if flags & REMOTE else spaced_bytes(tokens[first : first + length], 16)
+        data = b"" if flags & REMOTE else spaced_bytes(text, length, 16)
         return t_ns, can_id, flags, bus, length, data
 
     def _flags(self, tokens: list[bytes], word: bytes) -> int | None:
