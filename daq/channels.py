@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from math import hypot
 
-from .vehicle import DOF, Corner
+from .vehicle import BY_TAPE_M, DOF, Corner
 
 
 class Quantity(StrEnum):
@@ -62,8 +62,6 @@ AT_CORNER = frozenset(
     {Quantity.HUB_ACCELERATION, Quantity.SUSPENSION_TRAVEL, Quantity.HUB_DISPLACEMENT}
 )
 
-_BY_TAPE_M = 0.01
-"""Standard uncertainty of a place that is measured by tape, m."""
 _NEAR_CG_M = 0.2
 """Standard uncertainty of a place that is called the CG, m: nobody knows where that is."""
 
@@ -149,7 +147,7 @@ class Channel:
         """
         if self.position_sigma_m or self.quantity not in ON_BODY:
             return self
-        return replace(self, position_sigma_m=_NEAR_CG_M if self.at_cg else _BY_TAPE_M)
+        return replace(self, position_sigma_m=_NEAR_CG_M if self.at_cg else BY_TAPE_M)
 
     @property
     def scale(self) -> float:

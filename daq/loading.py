@@ -26,6 +26,8 @@ from .vehicle import (
 
 Weight = BodyWeight | HubWeight
 
+WEIGHT_SAG = "weight_sag"
+"""Code of the finding on a weight that the sag contradicts."""
 _BARS = 1.3
 """Ratio of a usual car's roll stiffness to that of its springs alone, because of its bars."""
 _ROLL_SPREAD = 0.3
@@ -159,6 +161,9 @@ def wrong_weights(
         return G_M_S2 * np.array(by_kg)
 
     total = np.sum([sag(w) for _, w in body], axis=0)
+    stated = float(_misfit(total[None], seen, sigma, spread, share)[0])
+    if stated < _CONTRADICTED:
+        return ()
     changes: list[tuple[int, str, BodyWeight]] = []
     for i, w in body:
         for factor in np.logspace(-1.5, 1.5, 121).tolist():
@@ -169,8 +174,8 @@ def wrong_weights(
             changes.append((i, text, replace(w, x_m=x_m)))
         text = f"y = {w.y_m:+.2f} m; the body sank as for {-w.y_m:+.2f} m"
         changes.append((i, text, replace(w, y_m=-w.y_m)))
-    sags = np.array([total, *(total + sag(now) - sag(weights[i]) for i, _, now in changes)])
-    stated, *misfit = _misfit(sags, seen, sigma, spread, share).tolist()
+    sags = np.array([total + sag(now) - sag(weights[i]) for i, _, now in changes])
+    misfit = _misfit(sags, seen, sigma, spread, share).tolist()
     least = min(misfit)
     if stated - least < _CONTRADICTED or least > _EXPLAINED:
         return ()
@@ -181,7 +186,7 @@ def wrong_weights(
     text = ", or ".join(f"weight {i + 1} says {what}" for i, what in best.items())
     subject = f"weight {next(iter(best)) + 1}"
     advice = "weigh it and measure its place again, then correct it"
-    return (Finding("weight_sag", Severity.ERROR, text, subject, advice, stated, _CONTRADICTED),)
+    return (Finding(WEIGHT_SAG, Severity.ERROR, text, subject, advice, stated, _CONTRADICTED),)
 
 
 def _misfit(

@@ -15,7 +15,7 @@ This file holds data only; matrices are assembled in `identify.model.matrices`, 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 
 import numpy as np
@@ -132,6 +132,12 @@ FORD_GRANADA = VehicleParameters(
 """The vehicle of the paper (Table 1)."""
 
 
+BY_TAPE_M = 0.01
+"""Standard uncertainty of a place that is measured by tape, m."""
+_BY_SCALES = 0.005
+"""Standard uncertainty of a mass that is weighed on usual scales, as a share of it."""
+
+
 @dataclass(frozen=True, slots=True)
 class BodyWeight:
     """A weight fixed to the body, treated as a point mass."""
@@ -144,9 +150,14 @@ class BodyWeight:
     height_m: float = 0.0
     """Height h above the CG of the sprung mass, m; it adds m h^2 to both inertias."""
     sigma_kg: float = 0.0
-    """Standard uncertainty of the mass, kg."""
+    """Standard uncertainty of the mass, kg; 0: it is not stated (`weighed`)."""
     position_sigma_m: float = 0.0
-    """Standard uncertainty of its position, the same forward and to the left, m."""
+    """Standard uncertainty of its position, the same forward and to the left, m; 0: not stated."""
+
+    def weighed(self) -> BodyWeight:
+        """Return the weight with the uncertainty of scales and tape where none is stated."""
+        sigma_kg = self.sigma_kg or _BY_SCALES * self.mass_kg
+        return replace(self, sigma_kg=sigma_kg, position_sigma_m=self.position_sigma_m or BY_TAPE_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +167,11 @@ class HubWeight:
     mass_kg: float
     corner: Corner
     sigma_kg: float = 0.0
+    """Standard uncertainty of the mass, kg; 0: it is not stated (`weighed`)."""
+
+    def weighed(self) -> HubWeight:
+        """Return the weight with the uncertainty of scales where none is stated."""
+        return replace(self, sigma_kg=self.sigma_kg or _BY_SCALES * self.mass_kg)
 
 
 def _no_matrix() -> NDArray[np.float64]:
@@ -183,6 +199,11 @@ class MassState:
 
     name: str
     added: AddedMass = AddedMass()
+
+    def weighed(self) -> MassState:
+        """Return the state with an uncertainty of each weight: nobody weighs exactly."""
+        weights = tuple(weight.weighed() for weight in self.added.weights)
+        return replace(self, added=replace(self.added, weights=weights))
 
 
 @dataclass(frozen=True, slots=True)

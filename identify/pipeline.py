@@ -15,7 +15,6 @@ from daq.check import opposed_signs
 from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
-from dbc.finding import Finding
 from dbc.words import counted
 
 from .decays.decay import FreeDecay, Record
@@ -39,14 +38,14 @@ from .modes.pairing import pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import closed_form
 from .paper.physical_matrices import ClosedForm
-from .real_car import explained_by_elements
-from .trust.clock_jump import clock_jump, without_jump
+from .real_car import explained_by_elements, share_of_faults
+from .trust.clock_jump import clock_jump
 from .trust.finding import Judgement
 from .trust.judge import judge
 from .trust.sensor_faults import wrong_channel
 from .trust.shortcomings import shortcomings
 from .trust.unused import unused_findings
-from .trust.weights import wrong_weight
+from .trust.weights import contradicted_by_sag, mistyped_weight, wrong_weight
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -93,12 +92,10 @@ def identify(
     """
     finding: dict[str, Callable[[], SensedModes | None]] = {}
 
-    def begin(
-        estimation: Estimation, decays: Sequence[FreeDecay], signs: Sequence[Finding]
-    ) -> None:
+    def begin(estimation: Estimation, refused: bool) -> None:
         # The modes of a car with friction change as it comes to rest: it has no fixed modes.
-        if estimation.nonlinear is None:
-            finding.update(_begun(estimation, decays, not signs, executor))
+        if estimation.nonlinear is None and not refused:
+            finding.update(_begun(estimation, executor))
         fitted(estimation)
 
     found = _parameters(session, progress, begin)
@@ -131,18 +128,17 @@ def identify_parameters(
     vehicles.  Arguments and result are those of `identify`; `sensed` and the closed form stay
     empty.
     """
-    return _parameters(session, progress, lambda estimation, *_: fitted(estimation))
+    return _parameters(session, progress, lambda estimation, _: fitted(estimation))
 
 
 def _parameters(
     session: Session,
     progress: Progress,
-    fitted: Callable[[Estimation, Sequence[FreeDecay], Sequence[Finding]], None],
+    fitted: Callable[[Estimation, bool], None],
 ) -> Identification:
     """Identify by maximum likelihood.
 
-    `fitted`: receives the fit, the decays in which the clocks are right, and the channels of wrong
-    sign.
+    `fitted`: receives the fit, and whether a wrong sensor, weight or clock refuses it.
     """
     used = usable(session)
     unused = tuple(unused_findings(session, used))
@@ -156,21 +152,23 @@ def _parameters(
     estimation = first_estimate(box, records, vehicles)
     forces = None
     signs = () if estimation.holds else opposed_signs(session.accepted, session.channels)
-    jump = None if estimation.holds or signs else clock_jump(estimation)
-    wrong = jump
-    if not (estimation.holds or signs or jump):
-        wrong = wrong_weight(estimation) or wrong_channel(estimation)
-    if not (estimation.holds or signs or wrong):  # else no car explains the decays
+    sag = () if signs else contradicted_by_sag(session, records)
+    wrong = None
+    if not (estimation.holds or signs or sag):
+        wrong = clock_jump(estimation) or wrong_weight(estimation) or wrong_channel(estimation)
+    if not (estimation.holds or signs or sag or wrong):  # else no car explains the decays
         linear = estimation
         if later_may_hold(linear, vehicles):
             progress(0.5, "fitting again")
             estimation = later_estimate(linear, vehicles)
-        if not estimation.holds:
-            real = explained_by_elements(session, linear, partial(progress, 0.2))
+        share = 1.0 if estimation.holds else share_of_faults(linear)
+        wrong = mistyped_weight(linear) if share < 1.0 else None
+        if not (estimation.holds or wrong):
+            real = explained_by_elements(session, linear, share, partial(progress, 0.2))
             if real:
                 estimation, forces, box = real.estimation, real.forces, real.estimation.box
     fit = estimation.fit
-    fitted(estimation, without_jump(estimation) if jump else estimation.decays, signs)
+    fitted(estimation, bool(signs or sag or wrong))
     full = estimation.full
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
@@ -183,7 +181,7 @@ def _parameters(
     modes = {name: mode_estimates(box, fit, name) for name in modal}
     progress(0.7, "judging")
     return Identification(
-        quality=judge(session, estimation, signs, unused, wrong),
+        quality=judge(session, estimation, (*signs, *sag), unused, wrong),
         provenance=session.provenance,
         vehicle=session.vehicle.name,
         parameters=parameters,
@@ -204,10 +202,7 @@ def _parameters(
 
 
 def _begun(
-    estimation: Estimation,
-    decays: Sequence[FreeDecay],
-    symmetric: bool,
-    executor: Executor | None,
+    estimation: Estimation, executor: Executor | None
 ) -> dict[str, Callable[[], SensedModes | None]]:
     """Return a call for the sensed modes of each mass state; an executor begins at once.
 
@@ -215,34 +210,34 @@ def _begun(
     """
     gains = estimation.box.gains(estimation.fit.eta)
     of_state: dict[str, list[tuple[Record, FreeDecay]]] = {}
-    for record, decay in zip(estimation.records, decays, strict=True):
-        if not decay.recordings:  # all its clocks jump soon after the bump
-            continue
+    for record, decay in zip(estimation.records, estimation.decays, strict=True):
         before = tuple(part.calibrated(gains) for part in record.recordings)
         after = tuple(p.thinned(_SENSED_RATE_HZ).calibrated(gains) for p in decay.recordings)
         pair = replace(record, recordings=before), replace(decay, recordings=after)
         of_state.setdefault(record.mass_state, []).append(pair)
     begun: dict[str, Callable[[], SensedModes | None]] = {}
     for name, pairs in of_state.items():
-        work = partial(_sensed, pairs, symmetric)
+        work = partial(_sensed, pairs)
         begun[name] = executor.submit(work).result if executor else work
     return begun
 
 
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
-    """Return the structure of a session's problem; every channel group that occurs, once."""
+    """Return the structure of a session's problem; every channel group that occurs, once.
+
+    Weights without a sigma have that of scales and tape (`MassState.weighed`).
+    """
     groups = dict.fromkeys(r.group for record in records for r in record.recordings)
     vehicle = session.vehicle
-    return GreyBox(
-        tuple(groups), session.mass_states, vehicle.geometry, vehicle.structure, vehicle.facts
-    )
+    states = tuple(state.weighed() for state in session.mass_states)
+    return GreyBox(tuple(groups), states, vehicle.geometry, vehicle.structure, vehicle.facts)
 
 
-def _sensed(pairs: Sequence[tuple[Record, FreeDecay]], symmetric: bool) -> SensedModes | None:
+def _sensed(pairs: Sequence[tuple[Record, FreeDecay]]) -> SensedModes | None:
     """Return the modes of a mass state by the State Variable Method, None if there are none."""
     with suppress(InputError):  # too short, no common channel: the likelihood needs neither
         records, decays = zip(*pairs, strict=True)
-        return sensed_modes(records, decays, symmetric)
+        return sensed_modes(records, decays)
     return None
 
 

@@ -112,6 +112,17 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     }
 
 
+def rest_levels(record: Record) -> dict[str, float]:
+    """Return each channel's mean at rest before the bump, SI; empty without a quiet stretch."""
+    return {
+        channel.name: float(level)
+        for recording, at_rest in _quiet(record)
+        for channel, level in zip(
+            recording.group.channels, recording.values[at_rest].mean(axis=0), strict=True
+        )
+    }
+
+
 def coarse_steps(records: Sequence[Record]) -> dict[str, float]:
     """Return the steps of the channels that show fewer than half a step of noise at rest, SI.
 

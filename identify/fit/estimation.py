@@ -33,7 +33,7 @@ _LIMIT_SIGMAS = 5.0
 _LEAST_EXCESS = 0.02
 """Excess of chi2/n that clocks fitted to arrival times, and quantisation, may cause."""
 _SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
-_FLOOR = 1e-6  # of a channel's rms: the noise of noise-free data
+_FLOOR = 1e-5  # of a channel's rms: the noise of noise-free data
 _LATER_S = (0.02, 0.05)
 """Later starts, s, to try when the model does not fit from the stated end of the bump.  None is
 later: an error in the wheels' motion dies within 0.2 s, and a start after that would hide it."""

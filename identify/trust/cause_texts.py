@@ -12,7 +12,7 @@ from dbc.finding import Finding, Severity
 from ..fit.estimation import Estimation
 from .cause_ranking import Suspect
 from .contradiction import shift_without_scales
-from .linear_effects import ONE_WEIGHT, TURNED, TYRE_DAMPING, WEIGHTS
+from .linear_effects import TURNED, TYRE_DAMPING, WEIGHTS
 from .plausibility import BELOW_SIGMAS
 from .refit import Explanation, largest_shift
 from .scale import scale_facts
@@ -41,7 +41,6 @@ _ADVICE = {
     TYRE_DAMPING: "set tyre_damping = true in [vehicle.structure]",
     "CG off the middle": "set cg_offset = true in [vehicle.structure]",
     "left and right differ": "set symmetric = false in [vehicle.structure]",
-    ONE_WEIGHT: "weigh the added weights again, each by itself, and measure their places",
     TURNED: "mount it with its x axis along the car, and record again",
     "a length is wrong": "measure the lengths of [vehicle.geometry] again, or leave them out",
     "friction in the suspension": (

@@ -7,7 +7,7 @@ pulls harder.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,27 +49,42 @@ def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]
     `rival`: strength of the likeliest cause that all runs share: it may also make runs disagree.
     """
     runs, odd, pull = _hardest(estimation)
-    findings = _odd_run(estimation, odd, pull, rival)
+    findings = _odd_runs(estimation, odd, pull, rival)
     if findings:
         return findings
     return (*_small_motion(estimation), *_two_heights(estimation, runs))
 
 
-def one_run_is_wrong(estimation: Estimation) -> bool:
-    """Return whether a fit that does not hold would hold without the run that pulls hardest."""
+def some_runs_are_wrong(estimation: Estimation) -> bool:
+    """Return whether a fit that does not hold would hold without the runs that pull hardest."""
     _, odd, _ = _hardest(estimation)
     if len(estimation.decays) < _FEWEST:
         return False
     return _without(estimation, odd) <= estimation.chi2_limit
 
 
-def _hardest(estimation: Estimation) -> tuple[dict[str, NormalBlock], str, Pull]:
-    """Return the parts of the runs, and the run that disagrees most with its pull."""
+def _hardest(estimation: Estimation) -> tuple[dict[str, NormalBlock], tuple[str, ...], Pull]:
+    """Return the parts of the runs, and the labels of those that disagree most with their pull.
+
+    They are one run, or those of a mass state from some repeat on: its weights were changed.
+    """
     parts = linearised_at(estimation).blocks
     runs = {decay.label: parts[decay.label] for decay in estimation.decays}
-    pulls = {label: pull_of(estimation, (part,)) for label, part in runs.items()}
-    odd = max(pulls, key=lambda label: pulls[label].strength)
+    suspected: list[tuple[str, ...]] = [(label,) for label in runs]
+    for state in dict.fromkeys(decay.mass_state for decay in estimation.decays):
+        labels = [d.label for d in estimation.decays if d.mass_state == state]
+        repeats = sorted({_repeat(label) for label in labels})
+        for first in repeats[1:]:
+            later = tuple(label for label in labels if _repeat(label) >= first)
+            suspected += [later] if len(later) > 1 else []
+    pulls = {odd: pull_of(estimation, [runs[label] for label in odd]) for odd in suspected}
+    odd = max(pulls, key=lambda labels: pulls[labels].strength)
     return runs, odd, pulls[odd]
+
+
+def _repeat(label: str) -> int:
+    number = label.rpartition("_")[2]
+    return int(number) if number.isdecimal() else 0
 
 
 def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
@@ -92,38 +107,49 @@ def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
     return Pull(square / chance, estimation.box.parameters[worst], change)
 
 
-def _odd_run(estimation: Estimation, label: str, pull: Pull, rival: float) -> tuple[Finding, ...]:
-    """Return a finding if the fit holds without the run that disagrees most."""
+def _odd_runs(
+    estimation: Estimation, labels: tuple[str, ...], pull: Pull, rival: float
+) -> tuple[Finding, ...]:
+    """Return a finding if the fit holds without the runs that disagree most."""
     odd = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
     if len(estimation.decays) < _FEWEST or (estimation.holds and not odd):
         return ()
     everything = tuple(d.thinned(_RATE_HZ) for d in estimation.decays)
     with_it = _mean_square(estimation, everything, estimation.fit.eta)
-    without = _without(estimation, label)
+    without = _without(estimation, labels)
     if not estimation.holds and without > 1.0 + 0.5 * (with_it - 1.0):
         return ()
+    size = f"({pull.parameter} {pull.change * 100:+.0f} %)"
+    better = f"chi2/n is {without:.3f} instead of {with_it:.3f}"
+    names = ", ".join(labels)
+    if len(labels) > 1:  # and which of them are wrong is not known
+        text = (
+            f"runs {names} disagree with the others {size}: without them {better}; other weights "
+            "were on the car: give these runs a mass state of their own, or reject those with the "
+            "wrong weights"
+        )
+        return (Finding("odd_run", Severity.ERROR, text, subject=names, value=without),)
     text = (
-        f"run {label} disagrees with the others ({pull.parameter} {pull.change * 100:+.0f} %): "
-        f"without it chi2/n is {without:.3f} instead of {with_it:.3f}; reject it and repeat it, "
-        "or look for what changed (a second bump, a warm damper, a loose weight)"
+        f"run {names} disagrees with the others {size}: without it {better}; reject it and repeat "
+        "it, or look for what changed (a second bump, a warm damper, a loose weight)"
     )
-    return (Finding("odd_run", Severity.WARNING, text, subject=label, value=without),)
+    return (Finding("odd_run", Severity.WARNING, text, subject=names, value=without),)
 
 
-def _without(estimation: Estimation, label: str) -> float:
-    """Return the mean square residual of the other runs, fitted without this one."""
-    others = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label != label)
+def _without(estimation: Estimation, labels: tuple[str, ...]) -> float:
+    """Return the mean square residual of the other runs, fitted without these."""
+    others = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label not in labels)
     eta = fit(estimation.box, others, estimation.noise, estimation.fit.eta, 0.1, 20).eta
     return _mean_square(estimation, others, eta)
 
 
-def moves_without(estimation: Estimation, label: str) -> dict[str, float]:
-    """Return the change of each parameter's unknown if a run is left out, to first order."""
+def moves_without(estimation: Estimation, labels: Collection[str]) -> dict[str, float]:
+    """Return the change of each parameter's unknown if runs are left out, to first order."""
     parts = linearised_at(estimation).blocks
-    others = [part.information for name, part in parts.items() if name != label]
+    others = [part.information for name, part in parts.items() if name not in labels]
     covariance = covariance_of(np.sum(others, axis=0))
     kept = np.where(np.isfinite(covariance), covariance, 0.0)
-    step = -kept @ parts[label].gradient
+    step = -kept @ np.sum([parts[label].gradient for label in labels], axis=0)
     names = estimation.box.parameters
     return dict(zip(names, step[: len(names)].tolist(), strict=True))
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
 
+from daq.loading import WEIGHT_SAG
 from daq.sessions import Session
 from dbc.finding import Finding
 
@@ -23,11 +24,11 @@ from .plausibility import parameter_findings, undetermined
 from .refit import Explanation, largest_shift
 from .sampling import sampling_findings
 from .saturation import saturation_findings
-from .scale import gain_findings, scale_findings
+from .scale import gain_findings, scale_findings, weight_findings
 from .survival import Hypothesis, survival
 from .whiteness import whiteness_findings
 
-_OF_WEIGHTS = {WEIGHTS.replace(" ", "_"), ONE_WEIGHT.replace(" ", "_")}
+_OF_WEIGHTS = {WEIGHTS.replace(" ", "_")}
 _NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_in_compression"}
 
 
@@ -43,7 +44,8 @@ def judge(
     For a nonlinear fit, no cause is sought that only a linear model lacks: its elements are in the
     fit.
 
-    `signs`: channels whose sign is wrong (`daq.check.opposed_signs`), the cause if there are any.
+    `signs`: channels whose sign is wrong (`daq.check.opposed_signs`), or weights that the sag
+    contradicts (`contradicted_by_sag`), the cause if there are any.
     `unused`: what was left out (`unused_findings`).  `wrong`: the channel or the clocks that
     are the cause (`wrong_channel`, `clock_jump`), if there are any.
     """
@@ -51,7 +53,7 @@ def judge(
     determined = not undetermined(estimation)
     snr_db = mode_snr_db(estimation)
     known = bool(signs or wrong)
-    causes = wrong_channel_cause(wrong) if wrong else Causes(tuple(map(_wrong_sign, signs)))
+    causes = wrong_channel_cause(wrong) if wrong else Causes(tuple(map(_as_cause, signs)))
     if linear and not known and (determined or not holds):
         causes = _causes(estimation)
     explained = _explains(estimation, causes)
@@ -63,6 +65,7 @@ def judge(
         *(f for f in parameters if not (explained and f.code == "contradiction")),
         *(scale_findings(estimation.box) if determined else ()),
         *(gain_findings(estimation.box) if determined else ()),
+        *(weight_findings(session.mass_states) if determined else ()),
         *sampling_findings(session, estimation.records),
         *saturation_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),
@@ -81,8 +84,9 @@ def judge(
     )
 
 
-def _wrong_sign(finding: Finding) -> Finding:
-    text = f"likely cause: wrong signs, {finding.text}: {finding.advice}"
+def _as_cause(finding: Finding) -> Finding:
+    fault = ONE_WEIGHT if finding.code == WEIGHT_SAG else "wrong signs"
+    text = f"likely cause: {fault}, {finding.text}: {finding.advice}"
     return replace(finding, text=text)
 
 
@@ -95,7 +99,7 @@ def _causes(estimation: Estimation) -> Causes:
         ranked = tuple(s for s in ranked if s.score.gain > at_odds[0].sigmas ** 2)
     for odd in (finding for finding in repeats if finding.code == "odd_run"):
         excess = max(estimation.chi2_per_n - 1.0, 1e-9)
-        moved = moves_without(estimation, odd.subject)
+        moved = moves_without(estimation, odd.subject.split(", "))
         share = 1.0 - (odd.value - 1.0) / excess
         run = Explanation(f"run {odd.subject}", "", "", share, *largest_shift(moved), moved)
         return Causes(repeats, (run,))

@@ -122,11 +122,6 @@ def _lacking(box: GreyBox, rich: GreyBox) -> tuple[tuple[Effect, ...], NDArray[n
     }
     every = (*rich.parameters, *rich.corrections)
     together = np.array([weights.get(name, 0.0) for name in every])
-    for name in weights if len(weights) > 1 else ():
-        # Less their mean: decays alone do not show a factor that all have in common.
-        share = weights[name] / together.sum()
-        effects.append(Effect(ONE_WEIGHT, name, "%", 100.0))
-        columns.append(np.where(np.array(every) == name, together, 0.0) - share * together)
     if weights and scale_facts(box):
         effects.append(Effect(WEIGHTS, "all weights", "%", 100.0))
         columns.append(together)

@@ -114,7 +114,7 @@ def _stretches(runs: Sequence[Run], records: Sequence[Record]) -> list[_Stretch]
             # The sample before the decay too: a gap may begin on the bump.
             time = time[max(int(np.searchsorted(time, 0.0)) - 1, 0) :]
             if len(time) > 2:
-                place = f"{recording.group.name} in {run.label}"
+                place = f"{_source(recording, run)} in {run.label}"
                 sigma_s = recording.group.delay_sigma_s
                 own = sigma_s if recording.group.name in by_arrival else None
                 found.append((place, _names(recording), time, own))
@@ -128,6 +128,14 @@ def _by_arrival(run: Run, group: SampleGroup) -> bool:
     """Return whether a group from a bus has the times at which its frames arrived."""
     arrival_s = (group.t_ns - run.t0_ns) * 1e-9
     return len(run.frames) > 0 and bool(np.mean(group.time_s == arrival_s) > _MOSTLY)
+
+
+def _source(recording: Recording, run: Run) -> str:
+    """Return the channels without which rows of a group are missing, or the group's name."""
+    group = next(g for g in run.groups if g.name == recording.group.name)
+    names = _names(recording)
+    lacking = [name for name in names if not np.isfinite(group.values[name]).all()]
+    return listed(lacking) if 0 < len(lacking) < len(names) else group.name
 
 
 def _names(recording: Recording) -> tuple[str, ...]:

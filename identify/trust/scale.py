@@ -6,7 +6,9 @@ that is larger.
 
 from __future__ import annotations
 
-from daq.vehicle import FactQuantity
+from collections.abc import Sequence
+
+from daq.vehicle import FactQuantity, MassState
 from dbc.finding import Finding, Severity
 
 from ..fit.grey_box import GreyBox
@@ -36,6 +38,23 @@ def scale_findings(box: GreyBox) -> tuple[Finding, ...]:
         "masses, inertias, stiffnesses and dampers, and no fit shows it; weigh the car as a check"
     )
     return (Finding("scale", Severity.NOTE, text),)
+
+
+def weight_findings(mass_states: Sequence[MassState]) -> tuple[Finding, ...]:
+    """Return a finding on the added weights whose mass or place is stated without uncertainty."""
+    unstated = [
+        f"weight {i} of state {state.name}"
+        for state in mass_states
+        for i, weight in enumerate(state.added.weights, start=1)
+        if weight != weight.weighed()
+    ]
+    if not unstated:
+        return ()
+    text = (
+        f"{listed(unstated)}: stated with ± 0 kg or ± 0 m, but nobody weighs exactly: 0.5 % and "
+        "10 mm are assumed; state sigma_kg of the scales and position_sigma_m of the tape measure"
+    )
+    return (Finding("exact_weights", Severity.NOTE, text),)
 
 
 def gain_findings(box: GreyBox) -> tuple[Finding, ...]:

@@ -21,6 +21,9 @@ _LEAST_RATE_HZ = 20.0
 """Rate below which no sensor shows how the wheels swing, Hz."""
 _MOST_RATE_HZ = 1e5
 """Rate above which no sensor sends, Hz."""
+_LARGEST = {"m": (0.5, "mm"), "rad/s": (6.0, "deg/s")}
+"""Largest peak to peak of a quantity in a unit that a car on its wheels can reach, and the unit in
+which more of it is likely to be."""
 
 
 def shortcomings(
@@ -36,7 +39,12 @@ def shortcomings(
         text = f"two accepted runs are named {listed(twice)}: number the repeats"
         return (_refused("run_names", text),)
     if records:
-        found = (*_channels(records), *_rates(records), *_scale(records, session))
+        found = (
+            *_channels(records),
+            *_rates(records),
+            *_units(records),
+            *_scale(records, session),
+        )
     elif session.accepted:
         text = "no accepted run has a sample: check the sensors, or the map of the channels"
         found = (_refused("no_runs", text),)
@@ -80,6 +88,21 @@ def _rates(records: Sequence[Record]) -> Iterator[Finding]:
             advice = f"are the times in {unit}? Give them in s"
     rate = f"samples come at {1.0 / step_s:.2g} Hz, but wheels swing at 10 Hz"
     yield _refused("rate", f"{rate}: {advice}")
+
+
+def _units(records: Sequence[Record]) -> Iterator[Finding]:
+    """Yield a finding for each unit in which several channels show more than a car can move."""
+    peaks: dict[str, dict[str, float]] = {}
+    for recording in (r for record in records for r in record.recordings):
+        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
+            of_unit = peaks.setdefault(channel.unit, {})
+            of_unit[channel.name] = max(of_unit.get(channel.name, 0.0), float(np.ptp(column)))
+    for unit, (limit, likely) in _LARGEST.items():
+        far = [name for name, peak in peaks.get(unit, {}).items() if peak > limit]
+        if len(far) > 1:  # a single wrong one is found by the others, with its factor
+            most = max(peaks[unit][name] for name in far)
+            text = f"{listed(far)} change by up to {most:.3g} {unit}, more than a car can move"
+            yield _refused("units", f"{text}: are they in {likely}? State the unit of the signals")
 
 
 def _scale(records: Sequence[Record], session: Session) -> Iterator[Finding]:

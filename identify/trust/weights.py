@@ -2,17 +2,26 @@
 
 Such a weight distorts the whole fit, so that neither residuals nor scores point to it.  But the
 runs without weights show the car up to its scale; from there, what a person may have mistaken is
-tried on each weight, and the truth explains the runs with weights as well as those without.
+tried on each weight, and the truth explains the runs with weights as well as those without.  Where
+travels show how far the body sank, that is compared first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import hypot
 
-from daq.vehicle import BodyWeight, Corner, HubWeight, MassState
+import numpy as np
 
+from daq.channels import Quantity
+from daq.loading import expected_car, wrong_weights
+from daq.sessions import Session
+from daq.vehicle import BodyWeight, Corner, FactQuantity, HubWeight, MassState
+from dbc.finding import Finding
+
+from ..decays.decay import Record
+from ..decays.onset import rest_levels
 from ..fit.estimation import Estimation
 from ..fit.generic_vehicles import generic_vehicles
 from ..fit.grey_box import GreyBox
@@ -40,6 +49,17 @@ _SPREAD = 1.2
 """Ratio of the misfits of loaded and unloaded runs up to which both have the same cause."""
 _ADVICE = "weigh it again, and measure its place from the middle of the front axle"
 
+_TYPING = 3.0
+"""Factor of a mass from which a mistake is sought in a car that no linear model explains."""
+_TYPED = 0.05
+"""Share of such a car's misfit that the mistake must explain: the rest is the car's own."""
+_SUNK_M = 0.5e-3
+"""Largest change of travel at rest, m, at which travels are taken as tared before each run."""
+_SAG_SIGMA_M = 1.5e-3
+"""Standard uncertainty of a level at rest, m: friction of the dampers."""
+_KNOWN, _UNKNOWN = 0.4, 1.0
+"""Spread of the logarithm of springs over cars of known and of unknown weight."""
+
 Weight = BodyWeight | HubWeight
 
 
@@ -56,53 +76,152 @@ class _Trial:
     """True if its mass differs from what is stated, False if its place does."""
 
 
+def contradicted_by_sag(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
+    """Return the weights that the travels at rest contradict (`daq.loading.wrong_weights`).
+
+    None where the travels are tared before each run.
+    """
+    corners = {
+        c.name: c.corner
+        for c in session.used_channels
+        if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is not None
+    }
+    levels: dict[str, dict[Corner, list[float]]] = {}
+    for record in records:
+        of_state = levels.setdefault(record.mass_state, {})
+        for name, level_m in rest_levels(record).items():
+            if name in corners:
+                of_state.setdefault(corners[name], []).append(level_m)
+    mean_m = {s: {c: float(np.mean(m)) for c, m in of.items()} for s, of in levels.items()}
+    scatter_m = [float(np.std(m)) for of in levels.values() for m in of.values()]
+    plain = [s for s in session.mass_states if not s.added.matrix.any()]
+    empty = [mean_m[s.name] for s in plain if not s.added.weights and s.name in mean_m]
+    facts = {fact.quantity for fact in session.vehicle.facts}
+    axles = {FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE}
+    known = FactQuantity.TOTAL_MASS in facts or axles <= facts
+    for state in (s for s in plain if s.added.weights and s.name in mean_m and empty):
+        after_m = mean_m[state.name]
+        sag_m = {c: after_m[c] - empty[0][c] for c in Corner if c in after_m and c in empty[0]}
+        if max(map(abs, sag_m.values()), default=0.0) < _SUNK_M:
+            continue
+        found = wrong_weights(
+            state.added.weights,
+            expected_car(session.vehicle),
+            sag_m,
+            hypot(_SAG_SIGMA_M, max(scatter_m)),
+            _KNOWN if known else _UNKNOWN,
+        )
+        if found:
+            return found
+    return ()
+
+
 def wrong_weight(estimation: Estimation) -> Explanation | None:
     """Return the weight that is stated wrongly by much; None if there is none.
 
     `estimation`: a fit that does not hold.
     """
-    box = estimation.box
-    empty = {s.name for s in box.mass_states if not s.added.weights and not s.added.matrix.any()}
-    few = replace(estimation, decays=first_repeats(estimation.decays))
-    bare = replace(few, decays=tuple(d for d in few.decays if d.mass_state in empty))
-    trials = list(_trials(box))
-    if not trials or not bare.decays or len(bare.decays) == len(few.decays):
+    few = _Few.of(estimation)
+    if few is None:
         return None
-    generic = box.unknowns(generic_vehicles()[0])
-    unloaded = refit(bare, as_described, generic, hold=HOLD)
-    near = unloaded.fit.eta
-    stated = refit(few, as_described, near, steps=RANKING_STEPS)
-    allowed = _SPREAD * max(unloaded.excess, 0.0) + estimation.chi2_limit - 1.0
-    if stated.excess <= allowed:  # the runs without weights fit no better: another cause
+    allowed = _SPREAD * max(few.unloaded.excess, 0.0) + estimation.chi2_limit - 1.0
+    if few.stated.excess <= allowed:  # the runs without weights fit no better: another cause
         return None
-
-    ranked = sorted(
-        (
-            (refit(_with(few, trial), as_described, near, hold=HOLD, steps=RANKING_STEPS), trial)
-            for trial in trials
-        ),
-        key=lambda one: one[0].fit.cost,
-    )
-    of_weight: dict[tuple[str, int], tuple[Refit, _Trial]] = {}
-    for problem, trial in ranked:
-        of_weight.setdefault((trial.state, trial.number), (problem, trial))
-    fitted = [
-        (refit(_with(few, _released(trial)), as_described, problem.fit.eta), trial)
-        for problem, trial in list(of_weight.values())[:_FITTED]
-    ]
-    found, best = min(fitted, key=lambda one: one[0].fit.cost)
+    fitted = few.fitted()
+    found, best = fitted[0]
     right = replace(best, weight=_fitted(found, best))
     after = refit(_with(estimation, right), as_described, found.fit.eta)
     before = refit(estimation, as_described, estimation.fit.eta)
     explained = 1.0 - after.excess / before.excess
     if after.excess - allowed > (1.0 - _EXPLAINS) * before.excess or explained < 0.5:
         return None  # a cause explains most of the misfit
+    box = estimation.box
     if not _is_gross(_weights(box, best.state)[best.number], right.weight):
         return None
     # Another weight may explain the runs as well: that of the same place on the other axle.
-    likely = sorted((p for p in fitted if p[0].excess <= allowed), key=lambda p: p[0].fit.cost)
-    sizes = ", or ".join(_sizes(box, *one) for one in likely or [(found, best)])
-    return Explanation(ONE_WEIGHT, sizes, _ADVICE, explained, *shift_between(before, after))
+    likely = [p for p in fitted if p[0].excess <= allowed]
+    return _explanation(before, after, [_sizes(box, *one) for one in likely or fitted[:1]])
+
+
+def mistyped_weight(estimation: Estimation) -> Explanation | None:
+    """Return the weight whose mass is wrong by a large factor, although the car is not linear.
+
+    Friction and damper curves spoil the runs without weights as much as those with them; another
+    mass of a right weight hardly changes the misfit.
+
+    `estimation`: a linear fit that does not hold, for no fault of the bench.
+    """
+    few = _Few.of(estimation)
+    if few is None or few.stated.excess <= (1.0 + _TYPED) * few.unloaded.excess:
+        return None
+    box = estimation.box
+    for found, best in few.fitted():
+        if not best.is_mass or found.excess > (1.0 - _TYPED) * few.stated.excess:
+            continue
+        stated_kg = _weights(box, best.state)[best.number].mass_kg
+        if not 1.0 / _TYPING < _fitted(found, best).mass_kg / stated_kg < _TYPING:
+            return _explanation(few.stated, found, [_sizes(box, found, best)])
+    return None
+
+
+def _explanation(before: Refit, after: Refit, sizes: Sequence[str]) -> Explanation:
+    explained = 1.0 - after.excess / before.excess
+    moved = shift_between(before, after)
+    return Explanation(ONE_WEIGHT, ", or ".join(sizes), _ADVICE, explained, *moved)
+
+
+@dataclass(frozen=True, slots=True)
+class _Few:
+    """One run of each kind, enough to compare weights."""
+
+    estimation: Estimation
+    unloaded: Refit
+    """Fit of the runs without weights alone."""
+    stated: Refit
+    """Fit of all these runs with the weights as stated."""
+
+    @classmethod
+    def of(cls, estimation: Estimation) -> _Few | None:
+        """Return these runs; None without weights, or without runs in both states."""
+        box = estimation.box
+        empty = {s.name for s in box.mass_states if not (s.added.weights or s.added.matrix.any())}
+        few = replace(estimation, decays=first_repeats(estimation.decays))
+        bare = replace(few, decays=tuple(d for d in few.decays if d.mass_state in empty))
+        weights = any(state.added.weights for state in box.mass_states)
+        if not weights or not bare.decays or len(bare.decays) == len(few.decays):
+            return None
+        generic = box.unknowns(generic_vehicles()[0])
+        unloaded = refit(bare, as_described, generic, hold=HOLD)
+        stated = refit(few, as_described, unloaded.fit.eta, steps=RANKING_STEPS)
+        return cls(few, unloaded, stated)
+
+    def fitted(self) -> list[tuple[Refit, _Trial]]:
+        """Return the best trials of the likeliest weights, fitted, the best first."""
+        near = self.unloaded.fit.eta
+        ranked = sorted(
+            (
+                (
+                    refit(
+                        _with(self.estimation, trial),
+                        as_described,
+                        near,
+                        hold=HOLD,
+                        steps=RANKING_STEPS,
+                    ),
+                    trial,
+                )
+                for trial in _trials(self.estimation.box)
+            ),
+            key=lambda one: one[0].fit.cost,
+        )
+        of_weight: dict[tuple[str, int], tuple[Refit, _Trial]] = {}
+        for problem, trial in ranked:
+            of_weight.setdefault((trial.state, trial.number), (problem, trial))
+        fitted = [
+            (refit(_with(self.estimation, _released(trial)), as_described, problem.fit.eta), trial)
+            for problem, trial in list(of_weight.values())[:_FITTED]
+        ]
+        return sorted(fitted, key=lambda one: one[0].fit.cost)
 
 
 def _sizes(box: GreyBox, found: Refit, trial: _Trial) -> str:

@@ -29,7 +29,7 @@ from daq.sim.masses import GRAVITY_M_S2
 from daq.sim.motion import Motion, drive_all
 from daq.sim.plant import Plant
 from daq.sim.sensors import Installation, install, low_passed, measured, true_reading
-from daq.vehicle import FORD_GRANADA, Corner, Vehicle
+from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Vehicle
 
 Array = NDArray[np.float64]
 Key = tuple[str, Excitation, int]
@@ -50,7 +50,22 @@ HUBS = ("hub_acc_fl", "hub_acc_fr", "hub_acc_rl", "hub_acc_rr")
 TRAVELS = ("travel_fl", "travel_fr", "travel_rl", "travel_rr")
 
 _BENCH = load_bench(None)
-_ADDED_MASS = {state.name: state.added for state in _BENCH.mass_states}
+
+
+def sure(added: AddedMass) -> AddedMass:
+    """Return added mass whose weights are known to a gram and a tenth of a millimetre."""
+    return AddedMass(
+        tuple(
+            replace(w, sigma_kg=1e-3, position_sigma_m=1e-4)
+            if isinstance(w, BodyWeight)
+            else replace(w, sigma_kg=1e-3)
+            for w in added.weights
+        )
+    )
+
+
+ADDED_MASS = {state.name: sure(state.added) for state in _BENCH.mass_states}
+"""Added mass of each mass state of the shipped bench."""
 _PHASES = {
     "IMU_Accel": 0.0,
     "IMU_Rate": 0.0,
@@ -208,7 +223,7 @@ def stress_session(
     return session_from_arrays(
         runs,
         channels,
-        _ADDED_MASS[ADDED],
+        ADDED_MASS[ADDED],
         Vehicle("Ford Granada") if vehicle is None else vehicle,
         bump_s=stress.stated_bump_s,
     )
@@ -259,7 +274,7 @@ def _sensor(channel: Channel, stress: Stress) -> SensorTruth:
 
 @cache
 def _plant(car: Imperfections, state: str) -> Plant:
-    return load_car(FORD_GRANADA, _ADDED_MASS[state], car)
+    return load_car(FORD_GRANADA, ADDED_MASS[state], car)
 
 
 @cache

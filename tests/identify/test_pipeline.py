@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from daq import Session, session_from_arrays
 from daq.runs import ADDED, BASELINE
 from daq.vehicle import DOF, FORD_GRANADA, Fact, Vehicle, VehicleGeometry
-from dbc.errors import InputError
-from dbc.finding import Finding, Severity
 from identify import Identification, Verdict, identify, pipeline
 from identify.fit.estimation import Estimation, first_estimate
 from identify.nonlinear.real_car import RealCar
@@ -175,27 +173,6 @@ def test_a_linear_fit_loads_neither_the_nonlinear_one_nor_masked_arrays() -> Non
     subprocess.run([sys.executable, "-c", _LATER], cwd=root, check=True)
 
 
-@pytest.mark.parametrize(("chi2_per_n", "symmetric"), [(1.0, [True, True]), (9.0, [False, False])])
-def test_a_wrong_sign_that_explains_a_misfit_makes_no_symmetric_modes(
-    monkeypatch: pytest.MonkeyPatch, chi2_per_n: float, symmetric: list[bool]
-) -> None:
-    asked = []
-
-    def sensed(records: Any, decays: Any, is_symmetric: bool) -> None:
-        asked.append(is_symmetric)
-        raise InputError("free decays", "none", "record some")
-
-    def first(*arguments: Any) -> Estimation:
-        return replace(first_estimate(*arguments), chi2_per_n=chi2_per_n)
-
-    found = Finding("opposed_sign", Severity.ERROR, "a moves against b", "a")
-    monkeypatch.setattr(pipeline, "first_estimate", first)
-    monkeypatch.setattr(pipeline, "opposed_signs", lambda *_: (found,))
-    monkeypatch.setattr(pipeline, "sensed_modes", sensed)
-    identify(_session(np.inf, bump_s=0.2))
-    assert asked == symmetric
-
-
 def test_the_progress_says_what_is_done_and_how_far_the_work_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -234,7 +211,7 @@ def test_elements_are_sought_with_the_beginnings_where_no_later_start_holds(
         assert later_chi2 is not None
         return replace(first, chi2_per_n=later_chi2)
 
-    def explained(_: object, linear: Estimation, __: object) -> RealCar:
+    def explained(_: object, linear: Estimation, *__: object) -> RealCar:
         asked.append(linear.chi2_per_n)
         return RealCar(replace(linear, chi2_per_n=1.01), forces)
 
@@ -243,6 +220,8 @@ def test_elements_are_sought_with_the_beginnings_where_no_later_start_holds(
     monkeypatch.setattr(pipeline, "wrong_channel", lambda _: None)
     monkeypatch.setattr(pipeline, "later_may_hold", lambda *_: may_hold)
     monkeypatch.setattr(pipeline, "later_estimate", later)
+    monkeypatch.setattr(pipeline, "share_of_faults", lambda _: 0.0)
+    monkeypatch.setattr(pipeline, "mistyped_weight", lambda _: None)
     monkeypatch.setattr(pipeline, "explained_by_elements", explained)
     found = identify(_session(np.inf, bump_s=0.2))
     assert asked == [9.0]

@@ -34,7 +34,7 @@ def planned(
     return Plan(
         vehicle=vehicle,
         sensors=sensors(bench, rate_hz),
-        mass_states=bench.mass_states,
+        mass_states=tuple(state.weighed() for state in bench.mass_states),
         runs=tuple(
             Runs(state, excitation, bench.campaign.repeats)
             for state in bench.campaign.mass_states
@@ -59,5 +59,5 @@ def sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
     for mapped in mapped_channels(bench, codec):
         if mapped.channel.quantity is not Quantity.UNUSED:
             cycle_s = mapped.message.cycle_s or 1.0 / _USUAL_RATE_HZ
-            found.append(sensor(mapped.channel, rate_hz or 1.0 / cycle_s))
+            found.append(sensor(mapped.channel.placed(), rate_hz or 1.0 / cycle_s))
     return tuple(found)

@@ -10,7 +10,6 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from daq.arrays import ArrayRun, session_from_arrays
-from daq.bench.config import load_bench
 from daq.channels import Channel
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import Session
@@ -26,7 +25,7 @@ from identify.fit.generic_vehicles import generic_vehicles
 from identify.pipeline import grey_box
 
 from ..bumps import TRUTH
-from ..stress import THREE, stress_channels
+from ..stress import ADDED_MASS, THREE, stress_channels
 
 Array = NDArray[np.float64]
 CHANNELS = stress_channels()
@@ -35,7 +34,6 @@ JITTER = 0.3
 """Of the sampling period, to either side."""
 LOST = 0.01
 REST_S, BUMP_S, RUN_S = 0.6, 0.2, 3.3
-ADDED_MASS = {state.name: state.added for state in load_bench(None).mass_states}
 
 
 @cache

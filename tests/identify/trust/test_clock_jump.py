@@ -68,12 +68,10 @@ def all_jump(at_s: float) -> Session:
 
 
 def test_clocks_that_all_jump_soon_after_the_bump_are_named_by_what_fits_after_it() -> None:
-    """The bump ends at 1.2 s.  The state variable method takes the decays after the jump, too."""
+    """The bump ends at 1.2 s."""
     found = identify(all_jump(1.27))
     assert found.quality.findings[0].code == "clocks_that_jump"
     assert "all sensors by about 0.1 s in 12 of 12 runs; from there" in found.quality.reasons[0]
-    whole = identify_parameters(campaign("linear", 1)).modal["baseline"].frequencies_hz
-    assert np.allclose(np.sort(found.sensed["baseline"].frequencies_hz)[:3], whole[:3], rtol=0.05)
 
 
 def test_a_jump_that_a_later_start_leaves_out_is_a_late_start() -> None:

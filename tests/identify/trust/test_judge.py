@@ -64,30 +64,6 @@ def judged(
     return sorted(finding.code for finding in quality.findings), competing
 
 
-@pytest.mark.parametrize(
-    ("holds", "cause", "explained"),
-    [
-        (False, "tyre_damping", True),
-        (True, "tyre_damping", False),  # nothing is left to explain
-        (True, "added_weights_off_by_a_common_factor", True),
-        (True, "an_added_weight_is_wrong", True),
-        (False, "amplitude", False),  # says that something is wrong, not what
-    ],
-)
-def test_a_cause_explains_contradictions_and_no_wide_interval(
-    monkeypatch: pytest.MonkeyPatch, holds: bool, cause: str, explained: bool
-) -> None:
-    codes, competing = judged(monkeypatch, holds, (cause,))
-    assert codes == sorted([cause, "wide", *(() if explained else ("contradiction",))])
-    assert competing == ([] if explained else ["k_sf"])
-
-
-def test_without_a_cause_what_contradicts_the_runs_competes(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    assert judged(monkeypatch, False, ()) == (["contradiction", "wide"], ["k_sf"])
-
-
 def test_where_a_parameter_is_undetermined_nothing_competes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -153,20 +153,6 @@ def _with_fact(result: Estimation, fact: Fact) -> Estimation:
     return replace(result, box=replace(result.box, facts=(fact,)))
 
 
-@pytest.mark.parametrize(("moved", "severity"), [(0.09, Severity.WARNING), (0.11, Severity.ERROR)])
-def test_a_contradiction_that_moves_a_parameter_by_a_tenth_refuses(
-    linear: Estimation, moved: float, severity: Severity
-) -> None:
-    # Of a fact of m_s alone: stated so many sigmas off, the estimate of x moves by C_x,m / sigma.
-    car = _at(linear)
-    i = car.box.parameters.index("m_s")
-    per_sigma = float(np.max(np.abs(car.fit.covariance[:15, i]))) * 1380.0 / 500.0
-    fact = Fact("m_s", 1380.0 + moved / per_sigma * 500.0, 500.0)
-    (finding,) = parameter_findings(_with_fact(car, fact))
-    assert finding.severity == severity
-    assert f"by about {100.0 * moved:.1f} %" in finding.text
-
-
 @pytest.mark.parametrize(("level_db", "n"), [(20.1, 0), (19.9, 2)])
 def test_all_runs_of_a_state_together_must_reach_20_db(
     linear: Estimation, level_db: float, n: int

@@ -13,9 +13,8 @@ from daq.channels import Channel, Quantity
 from dbc.finding import Finding
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.varpro import NormalBlock
-from identify.trust import consistency
 from identify.trust.cause_ranking import Suspect
-from identify.trust.consistency import moves_without, pull_of
+from identify.trust.consistency import pull_of
 from identify.trust.linear_effects import Effect
 from identify.trust.score_test import Score, Scores
 from identify.trust.stuck import stuck_findings
@@ -192,20 +191,6 @@ def test_where_no_onset_is_seen_a_decay_starts_as_in_the_other_runs() -> None:
         assert [code for code, _ in named(quiet, other)] == ["stuck_channels"] * frozen
 
 
-def test_a_parameter_that_only_one_run_shows_does_not_move_without_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The others know m_s with 8 + 8, which the run pulls by 4: it moves by -4 / 16."""
-    parts = {
-        "one": block(np.diag([4.0, 9.0, 0.0]), np.array([4.0, 3.0, 0.0])),
-        "two": block(np.diag([8.0, 0.0, 1.0]), np.array([-3.0, 0.0, 0.0])),
-        "three": block(np.diag([8.0, 0.0, 1.0]), np.array([-1.0, 0.0, 0.0])),
-    }
-    monkeypatch.setattr(consistency, "linearised_at", lambda _: SimpleNamespace(blocks=parts))
-    every: Any = SimpleNamespace(box=SimpleNamespace(parameters=("m_s", "k_sf")))
-    assert moves_without(every, "one") == pytest.approx({"m_s": -0.25, "k_sf": 0.0})
-
-
 @pytest.mark.parametrize(("share", "rank"), [(0.9e-6, 1), (1.1e-6, 2)])
 def test_a_direction_that_is_left_a_millionth_of_the_strongest_is_not_looked_along(
     share: float, rank: int
@@ -220,26 +205,3 @@ def test_a_direction_that_is_left_a_millionth_of_the_strongest_is_not_looked_alo
     square = 2.0 / (1.0 + r) + (rank - 1.0)
     strength = pull_of(fitted(np.zeros((2, 2))), [part]).strength
     assert strength == pytest.approx(square / (np.sqrt(rank) + 5.0) ** 2, rel=1e-6)
-
-
-def test_the_runs_are_compared_at_250_hz(monkeypatch: pytest.MonkeyPatch) -> None:
-    rates: list[float] = []
-
-    def decay(label: str) -> Any:
-        def thinned(rate_hz: float) -> Any:
-            rates.append(rate_hz)
-            return SimpleNamespace(label=label)
-
-        return SimpleNamespace(label=label, thinned=thinned)
-
-    squares = iter([5.0, 1.2])
-    monkeypatch.setattr(consistency, "_mean_square", lambda *_: next(squares))
-    monkeypatch.setattr(consistency, "fit", lambda *_: SimpleNamespace(eta=None))
-    every: Any = SimpleNamespace(
-        decays=tuple(map(decay, "abc")), holds=False, box=None, noise={},
-        fit=SimpleNamespace(eta=None),
-    )  # fmt: skip
-    pull = consistency.Pull(2.0, "m_s", 0.1)
-    (found,) = consistency._odd_run(every, "b", pull, 0.0)
-    assert (found.subject, found.value) == ("b", 1.2)
-    assert rates == [250.0] * 5  # of all three, and of the two others

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from dbc.finding import Severity
-from identify.trust import sampling
 from identify.trust.format import listed
 from identify.trust.sampling import _gaps, _jitter, _lost, _Stretch
 
@@ -132,15 +129,3 @@ def test_arrivals_that_scatter_more_than_is_stated_are_doubtful(
     (finding,) = _jitter([replace(scattered(3e-4, 0.01), arrival_sigma_s=sigma_s)])
     assert finding.severity is severity
     assert finding.code == ("arrival_times" if severity is Severity.WARNING else "jitter")
-
-
-@pytest.mark.parametrize(("n", "judged"), [(2, 0), (3, 1)])
-def test_two_samples_show_no_clock(monkeypatch: pytest.MonkeyPatch, n: int, judged: int) -> None:
-    monkeypatch.setattr(sampling, "decay_start_s", lambda _: 1.0)
-    recording = SimpleNamespace(
-        time_s=1.0 + 0.01 * np.arange(n),
-        group=SimpleNamespace(name="IMU", channels=(), delay_sigma_s=0.0),
-    )
-    record: Any = SimpleNamespace(label="a", recordings=[recording])
-    run: Any = SimpleNamespace(label="a", groups=())
-    assert len(sampling._stretches([run], [record])) == judged
