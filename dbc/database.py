@@ -8,8 +8,8 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from html import unescape
 from importlib.resources import files
@@ -119,26 +119,10 @@ def parse_codec(text: str, name: str) -> Codec:
     """Return the messages of a database's text, ready to decode.
 
     Messages that share a name are loaded as ``Name_0x1A0``, signals of a message as ``Name_m3``
-    (selector value) or ``Name_b8`` (start bit).  Signals that overlap are legal: each is read from
-    its own bits.
-
-    Parameters
-    ----------
-    text : str
-        DBC, KCD, SYM or ARXML; recognised by its beginning, else by the suffix of `name`.
-    name : str
-        Source of the text, for error messages.
-
-    Returns
-    -------
-    Codec
-        The messages; `left_out` lists what cannot be used, `notes` what was repaired or is odd.
-
-    Raises
-    ------
-    InputError
-        If it is no CAN database, ends within a definition, or none of its messages can be used;
-        with `name:line` where it is known.
+    (selector value) or ``Name_b8`` (start bit).  `text` is a DBC, KCD, SYM or ARXML; recognised by
+    its beginning, else by the suffix of `name`, which errors name.  The codec's `left_out` lists
+    what cannot be used, `notes` what was repaired or is odd.  Raises InputError if it is no CAN
+    database, ends within a definition, or none of its messages can be used.
     """
     if len(text) > MAX_BYTES:
         raise InputError(name, f"larger than {MAX_BYTES // 1_000_000} MB", PICK)
@@ -174,10 +158,6 @@ def parse_codec(text: str, name: str) -> Codec:
             continue
         messages.append(layout)
         places.append((source.at(can_id), bus))
-        if pair := _overlap(layout):
-            subject = f"{layout.name}.{pair[0]}"
-            what = f"{subject} overlaps {pair[1]}"
-            notes.append(_finding("odd", source.at(can_id, pair[0]), what, subject))
     identifiers = Counter((m.can_id, m.is_extended) for m in messages)
     kept = []
     for message_, (where, bus) in zip(messages, places, strict=True):
@@ -290,11 +270,8 @@ def _layout(
     layouts = list(map(_signal, signals))
     named = Counter(each.name for each in layouts)
     roles = _roles(signals)
-    for part in (_selector_part, _bit_part):
-        layouts = [
-            replace(each, name=each.name + part(each)) if named[each.name] > 1 else each
-            for each in layouts
-        ]
+    for part in ("m", "b"):  # by selector value, else by start bit
+        layouts = [_told_apart(each, part) if named[each.name] > 1 else each for each in layouts]
         named = Counter(each.name for each in layouts)
     by_name = {each.name: each for each in layouts}
     for each in layouts:
@@ -335,6 +312,15 @@ def _layout(
         is_j1939=message.is_extended_frame and message.protocol == "j1939",
     )
     return layout, faults
+
+
+def _told_apart(signal: SignalLayout, part: str) -> SignalLayout:
+    number = signal.start
+    if part == "m":
+        if not signal.selected_by:
+            return signal
+        number = signal.selected_by[0][0]
+    return replace(signal, name=f"{signal.name}_{part}{number}")
 
 
 def _fault(signal: Signal, length: int) -> str | None:
@@ -424,42 +410,16 @@ def _roles(signals: Sequence[Signal]) -> dict[str, str]:
     return roles
 
 
-def _selector_part(signal: SignalLayout) -> str:
-    return f"_m{signal.selected_by[0][0]}" if signal.selected_by else ""
-
-
-def _bit_part(signal: SignalLayout) -> str:
-    return f"_b{signal.start}"
-
-
-def _overlap(message: MessageLayout) -> tuple[str, str] | None:
-    """Return the first signal that shares bits with an earlier one of the same frames."""
-    taken: dict[object, dict[int, str]] = defaultdict(dict)
-    for signal in sorted(message.signals, key=lambda each: each.is_multiplexed):
-        own = taken[signal.selector, signal.selected_by]
-        for bit in range(signal.first_bit, signal.first_bit + signal.length):
-            place = 8 * (bit // 8) + 7 - bit % 8 if signal.is_big_endian else bit
-            other = own.get(place) or taken[None, ()].get(place)
-            if other and other != signal.name:
-                return signal.name, other
-            own[place] = signal.name
-    return None
-
-
 def _unique_names(messages: Sequence[MessageLayout]) -> tuple[MessageLayout, ...]:
     """Return messages of different identifiers, each under its own name."""
     named = Counter(message.name for message in messages)
     numbers = Counter((message.name, message.can_id) for message in messages)
-    return tuple(
-        replace(m, name=f"{m.name}_0x{m.can_id:X}{'x' * _is_twin(m, numbers)}")
-        if named[m.name] > 1
-        else m
-        for m in messages
-    )
-
-
-def _is_twin(message: MessageLayout, numbers: Mapping[tuple[str, int], int]) -> bool:
-    return message.is_extended and numbers[message.name, message.can_id] > 1
+    unique = []
+    for m in messages:
+        twin = "x" * (m.is_extended and numbers[m.name, m.can_id] > 1)
+        name = f"{m.name}_0x{m.can_id:X}{twin}" if named[m.name] > 1 else m.name
+        unique.append(replace(m, name=name))
+    return tuple(unique)
 
 
 def _finding(code: str, where: str, text: str, subject: str) -> Finding:

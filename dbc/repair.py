@@ -55,6 +55,16 @@ class Statement:
     signal: str = ""
     """Signal that it is about."""
 
+    def clear(self, stop: int | None = None) -> None:
+        """Leave out the text, up to `stop`; the lines behind it keep their numbers."""
+        stop = len(self.text) if stop is None else stop
+        self.text = "\n" * self.text.count("\n", 0, stop) + self.text[stop:]
+
+    @property
+    def is_open(self) -> bool:
+        """True if it lacks its semicolon."""
+        return self.kind not in ("", *_BY_LINE) and not self.text.rstrip().endswith(";")
+
 
 class RepairedText:
     """The statements of a DBC, what was left out, and why."""
@@ -74,9 +84,9 @@ class RepairedText:
         self.names: dict[int, str] = {}
         """Name of each message."""
         self._repairs = 0
-        self._extended_identifiers()
-        self._undefined_attributes()
-        self._numbers()
+        self._mark_identifiers()
+        self._leave_out_undefined_attributes()
+        self._leave_out_impossible_numbers()
 
     def __str__(self) -> str:
         return "".join(statement.text for statement in self.statements)
@@ -94,16 +104,15 @@ class RepairedText:
         """
         starts = list(accumulate((len(s.text) for s in self.statements), initial=0))
         place = min(bisect_right(starts, offset) - 1, len(self.statements) - 1)
-        held = [i for i in range(place + 1) if self.statements[i].text.strip()]
-        at_start = offset < starts[-1] and not str(self)[starts[place] : offset].strip()
+        filled = [i for i in range(place + 1) if self.statements[i].text.strip()]
         if offset >= starts[-1]:
-            place = held[-1]
-        elif at_start and len(held) > 1:
+            place = filled[-1]
+        elif len(filled) > 1 and not str(self)[starts[place] : offset].strip():
             # What lacks its end is refused where the next statement begins.
-            kind, before = self.statements[place].kind, self.statements[held[-2]].kind
-            is_first = kind == "SG_" and before not in ("BO_", "SG_")
-            if self._is_open(held[-2]) or not (is_first or not kind):
-                place = held[-2]
+            kind, before = self.statements[place].kind, self.statements[filled[-2]]
+            is_first = kind == "SG_" and before.kind not in ("BO_", "SG_")
+            if before.is_open or not (is_first or not kind):
+                place = filled[-2]
         s = self.statements[place]
         self._repairs += 1
         if self._repairs > MOST_REPAIRS or self._repairs * starts[-1] > MOST_READ:
@@ -112,7 +121,7 @@ class RepairedText:
         holds_another = _START.search(s.text, len(s.text) - len(s.text.lstrip()) + 1)
         if is_last and not holds_another and not s.text.endswith(("\n", ";")):
             raise self._refusal(s, "ends within a definition")
-        if self._is_open(place) and not holds_another and (is_last or offset >= starts[place + 1]):
+        if s.is_open and not holds_another and (is_last or offset >= starts[place + 1]):
             self._note(s.line, s.kind, "has no semicolon at its end")
             s.text = f"{s.text.rstrip()};{s.text[len(s.text.rstrip()) :]}"
             return
@@ -128,22 +137,17 @@ class RepairedText:
         for s in self.statements:
             if (s.kind, str(s.can_id), s.signal) not in strays:
                 continue
-            subject = f"{s.kind} {s.can_id} {s.signal}"
             if s.kind == "SIG_VALTYPE_" and (s.can_id, "") in self.lines:
                 self.lost.add((s.can_id, ""))
                 what = f"has no signal {s.signal}, which is a float"
                 self._lose(s.line, f"message {self.names[s.can_id]}", what)
             else:
+                subject = f"{s.kind} {s.can_id} {s.signal}"
                 self._note(s.line, subject, "is left out: it names no signal")
-            s.text = "\n" * s.text.count("\n")
+            s.clear()
         return bool(strays)
 
-    def _is_open(self, place: int) -> bool:
-        """Return True if a statement lacks its semicolon."""
-        statement = self.statements[place]
-        return statement.kind not in ("", *_BY_LINE) and not statement.text.rstrip().endswith(";")
-
-    def _extended_identifiers(self) -> None:
+    def _mark_identifiers(self) -> None:
         """Mark identifiers of more than 11 bits: only a frame of 29 bits can have them."""
         unmarked = set()
         for s in self.statements:
@@ -158,19 +162,19 @@ class RepairedText:
                     start, stop = about.span(2)
                     s.text = f"{s.text[:start]}{s.can_id}{s.text[stop:]}"
 
-    def _undefined_attributes(self) -> None:
+    def _leave_out_undefined_attributes(self) -> None:
         """Leave out the values of attributes that are not defined: they say nothing."""
         names = [(s, match[0]) for s in self.statements if (match := _STRING.search(s.text))]
-        defined = {name for s, name in names if s.kind in ("BA_DEF_", "BA_DEF_REL_")}
+        known = {name for s, name in names if s.kind in ("BA_DEF_", "BA_DEF_REL_")}
         noted: set[str] = set()
         for s, name in names:
-            if s.kind in ("BA_", "BA_REL_") and name not in defined:
+            if s.kind in ("BA_", "BA_REL_") and name not in known:
                 if name not in noted:
                     self._note(s.line, f"attribute {name}", "is not defined: it is left out")
                 noted.add(name)
-                s.text = "\n" * s.text.count("\n")
+                s.clear()
 
-    def _numbers(self) -> None:
+    def _leave_out_impossible_numbers(self) -> None:
         """Leave out what no payload can hold, because cantools would build it."""
         in_all = 0
         for place, s in enumerate(self.statements):
@@ -200,42 +204,38 @@ class RepairedText:
         """Leave out a statement, with the message or signal that it states."""
         s = self.statements[place]
         about = _ABOUT.match(s.text)
-        known = about is not None and int(about[2][:19]) in self.names
         signals = []
         if s.kind != "SG_":  # the lines after it must not become signals of the message before
-            rest = self.statements[place + 1 :]
-            signals = list(takewhile(lambda s: s.kind == "SG_" or not s.text.strip(), rest))
+            after = self.statements[place + 1 :]
+            signals = list(takewhile(lambda s: s.kind == "SG_" or not s.text.strip(), after))
         if s.kind == "SG_":
             self._lose(s.line, f"{s.message or '?'}.{s.signal or '?'}", why)
         elif s.kind == "BO_" or any(each.kind for each in signals):
             self._lose(s.line, f"message {s.message or '?'}", why)
-        elif s.kind in _DECISIVE or (not s.kind and known):
-            if about is None:
-                raise self._refusal(s, f"has a {s.kind} of an unknown signal that {why}")
+        elif about is not None and (
+            s.kind in _DECISIVE or (not s.kind and int(about[2][:19]) in self.names)
+        ):
             can_id, signal = int(about[2][:19]), about[3] or ""
             self.lost.add((can_id, signal))
-            what = f"has a statement that {why}"
-            self._lose(s.line, f"{self.names.get(can_id, can_id)}.{signal}", what)
+            subject = f"{self.names.get(can_id, can_id)}.{signal}"
+            self._lose(s.line, subject, f"has a statement that {why}")
+        elif s.kind in _DECISIVE:
+            raise self._refusal(s, f"has a {s.kind} of an unknown signal that {why}")
         else:
             self._note(s.line, s.kind or "the text", f"{why}: this is left out")
         begin = len(s.text) - len(s.text.lstrip())
         other = _START.search(s.text, begin + 1)  # a text without an end hides other statements
-        stop = other.start() if other else len(s.text)
-        s.text = "\n" * s.text.count("\n", 0, stop) + s.text[stop:]
+        s.clear(other.start() if other else None)
         for each in signals:
-            each.text = "\n" * each.text.count("\n")
+            each.clear()
 
     def _lose(self, line: int, subject: str, why: str) -> None:
-        where = f"{self.name}:{line}"
-        self.left_out.append(
-            Finding("left_out", Severity.ERROR, f"{subject} {why}", subject, where=where)
-        )
+        text, where = f"{subject} {why}", f"{self.name}:{line}"
+        self.left_out.append(Finding("left_out", Severity.ERROR, text, subject, where=where))
 
     def _note(self, line: int, subject: str, what: str) -> None:
-        where = f"{self.name}:{line}"
-        self.notes.append(
-            Finding("odd", Severity.WARNING, f"{subject} {what}", subject, where=where)
-        )
+        text, where = f"{subject} {what}", f"{self.name}:{line}"
+        self.notes.append(Finding("odd", Severity.WARNING, text, subject, where=where))
 
     def _refusal(self, statement: Statement, what: str) -> InputError:
         where = f"{self.name}:{statement.line}"

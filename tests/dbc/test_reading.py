@@ -244,12 +244,6 @@ def test_roles_long_names_cycles_and_senders_are_read() -> None:
     assert [s.name for s in message.signals] == ["long" * 9, "t"]
 
 
-def test_overlaps_are_read_and_noted() -> None:
-    codec = parse_codec(signal('s : 0|8@1+ (1,0) [0|0] "" B\n SG_ u : 4|8@1+ (1,0) [0|0] ""'), "x")
-    assert "Bad.u" in names(codec)
-    assert any("Bad.u overlaps s" in str(note) for note in codec.notes)
-
-
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
 @pytest.mark.parametrize("ends", ["\n", "\r\n"])
 def test_encodings_and_line_ends(tmp_path: Path, encoding: str, ends: str) -> None:
