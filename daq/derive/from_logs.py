@@ -19,7 +19,6 @@ import numpy as np
 from dbc import Codec
 from dbc.frames import FrameBatch
 
-from ..bench.bench_tables import TriggerConfig
 from ..bench.campaign import Campaign, Step
 from ..bench.config import Bench, bench_codec
 from ..bus.source import HopLosses
@@ -61,17 +60,22 @@ class LogPart:
 class Intake:
     """Reads one stretch of log block by block, then returns the part to keep.
 
-    Raises InputError as `daq.samples.bench_mapping`.
+    Frames around the bumps are kept and others dropped.  Raises InputError as
+    `daq.samples.bench_mapping`.
     """
 
     def __init__(self, bench: Bench, codec: Codec) -> None:
         self._bench, self._codec = bench, codec
         mapped, triggers = bench_mapping(bench, codec)
         self._feeds = tuple(m for m in mapped if m.channel.name in triggers)
-        self._shelf = _Shelf(bench.trigger)
         self._trigger = trigger.TriggerState()
         self._unknown_id = 0
         self._end_ns: int | None = None
+        self._events: list[Event] = []
+        self._windows: list[tuple[int, int]] = []
+        self._recent: list[FrameBatch] = []
+        self._kept: list[FrameBatch] = []
+        self._losses: list[tuple[int, ...]] = []
 
     def goes_on_with(self, batch: FrameBatch) -> bool:
         """Return True if a block follows the earlier blocks without a gap in time."""
@@ -81,55 +85,32 @@ class Intake:
 
     def take(self, batch: FrameBatch, hops: HopLosses) -> int:
         """Add a block, and the losses counted up to it; return the number of bumps found."""
-        self._shelf.append(batch, hops)
+        self._losses.append((int(batch.t_ns.max()), *astuple(hops)))
+        self._recent.append(batch)
+        # The bumps of this block are found after it was added.  The first of them may need the
+        # frames before the block, however long the block is.
+        config = self._bench.trigger
+        horizon_ns = config.window_ns(int(batch.t_ns.min()))[0] - _SLACK_NS
+        while self._recent and int(self._recent[0].t_ns.max()) < horizon_ns:
+            self._keep(self._recent.pop(0))
         decoded = self._codec.decode(batch)
         self._unknown_id += decoded.counts.unknown_id
         block = mapped_block(self._feeds, decoded)
-        self._trigger, events = trigger.advance(self._bench.trigger, self._trigger, block)
-        self._shelf.append_events(events)
+        self._trigger, events = trigger.advance(config, self._trigger, block)
+        bumps = [event for event in events if event.code == trigger.BUMP]
+        self._events += events
+        self._windows += [config.window_ns(event.t_ns) for event in bumps]
         self._end_ns = int(batch.t_ns[-1])
-        return sum(event.code == trigger.BUMP for event in events)
+        return len(bumps)
 
     def part(self) -> LogPart:
         """Return the part to keep."""
-        frames, hops = self._shelf.contents()
-        return LogPart(frames, tuple(self._shelf.events), hops, self._unknown_id)
-
-
-class _Shelf:
-    """A buffer of frames: keeps those around a bump and drops the others."""
-
-    def __init__(self, config: TriggerConfig) -> None:
-        self.events: list[Event] = []
-        self._config = config
-        self._recent: list[FrameBatch] = []
-        self._kept: list[FrameBatch] = []
-        self._windows: list[tuple[int, int]] = []
-        self._blocks: list[tuple[int, ...]] = []
-
-    def append(self, frames: FrameBatch, losses: HopLosses) -> None:
-        latest_ns = int(frames.t_ns.max())
-        self._blocks.append((latest_ns, *astuple(losses)))
-        self._recent.append(frames)
-        # The bumps of this block are found after it was added.  The first of them may need the
-        # frames before the block, however long the block is.
-        horizon_ns = self._config.window_ns(int(frames.t_ns.min()))[0] - _SLACK_NS
-        while self._recent and int(self._recent[0].t_ns.max()) < horizon_ns:
+        while self._recent:
             self._keep(self._recent.pop(0))
-
-    def append_events(self, events: Sequence[Event]) -> None:
-        self.events += events
-        for event in events:
-            if event.code == trigger.BUMP:
-                self._windows.append(self._config.window_ns(event.t_ns))
-
-    def contents(self) -> tuple[FrameBatch, HopCounts]:
-        for frames in self._recent:
-            self._keep(frames)
-        self._recent.clear()
-        table = np.array(self._blocks, np.int64).reshape(-1, 1 + len(fields(HopLosses)))
-        t_ns = np.maximum.accumulate(table[:, 0])
-        return FrameBatch.concatenate(self._kept), HopCounts(t_ns, table[:, 1:])
+        table = np.array(self._losses, np.int64).reshape(-1, 1 + len(fields(HopLosses)))
+        hops = HopCounts(np.maximum.accumulate(table[:, 0]), table[:, 1:])
+        frames = FrameBatch.concatenate(self._kept)
+        return LogPart(frames, tuple(self._events), hops, self._unknown_id)
 
     def _keep(self, frames: FrameBatch) -> None:
         wanted = frames.within(self._windows)  # one block may hold many bumps

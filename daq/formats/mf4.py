@@ -127,7 +127,8 @@ def _bus_logging(mdf: Any, where: str, loss: LogLoss) -> Iterator[_Group]:
             stated = int(group.channel_group.cycles_nr)
             if "ID" not in fields or not stated:
                 continue
-            time_s = np.asarray(mdf.get_master(number), np.float64)
+            with redirect_stdout(StringIO()):
+                time_s = np.asarray(mdf.get_master(number), np.float64)
             if missing := max(stated - len(time_s), 0):
                 loss.add(f"{counted(missing, 'record')} of {kind} missing", garbled=missing)
             if kind == "CAN_DataFrame" and "DataBytes" not in fields:
@@ -143,7 +144,9 @@ def _frames(mdf: Any, group: _Group, rows: slice, start_ns: int, loss: LogLoss) 
     def samples(name: str, *, raw: bool) -> NDArray[Any]:
         about = {"group": group.number, "index": group.fields[name], "raw": raw}
         about |= {"record_offset": rows.start, "record_count": n}
-        return np.asarray(mdf.get(**about, samples_only=True, ignore_invalidation_bits=True)[0])
+        with redirect_stdout(StringIO()):  # it prints what it does not understand
+            found = mdf.get(**about, samples_only=True, ignore_invalidation_bits=True)
+        return np.asarray(found[0])
 
     def whole(name: str) -> NDArray[np.int64]:
         """Return a field; one that is converted to words (Rx, Tx) as it is stored."""

@@ -59,10 +59,10 @@ def datasets_in(content: Content, path: str) -> list[str]:
 
 
 def _members(content: Content, path: str, *, datasets: bool) -> list[str]:
-    start = f"{path}/"
-    below = [name for name in content if name.startswith(start) and "/" not in name[len(start) :]]
-    alike = [name for name in below if (content[name].values is not None) is datasets]
-    return sorted(name[len(start) :] for name in alike)
+    pairs = ((name.rpartition("/"), item.values is not None) for name, item in content.items())
+    return sorted(
+        last for (above, _, last), is_data in pairs if above == path and is_data is datasets
+    )
 
 
 def with_checksums(content: Content) -> Content:

@@ -23,14 +23,6 @@ from ..vehicle import BodyWeight
 from .content import Content, SchemaError, changed_parts, has_checksums
 from .hdf5 import read_content
 from .read import session_of
-from .schema import (
-    CHANNEL_COLUMNS,
-    EVENT_COLUMNS,
-    FACT_COLUMNS,
-    FRAME_COLUMNS,
-    RAW_PREFIX,
-    WEIGHT_COLUMNS,
-)
 
 _YEAR_2000_NS = 946_684_800_000_000_000
 _CAR_M = 30.0
@@ -95,14 +87,11 @@ def _warning(where: str, what: str) -> Finding:
     return Finding("implausible", Severity.WARNING, printable(what, 400), where=printable(where))
 
 
-def _note(where: str, what: str) -> Finding:
-    return Finding("foreign", Severity.NOTE, printable(what, 400), where=printable(where))
-
-
 def _unchanged(content: Content) -> Iterator[Finding]:
     """Yield findings on what was changed since the file was written, or added to it."""
     if not has_checksums(content):
-        yield _note("/", "has no checksums, as older files: a change would not be seen")
+        what = "has no checksums, as older files: a change would not be seen"
+        yield Finding("foreign", Severity.NOTE, what, where="/")
     for part in changed_parts(content):
         yield _error(part, "was changed or damaged after the file was written")
     for path, item in content.items():
@@ -112,42 +101,9 @@ def _unchanged(content: Content) -> Iterator[Finding]:
                 yield _error(path, "attribute sha256 is absent")
             elif stated != sha256(raw.tobytes()).hexdigest():
                 yield _error(path, "does not match its attribute sha256: it was changed")
-    for path in sorted(content):
-        if not _is_of_schema(path, content):
-            yield _note(path, "is not part of schema v1")
     default = str(content["/"].attributes.get("default", ""))
     if default and f"/{default}" not in content:
         yield _error("/", f"attribute default names {default}, which is absent")
-
-
-def _is_of_schema(path: str, content: Content) -> bool:
-    """Return whether schema v1 has a group or dataset of this name at this place."""
-    names = path.split("/")[1:]
-    match names:
-        case [""] | ["session" | "config" | "channels" | "mass_states" | "runs"]:
-            return True
-        case ["config", _] | ["session", "facts"] | ["mass_states" | "runs", _]:
-            return True
-        case ["session", "facts", name]:
-            return name in {*FACT_COLUMNS, "fact"}
-        case ["channels", name]:
-            return name in {*CHANNEL_COLUMNS, "channel"}
-        case ["mass_states", _, name]:
-            return name in {*WEIGHT_COLUMNS, "weight", "delta_mass", "row", "column"}
-        case ["runs", _, "events"]:
-            return True
-        case ["runs", _, "events", name]:
-            return name in {*EVENT_COLUMNS, "event"}
-        case ["runs", _, group, *name] if group.startswith(RAW_PREFIX):
-            return not name or name[0] in {*FRAME_COLUMNS, "frame", "byte"}
-        case ["runs", run, group, *name]:
-            groups = str(content[f"/runs/{run}"].attributes.get("sample_groups", "")).split("\n")
-            about = content[f"/runs/{run}/{group}"].attributes if group in groups else {}
-            channels = str(about.get("channels", "")).split("\n")
-            return group in groups and (
-                not name or name[0] in {"time", "t_ns", "quality", *channels}
-            )
-    return False
 
 
 def check_session(session: Session) -> Iterator[Finding]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +130,7 @@ def _read_parquet(path: Path, choose: Choose) -> Table:
 
 def _read_mdf(path: Path, choose: Choose) -> Table:
     """Return channels of an MDF file; those of a group have the times of its master."""
-    with open_mdf(path, str(path)) as mdf:
+    with open_mdf(path, str(path)) as mdf, redirect_stdout(StringIO()):
         places: dict[str, tuple[int, int]] = {}
         headings, clocks = [], {}
         for number, group in enumerate(mdf.groups):
