@@ -1,8 +1,8 @@
 """Damaged logs, columns and session files of every format: one line, bounded time and memory.
 
 ``python -m tests.daq.mutations 2000`` reads as many of each format and prints what came of them.
-It fails if any gives another error than a line, prints, ends or holds up its process (of MF4 and MAT
-a library may), or if a session file is read though it was changed.
+It fails if any gives another error than a line, prints, ends or holds up its process (a library may
+with MF4 and MAT), or if a session file is read though it was changed.
 """
 
 from __future__ import annotations
