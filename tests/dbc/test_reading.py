@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dbc import Codec, InputError, load_codec, parse_codec, read_dbc
+from dbc import Codec, InputError, load_codec, parse_codec
 from tui.cli import run
 
 from .frames import block
@@ -32,17 +32,10 @@ def signal(line: str, tail: str = "") -> str:
 # A text with a fault in message Bad or signal Bad.s, and what is said on which line.
 LEFT_OUT = {
     "syntax": (signal('s : 0|16@1- (0.5;0) [0|0] "g"'), "12: Bad.s is not valid DBC"),
-    "no receivers": (
-        f'{HEAD}BO_ 300 Bad: 8 A\n SG_ s : 0|8@1- (1,0) [0|0] "g"\n{N}',
-        "12: Bad.s is not valid DBC",
-    ),
     "factor 0": (signal('s : 0|16@1- (0,0) [0|0] "g"'), "has the factor 0"),
     "factor": (signal('s : 0|8@1+ (1e400,0) [0|0] ""'), "factor or offset beyond float64"),
-    "values": (signal('s : 0|64@1+ (1.5e300,0) [0|0] ""'), "factor or offset beyond float64"),
     "long": (signal('s : 0|999999@1- (1,0) [0|0] "g"'), "12: Bad.s has 999999 bits"),
-    "65 bits": (signal('s : 0|65@1- (1,0) [0|0] "g"'), "12: Bad.s has 65 bits"),
     "beyond": (signal('s : 60|16@1- (1,0) [0|0] "g"'), "ends in byte 10 of a message of 8"),
-    "motorola": (signal('s : 59|8@0+ (1,0) [0|0] ""'), "ends in byte 9 of a message of 8"),
     "float": (
         signal('s : 0|17@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 300 s : 1;\n"),
         "is a float of 17 bits",
@@ -87,10 +80,6 @@ LEFT_OUT = {
         signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 300 s ; 1;\n"),
         "Bad.s has a",
     ),
-    "type of none": (
-        signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VALTYPE_ 300 q : 1;\n"),
-        "signal q",
-    ),
     "mistyped": (signal('s : 0|32@1- (1,0) [0|0] ""', "SIG_VLTYPE_ 300 s : 1;\n"), "16: Bad.s has"),
     "table": (signal('s : 0|8@1- (1,0) [0|0] ""', 'VAL_ 300 s 1 "a "b" c";\n'), "16: Bad.s has"),
     "role": (
@@ -99,13 +88,6 @@ LEFT_OUT = {
             'BA_DEF_ SG_ "SignalRole" ENUM "value","crc16";\nBA_ "SignalRole" SG_ 300 s 1;\n',
         ),
         "has s with the SignalRole crc16, which is unknown",
-    ),
-    "counter": (
-        signal(
-            's : 0|8@1- (1,0) [0|0] ""',
-            'BA_DEF_ SG_ "SignalRole" STRING;\nBA_ "SignalRole" SG_ 300 s "counter";\n',
-        ),
-        "has s, whose SignalRole is not a plain unsigned number",
     ),
     "head": (signal('s : 0|8@1- (1,0) [0|0] ""').replace("300 Bad:", "300 Bad"), "11: message Bad"),
     "no head": (signal('s : 0|8@1- (1,0) [0|0] ""').replace("BO_ 300", "XO_ 300"), "11: message ?"),
@@ -133,7 +115,6 @@ REPAIRED = {
         f'{HEAD}{M}{N}CM_ BO_ 256 "no end;\nVAL_ 257 s 255 "invalid";\nCM_ "x";\n',
         "18: CM_",
     ),
-    "semicolon": (f'{HEAD}{M}{N}VAL_ 256 t 1 "a"\nVAL_ 257 s 255 "invalid";\n', "no semicolon"),
     "last": (f'{HEAD}{M}{N}VAL_ 257 s 255 "invalid"\n', "18: VAL_ has no semicolon"),
     "unknown": (f"{HEAD}{M}{N}FOO_ bar;\n", "18: the text is not valid DBC"),
     "attribute": (
@@ -157,19 +138,11 @@ def test_a_repair_loses_nothing_and_is_said(case: str) -> None:
 
 REFUSED = {
     "empty": ("", "empty"),
-    "blank": (" \n\n\t\n", "empty"),
     "prose": ("A bump test over CAN.\n", "not valid DBC"),
-    "xml": ("<?xml version='1.0'?><a/>\n", "not valid DBC"),
     "nul": ("VERSION \0", "binary"),
     "header only": (HEAD, "no messages"),
-    "orphans only": (
-        f"{HEAD}BO_ 3221225472 VECTOR__INDEPENDENT_SIG_MSG: 0 Vector__XXX\n"
-        ' SG_ s : 0|8@1+ (1,0) [0|0] "" B\n',
-        "no messages",
-    ),
     "large": ("x" * 5_000_001, "larger than 5 MB"),
     "quotes": ('CM_ "\n' * 2000, "x.dbc:"),
-    "parentheses": ("(" * 20_000, "ends within a definition"),
     "recursion": (
         f'{HEAD}BO_ 1 M: 8 A\n SG_ s0 M : 0|8@1+ (1,0) [0|0] "" B\n'
         + "".join(f' SG_ s{k} m1M : 0|8@1+ (1,0) [0|0] "" B\n' for k in range(1, 2000))
@@ -250,13 +223,6 @@ def test_encodings_and_line_ends(tmp_path: Path, encoding: str, ends: str) -> No
     path = tmp_path / "x.dbc"
     path.write_bytes((HEAD + M.replace('"g"', '"°/s"')).replace("\n", ends).encode(encoding))
     assert load_codec(path).message("M").signal("s").unit == "°/s"
-
-
-def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    (tmp_path / "wide.dbc").write_bytes(HEAD.encode("utf-16"))
-    for name, said in (("none.dbc", "No such file"), ("", "not a file"), ("wide.dbc", "UTF-16")):
-        with pytest.raises(InputError, match=said):
-            read_dbc(tmp_path / name)
 
 
 def test_decode_ends_with_one_line_for_a_broken_database(

@@ -21,7 +21,6 @@ from daq.journal.writer import JournalWriter
 from daq.runlog.entries import entry, verdict_entry
 from daq.runlog.runlog import Code
 from daq.runs import Event, Excitation, Run, RunStatus
-from daq.samples.mapping import map_channels
 from daq.session import read_session
 from daq.sessions import Session
 from daq.sim.car import SimulatedCar, truth
@@ -235,20 +234,6 @@ def test_the_last_bench_toml_holds_and_what_persons_said_goes_along(tmp_path: Pa
     assert (note["text"], note["label"], note["by"]) == ("wet floor", BUMP.text, "Ann")
     (override,) = json.loads(session.provenance["overrides"])
     assert (override["subject"], override["reason"]) == ("bus", "known")
-
-
-@pytest.mark.parametrize(
-    ("channel", "what"),
-    [
-        (replace(ACC_FL, signal="HUB_Front.acc_xx"), "no signal 'HUB_Front.acc_xx'"),
-        (replace(ACC_FL, signal="HUB_Front"), "no signal 'HUB_Front'"),
-        (replace(PITCH, signal="SUSP_Front.travel_fl"), "unit 'mm'.*pitch_rate needs rad/s"),
-        (replace(PITCH, signal="IMU_Rate.counter"), "unit ''.*pitch_rate needs rad/s"),
-    ],
-)
-def test_channels_that_do_not_fit_the_dbc_are_named(channel: Channel, what: str) -> None:
-    with pytest.raises(InputError, match=f"channel {channel.name}: .*{what}"):
-        map_channels((channel,), CODEC.messages, "bench.dbc")
 
 
 MULTIPLEXED = """VERSION ""

@@ -107,13 +107,6 @@ def test_times_of_a_rate_and_of_the_file() -> None:
     assert recording(_map(BY_COLUMN), dated).start_ns == T0_S * S
 
 
-def test_a_channel_without_times_or_with_too_few_is_refused() -> None:
-    with pytest.raises(InputError, match="has no times in"):
-        recording(_map(), _file({"fl": [1.0]}))
-    with pytest.raises(InputError, match=r"2 values.* 3 times"):
-        recording(_map(), _file({"fl": [1.0, 2.0]}, times_s={"table": [1.0, 2.0, 3.0]}))
-
-
 @pytest.mark.parametrize("times_s", [[0.0, 1.0, 1.0], [0.0, 2.0, 1.0]])
 def test_times_that_do_not_increase_are_refused(times_s: list[float]) -> None:
     with pytest.raises(InputError, match="do not increase"):

@@ -75,17 +75,6 @@ def test_channels_come_back_digit_for_digit(tmp_path: Path, session: Session, su
                 assert_array_equal(got_group.values[name], values)
 
 
-def test_times_since_1970_keep_their_nanoseconds(tmp_path: Path) -> None:
-    import pandas as pd
-
-    path = tmp_path / "a.parquet"
-    t_ns = 1_780_221_600_000_000_123 + np.arange(400) * 5_000_000
-    pd.DataFrame({"t": t_ns, "fl": FL}).to_parquet(path)
-    known = mapped(path, f'[time]\ncolumn = "t"\nunit = "ns"\n{HUB}signal_unit = "m/s2"\n')
-    group = recording(known, read_columns(path, known.columns)).groups[0]
-    assert_array_equal(group.t_ns, t_ns)
-
-
 BUMPS = """
 [trigger]
 level = 3.0
@@ -118,25 +107,6 @@ def test_the_trigger_finds_the_bumps(tmp_path: Path) -> None:
     assert bump_run(known, found, step, early).reasons == (
         "table 500 Hz reaches only from 0.30 to 1.50 s of 1.50 s",
     )
-
-
-def test_a_lost_sample_stays_in_its_group_and_a_slow_channel_has_its_own(tmp_path: Path) -> None:
-    import pandas as pd
-
-    slow = np.where(np.arange(400) % 4 == 0, FL, np.nan)
-    holed = np.where(np.arange(400) == 7, np.nan, FL)
-    path = tmp_path / "a.csv"
-    pd.DataFrame({"t": T, "fl": FL, "fr": holed, "rl": slow}).to_csv(path, index=False)
-    text = '[time]\ncolumn = "t"\n'
-    for corner in ("fl", "fr", "rl"):
-        text += HUB.replace("fl", corner).replace("FL", corner.upper())
-        text += 'signal_unit = "m/s2"\n'
-    known = mapped(path, text)
-    fast, own = recording(known, read_columns(path, known.columns)).groups
-    assert list(fast.values) == ["hub_fl", "hub_fr"]
-    assert np.flatnonzero(np.isnan(fast.values["hub_fr"])).tolist() == [7]
-    assert np.flatnonzero(fast.quality).tolist() == [7]
-    assert_array_equal(own.time_s, T[::4])
 
 
 @pytest.mark.parametrize(

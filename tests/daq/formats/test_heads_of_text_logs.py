@@ -59,17 +59,12 @@ def test_a_version_of_trc_has_its_columns(version: str) -> None:
 
 
 COLUMNS = {
-    "O,T,I,L,D": "1.5 DT 0123 1 0A",
     "O,T,I,l,D": "1.5 DT 0123 1 0A",
     "T,O,I,d,R,B,L,D": "DT 1.5 0123 Rx - 1 1 0A",
     "N,O,T,B,I,d,R,l,D": "1 1.5 DT 1 0123 Rx - 1 0A",
     "N,O,T,B,I,d,R,l,L,D": "1 1.5 DT 1 0123 Rx - 1 1 0A",
     # None of these is a set of columns: those of the version stay.
     "O,O,T,I,L,D": TRC["2.1"],
-    "O,T,L,D": TRC["2.1"],
-    "T,I,L,D": TRC["2.1"],
-    "O,I,L,D": TRC["2.1"],
-    "O,T,I,L": TRC["2.1"],
     "O,T,I,L,D,Q": TRC["2.1"],
 }
 
@@ -101,26 +96,14 @@ def test_a_trc_begins_at_days_since_1899(days: str, seconds: float) -> None:
 
 
 DATES = {
-    "date Thu Oct 9 08:53:20 2025": (2025, 10, 9, 8, 53, 20),
     "date Thu Oct 09 08:53:20.5 am 2025": (2025, 10, 9, 8, 53, 20, 500_000),
     "date Thu Oct 09 08:53:20.000001 pm 2025": (2025, 10, 9, 20, 53, 20, 1),
     "date Thu Oct 09 12:53:20 am 2025": (2025, 10, 9, 0, 53, 20),
     "date Thu Oct 09 12:53:20 PM 2025": (2025, 10, 9, 12, 53, 20),
-    "date Fre Jan 31 23:59:59 2025": (2025, 1, 31, 23, 59, 59),
-    "date Son Feb 02 00:00:00 2025": (2025, 2, 2),
     "date Die Mär 04 00:00:00 2025": (2025, 3, 4),
-    "date Tue March 04 00:00:00 2025": (2025, 3, 4),
-    "date Fre Apr 04 00:00:00 2025": (2025, 4, 4),
     "date Son Mai 04 00:00:00 2025": (2025, 5, 4),
-    "date Sun May 04 00:00:00 2025": (2025, 5, 4),
-    "date Wed Jun 04 00:00:00 2025": (2025, 6, 4),
-    "date Fri Jul 04 00:00:00 2025": (2025, 7, 4),
-    "date Mon Aug 04 00:00:00 2025": (2025, 8, 4),
-    "date Thu Sep 04 00:00:00 2025": (2025, 9, 4),
     "date Sam Okt 04 00:00:00 2025": (2025, 10, 4),
-    "date Tue Nov 04 00:00:00 2025": (2025, 11, 4),
     "date Don Dez 04 00:00:00 2025": (2025, 12, 4),
-    "date Thu Dec 04 00:00:00 2025": (2025, 12, 4),
     "Begin Triggerblock Thu Dec 04 00:00:00 2025": (2025, 12, 4),
 }
 

@@ -37,20 +37,6 @@ def test_every_frame_of_an_unfinished_mf4_is_kept_whatever_the_file_is_called(
     assert log.share == 1.0
 
 
-@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".csv"])
-def test_old_formats_are_opened_by_content_and_packed(tmp_path: Path, suffix: str) -> None:
-    plain = [f for f in FRAMES[:200] if not (f.fd or f.remote or f.error)]
-    written = tmp_path / f"a{suffix}"
-    write_with_python_can(written, plain)
-    truth = read_all(written)[1]
-    packed = tmp_path / "b.gz"
-    packed.write_bytes(gzip.compress(written.read_bytes(), 1))
-    log, found = read_all(packed)
-    assert found == truth
-    assert len(found) == len(plain)
-    assert not log.loss.any
-
-
 def test_mf4_that_counts_buses_from_0(tmp_path: Path) -> None:
     path = tmp_path / "a.mf4"
     one = [replace(f, bus=1) for f in FRAMES[:20]]

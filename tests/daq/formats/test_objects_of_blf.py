@@ -111,58 +111,37 @@ SEEN = "1500 0 123 8 0102030405060708 -"
 OBJECTS = {
     "classic": (CLASSIC, SEEN),
     "10 us": (_object(1, _classic(), unit=1, stamp=3), "30000 0 123 8 0102030405060708 -"),
-    "before 2100": (
-        _object(1, _classic(dlc=0), stamp=_CENTURY_NS),
-        f"{_CENTURY_NS} 0 123 0 - -",
-    ),
     "from 2100 on": (_object(1, _classic(), stamp=_CENTURY_NS + 1), BAD),
     "head of 40 bytes": (_object(1, _classic(), version=2), SEEN),
-    "version 3": (_object(1, _classic(), version=3), BAD),
     "a byte short": (_object(1, _classic()[:-1]), BAD),
     "sent": (_object(1, _classic(flags=0x01)), f"{SEEN[:-1]}t"),
     "remote": (_object(1, _classic(flags=0x80)), "1500 0 123 8 0000000000000000 r"),
-    "7 bytes": (_object(1, _classic(dlc=7)), "1500 0 123 7 01020304050607 -"),
     "dlc 9": (_object(1, _classic(dlc=9)), SEEN),
     "bus 2": (_object(1, _classic(bus=2, dlc=0)), "1500 1 123 0 - -"),
     "bus 257": (_object(1, _classic(bus=257, dlc=0)), "1500 255 123 0 - -"),
     "11 bits": (_object(1, _classic(can_id=0x7FF, dlc=0)), "1500 0 7FF 0 - -"),
     "12 bits": (_object(1, _classic(can_id=0x800, dlc=0)), BAD),
-    "29 bits": (_object(1, _classic(can_id=0x9FFFFFFF, dlc=0)), "1500 0 1FFFFFFF 0 - x"),
-    "longer": (_object(86, _classic() + bytes(8)), SEEN),
     "error": (_object(2, struct.pack("<HHL", 3, 0, 0)), "1500 2 0 0 - e"),
     "error of 3 bytes": (_object(2, bytes(3)), BAD),
     "error with data": (_object(73, _error_ext(bus=2)), "1500 1 123 8 0102030405060708 e"),
-    "error, dlc 3": (_object(73, _error_ext(dlc=3)), "1500 0 123 3 010203 e"),
     "error of 29 bits": (_object(73, _error_ext(dlc=0, can_id=0x80000004)), "1500 0 4 0 - xe"),
     "FD": (_object(100, _fd(bus=2)), "1500 1 123 8 0102030405060708 f"),
     "FD, 9 bytes short": (_object(100, _fd()[:-1]), BAD),
     "FD, dlc 9": (_object(100, _fd(dlc=9)), f"1500 0 123 12 {_64[:12].hex()} f"),
     "FD, dlc 15": (_object(100, _fd(dlc=15)), f"1500 0 123 64 {_64.hex()} f"),
-    "FD, 5 valid": (_object(100, _fd(valid=5)), "1500 0 123 8 0102030405000000 f"),
     "FD, fast": (_object(100, _fd(dlc=0, fd=3)), "1500 0 123 0 - fb"),
-    "FD, passive": (_object(100, _fd(dlc=0, fd=5)), "1500 0 123 0 - fs"),
     "FD, sent": (_object(100, _fd(dlc=0, flags=1)), "1500 0 123 0 - ft"),
-    "FD, remote": (_object(100, _fd(dlc=0, flags=0x80)), "1500 0 123 0 - f"),
     "classic in FD": (_object(100, _fd(dlc=9, fd=0)), SEEN),
-    "remote in FD": (_object(100, _fd(fd=0, flags=0x80)), "1500 0 123 8 0000000000000000 r"),
     "FD 64": (_object(101, _fd_64(bus=2)), "1500 1 123 8 0102030405060708 f"),
-    "FD 64, 64 bytes": (_object(101, _fd_64(dlc=15)), f"1500 0 123 64 {_64.hex()} f"),
     "FD 64, short": (_object(101, _fd_64(data=b"")[:-1]), BAD),
     "FD 64, 3 bytes": (
         _object(101, _fd_64(data=b"\1\2\3"), beyond=b"\xff" * 5),
         "1500 0 123 8 0102030000000000 f",
     ),
-    "FD 64, 5 valid": (_object(101, _fd_64(valid=5)), "1500 0 123 8 0102030405000000 f"),
     "FD 64, extra": (_object(101, _fd_64(extra=75)), "1500 0 123 8 0102030000000000 f"),
-    "FD 64, remote": (_object(101, _fd_64(flags=0x1010, dlc=0)), "1500 0 123 0 - f"),
     "FD 64, fast": (_object(101, _fd_64(flags=0x3000, dlc=0)), "1500 0 123 0 - fb"),
-    "FD 64, passive": (_object(101, _fd_64(flags=0x5000, dlc=0)), "1500 0 123 0 - fs"),
     "FD 64, sent": (_object(101, _fd_64(sent=1, dlc=0)), "1500 0 123 0 - ft"),
     "classic in FD 64": (_object(101, _fd_64(flags=0x6000, dlc=9)), SEEN),
-    "remote in FD 64": (
-        _object(101, _fd_64(flags=0x10)),
-        "1500 0 123 8 0000000000000000 r",
-    ),
     "FD error": (_object(104, b"\2\0\0\0"), "1500 1 0 0 - e"),
 }
 
@@ -217,12 +196,8 @@ def test_times_count_from_the_start_in_the_header_if_it_is_a_date(
 
 CHAINS = {
     "end to end": (CLASSIC * 2, 2, 0),
-    "7 bytes of padding": (CLASSIC + bytes(7) + CLASSIC, 2, 0),
     "8 bytes between": (CLASSIC + bytes(8) + CLASSIC, 2, 8),
-    "8 bytes in front": (bytes(8) + CLASSIC, 1, 8),
-    "8 bytes at the end": (CLASSIC + bytes(8), 1, 8),
     "an object in a payload": (_object(1, _classic() + CLASSIC) + CLASSIC, 2, 0),
-    "a head without a body": (CLASSIC + CLASSIC[:32], 1, 32),
     "a byte less than whole": (CLASSIC + CLASSIC[:-1], 1, 47),
     "impossibly short": (_object(1, _classic(), size=31) + CLASSIC, 1, 48),
     "impossibly long": (_object(5, b"", size=(1 << 24) + 1) + CLASSIC, 1, 32),
@@ -238,14 +213,6 @@ def test_a_chain_of_objects_and_the_bytes_that_are_none(name: str) -> None:
     assert (loss.garbled, loss.bytes_cut) == (0, lost)
 
 
-def test_objects_in_no_container_are_read_with_their_padding() -> None:
-    odd = _object(5, bytes(3))  # 35 bytes, and 3 behind them
-    content = CLASSIC + odd + bytes(3) + CLASSIC + _container(CLASSIC) + CLASSIC
-    frames, loss = _read(_file(content))
-    assert frames == [SEEN] * 4
-    assert not loss.any
-
-
 HALF = zlib.compress(CLASSIC * 2)[:-9]
 CONTAINERS = {
     "packed": (_container(CLASSIC), 1, 0),
@@ -257,7 +224,6 @@ CONTAINERS = {
         0,
         10,
     ),
-    "a byte less than claimed": (_container(CLASSIC, claimed=49), 1, 1),
     "a torn checksum": (_container(CLASSIC, packed=zlib.compress(CLASSIC)[:-1]), 1, 1),
     "no zlib": (_container(CLASSIC, packed=bytes(10)), 0, 48),
     "in two": (_container(CLASSIC[:20]) + _container(CLASSIC[20:]), 1, 0),
@@ -266,16 +232,12 @@ CONTAINERS = {
         1,
         29,
     ),
-    "no body": (struct.pack("<4sHHLL", b"LOBJ", 16, 1, 17, 10) + bytes(2), 0, 0),
     "cut within the head": (_container(CLASSIC)[:15], 0, 15),
     "cut within the data": (
         _container(CLASSIC, method=0) + _container(CLASSIC, method=0)[:-1],
         1,
         48,
     ),
-    "another mark": (_container(CLASSIC) + b"LOBK" + bytes(40), 1, 16),
-    "a size of 16": (struct.pack("<4sHHLL", b"LOBJ", 16, 1, 16, 5) + CLASSIC, 0, 16),
-    "a size above 16 MiB": (struct.pack("<4sHHLL", b"LOBJ", 16, 1, (1 << 24) + 1, 5), 0, 16),
 }
 
 
