@@ -60,36 +60,65 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     """
     start_ns = file.start_ns
     channels = []
-    members: dict[tuple[str, bytes], list[tuple[Channel, NDArray[np.float64]]]] = {}
-    times: dict[str, NDArray[np.float64]] = {}
-    for channel in channel_map.bench.channels:
-        column = file.columns[channel.signal]
-        si = si_unit(channel, column.unit, file.where)
-        own = replace(channel, unit=si.unit)
-        channels.append(own)
-        name, time_s, zero_ns = _times(channel, column, channel_map.clocks[channel.name], file)
+    members: list[_Members] = []
+    for stated in channel_map.bench.channels:
+        column = file.columns[stated.signal]
+        si = si_unit(stated, column.unit, file.where)
+        channel = replace(stated, unit=si.unit)
+        channels.append(channel)
+        clock, time_s, zero_ns = _times(channel, column, channel_map.clocks[channel.name], file)
         start_ns = zero_ns or start_ns
-        times.setdefault(name, time_s)
-        value = channel_values(own, si.factor, si.offset, np.asarray(column.values, np.float64))
-        filled = np.isfinite(value)
-        for (other, mask), together in members.items():
-            if other == name and _is_alike(np.frombuffer(mask, np.bool_), filled):
-                together.append((own, value))
+        raw = np.asarray(column.values, np.float64)
+        value = channel_values(channel, si.factor, si.offset, raw)
+        for group in members:
+            if group.clock == clock and group.is_sampled_with(value):
+                group.values[channel.name] = value
                 break
         else:
-            members[name, filled.tobytes()] = [(own, value)]
-    # The first channel distinguishes two clocks of one table.
-    names = [clock for clock, _ in members]
-    labels = [
-        clock if names.count(clock) == 1 else f"{clock} {together[0][0].name}"
-        for (clock, _), together in members.items()
+            members.append(_Members(clock, time_s, {channel.name: value}))
+    labels = []
+    for group in members:
+        several = sum(each.clock == group.clock for each in members) > 1
+        label = f"{group.clock} {next(iter(group.values))}" if several else group.clock
+        labels.append(label.replace("/", "_"))
+    names = group_names(labels)
+    groups = [
+        group.samples(names[label], start_ns, file.where)
+        for label, group in zip(labels, members, strict=True)
     ]
-    plain = group_names([label.replace("/", "_") for label in labels])
-    groups = (
-        _group(plain[label.replace("/", "_")], times[clock], together, start_ns, file.where)
-        for label, ((clock, _), together) in zip(labels, members.items(), strict=True)
-    )
     return Recording(start_ns, tuple(channels), tuple(g for g in groups if len(g.time_s)))
+
+
+@dataclass(slots=True)
+class _Members:
+    """Channels that were sampled together."""
+
+    clock: str
+    time_s: NDArray[np.float64]
+    """Times of all rows of their table, s."""
+    values: dict[str, NDArray[np.float64]]
+    """Values in SI by channel; NaN in rows without one."""
+
+    def is_sampled_with(self, value: NDArray[np.float64]) -> bool:
+        """Return whether a channel has values in the rows of the first of these channels."""
+        first, second = np.isfinite(next(iter(self.values.values()))), np.isfinite(value)
+        either = np.count_nonzero(first | second)
+        return bool(np.count_nonzero(first & second) >= _ALIKE * either)
+
+    def samples(self, name: str, start_ns: int, where: str) -> SampleGroup:
+        """Return the rows in which any channel has a value; raises InputError for their times."""
+        filled = np.isfinite(np.stack(list(self.values.values())))
+        rows = np.flatnonzero(filled.any(axis=0) & np.isfinite(self.time_s))
+        time_s = self.time_s[rows]
+        back = np.flatnonzero(np.diff(time_s) <= 0.0)
+        if len(back):
+            last_s, shown = time_s[back[0]], printable(name, 100)
+            what = f"the times of {shown} do not increase after {last_s:.6g} s"
+            raise InputError(where, what, "name another column of times, or cut the file there")
+        quality = np.where(filled[:, rows].all(axis=0), 0, np.uint8(Quality.MISSING))
+        t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
+        values = {channel: value[rows] for channel, value in self.values.items()}
+        return SampleGroup(name, time_s, t_ns, values, quality.astype(np.uint8))
 
 
 def _times(
@@ -146,45 +175,18 @@ def _seconds(stamps: Column, stated: str, channel: Channel) -> tuple[NDArray[np.
     return np.asarray(since, np.float64) * si.factor, whole * 1_000_000_000
 
 
-def _is_alike(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> bool:
-    either = np.count_nonzero(first | second)
-    return bool(np.count_nonzero(first & second) >= _ALIKE * either)
-
-
-def _group(
-    name: str,
-    time_s: NDArray[np.float64],
-    together: Sequence[tuple[Channel, NDArray[np.float64]]],
-    start_ns: int,
-    where: str,
-) -> SampleGroup:
-    """Return the samples of one clock: the rows in which any of its channels has a value."""
-    values = np.stack([value for _, value in together])
-    filled = np.isfinite(values)
-    rows = np.flatnonzero(filled.any(axis=0) & np.isfinite(time_s))
-    time_s = time_s[rows]
-    back = np.flatnonzero(np.diff(time_s) <= 0.0)
-    if len(back):
-        what = f"the times of {printable(name, 100)} do not increase after {time_s[back[0]]:.6g} s"
-        raise InputError(where, what, "name another column of times, or cut the file there")
-    quality = np.where(filled[:, rows].all(axis=0), 0, np.uint8(Quality.MISSING)).astype(np.uint8)
-    t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
-    own = {channel.name: value[rows] for (channel, _), value in zip(together, values, strict=True)}
-    return SampleGroup(name, time_s, t_ns, own, quality)
-
-
-def bumps_in(channel_map: ChannelMap, found: Recording) -> tuple[Event, ...]:
+def bumps_in(channel_map: ChannelMap, recorded: Recording) -> tuple[Event, ...]:
     """Return the bumps that the trigger of the recorder finds in a recording.
 
     Raises InputError if no channel can trigger.
     """
-    triggers = {channel.name for channel in trigger.trigger_channels(found.channels)}
+    triggers = {channel.name for channel in trigger.trigger_channels(recorded.channels)}
     if not triggers:
         what, advice = "has no channel that can trigger", "add a hub or a body acceleration"
         raise InputError("the channel map", what, f"{advice}, or give the times in [[run]]")
     traces = {
         name: (group.t_ns, value)
-        for group in found.groups
+        for group in recorded.groups
         for name, value in group.values.items()
         if name in triggers and len(group.t_ns)
     }
@@ -209,35 +211,37 @@ def _blocks(traces: Mapping[str, Trace]) -> Iterator[dict[str, Trace]]:
         }
 
 
-def bump_run(channel_map: ChannelMap, found: Recording, step: Step, bump: Event) -> Run:
+def bump_run(channel_map: ChannelMap, recorded: Recording, step: Step, bump: Event) -> Run:
     """Return the run around a bump, as long as the map's trigger states."""
     about = channel_map.bench.trigger
-    onset_s = (bump.t_ns - found.start_ns) * 1e-9
+    onset_s = (bump.t_ns - recorded.start_ns) * 1e-9
     given = GivenRun(step, onset_s - about.pre_s, onset_s + about.post_s)
-    return replace(given_run(channel_map, found, given), events=(replace(bump, text=step.label),))
+    return replace(
+        given_run(channel_map, recorded, given), events=(replace(bump, text=step.label),)
+    )
 
 
-def given_run(channel_map: ChannelMap, found: Recording, given: GivenRun) -> Run:
+def given_run(channel_map: ChannelMap, recorded: Recording, given: GivenRun) -> Run:
     """Return the run in a window of a recording; it is rejected if a channel does not cover it."""
     step, start_s, stop_s = given.step, given.start_s, given.stop_s
     groups, reasons = [], list[str]()
-    used = {c.name for c in found.channels if c.quantity is not Quantity.UNUSED}
-    for group in found.groups:
+    used = {c.name for c in recorded.channels if c.quantity is not Quantity.UNUSED}
+    for group in recorded.groups:
         rows = slice(*np.searchsorted(group.time_s, (start_s, stop_s)))
         time_s = group.time_s[rows] - start_s
         values = {name: value[rows] for name, value in group.values.items()}
         if len(time_s):
-            own = SampleGroup(group.name, time_s, group.t_ns[rows], values, group.quality[rows])
-            groups.append(own)
+            columns = (time_s, group.t_ns[rows], values, group.quality[rows])
+            groups.append(SampleGroup(group.name, *columns))
         if used & values.keys():
             reasons += _shortcomings(group.name, time_s, stop_s - start_s)
-    missing = used - {name for group in found.groups for name in group.values}
+    missing = used - {name for group in recorded.groups for name in group.values}
     reasons += [f"{name} has no value" for name in sorted(missing)]
     return Run(
         mass_state=step.mass_state,
         excitation=step.excitation,
         repeat=step.repeat,
-        t0_ns=found.start_ns + round(start_s * 1e9),
+        t0_ns=recorded.start_ns + round(start_s * 1e9),
         bump_s=channel_map.bench.bump_s,
         groups=tuple(groups),
         status=RunStatus.REJECTED if reasons else RunStatus.ACCEPTED,
