@@ -99,9 +99,8 @@ class Unpacked:
         self.packed = file.read(2) == b"\x1f\x8b"
         """True if it is packed."""
         file.seek(0)
-        self._stream: BinaryIO | gzip.GzipFile = (
-            gzip.GzipFile(fileobj=file) if self.packed else file
-        )
+        # A read of many bytes that fails would lose those before the damage: `read1` takes few.
+        self._read = gzip.GzipFile(fileobj=file).read1 if self.packed else file.read
         self._count = 0
         self._ended = False
 
@@ -110,7 +109,7 @@ class Unpacked:
         parts: list[bytes] = []
         missing = 0 if self._ended else size
         try:
-            while missing and (part := self._stream.read(min(missing, _PIECE_BYTES))):
+            while missing and (part := self._read(min(missing, _PIECE_BYTES))):
                 parts.append(part)
                 missing -= len(part)
         except (EOFError, gzip.BadGzipFile, zlib.error):
