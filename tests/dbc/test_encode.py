@@ -10,7 +10,6 @@ from dbc import parse_codec, shipped_dbc
 
 from .databases import Field, Message, database, fields, multiplexed, parse_one
 from .frames import block
-from .polynomial import crc8_by_division
 
 SHIPPED = parse_codec(shipped_dbc(), "bumpbench.dbc")
 EXAMPLES = settings(max_examples=100, deadline=None, derandomize=True, database=None)
@@ -61,18 +60,6 @@ def test_a_multiplexed_payload_holds_what_its_selectors_name(
         assert decoded[f"Mux.{field.name}"].value.tolist() in ([], [values[field.name]])
     set_bits = {bit for bit in range(64) if payload[0, bit // 8] >> bit % 8 & 1}
     assert set_bits <= used
-
-
-def test_counter_wraps_and_checksum_covers_all_bytes_before_it() -> None:
-    n = 300
-    payload = SHIPPED.encode(
-        "HUB_Front", {"acc_fl": np.ones(n), "acc_fr": np.linspace(-16, 16, n)}, counter_start=250
-    )
-    assert payload.shape == (n, 8)
-    assert payload[:, 4].tolist() == [(250 + i) % 256 for i in range(n)]
-    assert payload[:, 5].tolist() == [crc8_by_division(row[:5].tobytes()) for row in payload]
-    assert payload[:, :2].tolist() == [[2000 >> 8, 2000 & 0xFF]] * n
-    assert not payload[:, 6:].any()
 
 
 def test_what_was_encoded_decodes_to_the_nearest_step() -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 import cantools.database
 import pytest
 
-from dbc import InputError, load_codec, parse_codec, read_dbc, split_by_bus
+from dbc import InputError, load_codec, parse_codec
 
-from .foreign_texts import FRAME, REAR, SYM_TEXT, TWO_BUSES, arxml, kcd, kcd_text, message
+from .foreign_texts import FRAME, SYM_TEXT, TWO_BUSES, arxml, kcd, kcd_text, message
 from .frames import block
 
 
@@ -88,23 +88,6 @@ def test_an_identifier_of_two_buses_is_left_out_and_said_how_to_name_it() -> Non
     assert [m.name for m in gateway.messages] == ["Hub"]
     twice = f'<Bus name="B">{message("Hub", 0.5)}{message("Other", 1)}{message("C", 1, 1)}</Bus>'
     assert [m.name for m in parse_codec(kcd(twice), "car.kcd").messages] == ["C"]
-
-
-def test_the_texts_of_the_buses_by_name(tmp_path: Path) -> None:
-    parts = split_by_bus(TWO_BUSES, "car.kcd")
-    assert list(parts) == ["Empty", "Front & é", "Rear"]
-    assert parts["Rear"] == kcd(REAR)
-    assert split_by_bus("VERSION ''", "a.dbc") == {}
-    one = arxml()
-    start, stop = one.index("<CAN-CLUSTER>"), one.index("</ELEMENTS>")
-    two = one[:stop] + one[start:stop].replace(">Bus<", "> Other <") + one[stop:]
-    assert list(split_by_bus(two, "a.xml")) == ["Bus", "Other"]
-    assert split_by_bus(two, "a.xml")["Bus"] == one
-    (tmp_path / "a.kcd").write_text(TWO_BUSES, "utf-8")
-    with pytest.raises(InputError, match="has no bus Side"):
-        read_dbc(tmp_path / "a.kcd#Side")
-    (tmp_path / "a.kcd#Side").write_text("one", "utf-8")
-    assert read_dbc(tmp_path / "a.kcd#Side") == "one"
 
 
 J1939 = (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import datetime
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,15 +31,11 @@ def session_frames(session: Session) -> FrameBatch:
     if not batches:
         what = "its runs hold no raw frames"
         raise InputError("session", what, "export the decoded channels: mf4, mat, csv, parquet")
-    frames = FrameBatch.concatenate(batches).by_time()
-    spans = sorted((int(batch.t_ns.min()), int(batch.t_ns.max())) for batch in batches)
-    if any(first[1] >= second[0] for first, second in pairwise(spans)):
-        columns = (frames.t_ns, frames.can_id, frames.flags, frames.bus, frames.length)
-        rows = [column.reshape(-1, 1).view(np.uint8) for column in columns]
-        whole = np.ascontiguousarray(np.hstack([*rows, frames.data]))
-        keys = whole.view(np.dtype((np.void, whole.shape[1]))).ravel()
-        frames = frames.select(np.sort(np.unique(keys, return_index=True)[1]))
-    return frames
+    parts, last_ns = [], np.iinfo(np.int64).min
+    for batch in sorted(batches, key=lambda batch: int(batch.t_ns.min())):
+        parts.append(batch.select(batch.t_ns > last_ns))  # a window holds all frames of its time
+        last_ns = max(last_ns, int(batch.t_ns.max()))
+    return FrameBatch.concatenate(parts).by_time()
 
 
 def frames_left_out(session: Session) -> tuple[str, ...]:

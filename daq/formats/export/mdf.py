@@ -19,22 +19,16 @@ from .frames import has, session_frames
 _NS_PER_S = 1_000_000_000
 _UNITS = {"time_s": "s", "t_ns": "ns"}
 
-_REMOTE = [
-    ("BusChannel", "u1"),
-    ("ID", "<u4"),
-    ("IDE", "u1"),
-    ("DLC", "u1"),
-    ("DataLength", "u1"),
-    ("Dir", "u1"),
-]
-_DATA = [
-    *_REMOTE[:5],
-    ("DataBytes", "(64,)u1"),
-    ("Dir", "u1"),
-    ("EDL", "u1"),
-    ("BRS", "u1"),
-    ("ESI", "u1"),
-]
+_REMOTE = {
+    "BusChannel": "u1",
+    "ID": "<u4",
+    "IDE": "u1",
+    "DLC": "u1",
+    "DataLength": "u1",
+    "Dir": "u1",
+}
+_DATA = _REMOTE | {"DataBytes": "(64,)u1", "EDL": "u1", "BRS": "u1", "ESI": "u1"}
+"""Fields of a frame and their types, as in ASAM's bus logging."""
 
 
 def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
@@ -101,11 +95,11 @@ def _append_bus_log(asammdf: Any, mdf: Any, frames: FrameBatch, start_ns: int) -
         ("CAN_RemoteFrame", _REMOTE, remote & ~error),
         ("CAN_ErrorFrame", _DATA, error),
     )
-    for name, columns, mask in kinds:
+    for name, fields, mask in kinds:
         if mask.any():
             selected = frames.select(mask)
             signal = asammdf.Signal(
-                samples=_records(selected, name, columns),
+                samples=_records(selected, name, fields),
                 timestamps=(selected.t_ns - start_ns) * 1e-9,
                 name=name,
                 source=source,
@@ -113,8 +107,8 @@ def _append_bus_log(asammdf: Any, mdf: Any, frames: FrameBatch, start_ns: int) -
             mdf.append(signal, acq_name="CAN", acq_source=source)
 
 
-def _records(frames: FrameBatch, kind: str, columns: list[tuple[str, str]]) -> NDArray[np.void]:
-    records = np.zeros(len(frames), [(f"{kind}.{name}", dtype) for name, dtype in columns])
+def _records(frames: FrameBatch, kind: str, fields: dict[str, str]) -> NDArray[np.void]:
+    records = np.zeros(len(frames), [(f"{kind}.{name}", form) for name, form in fields.items()])
     fd = has(frames, FrameFlag.FD)
     code = np.searchsorted(FD_LENGTHS, np.minimum(frames.length, 64))
     cells = {
@@ -122,15 +116,13 @@ def _records(frames: FrameBatch, kind: str, columns: list[tuple[str, str]]) -> N
         "ID": frames.can_id,
         "IDE": has(frames, FrameFlag.EXTENDED),
         "DLC": np.where(fd, code, frames.length),
-        "DataLength": frames.length if "DataBytes" in dict(columns) else np.uint8(0),
+        "DataLength": frames.length if "DataBytes" in fields else np.uint8(0),
+        "DataBytes": np.pad(frames.data, ((0, 0), (0, 64 - frames.data.shape[1]))),
         "Dir": has(frames, FrameFlag.TRANSMITTED),
         "EDL": fd,
         "BRS": has(frames, FrameFlag.BITRATE_SWITCH),
         "ESI": has(frames, FrameFlag.ERROR_STATE),
     }
-    for name, _ in columns:
-        if name != "DataBytes":
-            records[f"{kind}.{name}"] = cells[name]
-    if "DataBytes" in dict(columns):
-        records[f"{kind}.DataBytes"][:, : frames.data.shape[1]] = frames.data
+    for name in fields:
+        records[f"{kind}.{name}"] = cells[name]
     return records

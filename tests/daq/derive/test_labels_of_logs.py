@@ -15,7 +15,6 @@ from daq.derive.from_logs import (
     labelled,
     numbered,
     parse_runs,
-    session_from_parts,
     with_steps,
 )
 from daq.errors import InputError
@@ -110,23 +109,3 @@ def test_a_log_goes_on_with_the_one_before_within_a_second(gap_ns: int, goes_on:
     assert intake.goes_on_with(_frame(START_NS))
     intake.take(_frame(START_NS), HopLosses())
     assert intake.goes_on_with(_frame(START_NS + gap_ns)) is goes_on
-
-
-def test_a_session_of_parts_has_the_name_of_its_frames() -> None:
-    bench, frames = small_bench(), bumps(small_codec(), 1)
-    intake = Intake(bench, small_codec())
-    intake.take(frames, HopLosses())
-    parts = labelled([intake.part()], [bench.campaign.steps[0]], 0)
-    about = session_from_parts(bench, small_codec(), parts, {"software": "x"}).provenance
-    assert about["frames_sha256"][:8] == about["uuid"][:8]
-    assert (about["software"], about["dbc"]) == ("x", bench.dbc_text)
-    assert about["bench_toml"] == bench.text
-    first = int(parts[0].frames.t_ns[0])
-    assert about["created"] == f"{np.datetime64(first // 10**9, 's')}+00:00"
-    twice = session_from_parts(bench, small_codec(), [*parts, *parts], {})
-    assert len(twice.runs) == 2
-    assert twice.provenance["uuid"] != about["uuid"]
-    empty = labelled([LogPart(FrameBatch.empty(), (), NO_HOPS, 0)], [], 0)
-    assert session_from_parts(bench, small_codec(), empty, {}).provenance["created"] == (
-        "1970-01-01T00:00:00+00:00"
-    )

@@ -94,19 +94,6 @@ def test_times_of_a_column(
     assert_allclose(found_s, times_s, rtol=1e-15, atol=1e-12)
 
 
-def test_times_of_a_rate_and_of_the_file() -> None:
-    by_rate = recording(_map("[time]\nrate_hz = 50.0\n"), _file({"fl": np.zeros(3)}))
-    assert by_rate.groups[0].time_s.tolist() == [0.0, 0.02, 0.04]
-    own = _file({"fl": np.zeros(2)}, times_s={"table": [1.0, 2.0]}, start_ns=7 * S)
-    of_file = recording(_map(), own)
-    assert of_file.start_ns == 7 * S
-    assert of_file.groups[0].time_s.tolist() == [1.0, 2.0]
-    assert of_file.groups[0].t_ns.tolist() == [8 * S, 9 * S]
-    # A column of times since 1970 knows better than the file when they began.
-    dated = _file({"t": [T0_S + 0.5], "fl": [1.0]}, start_ns=7 * S)
-    assert recording(_map(BY_COLUMN), dated).start_ns == T0_S * S
-
-
 @pytest.mark.parametrize("times_s", [[0.0, 1.0, 1.0], [0.0, 2.0, 1.0]])
 def test_times_that_do_not_increase_are_refused(times_s: list[float]) -> None:
     with pytest.raises(InputError, match="do not increase"):
