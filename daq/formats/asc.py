@@ -167,7 +167,7 @@ def _short_form(
     bus: bytes, identifier: bytes, direction: bytes, kind: bytes, dlc: bytes, base: int
 ) -> tuple[int, int, int, int] | None:
     """Return identifier, flags, bus and length of a classic data frame; None if it is another."""
-    if not (bus.isdigit() and len(bus) <= 3 and kind in b"dD" and len(dlc) <= 2):
+    if not (bus.isdigit() and len(bus) <= 3 and kind in (b"d", b"D") and len(dlc) <= 2):
         return None
     try:
         can_id, flags = _identifier(identifier, base)

@@ -45,7 +45,7 @@ class CandumpParser:
             data = unhexlify(digits)
             if mark and stamp[0] == _OPEN and stamp[-1] == _CLOSE:
                 can_id, flags = _identifier(identifier)
-                if more and more[0] in b"Tt":
+                if more and more[0] in (b"T", b"t"):
                     flags |= SENT
                 t_ns = nanoseconds(stamp[1:-1])
                 return t_ns, can_id, flags, _bus(interface), len(data), data
