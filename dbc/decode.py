@@ -106,9 +106,9 @@ class Codec:
             return index, 0, 0
         extended = np.flatnonzero(flags & np.uint16(FrameFlag.EXTENDED))
         keys = batch.bus[extended].astype(np.uint64) << np.uint64(32) | batch.can_id[extended]
-        distinct = np.unique(keys)
+        distinct, inverse = np.unique(keys, return_inverse=True)
         places = [self._extended_place(key & 0xFFFF_FFFF, key >> 32) for key in distinct.tolist()]
-        index[extended] = np.array(places, np.uint16)[np.searchsorted(distinct, keys)]
+        index[extended] = np.array(places, np.uint16)[inverse]
         error = (flags & np.uint16(FrameFlag.ERROR)) != 0
         remote = ((flags & np.uint16(FrameFlag.REMOTE)) != 0) & ~error
         index[error | remote] = unknown + 1

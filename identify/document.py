@@ -16,8 +16,7 @@ from .document_model import CorrelationEntry, MatricesEntry, ShapeEntry, SourceE
 from .fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate, ModeEstimate
 from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
-from .trust.finding import Verdict
-from .trust.survival import Loss
+from .trust.finding import Loss, Verdict
 
 if TYPE_CHECKING:
     from .nonlinear.forces import DamperCurve, Forces

@@ -39,12 +39,10 @@ from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import closed_form
 from .paper.physical_matrices import ClosedForm
 from .real_car import explained_by_elements, share_of_faults
-from .trust.clock_jump import clock_jump
+from .trust.faults import clock_jump, wrong_channel
 from .trust.finding import Judgement
 from .trust.judge import judge
-from .trust.sensor_faults import wrong_channel
-from .trust.shortcomings import shortcomings
-from .trust.unused import unused_findings
+from .trust.shortcomings import shortcomings, unused_findings
 from .trust.weights import contradicted_by_sag, mistyped_weight, wrong_weight
 
 if TYPE_CHECKING:

@@ -11,11 +11,10 @@ from daq.sessions import Session
 
 from .fit.estimation import Estimation
 from .fit.generic_vehicles import generic_vehicles
-from .trust.cause_ranking import Suspect, rank_causes
+from .trust.causes import rank_causes
 from .trust.consistency import some_runs_are_wrong
-from .trust.linear_effects import TURNED
-from .trust.misfit import CHI2_LIMIT
-from .trust.swaps import swap_explanation
+from .trust.faults import swapped_labels
+from .trust.residuals import CHI2_LIMIT
 
 if TYPE_CHECKING:
     from .nonlinear.real_car import RealCar
@@ -36,8 +35,8 @@ def share_of_faults(linear: Estimation) -> float:
     if longest_s < _SWING_S or some_runs_are_wrong(linear):
         return 1.0
     excess = max(linear.chi2_per_n - 1.0, 0.0)
-    exchange = swap_explanation(linear)
-    faults = [s.explained for s in rank_causes(linear) if of_bench(s)]
+    exchange = swapped_labels(linear)
+    faults = [s.explained for s in rank_causes(linear) if s.kind and s.kind.of_bench]
     share = min(max([exchange.explained if exchange else 0.0, *faults]), 1.0)
     return 1.0 if 1.0 + excess * (1.0 - share) <= linear.chi2_limit else share
 
@@ -68,9 +67,3 @@ def explained_by_elements(
     by_elements = max(found.estimation.chi2_per_n - 1.0, 0.0) * n + kept
     by_fault = left * n + float(np.log(n))
     return found if by_elements < by_fault else None
-
-
-def of_bench(suspect: Suspect) -> bool:
-    """Return whether a cause is a fault of a sensor."""
-    cause = suspect.cause
-    return cause == TURNED or cause.endswith(" late") or cause.startswith("gain of ")

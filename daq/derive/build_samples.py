@@ -77,11 +77,11 @@ def _digest(frames: FrameBatch) -> str:
 def _remarks(run_log: RunLog) -> dict[str, str]:
     """Return the findings on each run and the remarks of persons, as JSON."""
     judged = [run for run in run_log.runs if run.findings]
-    verdicts = {run.label: [finding_record(f) for f in run.findings] for run in judged}
+    found = {run.label: [finding_record(f) for f in run.findings] for run in judged}
     notes = json.dumps([asdict(note) for note in run_log.notes])
     overrides = json.dumps([asdict(override) for override in run_log.overrides])
-    texts = {"verdicts": json.dumps(verdicts), "notes": notes, "overrides": overrides}
-    return {name: text for name, text in texts.items() if text not in ("{}", "[]")}
+    said = {"verdicts": json.dumps(found), "notes": notes, "overrides": overrides}
+    return {name: text for name, text in said.items() if text not in ("{}", "[]")}
 
 
 def build_session(
@@ -171,7 +171,7 @@ def _run(
     `frames`: frames in its window.  `events`: all events; those in its window are kept.
     """
     start_ns, stop_ns = bench.trigger.window_ns(run.t_ns)
-    during = [event for event in events if start_ns <= event.t_ns <= stop_ns]
+    own = [event for event in events if start_ns <= event.t_ns <= stop_ns]
     decoded = codec.decode(frames)
     groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
     reasons = (*run.reasons, *_shortcomings(mapped, groups, frames, start_ns, stop_ns))
@@ -186,7 +186,7 @@ def _run(
         status=RunStatus.REJECTED if rejected else RunStatus.ACCEPTED,
         reasons=reasons,
         losses=_losses(codec, decoded, hops, start_ns, stop_ns),
-        events=tuple(_short(event) for event in during if event.code not in _NOT_OF_A_RUN),
+        events=tuple(_short(event) for event in own if event.code not in _NOT_OF_A_RUN),
         frames=frames,
     )
 
@@ -201,13 +201,13 @@ def _short(event: Event) -> Event:
 def _shortcomings(
     mapped: Sequence[MappedChannel],
     groups: Sequence[SampleGroup],
-    frames: FrameBatch,
+    own: FrameBatch,
     start_ns: int,
     stop_ns: int,
 ) -> tuple[str, ...]:
     """Return the reasons for which a run certainly cannot be used, found without identification."""
     length_s = (stop_ns - start_ns) * 1e-9
-    end_s = (int(frames.t_ns.max()) - start_ns) * 1e-9 if len(frames) else 0.0
+    end_s = (int(own.t_ns.max()) - start_ns) * 1e-9 if len(own) else 0.0
     if end_s < length_s - EDGE_S:
         return (f"the recording ended {length_s - end_s:.2f} s before the run did",)
     group_of = {name: group for group in groups for name in group.values}

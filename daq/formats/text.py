@@ -184,22 +184,22 @@ def read_lines(
         if tail.strip() and not more:
             blocks.append(tail)
         for block in blocks:
-            lines = parsed(block, parse)
-            known |= parse.has_header or len(lines.frames) > 0
+            found = parsed(block, parse)
+            known |= parse.has_header or len(found.frames) > 0
             if not known:
                 raise InputError(where, "begins with no line of a known log", "check what it is")
-            if block.endswith(b"\n") or _is_whole(block, lines.frames, recent, parse):
-                _count_lost(lines, block, before, loss)
-                recent = lines.frames
-                yield lines.frames
-            elif len(lines.frames) or lines.bad:
+            if block.endswith(b"\n") or _is_whole(block, found.frames, recent, parse):
+                _count_lost(found, block, before, loss)
+                recent = found.frames
+                yield found.frames
+            elif len(found.frames) or found.bad:
                 loss.add(f"line {before + 1} has no end", bytes_cut=len(block))
             before += block.count(b"\n")
         if zeros:
             loss.add(f"{zeros} zero bytes up to line {before + 1}", bytes_cut=zeros)
         if torn:
-            cut = counted(torn, "line")
-            loss.add(f"zero bytes cut {cut} up to line {before + 1}", garbled=torn)
+            lines = counted(torn, "line")
+            loss.add(f"zero bytes cut {lines} up to line {before + 1}", garbled=torn)
 
 
 def _is_whole(text: bytes, frames: FrameBatch, before: FrameBatch, parse: LineParser) -> bool:
@@ -219,12 +219,12 @@ def _is_whole(text: bytes, frames: FrameBatch, before: FrameBatch, parse: LinePa
     return parse.states_length or bool((same & (before.length == frames.length[0])).any())
 
 
-def _count_lost(lines: Parsed, block: bytes, before: int, loss: LogLoss) -> None:
-    if lines.bad:
-        first = lines.bad[0]
+def _count_lost(found: Parsed, block: bytes, before: int, loss: LogLoss) -> None:
+    if found.bad:
+        first = found.bad[0]
         line = block.split(b"\n", first + 1)[first].decode("ascii", "backslashreplace")
         note = f"line {before + first + 1} is not a frame: {printable(line.strip(), 60)!r}"
-        loss.add(note, garbled=len(lines.bad))
-    for line_number, frames in lines.dropped:
+        loss.add(note, garbled=len(found.bad))
+    for line_number, frames in found.dropped:
         note = f"line {before + line_number + 1} states {counted(frames, 'lost frame')}"
         loss.add(note, dropped=frames)

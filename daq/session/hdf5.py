@@ -124,7 +124,7 @@ def read_content(path: Path | str) -> Content:
         with _opened(path) as file:
             sizes = _Sizes(path.stat().st_size)
             file.visititems(sizes.add)
-            return {name: _item(node) for name, node in [("/", file), *sizes.items]}
+            return {name: _item(found) for name, found in [("/", file), *sizes.items]}
     except SchemaError as error:
         raise InputError(str(path), f"is damaged: {error}", DAMAGED_ADVICE) from error
     except _RAISED as error:
@@ -173,41 +173,41 @@ class _Sizes:
         self.items: list[tuple[str, h5py.Group | h5py.Dataset]] = []
         self._left = min(_MAX_BYTES, _SPARE_BYTES + _MAX_RATIO * file_bytes)
 
-    def add(self, name: str, node: h5py.Group | h5py.Dataset) -> None:
+    def add(self, name: str, found: h5py.Group | h5py.Dataset) -> None:
         """Add a group or dataset; raises SchemaError if it states what no session has."""
         path = f"/{name}"
         if len(self.items) >= _MAX_ITEMS or name.count("/") >= _MAX_DEPTH:
             raise SchemaError(path, "is one object too many, or too deep")
-        if isinstance(node, h5py.Dataset):
-            self._check(path, node)
-        elif not isinstance(node, h5py.Group):
+        if isinstance(found, h5py.Dataset):
+            self._check(path, found)
+        elif not isinstance(found, h5py.Group):
             raise SchemaError(path, "is neither group nor dataset")
-        self.items.append((path, node))
+        self.items.append((path, found))
 
-    def _check(self, path: str, node: h5py.Dataset) -> None:
+    def _check(self, path: str, found: h5py.Dataset) -> None:
         # The type is first, because h5py has a shape and a size only for types that it knows.
-        dtype = node.dtype
+        dtype = found.dtype
         if dtype.kind not in "iufS" or dtype.hasobject or dtype.itemsize > 4096:
             raise SchemaError(path, f"has type {dtype}, which no session has")
-        shape = node.shape
+        shape = found.shape
         if shape is None or len(shape) > 2:
             raise SchemaError(path, f"has shape {shape}, which no session has")
-        if node.is_virtual or node.external:
+        if found.is_virtual or found.external:
             raise SchemaError(path, "is not a dataset of this file")
-        whole, chunk = prod(shape) * dtype.itemsize, prod(node.chunks or ()) * dtype.itemsize
+        whole, chunk = prod(shape) * dtype.itemsize, prod(found.chunks or ()) * dtype.itemsize
         self._left -= whole
         if self._left < 0 or chunk > _MAX_CHUNK_BYTES:
             raise SchemaError(path, f"claims {whole} bytes in chunks of {chunk}, too much")
 
 
-def _item(node: h5py.Group | h5py.Dataset) -> Item:
-    return Item(_attributes(node), node[()] if isinstance(node, h5py.Dataset) else None)
+def _item(found: h5py.Group | h5py.Dataset) -> Item:
+    return Item(_attributes(found), found[()] if isinstance(found, h5py.Dataset) else None)
 
 
-def _attributes(node: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
+def _attributes(found: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
     """Return the attributes of simple types; sessions have no others."""
     result: dict[str, Attribute] = {}
-    stored = node.attrs
+    stored = found.attrs
     for name in stored:
         value = None if name in _OF_HDF5 else stored[name]
         if isinstance(value, np.ndarray):
@@ -275,7 +275,7 @@ def _glance(path: str, file: h5py.File) -> Glance:
 
 def _group(parent: h5py.Group, name: str) -> h5py.Group:
     """Return a group that is in this file, because a link could lead to another file."""
-    node = parent[name] if isinstance(parent.get(name, getlink=True), h5py.HardLink) else None
-    if not isinstance(node, h5py.Group):
+    found = parent[name] if isinstance(parent.get(name, getlink=True), h5py.HardLink) else None
+    if not isinstance(found, h5py.Group):
         raise ValueError(f"{name} is absent or a link")
-    return node
+    return found

@@ -15,7 +15,7 @@ from ..document import Document, unit_text
 from ..estimate_text import half_percent
 from ..fit.cross_validation import Prediction
 from ..identification import Identification
-from ..trust.excitation import SNR_LIMIT_DB
+from ..trust.motion import SNR_LIMIT_DB
 from .blocks import Block, Cell, Picture, Section, Table, cited
 from .figure import (
     FAINT,

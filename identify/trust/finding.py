@@ -1,14 +1,13 @@
-"""The classes of trust: verdict and quality of an identification."""
+"""The classes of trust: verdict, quality, and what survives of an identification."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import nan
 
 from dbc.finding import Finding, Severity
-
-from .survival import Survival
 
 
 class Verdict(StrEnum):
@@ -24,6 +23,26 @@ class Verdict(StrEnum):
     def of(cls, severity: Severity) -> Verdict:
         """Return the verdict that a finding of this severity requires at least."""
         return tuple(cls)[severity]
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """The cause for which a parameter is lost."""
+
+    cause: str
+    """In words."""
+    shift: float = nan
+    """Shift of the parameter by the cause, as a share of its value; NaN where that is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Survival:
+    """The parameters of a result, divided."""
+
+    surviving: tuple[str, ...] = ()
+    """Parameters that no cause moves by more than their standard deviation."""
+    lost: Mapping[str, Loss] = field(default_factory=dict)
+    """The other parameters, each with its cause."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,3 +75,14 @@ class Judgement:
     def reasons(self) -> tuple[str, ...]:
         """Texts of the findings, the worst first."""
         return tuple(finding.text for finding in self.findings)
+
+
+_LISTED = 3
+
+
+def listed(places: Iterable[str]) -> str:
+    """Return the first three different places, and the number of the others."""
+    unique = tuple(dict.fromkeys(places))
+    text = ", ".join(unique[:_LISTED])
+    more = len(unique) - _LISTED
+    return f"{text} and {more} more" if more > 0 else text

@@ -1,35 +1,46 @@
-"""Applies all gates; together they give the verdict."""
+"""Applies all gates; together they give the verdict, and what survives of the parameters.
+
+Every cause whose size was estimated implies a change of each parameter.  A parameter survives if
+none of the causes that may still be true moves it by more than its standard deviation: with noise
+and cause together it then still lies within three of them.  (With half of the 95 % interval as the
+limit, survivors of the stress list had errors of four standard deviations.)
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from math import inf
+from math import inf, isfinite, nan
+
+import numpy as np
 
 from daq.loading import WEIGHT_SAG
 from daq.sessions import Session
 from dbc.finding import Finding
 
 from ..fit.estimation import Estimation
-from .cause_ranking import rank_causes
-from .cause_texts import Causes, causes_of, wrong_channel_cause
+from ..fit.grey_box import SIGNED
+from ..fit.uncertainty import determined
+from .causes import Causes, causes_of, rank_causes
 from .consistency import moves_without, repeat_findings
-from .contradiction import contradicted_shift, contradictions
-from .excitation import excitation_findings, mode_snr_db
-from .finding import Judgement
-from .lift_off import lift_off_findings
-from .linear_effects import ONE_WEIGHT, WEIGHTS
-from .misfit import chi2_by_run, misfit_findings
+from .finding import Judgement, Loss, Survival
+from .hypotheses import WEIGHTS
+from .motion import excitation_findings, lift_off_findings, mode_snr_db
 from .plausibility import parameter_findings, undetermined
-from .refit import Explanation, largest_shift
-from .sampling import sampling_findings
-from .saturation import saturation_findings
-from .scale import gain_findings, scale_findings, weight_findings
-from .survival import Hypothesis, survival
-from .whiteness import whiteness_findings
+from .refit import Cause
+from .residuals import CHI2_LIMIT, chi2_by_run, misfit_findings, whiteness_findings
+from .samples import sampling_findings, saturation_findings
+from .statements import contradicted_shift, contradictions, unseen_findings
+from .weights import ONE_WEIGHT
 
-_OF_WEIGHTS = {WEIGHTS.replace(" ", "_")}
-_NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_in_compression"}
+_EXPLAINS = 0.35
+"""Share of the misfit that the best cause must explain; below, the rest may have any cause."""
+_RIVAL = 0.5
+"""Share of the best cause's explanation above which another cause may be the true one."""
+
+_UNEXPLAINED = "no cause that was tried explains the misfit"
+_MOST = 3.0
+"""Change of a logarithm beyond which its size has no meaning: a factor of twenty."""
 
 
 def judge(
@@ -37,7 +48,7 @@ def judge(
     estimation: Estimation,
     signs: Sequence[Finding] = (),
     unused: Sequence[Finding] = (),
-    wrong: Explanation | None = None,
+    wrong: Cause | None = None,
 ) -> Judgement:
     """Judge an estimation by all gates.
 
@@ -45,42 +56,41 @@ def judge(
     fit.
 
     `signs`: channels whose sign is wrong (`daq.check.opposed_signs`), or weights that the sag
-    contradicts (`contradicted_by_sag`), the cause if there are any.
-    `unused`: what was left out (`unused_findings`).  `wrong`: the channel or the clocks that
-    are the cause (`wrong_channel`, `clock_jump`), if there are any.
+    contradicts (`contradicted_by_sag`), the cause if there are any.  `unused`: what was left out
+    (`unused_findings`).  `wrong`: the channel, weight or clocks that are the cause, if any are.
     """
     linear, holds = estimation.nonlinear is None, estimation.holds
-    determined = not undetermined(estimation)
+    sure = not undetermined(estimation)
     snr_db = mode_snr_db(estimation)
-    known = bool(signs or wrong)
-    causes = wrong_channel_cause(wrong) if wrong else Causes(tuple(map(_as_cause, signs)))
-    if linear and not known and (determined or not holds):
+    causes = Causes(tuple(map(_as_cause, signs)))
+    if wrong:
+        causes = Causes((wrong.finding,), (wrong,))
+    elif linear and not signs and (sure or not holds):
         causes = _causes(estimation)
     explained = _explains(estimation, causes)
     parameters = parameter_findings(estimation)
     findings = [
         *unused,
         *(() if holds else causes.findings),  # what to do before what is wrong
-        *(f for f in misfit_findings(estimation) if determined or f.code != "convergence"),
+        *(f for f in misfit_findings(estimation) if sure or f.code != "convergence"),
         *(f for f in parameters if not (explained and f.code == "contradiction")),
-        *(scale_findings(estimation.box) if determined else ()),
-        *(gain_findings(estimation.box) if determined else ()),
-        *(weight_findings(session.mass_states) if determined else ()),
+        *(unseen_findings(estimation.box, session.mass_states) if sure else ()),
         *sampling_findings(session, estimation.records),
         *saturation_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),
         *(causes.findings if holds else ()),
     ]
-    if determined and holds:
+    if sure and holds:
         findings += whiteness_findings(estimation)
         findings += lift_off_findings(estimation) if linear else ()
-    hypotheses = list(_hypotheses(estimation, causes, determined and not explained))
+    at_odds = _at_odds(estimation) if sure and not explained else ()
+    rivals = [replace(c, explained=inf) if holds else c for c in causes.tried]
     return Judgement(
         tuple(findings),
         estimation.chi2_per_n,
         chi2_by_run(estimation),
         snr_db,
-        survival(estimation, hypotheses),
+        survival(estimation, [*rivals, *at_odds]),
     )
 
 
@@ -96,31 +106,62 @@ def _causes(estimation: Estimation) -> Causes:
     repeats = repeat_findings(estimation, ranked[0].strength)
     at_odds = contradictions(estimation) if estimation.holds else ()
     if at_odds and at_odds[0].of_place:  # a gain, or a bar, would explain a part of it
-        ranked = tuple(s for s in ranked if s.score.gain > at_odds[0].sigmas ** 2)
+        ranked = tuple(s for s in ranked if s.gain > at_odds[0].sigmas ** 2)
     for odd in (finding for finding in repeats if finding.code == "odd_run"):
         excess = max(estimation.chi2_per_n - 1.0, 1e-9)
         moved = moves_without(estimation, odd.subject.split(", "))
         share = 1.0 - (odd.value - 1.0) / excess
-        run = Explanation(f"run {odd.subject}", "", "", share, *largest_shift(moved), moved)
-        return Causes(repeats, (run,))
+        return Causes(repeats, (Cause(f"run {odd.subject}", explained=share, moved=moved),))
     causes = causes_of(estimation, ranked)
-    explained = bool(causes.findings) and not {f.code for f in causes.findings} & _NON_LINEAR
-    return causes if explained else Causes((*causes.findings, *repeats), causes.tried)
+    if causes.findings and causes.linear:
+        return causes
+    return replace(causes, findings=(*causes.findings, *repeats))
 
 
 def _explains(estimation: Estimation, causes: Causes) -> bool:
     """Return whether a named cause is the reason why stated values disagree with the runs."""
     named = {finding.code for finding in causes.findings} - {"amplitude"}
-    return bool(named) and (not estimation.holds or bool(named & _OF_WEIGHTS))
+    weights = WEIGHTS.name.replace(" ", "_")
+    return bool(named) and (not estimation.holds or weights in named)
 
 
-def _hypotheses(estimation: Estimation, causes: Causes, at_odds: bool) -> Iterator[Hypothesis]:
-    """Yield every sized cause with the changes that it means; without a misfit, all compete."""
-    for cause in causes.tried:
-        yield Hypothesis(cause.name, inf if estimation.holds else cause.explained, cause.moved)
-    found = contradictions(estimation) if at_odds else ()
+def _at_odds(estimation: Estimation) -> Iterator[Cause]:
+    """Yield what the runs contradict, as one cause; without a misfit, all compete."""
+    found = contradictions(estimation)
     if found:
         moved = contradicted_shift(estimation, found).tolist()
         names = estimation.box.parameters
         wrong = "; ".join(one.name for one in found)
-        yield Hypothesis(wrong, inf, dict(zip(names, moved, strict=True)))
+        yield Cause(wrong, explained=inf, moved=dict(zip(names, moved, strict=True)))
+
+
+def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
+    """Divide the parameters into those that survive and those that are lost.
+
+    The intervals of a nonlinear fit that converged include the little that it leaves unexplained.
+    In a linear fit with a misfit, a parameter survives only if the known causes explain nearly all
+    of the misfit.
+
+    `causes`: all that were refitted or sized, and that stand out of the noise.
+    """
+    box, fit = estimation.box, estimation.fit
+    names, linear = box.parameters, estimation.nonlinear is None
+    if not fit.converged and (linear or not estimation.holds):
+        return Survival((), dict.fromkeys(box.names, Loss("the fit did not converge")))
+    known = zip(names, determined(box, fit.covariance), strict=True)
+    lost = {name: Loss("not determined") for name, is_known in known if not is_known}
+    rivals = list(causes)
+    if linear and not estimation.holds:
+        best = max((h.explained for h in causes if isfinite(h.explained)), default=0.0)
+        left = 1.0 + (estimation.chi2_per_n - 1.0) * (1.0 - min(best, 1.0))
+        if best < _EXPLAINS or left > CHI2_LIMIT:
+            return Survival((), dict.fromkeys(box.names, Loss(_UNEXPLAINED)) | lost)
+        rivals = [h for h in causes if h.explained >= _RIVAL * best]
+    std = np.sqrt(np.diag(fit.covariance)[: len(names)])
+    for name, within in zip(names, std.tolist(), strict=True):
+        # Two causes may be one shift in two words: rounding must not choose which of them is named.
+        worst = max(rivals, key=lambda h: float(f"{abs(h.moved[name]):.6g}"), default=None)
+        if name not in lost and worst is not None and abs(worst.moved[name]) > within:
+            by = float(np.expm1(np.clip(worst.moved[name], -_MOST, _MOST)))
+            lost[name] = Loss(worst.name, nan if name in SIGNED else by)
+    return Survival(tuple(name for name in box.names if name not in lost), lost)

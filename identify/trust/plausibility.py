@@ -13,7 +13,7 @@ from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, estimates
 from ..model.derived import derived_quantities, whole_vehicle_indices
 from ..numbers import half_width_percent
-from .contradiction import contradiction_findings
+from .statements import contradiction_findings
 
 _WIDE_SHARE = 0.025
 """Relative standard deviation above which the 95 % interval is wider than 5 % to either side."""

@@ -1,24 +1,27 @@
 """Fits a problem again under another description of the bench, to test a hypothesis by its cost.
 
-A wrong sensor or label distorts the whole fit, so that a score test at the fitted point shows it
-only weakly.  Here the decays get another description, the vehicle is fitted again on fewer samples,
-and the cost shows how much better that description is.
+A wrong sensor, label or weight distorts the whole fit, so that a score test at the fitted point
+shows it only weakly.  Here the decays get another description, the vehicle is fitted again on fewer
+samples, and the cost shows how much better that description is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Channel
+from daq.vehicle import MassState
+from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay, with_channels
 from ..fit.estimation import Estimation
+from ..fit.generic_vehicles import generic_vehicles
 from ..fit.grey_box import SIGNED, GreyBox
-from ..fit.likelihood import Fit, fit
+from ..fit.likelihood import HOLD, Fit, fit
 
 _RATE_HZ = 250.0
 _LENGTH_S = 1.0
@@ -27,30 +30,102 @@ _COMPARED_HZ = 125.0
 """Rate of the samples on which hypotheses are compared, Hz: ten times the fastest mode."""
 _TOLERANCE = 0.3
 _STEPS = 15
-RANKING_STEPS = 6
+_RANKING_STEPS = 6
 """Steps after which hypotheses are compared: from a generic car, the true labels have the lowest
 cost after four."""
+_MATTERS, _REFUSES = 0.02, 0.10
+"""Relative changes of a parameter above which a cause makes the result doubtful, and refuses it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Explanation:
-    """A likely cause."""
+class Kind:
+    """One kind of fault of car or bench."""
+
+    name: str
+    """Name of the cause, `{}` for its subject."""
+    advice: str = ""
+    of_bench: bool = False
+    """True if it is a fault of a sensor."""
+    bar: float = 1.0
+    """Least strength (`Cause.strength`) of a proof."""
+    nonlinear: bool = False
+    """True if the car is not linear: what depends on amplitude is then told, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """A likely cause of a misfit, with what it would change."""
 
     name: str
     """The fault."""
-    sizes: str
+    sizes: str = ""
     """Size of the fault, as text."""
-    advice: str
+    advice: str = ""
     """Advice on what to do."""
-    explained: float
-    """Share of the excess of the squared residuals that the cause explains."""
-    shift: float
-    """Largest relative change of a parameter by the cause."""
-    shifted: str
-    """Parameter with that change."""
-    moved: Mapping[str, float]
+    explained: float = 0.0
+    """Share of the excess of the squared residuals that the cause explains; 0 without a misfit."""
+    moved: Mapping[str, float] = field(default_factory=dict)
     """Change of each parameter's unknown by the cause: relative, or in its unit if it may be
     zero."""
+    certain: bool = False
+    """True if it refuses the result even if it moves little: it can be put right."""
+    code: str = ""
+    """Code of the finding; empty: from the name."""
+    gain: float = np.inf
+    """Fall of the squared residuals by the cause, in units of the noise."""
+    strength: float = np.inf
+    """That fall in units of what chance would give; noise stays below 1 except in one of a million
+    cases."""
+    kind: Kind | None = None
+    """Row of the table of hypotheses; None for what was refitted."""
+    subject: str = ""
+    """Channel or group that it is of."""
+
+    @property
+    def shift(self) -> tuple[float, str]:
+        """Largest relative change of a parameter by the cause, and that parameter."""
+        sizes = {name: 0.0 if name in SIGNED else abs(by) for name, by in self.moved.items()}
+        worst = max(sizes, key=lambda name: sizes[name])
+        return sizes[worst], worst
+
+    @property
+    def finding(self) -> Finding:
+        """The cause in words."""
+        shift, shifted = self.shift
+        severity = Severity.NOTE
+        if self.certain or shift > _MATTERS:
+            severity = Severity.ERROR if self.certain or shift > _REFUSES else Severity.WARNING
+        share = f"explains {min(self.explained, 1.0) * 100:.0f} % of the misfit"
+        size = ", ".join(part for part in (self.sizes, share if self.explained else "") if part)
+        moves = f"moves {shifted} by about {min(shift, 1.0) * 100:.1f} %"
+        details = f"{size}; {moves}" if size else moves
+        text = f"likely cause: {self.name} ({details}): {self.advice}"
+        code = self.code or self.name.split(" of ")[0].replace(" ", "_")
+        return Finding(code, severity, text)
+
+
+def as_described(channel: Channel) -> Channel:
+    """Return the channel itself: the stated description of the bench."""
+    return channel
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Another description of bench or weights."""
+
+    name: str
+    """The fault, in words."""
+    advice: str = ""
+    """Advice on what to do."""
+    channel: Callable[[Channel], Channel | None] = as_described
+    """From a stated channel to what its samples show, or to None to leave it out."""
+    mass_state: Callable[[str], str] = str
+    """From the stated mass state of a run to the one in which it was made."""
+    state: Callable[[MassState], MassState] = lambda state: state
+    """From a stated mass state to what was on the car."""
+
+
+AS_STATED = Trial("as stated")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,49 +145,46 @@ class Refit:
         return self.fit.cost / sum(decay.n_values for decay in self.decays) - 1.0
 
 
-def as_described(channel: Channel) -> Channel:
-    """Return the channel itself: the stated description of the bench."""
-    return channel
-
-
 def refit(
     estimation: Estimation,
-    change: Callable[[Channel], Channel | None],
-    near: NDArray[np.float64],
-    mass_states: Callable[[str], str] = str,
+    trial: Trial = AS_STATED,
+    near: NDArray[np.float64] | None = None,
     hold: float = 0.0,
     steps: int = _STEPS,
 ) -> Refit:
-    """Fit the problem with other descriptions of its channels or mass states, on fewer samples.
+    """Fit the problem under another description, on fewer samples.
 
-    Parameters
-    ----------
-    estimation : Estimation
-        The fit as the bench is stated.
-    change : callable
-        From a channel to its replacement, or to None to leave it out.
-    near : (n,) float64
-        Unknowns to start from.
-    mass_states : callable, optional
-        From the stated mass state of a run to its replacement.
-    hold : float
-        Hold of the first steps (`identify.fit.likelihood.fit`).
-    steps : int
-        Largest number of steps.
+    `near`, (n,) float64: unknowns to start from; None: those of the fit.  `hold`: of the first
+    steps (`identify.fit.likelihood.fit`).  `steps`: their largest number.
     """
-    changed = (
-        with_channels(_short(decay.thinned(_RATE_HZ)), change) for decay in estimation.decays
-    )
-    decays = tuple(
-        replace(decay, mass_state=mass_states(decay.mass_state))
-        for decay in changed
-        if decay.recordings
-    )
+    decays = []
+    for whole in estimation.decays:
+        thin = whole.thinned(_RATE_HZ)
+        cut = replace(thin, recordings=tuple(r.between(0.0, _LENGTH_S) for r in thin.recordings))
+        changed = with_channels(cut, trial.channel)
+        if changed.recordings:
+            decays.append(replace(changed, mass_state=trial.mass_state(changed.mass_state)))
     groups = dict.fromkeys(r.group for decay in decays for r in decay.recordings)
     old = estimation.box
-    box = GreyBox(tuple(groups), old.mass_states, old.geometry, old.structure, old.facts)
-    start = parameters_as_start(box, old, near)
-    return Refit(box, decays, fit(box, decays, estimation.noise, start, _TOLERANCE, steps, hold))
+    states = tuple(map(trial.state, old.mass_states))
+    box = GreyBox(tuple(groups), states, old.geometry, old.structure, old.facts)
+    start = parameters_as_start(box, old, estimation.fit.eta if near is None else near)
+    done = fit(box, tuple(decays), estimation.noise, start, _TOLERANCE, steps, hold)
+    return Refit(box, tuple(decays), done)
+
+
+def ranked(
+    estimation: Estimation, trials: Iterable[Trial], near: NDArray[np.float64] | None = None
+) -> list[tuple[Refit, Trial]]:
+    """Return roughly fitted trials, the one of the lowest cost first.
+
+    On one decay of each kind.  From `near`, else from a generic car: the fit as stated may have
+    gone astray.
+    """
+    start = estimation.box.unknowns(generic_vehicles()[0]) if near is None else near
+    few = with_first_repeats(estimation)
+    fitted = [(refit(few, trial, start, HOLD, _RANKING_STEPS), trial) for trial in trials]
+    return sorted(fitted, key=lambda one: one[0].excess)
 
 
 def parameters_as_start(
@@ -125,26 +197,19 @@ def parameters_as_start(
     return start
 
 
-def shift_between(before: Refit, after: Refit) -> tuple[float, str, dict[str, float]]:
-    """Return the largest relative change of a parameter, that parameter, and all changes."""
-    names = before.box.parameters
-    n = len(names)
-    moved = dict(zip(names, (after.fit.eta[:n] - before.fit.eta[:n]).tolist(), strict=True))
-    return *largest_shift(moved), moved
+def compared(
+    before: Refit, after: Refit, name: str, sizes: str, advice: str, certain: bool = False
+) -> Cause:
+    """Return a cause that explains the difference of two fits."""
+    n = len(before.box.parameters)
+    moved = (after.fit.eta[:n] - before.fit.eta[:n]).tolist()
+    explained = 1.0 - after.excess / before.excess
+    changes = dict(zip(before.box.parameters, moved, strict=True))
+    return Cause(name, sizes, advice, explained, changes, certain)
 
 
-def largest_shift(moved: Mapping[str, float]) -> tuple[float, str]:
-    """Return the largest relative change of a parameter, and that parameter."""
-    sizes = {name: 0.0 if name in SIGNED else abs(by) for name, by in moved.items()}
-    worst = max(sizes, key=lambda name: sizes[name])
-    return sizes[worst], worst
-
-
-def first_repeats(decays: Sequence[FreeDecay]) -> tuple[FreeDecay, ...]:
-    """Return one decay of each excitation and mass state, thinned: enough to compare hypotheses."""
-    first = {decay.label.rpartition("_")[0]: decay for decay in reversed(decays)}
-    return tuple(decay.thinned(_COMPARED_HZ) for decay in reversed(first.values()))
-
-
-def _short(decay: FreeDecay) -> FreeDecay:
-    return replace(decay, recordings=tuple(r.between(0.0, _LENGTH_S) for r in decay.recordings))
+def with_first_repeats(estimation: Estimation) -> Estimation:
+    """Return the problem with one decay of each excitation and mass state, thinned."""
+    first = {decay.label.rpartition("_")[0]: decay for decay in reversed(estimation.decays)}
+    few = tuple(decay.thinned(_COMPARED_HZ) for decay in reversed(first.values()))
+    return replace(estimation, decays=few)

@@ -1,4 +1,4 @@
-"""Names prerequisites of a fit that a session lacks, and the measurements that provide them."""
+"""Names what a session lacks for a fit, and what of it cannot be used."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from daq.sessions import Session
 from daq.vehicle import Vehicle, parameter_names, parameter_unit
 from dbc.finding import Finding, Severity
 
+from ..decays.absurd import absurd
 from ..decays.decay import Record
+from ..decays.usable import Usable
 from ..model.facts import SCALED
-from .format import listed
+from .finding import listed
 
 _LEAST_RATE_HZ = 20.0
 """Rate below which no sensor shows how the wheels swing, Hz."""
@@ -135,3 +137,63 @@ def _scale_is_known(vehicle: Vehicle) -> bool:
         or (fact.quantity in parameters and parameter_unit(fact.quantity) != "m")
         for fact in vehicle.facts
     )
+
+
+def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
+    """Name what `identify.decays.usable` left out of a session, with the reasons.
+
+    `used`: what is left.
+    """
+    units = session.units
+    wrong = list(absurd(session))
+    if wrong:
+        places = [
+            f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
+            for one in wrong
+        ]
+        yield Finding(
+            "absurd_values",
+            Severity.NOTE,
+            f"values that no sensor shows: {listed(places)}; they are taken as missing: check "
+            "byte order, scale and unit of the signal in the DBC, and the sensor",
+        )
+    if used.spikes:
+        places = [
+            f"{one.channel} in {one.run} at {one.time_s:.3f} s "
+            f"({one.value:.4g} {units[one.channel]})"
+            for one in used.spikes
+        ]
+        yield Finding(
+            "spikes",
+            Severity.NOTE,
+            f"samples that stand out from those on both sides: {listed(places)}; they are taken as "
+            "missing: check supply and plug of the sensor, and the frames at these times",
+        )
+    reasons: dict[str, list[str]] = {}
+    for before, run in zip(session.runs, used.session.runs, strict=True):
+        if run.status != before.status:
+            reasons.setdefault("; ".join(run.reasons), []).append(run.label)
+    if reasons:
+        runs = "; ".join(f"{listed(labels)}: {why}" for why, labels in reasons.items())
+        yield Finding(
+            "left_out",
+            Severity.NOTE,
+            f"not used: {runs}; check plugs, clock and cut of the runs, and repeat them; "
+            "where a sensor was off on purpose, set its channels to unused",
+        )
+    pairs = zip(session.channels, used.session.channels, strict=True)
+    dead = [channel.name for channel, now in pairs if channel.quantity != now.quantity]
+    if dead:
+        yield Finding(
+            "dead_channels",
+            Severity.NOTE,
+            f"never moves in any run: {listed(dead)}; the runs are fitted by the other channels: "
+            "repair the sensor or map it as unused",
+        )
+    if used.silent:
+        yield Finding(
+            "silent_channels",
+            Severity.NOTE,
+            f"silent for a part of most runs: {listed(used.silent)}; these runs are fitted by what "
+            "came: check sensor and plug",
+        )

@@ -1,9 +1,9 @@
 """Finds one added weight whose stated mass or place is grossly wrong.
 
-Such a weight distorts the whole fit, so that neither residuals nor scores point to it.  But the
-runs without weights show the car up to its scale; from there, what a person may have mistaken is
-tried on each weight, and the truth explains the runs with weights as well as those without.  Where
-travels show how far the body sank, that is compared first.
+Smaller errors are corrections of the fit, which contradict what is stated (`statements`).  A gross
+one distorts the whole fit.  Where travels show how far the body sank, that is compared first.  Else
+the runs without weights show the car up to its scale; from there, what a person may have mistaken
+is tried on each weight, and the truth explains the runs with weights as well as those without.
 """
 
 from __future__ import annotations
@@ -26,29 +26,19 @@ from ..fit.estimation import Estimation
 from ..fit.generic_vehicles import generic_vehicles
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import HOLD
-from .linear_effects import ONE_WEIGHT
-from .refit import (
-    RANKING_STEPS,
-    Explanation,
-    Refit,
-    as_described,
-    first_repeats,
-    refit,
-    shift_between,
-)
+from .refit import AS_STATED, Cause, Refit, Trial, compared, ranked, refit, with_first_repeats
 
+ONE_WEIGHT = "an added weight is wrong"
 _FACTORS = (0.01, 0.1, 0.25, 0.5, 2.0, 4.0, 10.0, 100.0)
 """Factors of a mass that are tried; the best is then fitted."""
 _LEAST, _MOST, _FAR_M = 0.7, 1.4, 0.2
-"""Factors of a mass, and distance in m, within which an error is left to the score test."""
+"""Factors of a mass, and distance in m, within which an error is left to the corrections."""
 _EXPLAINS = 0.9
 """Share of the misfit of the loaded runs that one weight must explain."""
 _FITTED = 3
 """Number of weights whose best trial is fitted: those tried are only near the truth."""
 _SPREAD = 1.2
 """Ratio of the misfits of loaded and unloaded runs up to which both have the same cause."""
-_ADVICE = "weigh it again, and measure its place from the middle of the front axle"
-
 _TYPING = 3.0
 """Factor of a mass from which a mistake is sought in a car that no linear model explains."""
 _TYPED = 0.05
@@ -59,21 +49,9 @@ _SAG_SIGMA_M = 1.5e-3
 """Standard uncertainty of a level at rest, m: friction of the dampers."""
 _KNOWN, _UNKNOWN = 0.4, 1.0
 """Spread of the logarithm of springs over cars of known and of unknown weight."""
+_ADVICE = "weigh it again, and measure its place from the middle of the front axle"
 
 Weight = BodyWeight | HubWeight
-
-
-@dataclass(frozen=True, slots=True)
-class _Trial:
-    """One weight as it may have been."""
-
-    state: str
-    number: int
-    """`state`, `number`: mass state, and place among its weights."""
-    weight: Weight
-    """The weight as tried."""
-    is_mass: bool
-    """True if its mass differs from what is stated, False if its place does."""
 
 
 def contradicted_by_sag(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
@@ -116,7 +94,81 @@ def contradicted_by_sag(session: Session, records: Sequence[Record]) -> tuple[Fi
     return ()
 
 
-def wrong_weight(estimation: Estimation) -> Explanation | None:
+@dataclass(frozen=True, slots=True)
+class _Changed:
+    """One weight as it may have been."""
+
+    state: str
+    number: int
+    """`state`, `number`: mass state, and place among its weights."""
+    stated: Weight
+    weight: Weight
+    """`stated`, `weight`: as stated, and as tried."""
+
+    @property
+    def is_mass(self) -> bool:
+        """True if its mass differs from what is stated, False if its place does."""
+        return self.weight.mass_kg != self.stated.mass_kg
+
+    @property
+    def name(self) -> str:
+        """Name of the weight."""
+        return f"weight {self.number + 1} of state {self.state}"
+
+    def trial(self, released: bool = False) -> Trial:
+        """Return the trial; with what differs among the unknowns if it is released."""
+        now = self.weight
+        if released and self.is_mass:
+            now = replace(now, sigma_kg=now.mass_kg)
+        elif released and isinstance(now, BodyWeight):
+            now = replace(now, position_sigma_m=1.0)
+
+        def state(old: MassState) -> MassState:
+            if old.name != self.state:
+                return old
+            weights = list(old.added.weights)
+            weights[self.number] = now
+            return replace(old, added=replace(old.added, weights=tuple(weights)))
+
+        return Trial(self.name, state=state)
+
+    def fitted(self, found: Refit) -> _Changed:
+        """Return the weight as the runs show it, from a fit in which it was released."""
+        n, w = len(found.box.parameters), self.weight
+        off = dict(zip(found.box.corrections, found.fit.eta[n:].tolist(), strict=False))
+        if self.is_mass:
+            return replace(self, weight=replace(w, mass_kg=w.mass_kg + off[self.name]))
+        if isinstance(w, BodyWeight):
+            x_m, y_m = w.x_m + off[f"x of {self.name}"], w.y_m + off[f"y of {self.name}"]
+            return replace(self, weight=replace(w, x_m=x_m, y_m=y_m))
+        return self
+
+    @property
+    def is_gross(self) -> bool:
+        """True if it differs by more than corrections are meant for."""
+        was, now, far = self.stated, self.weight, False
+        if isinstance(was, BodyWeight) and isinstance(now, BodyWeight):
+            far = hypot(was.x_m - now.x_m, was.y_m - now.y_m) > _FAR_M
+        elif isinstance(was, HubWeight) and isinstance(now, HubWeight):
+            far = was.corner is not now.corner
+        return far or not _LEAST < now.mass_kg / was.mass_kg < _MOST
+
+    @property
+    def in_words(self) -> str:
+        """What is stated, and what the runs show."""
+
+        def described(weight: Weight) -> str:
+            if self.is_mass:
+                return f"{weight.mass_kg:.3g} kg"
+            if isinstance(weight, BodyWeight):
+                return f"x {weight.x_m:+.2f}, y {weight.y_m:+.2f} m"
+            return f"on {weight.corner}"
+
+        shown = described(self.weight)
+        return f"{self.name}: stated {described(self.stated)}, the runs show {shown}"
+
+
+def wrong_weight(estimation: Estimation) -> Cause | None:
     """Return the weight that is stated wrongly by much; None if there is none.
 
     `estimation`: a fit that does not hold.
@@ -129,21 +181,18 @@ def wrong_weight(estimation: Estimation) -> Explanation | None:
         return None
     fitted = few.fitted()
     found, best = fitted[0]
-    right = replace(best, weight=_fitted(found, best))
-    after = refit(_with(estimation, right), as_described, found.fit.eta)
-    before = refit(estimation, as_described, estimation.fit.eta)
-    explained = 1.0 - after.excess / before.excess
-    if after.excess - allowed > (1.0 - _EXPLAINS) * before.excess or explained < 0.5:
-        return None  # a cause explains most of the misfit
-    box = estimation.box
-    if not _is_gross(_weights(box, best.state)[best.number], right.weight):
-        return None
+    after = refit(estimation, best.trial(), found.fit.eta)
+    before = refit(estimation)
     # Another weight may explain the runs as well: that of the same place on the other axle.
-    likely = [p for p in fitted if p[0].excess <= allowed]
-    return _explanation(before, after, [_sizes(box, *one) for one in likely or fitted[:1]])
+    likely = [change for one, change in fitted if one.excess <= allowed] or [best]
+    sizes = ", or ".join(change.in_words for change in likely)
+    cause = compared(before, after, ONE_WEIGHT, sizes, _ADVICE, certain=True)
+    if after.excess - allowed > (1.0 - _EXPLAINS) * before.excess or cause.explained < 0.5:
+        return None  # a cause explains most of the misfit
+    return cause if best.is_gross else None
 
 
-def mistyped_weight(estimation: Estimation) -> Explanation | None:
+def mistyped_weight(estimation: Estimation) -> Cause | None:
     """Return the weight whose mass is wrong by a large factor, although the car is not linear.
 
     Friction and damper curves spoil the runs without weights as much as those with them; another
@@ -154,20 +203,12 @@ def mistyped_weight(estimation: Estimation) -> Explanation | None:
     few = _Few.of(estimation)
     if few is None or few.stated.excess <= (1.0 + _TYPED) * few.unloaded.excess:
         return None
-    box = estimation.box
-    for found, best in few.fitted():
-        if not best.is_mass or found.excess > (1.0 - _TYPED) * few.stated.excess:
-            continue
-        stated_kg = _weights(box, best.state)[best.number].mass_kg
-        if not 1.0 / _TYPING < _fitted(found, best).mass_kg / stated_kg < _TYPING:
-            return _explanation(few.stated, found, [_sizes(box, found, best)])
+    for found, change in few.fitted():
+        factor = change.weight.mass_kg / change.stated.mass_kg
+        clear = found.excess <= (1.0 - _TYPED) * few.stated.excess
+        if change.is_mass and clear and not 1.0 / _TYPING < factor < _TYPING:
+            return compared(few.stated, found, ONE_WEIGHT, change.in_words, _ADVICE, certain=True)
     return None
-
-
-def _explanation(before: Refit, after: Refit, sizes: Sequence[str]) -> Explanation:
-    explained = 1.0 - after.excess / before.excess
-    moved = shift_between(before, after)
-    return Explanation(ONE_WEIGHT, ", or ".join(sizes), _ADVICE, explained, *moved)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,123 +226,38 @@ class _Few:
         """Return these runs; None without weights, or without runs in both states."""
         box = estimation.box
         empty = {s.name for s in box.mass_states if not (s.added.weights or s.added.matrix.any())}
-        few = replace(estimation, decays=first_repeats(estimation.decays))
+        few = with_first_repeats(estimation)
         bare = replace(few, decays=tuple(d for d in few.decays if d.mass_state in empty))
         weights = any(state.added.weights for state in box.mass_states)
         if not weights or not bare.decays or len(bare.decays) == len(few.decays):
             return None
-        generic = box.unknowns(generic_vehicles()[0])
-        unloaded = refit(bare, as_described, generic, hold=HOLD)
-        stated = refit(few, as_described, unloaded.fit.eta, steps=RANKING_STEPS)
-        return cls(few, unloaded, stated)
+        unloaded = refit(bare, AS_STATED, box.unknowns(generic_vehicles()[0]), HOLD)
+        return cls(few, unloaded, refit(few, AS_STATED, unloaded.fit.eta, steps=6))
 
-    def fitted(self) -> list[tuple[Refit, _Trial]]:
-        """Return the best trials of the likeliest weights, fitted, the best first."""
-        near = self.unloaded.fit.eta
-        ranked = sorted(
-            (
-                (
-                    refit(
-                        _with(self.estimation, trial),
-                        as_described,
-                        near,
-                        hold=HOLD,
-                        steps=RANKING_STEPS,
-                    ),
-                    trial,
-                )
-                for trial in _trials(self.estimation.box)
-            ),
-            key=lambda one: one[0].fit.cost,
-        )
-        of_weight: dict[tuple[str, int], tuple[Refit, _Trial]] = {}
-        for problem, trial in ranked:
-            of_weight.setdefault((trial.state, trial.number), (problem, trial))
-        fitted = [
-            (refit(_with(self.estimation, _released(trial)), as_described, problem.fit.eta), trial)
-            for problem, trial in list(of_weight.values())[:_FITTED]
-        ]
+    def fitted(self) -> list[tuple[Refit, _Changed]]:
+        """Return the best changes of the likeliest weights, fitted, the best first."""
+        changes = list(_changes(self.estimation.box))
+        trials = [one.trial() for one in changes]
+        which = dict(zip(map(id, trials), changes, strict=True))
+        likely: dict[str, tuple[Refit, _Changed]] = {}
+        for problem, trial in ranked(self.estimation, trials, self.unloaded.fit.eta):
+            likely.setdefault(trial.name, (problem, which[id(trial)]))
+        fitted = []
+        for problem, change in list(likely.values())[:_FITTED]:
+            found = refit(self.estimation, change.trial(released=True), problem.fit.eta)
+            fitted.append((found, change.fitted(found)))
         return sorted(fitted, key=lambda one: one[0].fit.cost)
 
 
-def _sizes(box: GreyBox, found: Refit, trial: _Trial) -> str:
-    was, now = _weights(box, trial.state)[trial.number], _fitted(found, trial)
-    stated, shown = _described(was, trial), _described(now, trial)
-    return (
-        f"weight {trial.number + 1} of state {trial.state}: stated {stated}, the runs show {shown}"
-    )
-
-
-def _weights(box: GreyBox, state: str) -> tuple[Weight, ...]:
-    return next(s.added.weights for s in box.mass_states if s.name == state)
-
-
-def _trials(box: GreyBox) -> Iterator[_Trial]:
+def _changes(box: GreyBox) -> Iterator[_Changed]:
     """Yield every weight with another mass, its place mirrored, or on the other axle."""
-    a, b = generic_vehicles()[0][11:13]
+    a, b = generic_vehicles()[0][11:13].tolist()
     for state in box.mass_states:
         for i, w in enumerate(state.added.weights):
-            for factor in _FACTORS:
-                yield _Trial(state.name, i, replace(w, mass_kg=factor * w.mass_kg), True)
+            others: list[Weight] = [replace(w, mass_kg=f * w.mass_kg) for f in _FACTORS]
             if isinstance(w, HubWeight):
-                others = [replace(w, corner=c) for c in Corner if c is not w.corner]
-                yield from (_Trial(state.name, i, other, False) for other in others)
-                continue
-            for x_m, y_m in ((-w.x_m, w.y_m), (w.x_m, -w.y_m), (-a - b - w.x_m, w.y_m)):
-                yield _Trial(state.name, i, replace(w, x_m=float(x_m), y_m=y_m), False)
-
-
-def _with(estimation: Estimation, trial: _Trial) -> Estimation:
-    """Return the problem with one weight as tried."""
-    old = estimation.box
-
-    def of_state(state: MassState) -> MassState:
-        if state.name != trial.state:
-            return state
-        weights = list(state.added.weights)
-        weights[trial.number] = trial.weight
-        return replace(state, added=replace(state.added, weights=tuple(weights)))
-
-    states = tuple(map(of_state, old.mass_states))
-    box = GreyBox(old.groups, states, old.geometry, old.structure, old.facts)
-    return replace(estimation, box=box)
-
-
-def _released(trial: _Trial) -> _Trial:
-    """Return the trial with what differs among the unknowns."""
-    w = trial.weight
-    if trial.is_mass:
-        return replace(trial, weight=replace(w, sigma_kg=w.mass_kg))
-    if isinstance(w, BodyWeight):
-        return replace(trial, weight=replace(w, position_sigma_m=1.0))
-    return trial
-
-
-def _fitted(found: Refit, trial: _Trial) -> Weight:
-    """Return the weight as the runs show it."""
-    box, name = found.box, f"weight {trial.number + 1} of state {trial.state}"
-    n = len(box.parameters)
-    off = dict(zip(box.corrections, found.fit.eta[n:].tolist(), strict=False))
-    w = trial.weight
-    if trial.is_mass:
-        return replace(w, mass_kg=w.mass_kg + off[name])
-    if isinstance(w, BodyWeight):
-        return replace(w, x_m=w.x_m + off[f"x of {name}"], y_m=w.y_m + off[f"y of {name}"])
-    return w
-
-
-def _is_gross(was: Weight, now: Weight) -> bool:
-    far = False
-    if isinstance(was, BodyWeight) and isinstance(now, BodyWeight):
-        far = hypot(was.x_m - now.x_m, was.y_m - now.y_m) > _FAR_M
-    elif isinstance(was, HubWeight) and isinstance(now, HubWeight):
-        far = was.corner is not now.corner
-    return far or not _LEAST < now.mass_kg / was.mass_kg < _MOST
-
-
-def _described(weight: Weight, trial: _Trial) -> str:
-    if trial.is_mass:
-        return f"{weight.mass_kg:.3g} kg"
-    if isinstance(weight, BodyWeight):
-        return f"x {weight.x_m:+.2f}, y {weight.y_m:+.2f} m"
-    return f"on {weight.corner}"
+                others += [replace(w, corner=c) for c in Corner if c is not w.corner]
+            else:
+                places = ((-w.x_m, w.y_m), (w.x_m, -w.y_m), (-a - b - w.x_m, w.y_m))
+                others += [replace(w, x_m=x_m, y_m=y_m) for x_m, y_m in places]
+            yield from (_Changed(state.name, i, w, other) for other in others)

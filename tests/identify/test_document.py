@@ -18,7 +18,7 @@ from identify.document_html import document_html
 from identify.fit.uncertainty import Correlation, ModeEstimate
 from identify.modes.pairing import Pairing
 from identify.software import software_sha256
-from identify.trust.survival import Loss, Survival
+from identify.trust.finding import Loss, Survival
 
 KEYS = (
     "source", "verdict", "reasons", "findings", "surviving", "lost", "chi2_per_n", "chi2_by_run",

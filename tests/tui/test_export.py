@@ -192,6 +192,26 @@ def test_uff(tmp_path: Path) -> None:
     assert sizes == [500 * 16, 499 * 16, *[24] * 5]
 
 
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        (["--format", "csv", "--separator", "ab"], "--separator"),
+        (["--format", "csv", "--separator", "1"], "--separator"),
+        (["--format", "csv", "--decimal", "x"], "--decimal"),
+        (["--format", "sep005"], "sep005"),
+        (["--out", "car"], "has no suffix"),
+    ],
+)
+def test_an_option_that_no_file_can_have_is_named(
+    options: list[str], what: str, tmp_path: Path, car: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["export", car, *options]) == 2
+    err = capsys.readouterr().err
+    assert what in err
+    assert len(err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["car.h5"]
+
+
 @pytest.mark.parametrize("form", list(ExportFormat))
 def test_files_are_whole_or_absent_and_never_overwritten(
     tmp_path: Path, form: ExportFormat, monkeypatch: pytest.MonkeyPatch

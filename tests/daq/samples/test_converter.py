@@ -18,7 +18,7 @@ from daq.verdict.traffic import overload
 from daq.verdict.window import RunWindow, traces
 from dbc.frames import FrameBatch
 from identify.decays.usable import usable
-from identify.trust.saturation import saturation_findings
+from identify.trust.samples import saturation_findings
 
 RATE_HZ = 1000.0
 STEP = 0.01

@@ -14,7 +14,7 @@ from daq.sessions import Session
 from identify.decays.absurd import Absurd, absurd, readable_session
 from identify.decays.usable import usable
 from identify.pipeline import identify_parameters
-from identify.trust.unused import unused_findings
+from identify.trust.shortcomings import unused_findings
 
 from ..stress import stress_session
 

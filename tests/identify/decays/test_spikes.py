@@ -10,7 +10,7 @@ from daq.sessions import Session
 from identify.decays.spikes import Spike, spikes, without_spikes
 from identify.decays.usable import usable
 from identify.pipeline import identify_parameters
-from identify.trust.unused import unused_findings
+from identify.trust.shortcomings import unused_findings
 
 from ..stress import stress_session
 from .test_absurd import NAME, SPOILT, spoilt

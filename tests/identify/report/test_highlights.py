@@ -23,7 +23,7 @@ from identify.report.blocks import Gallery, Picture, Report, Section, Source, Ta
 from identify.report.content import report_of
 from identify.report.figure import Drawing
 from identify.report.session import certificate_section, marked
-from identify.trust.survival import Loss, Survival
+from identify.trust.finding import Loss, Survival
 
 from .pages import at, tables, texts
 from .sessions import SOURCE

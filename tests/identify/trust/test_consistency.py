@@ -13,7 +13,7 @@ from identify.decays.decay import with_channels
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import fit, normal_blocks
-from identify.trust.cause_ranking import rank_causes
+from identify.trust.causes import rank_causes
 from identify.trust.consistency import (
     moves_without,
     pull_of,
@@ -104,7 +104,7 @@ def test_a_cause_that_all_runs_share_makes_none_odd() -> None:
     result = estimated("hubs_late_5ms", 3)
     assert max(_pulls(result).values()) > 1.0
     rival = rank_causes(result)[0]
-    assert rival.cause in ("hub sensors late", "body_acc_z late")
+    assert rival.name in ("hub sensors late", "body_acc_z late")
     assert "odd_run" not in by_gate(repeat_findings(result, rival.strength))
 
 

@@ -12,7 +12,7 @@ from identify.decays.decay import FreeDecay
 from identify.fit.estimation import Estimation
 from identify.model.matrices import PhysicalModel, loaded_model, physical_model
 from identify.modes.modal_model import modes_of
-from identify.trust.excitation import best_run, excitation_findings, mode_snr_db
+from identify.trust.motion import best_run, excitation_findings, mode_snr_db
 
 from .campaigns import SEEDS, estimated
 

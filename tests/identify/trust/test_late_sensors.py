@@ -7,7 +7,7 @@ from daq.vehicle import FORD_GRANADA
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.pipeline import grey_box
-from identify.trust.sensor_faults import sensor_explanations
+from identify.trust.faults import wrong_sensors
 from tests.identify import stress
 from tests.identify.stress import BODY, HUBS, TRAVELS, Stress, stress_session
 
@@ -21,7 +21,7 @@ def fitted(name: str, travels: bool) -> Estimation:
 @pytest.mark.parametrize("travels", [False, True])
 def test_hubs_5_ms_late_are_sized_5_ms_with_travels_and_without(travels: bool) -> None:
     """With travels, which are on time, the mean of all sensors at the wheels was 2.5 ms."""
-    *_, found = sensor_explanations(fitted("hubs_late_5ms", travels), [])
+    *_, found = wrong_sensors(fitted("hubs_late_5ms", travels), [])
     assert found.name == "hub sensors late"
     assert 4.8 < float(found.sizes.removesuffix(" ms")) < 5.2
     assert found.explained > 0.9
@@ -41,7 +41,7 @@ def test_the_kinds_that_are_late_are_named(
     late = Stress("8 ms late", faults=tuple(SensorFault(c, late_s=0.008) for c in channels))
     monkeypatch.setattr(stress, "STRESSES", {"late": late})
     (found,) = (
-        one for one in sensor_explanations(fitted("late", True), []) if one.name.endswith(" late")
+        one for one in wrong_sensors(fitted("late", True), []) if one.name.endswith(" late")
     )
     assert found.name == name
     for size in found.sizes.split(", "):

@@ -16,7 +16,7 @@ from dbc.finding import Severity
 from identify.fit.estimation import Estimation
 from identify.fit.varpro import evaluate, linear_part
 from identify.model.matrices import SYMMETRIC, loaded_model
-from identify.trust.lift_off import least_loads_n, lift_off_findings, static_loads_n
+from identify.trust.motion import least_loads_n, lift_off_findings, static_loads_n
 
 from ..stress import BUMP_S, REST_S
 from .campaigns import SEEDS, campaign, estimated

@@ -11,7 +11,7 @@ import pytest
 from dbc.finding import Severity
 from identify.decays.onset import onset_s
 from identify.fit.estimation import Estimation
-from identify.trust.misfit import chi2_by_run, misfit_findings
+from identify.trust.residuals import chi2_by_run, misfit_findings
 
 from ..stress import BODY, HUBS, REST_S
 from .campaigns import by_gate, campaign, estimated

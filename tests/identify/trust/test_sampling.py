@@ -9,7 +9,7 @@ from daq.sessions import Session
 from dbc.finding import Finding, Severity
 from identify.decays.decay import record_of
 from identify.decays.usable import usable
-from identify.trust.sampling import sampling_findings
+from identify.trust.samples import sampling_findings
 
 from ..stress import BUMP_S, REST_S
 from .campaigns import SEEDS, by_gate, campaign, doubtful, with_group, with_runs

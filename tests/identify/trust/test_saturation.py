@@ -12,7 +12,7 @@ from dbc.finding import Finding, Severity
 from dbc.samples import Quality
 from identify.decays.onset import GUARD_S, decay_start_s
 from identify.decays.usable import usable
-from identify.trust.saturation import saturation_findings
+from identify.trust.samples import saturation_findings
 
 from ..stress import BUMP_S, REST_S
 from .campaigns import SEEDS, campaign, doubtful, with_group

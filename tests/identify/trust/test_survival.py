@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from identify.fit.estimation import Estimation
-from identify.trust.survival import Hypothesis, survival
+from identify.trust.judge import survival
+from identify.trust.refit import Cause
 
 from .campaigns import estimated
 
@@ -21,11 +22,11 @@ def linear() -> Estimation:
 
 def _moves(
     estimation: Estimation, sigmas: float, explained: float = inf, name: str = "k_sf"
-) -> Hypothesis:
+) -> Cause:
     names = estimation.box.parameters
     std = float(np.sqrt(estimation.fit.covariance[names.index(name), names.index(name)]))
     moved = dict.fromkeys(names, 0.0) | {name: sigmas * std}
-    return Hypothesis("hub sensors late", explained, moved)
+    return Cause("hub sensors late", explained=explained, moved=moved)
 
 
 def test_what_no_cause_moves_survives(linear: Estimation) -> None:
@@ -52,9 +53,9 @@ def test_of_causes_that_move_a_parameter_alike_the_first_is_named_whatever_the_r
 ) -> None:
     first = _moves(linear, 3.0)
     for more in (0.0, 1e-13, -1e-13):
-        second = replace(_moves(linear, 3.0 * (1.0 + more)), cause="body sensors early")
+        second = replace(_moves(linear, 3.0 * (1.0 + more)), name="body sensors early")
         assert survival(linear, [first, second]).lost["k_sf"].cause == "hub sensors late"
-    second = replace(_moves(linear, 3.001), cause="body sensors early")
+    second = replace(_moves(linear, 3.001), name="body sensors early")
     assert survival(linear, [first, second]).lost["k_sf"].cause == "body sensors early"
 
 
@@ -109,5 +110,7 @@ def test_what_is_not_determined_is_lost_and_a_fit_astray_loses_all(linear: Estim
 
 
 def test_the_size_of_a_factor_beyond_twenty_is_not_reported(linear: Estimation) -> None:
-    far = Hypothesis("mass states swapped", inf, dict.fromkeys(linear.box.parameters, 50.0))
+    far = Cause(
+        "mass states swapped", explained=inf, moved=dict.fromkeys(linear.box.parameters, 50.0)
+    )
     assert survival(linear, [far]).lost["m_s"].shift == pytest.approx(np.exp(3.0) - 1.0)

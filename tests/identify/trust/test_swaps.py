@@ -13,8 +13,8 @@ from identify.decays.usable import usable
 from identify.fit.estimation import estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.pipeline import grey_box
-from identify.trust.cause_texts import causes_of
-from identify.trust.swaps import swap_explanation
+from identify.trust.causes import causes_of
+from identify.trust.faults import swapped_labels
 
 from .campaigns import short_campaign, shortly_estimated, with_runs
 
@@ -68,4 +68,4 @@ _LONG = ("hubs_late_5ms", "hot_damper", "tyre_damping")
     ["linear", "friction", *(pytest.param(name, marks=pytest.mark.long) for name in _LONG)],
 )
 def test_what_is_no_swap_is_not_taken_for_one(name: str) -> None:
-    assert swap_explanation(shortly_estimated(name, 1)) is None
+    assert swapped_labels(shortly_estimated(name, 1)) is None

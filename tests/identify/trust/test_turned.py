@@ -12,17 +12,13 @@ import numpy as np
 import pytest
 
 from daq.bench.config import load_bench
-from daq.channels import Channel, Quantity
 from daq.runs import Run
 from daq.sessions import Session
-from identify.decays.decay import ChannelGroup
-from identify.fit.grey_box import GreyBox
 from identify.pipeline import identify_parameters
 from identify.trust.finding import Verdict
-from identify.trust.linear_effects import turns
 
 from ...flow.coverage import simulated_session
-from .campaigns import by_gate, estimated
+from .campaigns import by_gate
 
 CODE = "IMU_turned_about_z"
 
@@ -61,17 +57,3 @@ def test_the_angle_of_a_turned_imu_is_found(straight: Session, angle_deg: float)
 
 def test_an_imu_that_is_straight_is_no_finding(straight: Session) -> None:
     assert CODE not in by_gate(identify_parameters(straight).quality.findings)
-
-
-def test_only_rates_of_one_message_turn_together() -> None:
-    """Of two messages, neither shows the other's axis at its own times."""
-    result = estimated("linear", 1)
-    pitch, roll = Channel("p", Quantity.PITCH_RATE), Channel("r", Quantity.ROLL_RATE)
-    further = Channel("q", Quantity.PITCH_ACCELERATION), Channel("s", Quantity.ROLL_ACCELERATION)
-    for groups, names in (
-        ((ChannelGroup("one", (pitch, roll)),), ["one"]),
-        ((ChannelGroup("one", (pitch,)), ChannelGroup("two", (roll,))), []),
-        ((ChannelGroup("one", (pitch, further[1])), ChannelGroup("two", further)), ["two"]),
-    ):
-        box = GreyBox(groups, result.box.mass_states, None)
-        assert [effect.label for effect in turns(replace(result, box=box)).effects] == names

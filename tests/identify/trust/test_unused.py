@@ -13,7 +13,7 @@ from daq.sessions import Session
 from dbc.finding import Finding, Severity
 from identify import Verdict, identify_parameters, usable_session
 from identify.decays.usable import usable
-from identify.trust.unused import unused_findings
+from identify.trust.shortcomings import unused_findings
 
 from ..stress import BUMP_S, REST_S
 from .campaigns import by_gate, campaign, with_group

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dbc.finding import Severity
 from identify.decays.decay import FreeDecay, Record, Recording
 from identify.fit.estimation import Estimation
-from identify.trust.whiteness import whiteness_findings
+from identify.trust.residuals import whiteness_findings
 
 from ..stress import REST_S
 from .campaigns import SEEDS, by_gate, doubtful, estimated

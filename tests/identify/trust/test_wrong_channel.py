@@ -12,8 +12,8 @@ from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, first_estimate
 from identify.fit.generic_vehicles import generic_vehicles
 from identify.pipeline import grey_box, identify_parameters
+from identify.trust.faults import wrong_channel
 from identify.trust.finding import Verdict
-from identify.trust.sensor_faults import wrong_channel
 
 from .campaigns import campaign, shortly_estimated, with_group
 

@@ -2,22 +2,30 @@
 
 One wrong statement distorts the fit and makes others disagree with it.  So the one that explains
 most is removed first, and only statements that still disagree are named after it (data snooping,
-Baarda 1968).  A common factor of all weights counts as a separate statement.
+Baarda 1968).  A common factor of all weights counts as a separate statement.  What no residual
+shows is noted: the scale of all masses, and what is taken as exact.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.vehicle import FactQuantity, MassState
 from dbc.finding import Finding, Severity
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
-from .scale import scale_facts
+from .finding import listed
 
+_LENGTHS = {
+    FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK,
+    "a", "b", "t_f", "t_r", "y_s",
+}  # fmt: skip
+"""Facts that do not depend on the scale."""
 _LIMIT_SIGMAS = 4.0
 _LEAST_REDUNDANCY = 1e-5
 """Least share of a statement's variance in its misfit; below, the fit is not exact enough to test
@@ -27,6 +35,50 @@ _REFUSED_SHIFT = 0.1
 _ALIKE = 0.95
 """Correlation of two tests above which the runs do not show which statement is wrong."""
 ALL_WEIGHTS = "all weights by a common factor"
+
+
+def scale_facts(box: GreyBox) -> tuple[str, ...]:
+    """Return the stated facts that fix the scale: loads, or a spring that was measured."""
+    return tuple(fact.quantity for fact in box.facts if fact.quantity not in _LENGTHS)
+
+
+def unseen_findings(box: GreyBox, mass_states: Sequence[MassState]) -> Iterator[Finding]:
+    """Yield notes on what no residual shows.
+
+    Free decays determine ratios of masses only, and a motion that is shown too large looks like one
+    that is larger.
+
+    `box`: structure of a problem that the runs determine.  `mass_states`: as stated.
+    """
+    if not scale_facts(box):
+        text = (
+            "the scale rests on the added weights alone: if all of them are 10 % off, so are all "
+            "masses, inertias, stiffnesses and dampers, and no fit shows it; weigh the car as a "
+            "check"
+        )
+        yield Finding("scale", Severity.NOTE, text)
+    channels = [channel for group in box.groups for channel in group.channels]
+    exact = [channel.name for channel in channels if not channel.scale_sigma]
+    if exact:
+        text = (
+            f"no gain_sigma is stated for {listed(exact)}: a sensor that shows 1 % too much can "
+            "move half tracks and inertias by 1 to 2 %, more than their intervals, and no fit "
+            "shows it; state it from data sheet or calibration"
+        )
+        yield Finding("gains", Severity.NOTE, text)
+    unstated = [
+        f"weight {i} of state {state.name}"
+        for state in mass_states
+        for i, weight in enumerate(state.added.weights, start=1)
+        if weight != weight.weighed()
+    ]
+    if unstated:
+        text = (
+            f"{listed(unstated)}: stated with ± 0 kg or ± 0 m, but nobody weighs exactly: 0.5 % "
+            "and 10 mm are assumed; state sigma_kg of the scales and position_sigma_m of the tape "
+            "measure"
+        )
+        yield Finding("exact_weights", Severity.NOTE, text)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
-"""Time stamps: samples that are missing or mistimed while the vehicle moves.
+"""Samples that are missing, mistimed, held or cut flat while the vehicle moves.
 
 Every sample is fitted at its own time, so uneven sampling is legal and a lost frame costs no more
-than its information.  The harmful faults are losing the wheels' motion, which is over in 0.2 s, and
-a channel that looks alive but is not.
+than its information.  The harmful faults are losing the wheels' motion, which is over in 0.2 s, a
+channel that looks alive but is not, and peaks beyond the range of a sensor or its message.
 """
 
 from __future__ import annotations
@@ -15,15 +15,18 @@ from numpy.typing import NDArray
 
 from daq.median import median
 from daq.runs import Run, SampleGroup
+from daq.samples.converter import flat_tops
+from daq.samples.hold import FROZEN_S
 from daq.sessions import Session
 from daq.silence import WHEEL_MOTION_S, longest_gap_s
 from dbc.finding import Finding, Severity
+from dbc.samples import Quality
 from dbc.words import counted
 
 from ..decays.decay import Record, Recording
-from ..decays.onset import decay_start_s
-from .format import listed
-from .stuck import stuck_findings
+from ..decays.onset import GUARD_S, decay_start_s
+from ..decays.stuck import frozen
+from .finding import listed
 
 LOST_SHARE = 0.1
 """Share of lost samples that must have a cause (bus load, a loose plug), which the bump itself may
@@ -49,7 +52,7 @@ def sampling_findings(session: Session, records: Sequence[Record]) -> tuple[Find
         *_jitter(stretches),
         *_order(runs),
         *_missing(runs, session),
-        *stuck_findings(records),
+        *_stuck(records),
         *_losses(runs),
     )
 
@@ -254,4 +257,118 @@ def _losses(runs: Sequence[Run]) -> Iterator[Finding]:
             f"the recorder counted {counted(total, 'frame')} lost or unusable: "
             f"{listed(f'{run.losses.measured} in {run.label}' for run in lossy)}; they cost their "
             "information only, check bus load and wiring if there are many",
+        )
+
+
+def _stuck(records: Sequence[Record]) -> Iterator[Finding]:
+    """Yield a finding on channels that do not move in the decays that are fitted."""
+    found = frozen(records)
+    if not found:
+        return
+    places = listed(f"{hold.channel} in {hold.run}" for hold in found)
+    text = (
+        f"holds one value for {found[0].longest.held_s:.2f} s (limit {FROZEN_S:g}) while the "
+        f"vehicle moves: {places}; these samples are not measured and bias the result: check the "
+        "sensor and repeat the run"
+    )
+    yield Finding("stuck_channels", Severity.WARNING, text)
+
+
+@dataclass(frozen=True, slots=True)
+class _Top:
+    """A flat top: its place, number of samples, value, and whether it lies within the decay."""
+
+    channel: str
+    run: str
+    samples: int
+    value: float
+    unit: str
+    in_decay: bool
+
+
+def saturation_findings(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
+    """Find flat tops and samples outside the range of their message.
+
+    On the bump they are harmless, because only the free decay is fitted.
+
+    `session`: as recorded; rejected runs do not count.  `records`: those of its runs, as they are
+    fitted.
+    """
+    used = {c.name for c in session.used_channels}
+    groups = {
+        run.label: [group for group in run.groups if used & set(group.values)]
+        for run in session.accepted
+    }
+    tops = [top for record in records for top in _tops(record)]
+    outside = [one for record in records for one in _outside(record, groups[record.label])]
+    return (*_flat(tops), *_out_of_range(outside))
+
+
+def _flat(tops: list[_Top]) -> Iterator[Finding]:
+    decay = sorted((top for top in tops if top.in_decay), key=lambda top: -top.samples)
+    if decay:
+        worst = decay[0]
+        yield Finding(
+            "saturation",
+            Severity.WARNING,
+            f"flat tops in the free decay, {worst.samples} equal samples at {worst.value:.4g} "
+            f"{worst.unit}, which is not by chance: {_places(decay)}; the sensor saturates and the "
+            "true motion is larger: use a lower bump or a sensor with a wider range",
+        )
+    elif tops:
+        worst = max(tops, key=lambda top: top.samples)
+        yield Finding(
+            "saturation",
+            Severity.NOTE,
+            f"flat tops on the bump only, {worst.samples} equal samples at {worst.value:.4g} "
+            f"{worst.unit}: {_places(tops)}; harmless, for only the decay after it is fitted",
+        )
+
+
+def _places(tops: list[_Top]) -> str:
+    return listed(f"{top.channel} in {top.run}" for top in tops)
+
+
+def _tops(record: Record) -> Iterator[_Top]:
+    start = decay_start_s(record) - GUARD_S
+    for recording in record.recordings:
+        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
+            for first, stop in flat_tops(column):
+                yield _Top(
+                    channel.name,
+                    record.label,
+                    stop - first,
+                    float(column[first]),
+                    channel.unit,
+                    bool(recording.time_s[stop - 1] >= start),
+                )
+
+
+def _outside(record: Record, groups: Sequence[SampleGroup]) -> Iterator[tuple[str, int, bool]]:
+    """Return message and run, samples out of range, and whether any is within the decay."""
+    start = decay_start_s(record) - GUARD_S
+    for group in groups:
+        flagged = (group.quality & Quality.OUT_OF_RANGE) != 0
+        if flagged.any():
+            in_decay = bool((group.time_s[flagged] >= start).any())
+            yield f"{group.name} in {record.label}", int(flagged.sum()), in_decay
+
+
+def _out_of_range(outside: list[tuple[str, int, bool]]) -> Iterator[Finding]:
+    decay = [(place, n) for place, n, in_decay in outside if in_decay]
+    if decay:
+        yield Finding(
+            "out_of_range",
+            Severity.WARNING,
+            f"{counted(max(n for _, n in decay), 'sample')} outside the range that the DBC states, "
+            f"in the free decay: {listed(place for place, _ in decay)}; a saturated sensor or a "
+            "wrong DBC: check scale and range of the message, use a lower bump",
+        )
+    elif outside:
+        yield Finding(
+            "out_of_range",
+            Severity.NOTE,
+            f"{counted(max(n for _, n, _ in outside), 'sample')} outside the range that the DBC "
+            f"states, on the bump only: {listed(place for place, _, _ in outside)}; harmless, for "
+            "only the decay after it is fitted",
         )

@@ -1,0 +1,342 @@
+"""Faults of the bench that are found by fitting again: labels, channels, clocks.
+
+Each is a table of trials; the best is fitted on all runs, and must explain most of the misfit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daq.channels import Channel, Quantity
+from daq.median import median
+from daq.silence import longest_gap_s
+from daq.vehicle import Corner
+from dbc.words import counted
+
+from ..decays.decay import FreeDecay, Record
+from ..fit.estimation import Estimation, later_may_hold
+from ..fit.generic_vehicles import generic_vehicles
+from ..fit.likelihood import HOLD, residuals
+from .finding import listed
+from .refit import AS_STATED, Cause, Refit, Trial, compared, parameters_as_start, ranked, refit
+
+LATE_ADVICE = "state delay_s and delay_sigma_s of these channels, or correct their clock"
+ROTATIONS = (
+    (Quantity.PITCH_RATE, Quantity.ROLL_RATE),
+    (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
+)
+"""Quantities of the body that an exchange of axes swaps."""
+_SWAP_CLEARS = 0.6
+"""Share of the misfit that a swap must explain to be called the cause; other faults may cause the
+rest.  Without a swap, no hypothesis explains more than a third."""
+_LEAST_GAIN = 100.0
+"""Fall of the squared residuals, in units of the noise, below which a swap is chance."""
+_RUNAWAY = 30.0
+"""Sprung mass in units of the added mass above which the added mass has no effect in a fit."""
+_FEWEST = 3
+"""Least number of channels of which one can be wrong."""
+_SUSPECTED = 4
+"""Number of suspected channels that are left out in turn."""
+_CLEARS = 0.9
+"""Share of the misfit that must disappear without a channel to call it wrong."""
+_ALONE = 0.97
+"""Share above which a wrong channel is not compared with lateness and low-pass; below, it may be
+the slowest of several sensors."""
+_LEAST, _MOST = 0.7, 1.4
+"""Gains beyond which a unit is wrong rather than a calibration."""
+_CHOICE = 1.5
+_LATE_SIGMA_S = 0.03
+_ALIKE = 0.2
+"""Share of the largest difference below which a kind of sensors counts as early as the earliest."""
+_COARSE_HZ = (15.0, 40.0)
+_FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
+_LEAST_S = 0.1
+"""Least length of the samples of a group before its gap, s; fewer are left out of the trial."""
+_Gaps = Mapping[str, tuple[float, float]]
+"""Largest gap of each group that has one: time in the run before it, and length, s."""
+
+_FL, _FR, _RL, _RR = Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RIGHT
+_EXCHANGES: dict[str, dict[Corner, Corner]] = {
+    "front left and front right": {_FL: _FR, _FR: _FL},
+    "rear left and rear right": {_RL: _RR, _RR: _RL},
+    "front left and rear left": {_FL: _RL, _RL: _FL},
+    "front right and rear right": {_FR: _RR, _RR: _FR},
+    "left and right": {_FL: _FR, _FR: _FL, _RL: _RR, _RR: _RL},
+    "front and rear": {_FL: _RL, _RL: _FL, _FR: _RR, _RR: _FR},
+}
+
+
+def swapped_labels(estimation: Estimation) -> Cause | None:
+    """Return the swapped labels that explain a misfit; None if there are none.
+
+    No swap has more unknowns than the fit as stated, so the costs are compared directly.
+
+    `estimation`: a fit that does not hold.
+    """
+    tried = ranked(estimation, _swaps(estimation))
+    if not tried:
+        return None
+    found, swap = tried[0]
+    before, after = refit(estimation), refit(estimation, swap, found.fit.eta)
+    cause = compared(before, after, swap.name, "", swap.advice, certain=True)
+    cured = _runs_away(before) and not _runs_away(after)
+    clear = cause.explained >= _SWAP_CLEARS or cured
+    if before.fit.cost - after.fit.cost < _LEAST_GAIN or not clear:
+        return None
+    return replace(cause, code="swapped_labels")
+
+
+def _swaps(estimation: Estimation) -> Iterator[Trial]:
+    """Yield exchanges of mass states, of channels of two corners, and of the rates of the body."""
+    channels = [c for group in estimation.box.groups for c in group.channels]
+    present = sorted({decay.mass_state for decay in estimation.decays})
+    if len(present) == 2:
+        other = dict(zip(present, reversed(present), strict=True))
+        advice = "runs labelled with the weights were made without them: label them the other way"
+        yield Trial("mass states swapped", advice, mass_state=other.__getitem__)
+    for quantity in dict.fromkeys(c.quantity for c in channels if c.corner is not None):
+        at = {c.corner: c for c in channels if c.quantity is quantity}
+        for where, exchange in _EXCHANGES.items():
+            pairs = {at[a].name: at[b] for a, b in exchange.items() if a in at and b in at}
+            if len(pairs) == len(exchange):
+                yield _swapped(f"{quantity.replace('_', ' ')} of {where} swapped", pairs)
+    rates = {c.quantity: c for c in channels if c.corner is None}
+    for a, b in ((rates.get(pitch), rates.get(roll)) for pitch, roll in ROTATIONS):
+        if a and b:
+            yield _swapped(f"{a.name} and {b.name} swapped", {a.name: b, b.name: a})
+
+
+def _swapped(name: str, other: dict[str, Channel]) -> Trial:
+    def carries(c: Channel) -> Channel:
+        """Return a channel's samples described as those of the other; their clock stays."""
+        if c.name not in other:
+            return c
+        return replace(
+            other[c.name],
+            delay_s=c.delay_s,
+            delay_sigma_s=c.delay_sigma_s,
+            low_pass_hz=c.low_pass_hz,
+            low_pass_order=c.low_pass_order,
+        )
+
+    return Trial(name, "exchange their signals in bench.toml, or their plugs", carries)
+
+
+def _runs_away(problem: Refit) -> bool:
+    """Return whether the fitted sprung mass is so large that the added mass has no effect."""
+    values = dict(zip(problem.box.names, problem.box.values(problem.fit.eta), strict=True))
+    added = max(
+        sum(weight.mass_kg for weight in state.added.weights) + float(state.added.matrix[0, 0])
+        for state in problem.box.mass_states
+    )
+    return bool(values["m_s"] > _RUNAWAY * added > 0.0)
+
+
+def wrong_channel(estimation: Estimation) -> Cause | None:
+    """Return the channel whose unit or sign is wrong, None if there is no such channel.
+
+    A generic car is fitted without each channel in turn.  Without the wrong one the model explains
+    all others, and the prediction shows by how much that one is off.
+
+    `estimation`: a fit that does not hold.
+    """
+    names = [c.name for group in estimation.box.groups for c in group.channels]
+    if len(names) < _FEWEST:
+        return None
+    found, best = ranked(estimation, map(_without, names))[0]
+    others = refit(estimation, best, found.fit.eta)
+    if others.excess > estimation.chi2_limit - 1.0:
+        return None
+    before = refit(estimation)
+    gain = _gain(estimation, before, others, best.name)
+    if np.isnan(gain) or _LEAST < gain < _MOST:
+        return None
+    return replace(_of_gain(before, others, best.name, gain), certain=True)
+
+
+def _without(name: str) -> Trial:
+    return Trial(name, channel=lambda c: None if c.name == name else c)
+
+
+def gain_of(estimation: Estimation, name: str, before: Refit | None = None) -> Cause:
+    """Compare one channel with the prediction by all others."""
+    before = before or refit(estimation)
+    others = refit(estimation, _without(name), before.fit.eta)
+    return _of_gain(before, others, name, _gain(estimation, before, others, name))
+
+
+def _gain(estimation: Estimation, before: Refit, others: Refit, name: str) -> float:
+    """Return the motion that a channel shows, as a multiple of what all others predict."""
+    eta = parameters_as_start(before.box, others.box, others.fit.eta)
+    noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
+    predicted, measured = 0.0, 0.0
+    left = residuals(before.box, before.decays, noise, eta)
+    for decay, rest in zip(before.decays, left, strict=True):
+        for r in decay.recordings:
+            for c, channel in enumerate(r.group.channels):
+                if channel.name == name:
+                    model = r.values[:, c] - rest.values[name]
+                    model = model - model.mean()
+                    predicted += float(model @ model)
+                    measured += float(model @ r.values[:, c])
+    return measured / predicted if predicted > 0.0 else float("nan")
+
+
+def _of_gain(before: Refit, others: Refit, name: str, gain: float) -> Cause:
+    advice = "check its calibration, unit and sign"
+    if abs(gain + 1.0) < 0.2:
+        advice = "it is upside down: turn its sign"
+    elif gain > 0.0 and not _LEAST < gain < _MOST:
+        advice = "its unit or gain is wrong: check the unit in the DBC (g, mg, m/s2, deg/s, rad/s)"
+    sizes = f"it shows {gain:.3g} times what the other channels predict"
+    return compared(before, others, f"gain of {name}", sizes, advice)
+
+
+def wrong_sensors(estimation: Estimation, suspected: Sequence[str]) -> list[Cause]:
+    """Return what a faulty sensor would explain, the best last.
+
+    `estimation`: a fit that does not hold.  `suspected`: channels whose gain is suspected, the most
+    suspected first.
+    """
+    before = refit(estimation)
+    gains = (gain_of(estimation, name, before) for name in suspected[:_SUSPECTED])
+    found = [gain for gain in gains if gain.explained > _CLEARS][:1]
+    if not found or found[0].explained < _ALONE:
+        found += [*_late(estimation, before), _slow(estimation, before)]
+        # Lateness and a low-pass look alike; a low-pass, which has more to choose from, must
+        # leave clearly less.
+        found.sort(
+            key=lambda e: -max(1.0 - e.explained, 0.0) * (_CHOICE if e.name == "low-pass" else 1.0)
+        )
+    return found
+
+
+def _late(estimation: Estimation, before: Refit) -> Iterator[Cause]:
+    """Yield the lateness of the kinds of sensors, if there are two kinds."""
+    if len({c.corner is not None for group in before.box.groups for c in group.channels}) < 2:
+        return
+
+    def loose(c: Channel) -> Channel:
+        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.corner is not None else c
+
+    after = refit(estimation, Trial("late", channel=loose), before.fit.eta)
+    delays: dict[str, list[float]] = {}
+    for delay, group in zip(
+        after.box.delays_s(after.fit.eta).tolist(), after.box.groups, strict=True
+    ):
+        delays.setdefault(_kind(group.channels[0]), []).append(delay)
+    late_ms = {kind: 1e3 * float(np.mean(of)) for kind, of in delays.items()}
+    # The fit determines differences only, and no sensor shows a motion before it happens.
+    early = min(late_ms.values())
+    most = max(late_ms.values()) - early
+    late_ms = {k: ms - early for k, ms in late_ms.items() if ms - early > _ALIKE * most}
+    each = [f"{kind} {late:#.2g} ms" for kind, late in late_ms.items()]
+    sizes = ", ".join(each) if len(each) > 1 else f"{max(late_ms.values()):#.2g} ms"
+    yield compared(before, after, f"{' and '.join(late_ms)} late", sizes, LATE_ADVICE)
+
+
+def _kind(channel: Channel) -> str:
+    if channel.corner is None:
+        return "body sensors"
+    return "hub sensors" if channel.quantity is Quantity.HUB_ACCELERATION else "travel sensors"
+
+
+def _slow(estimation: Estimation, before: Refit) -> Cause:
+    """Return the low-pass that explains most: on the body, at the wheels, or on all sensors."""
+    channels = [c for group in before.box.groups for c in group.channels]
+    kinds = {
+        "body sensors": {c.name for c in channels if c.corner is None},
+        "sensors at the wheels": {c.name for c in channels if c.corner is not None},
+        "all sensors": {c.name for c in channels},
+    }
+
+    def filtered(kind: str, hz: float) -> Trial:
+        def slow(c: Channel) -> Channel:
+            return replace(c, low_pass_hz=hz) if c.name in kinds[kind] else c
+
+        return Trial(f"near {hz:.0f} Hz on {kind}", channel=slow)
+
+    coarse = {
+        one.name: (kind, hz, one)
+        for kind in kinds
+        if kinds[kind]
+        for hz in _COARSE_HZ
+        for one in [filtered(kind, hz)]
+    }
+    tried = ranked(estimation, (one for *_, one in coarse.values()), before.fit.eta)
+    kind, near_hz, _ = coarse[tried[0][1].name]
+    fine = [filtered(kind, hz) for hz in _FINE_HZ if 0.4 < hz / near_hz < 2.5]
+    tried += ranked(estimation, fine, tried[0][0].fit.eta)
+    found, best = min(tried, key=lambda one: one[0].fit.cost)
+    after = refit(estimation, best, found.fit.eta)
+    advice = "state low_pass_hz of these channels from the data sheet, or switch the filter off"
+    return compared(before, after, "low-pass", best.name, advice)
+
+
+def clock_jump(estimation: Estimation) -> Cause | None:
+    """Return the clocks that jump in most runs, None if there are none.
+
+    A gap alone is harmless: the model knows when each sample was taken.  But where a clock jumped,
+    the samples after it have wrong times, and no model explains both sides, or this group and the
+    others.  Where all clocks jump soon after the bump, the samples after it fit among themselves;
+    if those from a start between the bump and the gap fit, too, the bump was longer.
+
+    `estimation`: a fit that does not hold.
+    """
+    gaps = [_gaps(record) for record in estimation.records]
+    if 2 * sum(map(bool, gaps)) <= len(gaps):
+        return None
+    cut = tuple(map(_before, estimation.decays, gaps))
+    is_before = any(decay.recordings for decay in cut)
+    if not is_before:
+        cut = tuple(map(_after, estimation.records, estimation.decays, gaps))
+        if later_may_hold(estimation, generic_vehicles()):
+            return None
+    start = estimation.box.unknowns(generic_vehicles()[0])
+    trial = replace(estimation, decays=tuple(decay for decay in cut if decay.recordings))
+    alone = refit(trial, AS_STATED, start, HOLD)
+    if alone.excess > estimation.chi2_limit - 1.0:
+        return None
+    names = dict.fromkeys(name for gap in gaps for name in gap)
+    everywhere = len(names) == len(estimation.box.groups)
+    length_s = median([length for gap in gaps for _, length in gap.values()])
+    sizes = (
+        f"{'all sensors' if everywhere else listed(names)} by about {length_s:.2g} s in "
+        f"{sum(map(bool, gaps))} of {counted(len(gaps), 'run')}; "
+        f"{'up to' if is_before else 'from'} there the decays fit"
+    )
+    advice = "correct the times of the samples after the gap, or record again"
+    jump = compared(refit(estimation), alone, "clocks that jump", sizes, advice, certain=True)
+    return replace(jump, explained=1.0)
+
+
+def _gaps(record: Record) -> dict[str, tuple[float, float]]:
+    found = {}
+    for r in record.recordings:
+        steps = np.diff(r.time_s)
+        if len(steps) < 2:
+            continue
+        worst, period_s = int(np.argmax(steps)), median(steps)
+        if steps[worst] > longest_gap_s(period_s):
+            found[r.group.name] = float(r.time_s[worst]), float(steps[worst]) - period_s
+    return found
+
+
+def _before(decay: FreeDecay, gaps: _Gaps) -> FreeDecay:
+    """Return a decay without the samples that come after the gap in their own group."""
+    kept = []
+    for r in decay.recordings:
+        begin_s, _ = gaps.get(r.group.name, (np.inf, 0.0))
+        left_s = begin_s - decay.start_s
+        if left_s >= _LEAST_S:
+            kept.append(r.between(0.0, left_s) if np.isfinite(left_s) else r)
+    return replace(decay, recordings=tuple(kept))
+
+
+def _after(record: Record, decay: FreeDecay, gaps: _Gaps) -> FreeDecay:
+    """Return a decay that begins when the last of the gaps has ended."""
+    ends_s = [begin_s + length_s for begin_s, length_s in gaps.values()]
+    return record.decay(max([decay.start_s, *ends_s]))
