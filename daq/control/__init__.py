@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from .client import Client as Client
     from .client import OrderRefusedError as OrderRefusedError
     from .client import RecorderGoneError as RecorderGoneError
-    from .figures_file import write_figures as write_figures
     from .lock import group_readable as group_readable
     from .lock import is_locked as is_locked
     from .lock import lone_recorder as lone_recorder
@@ -25,6 +24,11 @@ if TYPE_CHECKING:
     from .messages import SessionState as SessionState
     from .messages import Setup as Setup
     from .messages import Tally as Tally
+    from .messages import differences as differences
+    from .messages import setup_of as setup_of
+    from .monitoring import Systemd as Systemd
+    from .monitoring import status_line as status_line
+    from .monitoring import write_figures as write_figures
     from .orders import QUESTIONS as QUESTIONS
     from .orders import Accept as Accept
     from .orders import Acknowledge as Acknowledge
@@ -32,7 +36,6 @@ if TYPE_CHECKING:
     from .orders import AskBench as AskBench
     from .orders import AskCheck as AskCheck
     from .orders import AskHistory as AskHistory
-    from .orders import AskLog as AskLog
     from .orders import AskSetup as AskSetup
     from .orders import AskStatus as AskStatus
     from .orders import Build as Build
@@ -53,9 +56,5 @@ if TYPE_CHECKING:
     from .orders import Undo as Undo
     from .orders import Until as Until
     from .server import Server as Server
-    from .setup import differences as differences
-    from .setup import setup_of as setup_of
-    from .systemd import Systemd as Systemd
-    from .systemd import status_line as status_line
 else:
     __all__, __dir__, __getattr__ = lazy(__name__)

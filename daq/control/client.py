@@ -10,7 +10,6 @@ import os
 import threading
 import time
 from contextlib import suppress
-from dataclasses import replace
 from uuid import uuid4
 
 import zmq
@@ -18,29 +17,24 @@ from pydantic import ValidationError
 
 from ..errors import BumpbenchError
 from .address import Address, is_running
-from .log_copy import LogCopy
 from .messages import (
     LIVE,
     LIVE_TOPIC,
     PROTOCOL,
     REPLY,
     REQUEST,
-    STATUS_NEWS,
+    STATUS,
     Live,
-    LogNews,
     Reply,
     Request,
     Status,
-    StatusNews,
 )
-from .orders import AskLog, Hello, Order
+from .orders import Hello, Order
 
 HEARTBEAT_S = 0.5
 """Time between two heartbeats, s."""
 _SLICE_S = 0.1
 """Longest wait for a message, s, before checking whether the client was closed."""
-LOG_S = 5.0
-"""Longest wait for the run log, s: for thousands of runs it has megabytes."""
 _NEWS_HELD = 100
 """Number of published messages kept for a client that does not fetch them."""
 
@@ -73,7 +67,6 @@ class Client:
         self._lock, self._news_lock = threading.Lock(), threading.Lock()
         self._closed = threading.Event()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._log = LogCopy()
         self._requests = self._context.socket(zmq.DEALER)
         self._requests.linger = 0
         self._requests.connect(address.control)
@@ -107,20 +100,7 @@ class Client:
         reply = self._answer(order, timeout_s)
         if isinstance(order, Hello):
             self._hello = Hello(order.name, order.control)
-        if reply.status is None or reply.log is None:
-            return reply
-        return replace(reply, status=self._filled(reply.status, reply.log), log=None)
-
-    def _filled(self, status: Status, log: LogNews) -> Status:
-        """Return a status with all runs; request them if changes were missed.
-
-        Raises as `ask`.
-        """
-        if not self._log.take(log):
-            whole = self._answer(AskLog(), LOG_S).log
-            if whole is not None:
-                self._log.take(whole)
-        return self._log.filled(status)
+        return reply
 
     def _answer(self, order: Order, timeout_s: float) -> Reply:
         with self._lock:
@@ -148,10 +128,10 @@ class Client:
                 if topic == LIVE_TOPIC:
                     live: Live = LIVE.validate_json(b"".join(body))
                     return live
-                news: StatusNews = STATUS_NEWS.validate_json(b"".join(body))
-                return self._filled(news.status, news.log)
-            except (ValidationError, RecorderGoneError, OrderRefusedError):
-                continue  # from another version, which replies report; or the recorder has ended
+                status: Status = STATUS.validate_json(b"".join(body))
+                return status
+            except ValidationError:
+                continue  # from another version, which replies report
         return None
 
     def _next(self, deadline_s: float) -> list[bytes] | None:

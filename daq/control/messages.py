@@ -7,8 +7,10 @@ publishes its `Status` and the `Live` samples to all clients, ten times per seco
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from pydantic import ConfigDict, TypeAdapter
 
@@ -18,7 +20,10 @@ from ..runlog.runlog import LoggedRun, Override, Remark
 from ..runs import Excitation, Losses
 from .orders import Order
 
-PROTOCOL = 2
+if TYPE_CHECKING:
+    from ..bench.config import Bench
+
+PROTOCOL = 3
 """Version of the messages, increased when an older client could misread them."""
 STATUS_TOPIC, LIVE_TOPIC = b"status", b"live"
 _WHEN_USED = ConfigDict(defer_build=True)
@@ -287,36 +292,6 @@ class Status:
         return bool(self.own_session) and self.session.revision != self.revision
 
 
-# The run log separate from the status -------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class LogNews:
-    """The state of the run log as a number, and the change since the previous state."""
-
-    __pydantic_config__ = _WHEN_USED
-    serial: int
-    """Number of the state: grows by one with each change, by two if the change is not sent."""
-    runs: tuple[LoggedRun, ...] = ()
-    """Runs that are new or changed."""
-    notes: tuple[Remark, ...] = ()
-    """Notes that are new."""
-    overrides: tuple[Override, ...] = ()
-    """Overrides that are new."""
-    whole: bool = False
-    """True if it contains the whole log: the answer to `AskLog`."""
-
-
-@dataclass(frozen=True, slots=True)
-class StatusNews:
-    """A published status; its size does not grow with the number of runs."""
-
-    __pydantic_config__ = _WHEN_USED
-    status: Status
-    """The status without runs, notes and overrides (`daq.control.log_copy`)."""
-    log: LogNews
-
-
 @dataclass(frozen=True, slots=True)
 class Setup:
     """The settings with which a recorder was started, or which a terminal expects."""
@@ -331,6 +306,42 @@ class Setup:
     """CRC of the DBC; None if a terminal has none."""
     buses: tuple[str, ...] | None = None
     """Interface and channel of each bus; None if a terminal has none."""
+
+
+_WORDS = {
+    Origin.REAL: "a real bus",
+    Origin.SIMULATED: "a simulated car",
+    Origin.REPLAYED: "a replayed recording",
+}
+
+
+def setup_of(bench: Bench) -> Setup:
+    """Return the setup of a recorder that is started with a bench."""
+    return Setup(
+        bench.origin,
+        bench.vehicle.name,
+        zlib.crc32(bench.text.encode()),
+        zlib.crc32(bench.dbc_text.encode()),
+        tuple(f"{bus.interface} {bus.channel}" for bus in bench.buses),
+    )
+
+
+def differences(running: Setup, wanted: Setup) -> tuple[str, ...]:
+    """Return in words how a running recorder differs from the wanted one; empty if it does not."""
+    texts = []
+    if running.origin is not wanted.origin:
+        texts.append(f"it records {_WORDS[running.origin]}, not {_WORDS[wanted.origin]}")
+    if wanted.bench_crc32 is not None and running.bench_crc32 != wanted.bench_crc32:
+        texts.append(f"it was started with another bench.toml (vehicle {running.vehicle})")
+    if wanted.dbc_crc32 is not None and running.dbc_crc32 != wanted.dbc_crc32:
+        texts.append("it was started with another DBC")
+    if wanted.buses is not None and running.buses != wanted.buses:
+        texts.append(f"it records {_listed(running.buses)}, not {_listed(wanted.buses)}")
+    return tuple(texts)
+
+
+def _listed(buses: tuple[str, ...] | None) -> str:
+    return ", ".join(buses or ())
 
 
 # Live data and answers --------------------------------------------------------------------------
@@ -386,9 +397,6 @@ class Reply:
     """Answer to `AskBench`."""
     check: tuple[CheckItem, ...] = ()
     """Answer to `AskCheck`."""
-    log: LogNews | None = None
-    """Answer to `AskLog`; on the wire also sent with a status, which does not contain the run
-    log."""
     setup: Setup | None = None
     """Answer to `AskSetup`."""
     protocol: int = PROTOCOL
@@ -396,4 +404,3 @@ class Reply:
 
 REQUEST, REPLY = TypeAdapter(Request), TypeAdapter(Reply)
 STATUS, LIVE = TypeAdapter(Status), TypeAdapter(Live)
-STATUS_NEWS, LOG = TypeAdapter(StatusNews), TypeAdapter(LogNews)

@@ -44,13 +44,6 @@ class AskStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class AskLog:
-    """Ask for all runs, notes and overrides; a published status has only their last change."""
-
-    order: Literal["log"] = "log"
-
-
-@dataclass(frozen=True, slots=True)
 class AskHistory:
     """Ask for the live samples of the last seconds, so that the lanes begin full."""
 
@@ -221,7 +214,6 @@ class ShutDown:
 Order = Annotated[
     Hello
     | AskStatus
-    | AskLog
     | AskHistory
     | AskBench
     | AskSetup
@@ -245,5 +237,5 @@ Order = Annotated[
     | ShutDown,
     Field(discriminator="order"),
 ]
-QUESTIONS = (Hello, AskStatus, AskLog, AskHistory, AskBench, AskSetup, AskCheck)
+QUESTIONS = (Hello, AskStatus, AskHistory, AskBench, AskSetup, AskCheck)
 """Messages that a viewer may send; all others need control."""

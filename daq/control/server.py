@@ -23,24 +23,21 @@ from pydantic_core import from_json
 
 from ..errors import InputError, printable
 from .address import Address, make_private
-from .log_copy import LogSource
 from .messages import (
     LIVE,
     LIVE_TOPIC,
     PROTOCOL,
     REPLY,
     REQUEST,
-    STATUS_NEWS,
+    STATUS,
     STATUS_TOPIC,
     Live,
     Reply,
     Request,
     Setup,
     Status,
-    StatusNews,
 )
-from .orders import QUESTIONS, AskLog, AskSetup, AskStatus, Hello, Order
-from .peers import Peers
+from .orders import QUESTIONS, AskSetup, AskStatus, Hello, Order
 
 MAX_REQUEST_BYTES = 4_000_000
 """Largest request, bytes: a bench.toml of 1 MB, escaped."""
@@ -62,6 +59,12 @@ LOOK_S = 1.0
 """Time between two checks that the sockets still exist, s."""
 _POLL_MS = 500
 """Longest wait for a request, ms, before overdue answers are refused."""
+
+LEASE_S = 5.0
+"""Time without a message, s, after which a client counts as gone."""
+DEAD_S = 1.0
+"""Time without a message, s, after which a client whose process has ended counts as gone: a new
+terminal must not wait for a dead one."""
 
 _log = logging.getLogger("recorder")
 
@@ -98,7 +101,6 @@ class Server:
         self._peers = Peers()
         self._pending: list[_Pending] = []
         self._status: Status | None = None
-        self._log = LogSource(time.time_ns())  # differs from the numbers of an earlier recorder
         # The recorder appends without waiting; the oldest are dropped if this thread lags.
         self._news: deque[tuple[Status, Live | None]] = deque(maxlen=_HELD_NEWS)
         self._closing = threading.Event()
@@ -211,7 +213,7 @@ class Server:
         if self._has_clients:
             self._left_s = now_s
         self._status = replace(status, controller=controller, viewers=viewers)
-        news = STATUS_NEWS.dump_json(StatusNews(*self._log.parted(self._status)))
+        news = STATUS.dump_json(self._status)
         with suppress(zmq.Again):
             self._publisher.send_multipart([STATUS_TOPIC, news], zmq.NOBLOCK)
             if live is not None:
@@ -234,8 +236,6 @@ class Server:
             self._reply(envelope, Reply(number, setup=self.setup))
         elif isinstance(order, AskStatus) and self._status is not None:
             self._reply(envelope, Reply(number, status=self._status))
-        elif isinstance(order, AskLog):
-            self._reply(envelope, Reply(number, log=self._log.whole))
         elif not isinstance(order, QUESTIONS) and not self._peers.in_control(request.client):
             holder = self._peers.controller(now_s)
             who = f"{holder} is in control" if holder else "you are not in control"
@@ -261,9 +261,6 @@ class Server:
             self._reply(pending.envelope, reply)
 
     def _reply(self, envelope: Sequence[bytes], reply: Reply) -> None:
-        if reply.status is not None:
-            status, log = self._log.parted(reply.status)
-            reply = replace(reply, status=status, log=log)
         with suppress(zmq.ZMQError):  # the client does not fetch them, or is gone
             self._requests.send_multipart([*envelope, REPLY.dump_json(reply)], zmq.NOBLOCK)
 
@@ -311,3 +308,76 @@ def _number_and_protocol(message: bytes) -> tuple[int, int]:
                 protocol if isinstance(protocol, int) else PROTOCOL,
             )
     return 0, PROTOCOL
+
+
+class Peers:
+    """The clients that have recently sent a message.
+
+    A client's id begins with the number of its process: all clients are on this machine.  A client
+    loses control only to one that asks for it, so a terminal that was delayed keeps it.
+    """
+
+    def __init__(self) -> None:
+        self._names: dict[str, str] = {}
+        self._seen_s: dict[str, float] = {}
+        self._controller = ""
+
+    def seen(self, client: str, now_s: float) -> None:
+        """Note a message of a client, and forget clients that are gone."""
+        self._seen_s[client] = now_s
+        for other in [c for c, seen_s in self._seen_s.items() if now_s - seen_s > LEASE_S]:
+            if other != self._controller:
+                self._seen_s.pop(other)
+                self._names.pop(other, None)
+
+    def hello(self, client: str, hello: Hello, now_s: float) -> str:
+        """Admit a client as controller or viewer; return why it is refused, or an empty text."""
+        self._names[client] = printable(hello.name, 60)
+        if not hello.control:
+            if client == self._controller:
+                self._controller = ""
+            return ""
+        holder = self.controller(now_s)
+        if holder and self._controller != client and not hello.take_over:
+            self._seen_s.pop(client, None)
+            self._names.pop(client)
+            return f"{holder} is in control (take over, or only watch)"
+        self._controller = client
+        return ""
+
+    def in_control(self, client: str) -> bool:
+        """Return whether this client may send orders."""
+        return client == self._controller
+
+    def controller(self, now_s: float) -> str:
+        """Return the name of the client in control; empty if there is none or it is gone."""
+        client = self._controller
+        if not client:
+            return ""
+        silent_s = now_s - self._seen_s.get(client, now_s)
+        if silent_s > LEASE_S or (silent_s > DEAD_S and not _lives(client)):
+            return ""
+        return self.name(client)
+
+    def viewers(self, now_s: float) -> int:
+        """Return the number of clients that only watch."""
+        alive = [c for c, seen_s in self._seen_s.items() if now_s - seen_s <= LEASE_S]
+        return len(alive) - (self._controller in alive)
+
+    def name(self, client: str) -> str:
+        """Return the name that a client gave, or its id."""
+        return self._names.get(client) or printable(client, 60)
+
+
+def _lives(client: str) -> bool:
+    """Return whether the process of a client runs; True if this cannot be determined."""
+    number = client.partition("-")[0]
+    if not (number.isascii() and number.isdigit()):
+        return True
+    try:
+        os.kill(int(number), 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True

@@ -23,8 +23,8 @@ from ..bus.link import Link, OpenSource
 from ..bus.source import HopLosses, LinkFacts
 from ..bus.steady_clock import STEADY_CLOCK
 from ..clocks import Now, read_clocks
-from ..control.heartbeat import Heartbeats
 from ..control.messages import Live, Reply, Status, StorageStatus
+from ..control.monitoring import Heartbeats
 from ..control.orders import (
     AskBench,
     AskCheck,

@@ -24,8 +24,8 @@ RESERVED = {
     "zmq": ("daq/control/server.py", "daq/control/client.py"),
     "tomlkit": ("daq/bench/edit.py",),
     "filelock": ("daq/control/lock.py",),
-    "sdnotify": ("daq/control/systemd.py",),
-    "prometheus_client": ("daq/control/figures_file.py",),
+    "sdnotify": ("daq/control/monitoring.py",),
+    "prometheus_client": ("daq/control/monitoring.py",),
     "textual": tuple(
         f"tui/terminal/{room}"
         for room in (

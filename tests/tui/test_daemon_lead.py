@@ -11,10 +11,9 @@ from typing import Any, cast
 import pytest
 
 from daq.bench.config import Bench
-from daq.control.heartbeat import Heartbeats
 from daq.control.messages import Phase, Reply, SessionState, SessionStatus, Status, StorageStatus
+from daq.control.monitoring import Heartbeats, Systemd
 from daq.control.orders import Arm, Order, Stop, Until
-from daq.control.systemd import Systemd
 from daq.recorder.recorder import Publish
 from tui.recorders.daemon import Lifetime, _Daemon, _Signals
 from tui.recorders.log import Log

@@ -9,10 +9,10 @@ import sys
 import pytest
 from pydantic import ValidationError
 
-from daq.control.heartbeat import Heartbeats, standstill
 from daq.control.messages import REQUEST
-from daq.control.orders import AskCheck, AskHistory, Hello
-from daq.control.peers import Peers
+from daq.control.monitoring import Heartbeats, standstill
+from daq.control.orders import Hello
+from daq.control.server import Peers
 
 ALIVE = f"{os.getpid()}-a"
 
@@ -39,15 +39,6 @@ def test_a_dead_controller_is_gone_after_one_second(silent_s: float, name: str) 
     peers.seen(client, 100.0)
     assert peers.hello(client, Hello("Ann", True), 100.0) == ""
     assert peers.controller(100.0 + silent_s) == name
-
-
-@pytest.mark.parametrize("client", ["x-1", f"{10**30}-a", "\u00b2-a", "1-a"])
-def test_a_controller_whose_process_is_unknown_is_given_five_seconds(client: str) -> None:
-    peers = Peers()
-    peers.seen(client, 100.0)
-    assert peers.hello(client, Hello("Ann", True), 100.0) == ""
-    assert peers.controller(105.0) == "Ann"
-    assert peers.controller(105.1) == ""
 
 
 def test_viewers_are_those_heard_of_within_five_seconds() -> None:
@@ -125,17 +116,3 @@ def test_an_order_holds_no_more_than_it_may(
     assert REQUEST.validate_python(request | {"order": whole | {field: allowed}})
     with pytest.raises(ValidationError, match=field):
         REQUEST.validate_python(request | {"order": whole | {field: refused}})
-
-
-def test_ten_seconds_of_samples_are_asked_for_and_five_of_traffic() -> None:
-    assert (AskHistory().seconds, AskCheck().seconds) == (10.0, 5.0)
-
-
-def test_a_client_that_is_gone_is_forgotten() -> None:
-    peers = Peers()
-    peers.seen("x-1", 100.0)
-    peers.hello("x-1", Hello("Ann"), 100.0)
-    for now_s, known in ((105.0, {"x-1", "x-2"}), (105.1, {"x-2"})):
-        peers.seen("x-2", now_s)
-        assert peers._seen_s.keys() == known
-    assert peers.name("x-1") != "Ann"

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from daq.control.figures_file import write_figures
 from daq.control.messages import (
     Alarm,
     BusState,
@@ -18,6 +17,7 @@ from daq.control.messages import (
     Status,
     StorageStatus,
 )
+from daq.control.monitoring import write_figures
 from daq.runs import Losses
 
 from ..a_status import a_status

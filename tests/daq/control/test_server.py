@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 import zmq
@@ -21,11 +20,11 @@ import zmq
 from daq.bench.origin import Origin
 from daq.control.address import Address, control_address, is_running
 from daq.control.client import Client, OrderRefusedError, RecorderGoneError
-from daq.control.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status
-from daq.control.orders import Arm, AskBench, AskSetup, AskStatus, Hello, Mark, Order, Pause
-from daq.control.peers import Peers
+from daq.control.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status, setup_of
+from daq.control.orders import Arm, AskBench, AskSetup, AskStatus, Mark, Order, Pause
 from daq.control.server import MAX_REQUEST_BYTES, Server
-from daq.control.setup import setup_of
+from daq.runlog.runlog import LoggedRun
+from daq.runs import BASELINE, Excitation
 
 from ..a_status import a_status
 from ..small_campaign import small_bench
@@ -201,28 +200,6 @@ def test_a_client_survives_a_restart_of_the_recorder(engine: Engine, address: Ad
     second.close()
 
 
-def test_a_turn_that_fails_is_not_the_last(
-    server: Server, engine: Engine, address: Address, caplog: pytest.LogCaptureFixture
-) -> None:
-    broken: Any = object()
-    server.publish(broken, None)
-    until(lambda: "control: TypeError" in caplog.text)
-    client = Client(address, "Anna", control=True)
-    assert client.ask(Mark("still there")).status == a_status(1)
-    client.close()
-
-
-def test_who_is_refused_leaves_nothing_behind() -> None:
-    peers = Peers()
-    assert not peers.hello("1-a", Hello("Anna", control=True), 0.0)
-    peers.seen("1-a", 0.0)
-    for k in range(100):
-        peers.seen(f"1-{k}", 1.0)
-        assert "Anna is in control" in peers.hello(f"1-{k}", Hello("Ben", control=True), 1.0)
-    assert list(peers._names) == ["1-a"]
-    assert list(peers._seen_s) == ["1-a"]
-
-
 def test_a_stale_socket_is_replaced(engine: Engine, address: Address) -> None:
     for path in address.paths:
         path.write_bytes(b"")
@@ -243,8 +220,8 @@ def test_a_stale_socket_is_replaced(engine: Engine, address: Address) -> None:
         (b'{"client": "c", "number": 9, "order": {"order": "mark"}}', "not a request"),
         (b'{"client": "c", "number": 9, "order": {"order": "fly"}, "protocol": 99}', "protocol 99"),
         (
-            b'{"client": "c", "number": 9, "order": {"order": "status"}, "protocol": 3}',
-            "protocol 3",
+            b'{"client": "c", "number": 9, "order": {"order": "status"}, "protocol": 2}',
+            "protocol 2",
         ),
         (b'{"client": "c", "number": 9, "order": {"order": "pause"}}', "not in control"),
         (b" " * (MAX_REQUEST_BYTES + 1), "the limit is"),
@@ -377,6 +354,45 @@ def test_the_server_knows_for_how_long_no_client_has_been_there(
 
     until(seen)
     client.close()
+
+
+def test_whether_a_client_is_there_is_known(
+    server: Server, address: Address, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recorder that no client watches looks at its frames less often."""
+    monkeypatch.setattr("daq.control.server.LEASE_S", 0.5)
+    assert not server.has_clients()
+    viewer = Client(address, "viewer", control=False)
+    assert server.has_clients()  # at once, not only with the next status
+    server.publish(a_status(1), None)
+    until(lambda: viewer.ask(AskStatus()).status == replace(a_status(1), viewers=1))
+    viewer.close()
+
+    def is_alone() -> bool:
+        server.publish(a_status(2), None)
+        return not server.has_clients()
+
+    until(is_alone)
+
+
+def test_a_status_has_all_runs_however_many_they_are(server: Server, address: Address) -> None:
+    """Two thousand runs, a run changed and one taken away: each status is whole."""
+    runs = tuple(
+        LoggedRun(f"baseline_roll_{n}", BASELINE, Excitation.ROLL, n, 0) for n in range(2000)
+    )
+    viewer = Client(address, "viewer", control=False)
+    for status in (
+        replace(a_status(1), runs=runs),
+        replace(a_status(2), runs=(replace(runs[0], reason="odd"), *runs[1:-1])),
+    ):
+
+        def is_whole(status: Status = status) -> bool:
+            server.publish(status, None)
+            message = viewer.news(0.2)
+            return isinstance(message, Status) and message.runs == status.runs
+
+        until(is_whole)
+    viewer.close()
 
 
 @pytest.mark.parametrize("folder_too", [False, True])

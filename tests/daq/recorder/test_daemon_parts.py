@@ -15,11 +15,9 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from daq.control.figures_file import write_figures
-from daq.control.heartbeat import Heartbeats, standstill
 from daq.control.lock import lone_recorder
 from daq.control.messages import Alarm
-from daq.control.systemd import Systemd, status_line
+from daq.control.monitoring import Heartbeats, Systemd, standstill, status_line, write_figures
 from daq.errors import FolderLockedError, InputError
 
 from ..a_status import a_status

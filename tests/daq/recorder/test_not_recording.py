@@ -15,8 +15,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from daq.alarms import with_not_recording
 from daq.bench.config import Bench
-from daq.control.figures_file import write_figures
 from daq.control.messages import Alarm, Status, StorageStatus
+from daq.control.monitoring import write_figures
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalWriter
 from daq.recorder.storage_watch import StorageWatch

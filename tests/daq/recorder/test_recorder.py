@@ -17,8 +17,8 @@ from daq.bench.config import Bench, BusConfig
 from daq.bus.interfaces import open_bus, open_source
 from daq.bus.slcan import SlcanSource, open_slcan
 from daq.bus.source import FrameSource, SourceLosses
-from daq.control.heartbeat import standstill
 from daq.control.messages import BusState, Phase, SessionState, Status
+from daq.control.monitoring import standstill
 from daq.control.orders import (
     Arm,
     AskBench,

@@ -10,7 +10,7 @@ import zmq
 
 from daq.bench.config import Bench
 from daq.control.address import Address, control_address
-from daq.control.messages import STATUS_NEWS, Live, Status
+from daq.control.messages import STATUS, Live, Status
 from daq.control.server import Server
 from daq.journal.folder import segments_in
 from daq.journal.reader import read_journal
@@ -57,7 +57,6 @@ def test_fifty_viewers_and_a_dead_one_cost_no_frame(tmp_path: Path, quick: Bench
         try:
             with running:
                 seen = dict.fromkeys(viewers, 0)
-                sizes = []
                 deadline_s = time.monotonic() + PATIENCE_S
                 while min(seen.values()) < BLOCKS * FRAMES:
                     assert time.monotonic() < deadline_s
@@ -65,9 +64,8 @@ def test_fifty_viewers_and_a_dead_one_cost_no_frame(tmp_path: Path, quick: Bench
                         message = b""
                         while end.poll(0):
                             message = b"".join(end.recv_multipart()[1:])
-                            sizes.append(len(message))
                         if message:
-                            status = STATUS_NEWS.validate_json(message).status
+                            status = STATUS.validate_json(message)
                             seen[end] = status.disk.recorded_frames
                     time.sleep(0.05)
                 last = running.last
@@ -76,6 +74,5 @@ def test_fifty_viewers_and_a_dead_one_cost_no_frame(tmp_path: Path, quick: Bench
                 end.close()
             running.server.close()
     assert last.losses.queue_dropped == last.losses.bus_dropped == 0
-    assert max(sizes) < 8192
     stored = numbers(read_journal(segments_in(tmp_path / "journal")).frames)
     assert np.array_equal(stored, np.arange(BLOCKS * FRAMES))
