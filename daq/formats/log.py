@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -60,6 +61,11 @@ _TEXTS = (
 NAMES = "BLF, ASC, TRC, candump -L, CSV of python-can, MF4, journal; packed with gzip or not"
 """Names of the formats, for messages."""
 _MAGIC = {b"LOGG": BLF, b"MDF     ": MF4, b"UnFinMF ": MF4, b"\x89MCAP0\r\n": JOURNAL}
+
+_ORIGIN = re.compile(rb"(?:origin: |\) )(simulated|replayed)")
+"""How an exported ASC or BLF states its origin, or the interface in a line of candump."""
+_STATED_BYTES = 512
+"""Head of a log in which its origin is searched, bytes."""
 
 
 def detect(path: Path) -> LogFormat:
@@ -138,8 +144,12 @@ class Log:
 
     @property
     def origin(self) -> str:
-        """Origin of its frames, a value of `Origin`; real for every log but a journal."""
-        return Origin.REAL if self._journal is None else self._journal.head.origin
+        """Origin of its frames, a value of `Origin`; real where the log does not state another."""
+        if self._journal is not None:
+            return self._journal.head.origin
+        with self.paths[0].open("rb") as file:
+            stated = _ORIGIN.search(Unpacked(file, LogLoss()).read(_STATED_BYTES))
+        return Origin(stated[1].decode()) if stated else Origin.REAL
 
     @property
     def loss(self) -> LogLoss:

@@ -9,7 +9,7 @@ import pytest
 from scipy.io import loadmat
 
 from daq.errors import InputError
-from identify import Document, Estimate, Identification, Judgement
+from identify import Estimate, Identification, Judgement
 from identify.nonlinear.forces import AxleForces, DamperCurve, Forces
 from tui.damper_table import write_damper_table
 
@@ -47,7 +47,7 @@ def test_a_folder_is_created_or_its_fault_is_one_line(tmp_path: Path) -> None:
 SPEED = np.array([-0.3, -0.1, 0.0, 0.1, 0.3])
 
 
-def _made() -> Document:
+def made() -> Identification:
     """Return a result with a curve that differs front and rear, friction, and an open mount."""
     axles = []
     for axle, c in (("front", 1500.0), ("rear", 2100.0)):
@@ -58,7 +58,7 @@ def _made() -> Document:
         mount = Estimate(1e6, 4e5, 6e5, 4e6, "N/m")
         axles.append(AxleForces(axle, curve, {"friction": friction, "mount": mount}, ()))
     forces = Forces((axles[0], axles[1]), ())
-    return Identification(Judgement((), 1.0), {}, forces=forces).document()
+    return Identification(Judgement((), 1.0), {}, forces=forces)
 
 
 def _modelica_tables(text: str) -> dict[str, list[list[float]]]:
@@ -78,7 +78,7 @@ def _modelica_tables(text: str) -> dict[str, list[list[float]]]:
 
 def test_the_text_is_a_table_of_modelica(tmp_path: Path) -> None:
     path = tmp_path / "dampers.txt"
-    write_damper_table(_made(), path)
+    write_damper_table(made().document(), path)
     text = path.read_text()
     assert text.isascii()
     tables = _modelica_tables(text)
@@ -95,7 +95,7 @@ def test_the_text_is_a_table_of_modelica(tmp_path: Path) -> None:
 
 def test_the_mat_file_has_the_same_matrices_and_the_other_elements(tmp_path: Path) -> None:
     path = tmp_path / "dampers.mat"
-    write_damper_table(_made(), path)
+    write_damper_table(made().document(), path)
     found = loadmat(path, squeeze_me=True)
     np.testing.assert_allclose(found["rear"][:, 0], SPEED)
     np.testing.assert_allclose(found["rear"][:, 1], 2100.0 * SPEED)
@@ -106,4 +106,4 @@ def test_the_mat_file_has_the_same_matrices_and_the_other_elements(tmp_path: Pat
 
 def test_another_ending_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"end its name in \.csv, \.txt, \.mat"):
-        write_damper_table(_made(), tmp_path / "dampers.xls")
+        write_damper_table(made().document(), tmp_path / "dampers.xls")

@@ -38,15 +38,19 @@ def _write(path: Path, columns: dict[str, NDArray[np.float64]]) -> None:
     np.savetxt(path, table, "%.17g", ",", header=",".join(["t", *columns]), comments="")
 
 
-@pytest.fixture
-def recorded(tmp_path: Path) -> Path:
-    """Write a file with two bumps, at 1.4 and 5.4 s."""
+def write_drive(folder: Path) -> Path:
+    """Write a file with two bumps, at 1.4 and 5.4 s, and its map."""
     value = np.zeros(4000)
     for onset in (700, 2700):
         value[onset : onset + 100] = 20.0 * np.sin(np.arange(100) / 5.0 + 0.5)
-    _write(tmp_path / "drive.csv", {"acc_fl [m/s2]": value})
-    (tmp_path / "map.toml").write_text(MAP)
-    return tmp_path
+    _write(folder / "drive.csv", {"acc_fl [m/s2]": value})
+    (folder / "map.toml").write_text(MAP)
+    return folder
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    return write_drive(tmp_path)
 
 
 def test_a_recording_of_many_runs(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:

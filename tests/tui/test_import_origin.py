@@ -1,7 +1,8 @@
-"""A journal that was simulated or replayed stays marked when it is imported."""
+"""What was simulated or replayed stays marked when its journal or its exported log is imported."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -49,3 +50,21 @@ def test_the_origin_of_a_journal_is_that_of_the_session(
     command = ["import", *logs, "--config", str(tmp_path / "bench.toml"), "--out", str(target)]
     assert run(command) == 0, capsys.readouterr().err
     assert daq.read_session(target).provenance["origin"] == imported
+
+
+@pytest.mark.parametrize("form", ["log", "asc", "blf", "mf4"])
+def test_the_origin_of_an_exported_log_is_that_of_its_session(tmp_path: Path, form: str) -> None:
+    (tmp_path / "bench.toml").write_text(BENCH)
+    bench, first = str(tmp_path / "bench.toml"), tmp_path / "first.h5"
+    log = str(write_log(tmp_path / "all.log", bumps(small_codec(), 2)))
+    assert run(["import", log, bench, "--out", str(first)]) == 0
+    measured = daq.read_session(first)
+    for origin in Origin:
+        session = replace(measured, provenance={**measured.provenance, "origin": str(origin)})
+        daq.write_session(tmp_path / f"{origin}.h5", session)
+        exported, again = str(tmp_path / f"{origin}.{form}"), tmp_path / f"{origin}_again.h5"
+        assert run(["export", str(tmp_path / f"{origin}.h5"), "--out", exported]) == 0
+        assert run(["import", exported, bench, "--out", str(again)]) == 0
+        returned = daq.read_session(again)
+        assert returned.provenance["origin"] == origin
+        assert len(returned.runs) == len(measured.runs)

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -48,6 +50,14 @@ def test_report_writes_page_pdf_and_figures(
     start = text.index('id="identification">') + len('id="identification">')
     assert json.loads(text[start : text.index("</script>", start)]) == document
     assert document["source"]["file_sha256"] == hashlib.sha256(session.read_bytes()).hexdigest()
+
+
+def test_two_reports_at_once_to_one_file_both_end_well(session: Path, tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "tui", "report", str(session), "--out", str(tmp_path / "r.html")]
+    both = [subprocess.Popen(words, stdout=subprocess.DEVNULL) for _ in range(2)]
+    assert [process.wait(120) for process in both] == [0, 0]
+    assert (tmp_path / "r.html").read_text("utf-8").rstrip().endswith("</html>")
+    assert list(tmp_path.iterdir()) == [tmp_path / "r.html"]
 
 
 def test_report_that_cannot_be_written(

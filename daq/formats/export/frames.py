@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import counted
 
+from ...bench.origin import Origin
 from ...errors import InputError
 from ...sessions import Session
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     import can
 
 _NS_PER_MS, _NS_PER_US = 1_000_000, 1000
+_BLF_RESERVED = 72
+"""Offset of the reserved part of the head of a BLF, bytes; readers skip it."""
 
 
 def session_frames(session: Session) -> FrameBatch:
@@ -68,6 +71,7 @@ def write_blf(session: Session, path: Path) -> tuple[str, ...]:
             writer.on_message_received(message)
         writer.start_timestamp = start_ns * 1e-9
         writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
+    state_origin(session, path, _BLF_RESERVED)
     n = int((has(frames, FrameFlag.ERROR) & has(frames, FrameFlag.TRANSMITTED)).sum())
     return (f"BLF does not store who sent {counted(n, 'error frame')}",) if n else ()
 
@@ -85,6 +89,8 @@ def write_asc(session: Session, path: Path) -> tuple[str, ...]:
         stream.truncate()
         day = f"{start:%a %b %d %H:%M:%S}.{start.microsecond // 1000:03d} {start:%Y}"
         stream.write(f"date {day}\nbase hex  timestamps absolute\ninternal events logged\n")
+        if origin := _unlike_real(session):
+            stream.write(f"// origin: {origin}\n")
         stream.write(f"Begin Triggerblock {day}\n   0.000000 Start of measurement\n")
         writer.header_written = True
         for message in _messages(frames, start_ns):
@@ -99,10 +105,26 @@ def write_candump(session: Session, path: Path) -> tuple[str, ...]:
     frames = session_frames(session)
     with can.CanutilsLogWriter(path) as writer:
         for message in _messages(frames, 0):
+            if origin := _unlike_real(session):  # an interface's name, as it has no comments
+                message.channel = f"{origin}{message.channel}"
             writer.on_message_received(message)
     remote = int((has(frames, FrameFlag.REMOTE) & (frames.length > 0)).sum())
     without_length = f"candump does not store the length of {counted(remote, 'remote frame')}"
     return (*_lost_in_text(frames, "candump"), *((without_length,) if remote else ()))
+
+
+def _unlike_real(session: Session) -> str:
+    """Return the origin of a session, which `Log.origin` reads in the head of a log; "" if real."""
+    origin = session.provenance.get("origin", Origin.REAL)
+    return "" if origin == Origin.REAL else origin
+
+
+def state_origin(session: Session, path: Path, offset: int) -> None:
+    """Write the origin of a session, unless it is real, to the reserved bytes of a log's head."""
+    if origin := _unlike_real(session):
+        with path.open("r+b") as stream:
+            stream.seek(offset)
+            stream.write(f"origin: {origin}".encode())
 
 
 def _lost_in_text(frames: FrameBatch, name: str) -> tuple[str, ...]:

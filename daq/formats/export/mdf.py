@@ -14,9 +14,11 @@ from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from ...optional import optional
 from ...runs import Run, SampleGroup
 from ...sessions import Session
-from .frames import has, session_frames
+from .frames import has, session_frames, state_origin
 
 _NS_PER_S = 1_000_000_000
+_RESERVED = 30
+"""Offset of the reserved part of the head, bytes; readers skip it."""
 _UNITS = {"time_s": "s", "t_ns": "ns"}
 
 _REMOTE = {
@@ -59,6 +61,7 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
                 content = session.provenance[name].encode("utf-8", "surrogateescape")
                 mdf.attach(content, file_name=file, mime="text/plain", compression=False)
         mdf.save(path, overwrite=True, compression=1)
+    state_origin(session, path, _RESERVED)
     return ()
 
 
