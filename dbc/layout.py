@@ -74,9 +74,7 @@ class SignalLayout:
     @property
     def last_byte(self) -> int:
         """The highest byte of the payload that holds a bit of the signal."""
-        if self.is_big_endian:
-            return (self.first_bit + self.length - 1) // 8
-        return (self.start + self.length - 1) // 8
+        return (self.first_bit + self.length - 1) // 8
 
     @property
     def low_bit(self) -> int:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dbc import Quality, parse_codec, shipped_dbc
-from dbc.crc import crc8_j1850
+from dbc.crc import CRC_RULES
 
 from .frames import block
 from .polynomial import crc8_by_division
@@ -18,7 +18,7 @@ SHIPPED = parse_codec(shipped_dbc(), "bumpbench.dbc")
 @settings(max_examples=50, deadline=None, derandomize=True, database=None)
 @given(st.lists(st.binary(min_size=7, max_size=7), min_size=1, max_size=5))
 def test_crc_is_the_remainder_of_a_division(rows: list[bytes]) -> None:
-    ours = crc8_j1850(np.frombuffer(b"".join(rows), np.uint8).reshape(-1, 7))
+    ours = CRC_RULES["crc8_j1850"](np.frombuffer(b"".join(rows), np.uint8).reshape(-1, 7))
     assert ours.tolist() == [crc8_by_division(row) for row in rows]
 
 

@@ -60,7 +60,7 @@ def _with_payload(
     name: str, change: Callable[[np.ndarray], None], crc_too: bool = True
 ) -> FrameBatch:
     """Change the payloads of one message, and correct their checksums."""
-    from dbc.crc import crc8_j1850
+    from dbc.crc import CRC_RULES
 
     frames = _rest()
     data = frames.data.copy()
@@ -69,7 +69,7 @@ def _with_payload(
     change(part)
     if crc_too:
         last = _codec().message(name).length - 1
-        part[:, last] = crc8_j1850(part[:, :last])
+        part[:, last] = CRC_RULES["crc8_j1850"](part[:, :last])
     data[rows] = part
     return FrameBatch(frames.t_ns, frames.can_id, frames.flags, frames.bus, frames.length, data)
 
