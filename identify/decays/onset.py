@@ -151,7 +151,7 @@ def quiet_counts(records: Sequence[Record]) -> dict[str, int]:
     """Return the degrees of freedom of each level of `quiet_noise`."""
     counts: dict[str, int] = {}
     for recording, at_rest in (pair for record in records for pair in _quiet(record)):
-        n = int(at_rest.sum())
+        n = int(np.count_nonzero(at_rest))
         for channel in recording.group.channels:
             counts[channel.name] = counts.get(channel.name, 0) + n - 1
     return counts

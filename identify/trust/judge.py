@@ -29,7 +29,7 @@ from .motion import excitation_findings, lift_off_findings, mode_snr_db
 from .plausibility import parameter_findings, undetermined
 from .refit import Cause
 from .residuals import CHI2_LIMIT, chi2_by_run, misfit_findings, whiteness_findings
-from .samples import sampling_findings, saturation_findings
+from .samples import sample_findings
 from .statements import contradicted_shift, contradictions, unseen_findings
 from .weights import ONE_WEIGHT
 
@@ -75,8 +75,7 @@ def judge(
         *(f for f in misfit_findings(estimation) if sure or f.code != "convergence"),
         *(f for f in parameters if not (explained and f.code == "contradiction")),
         *(unseen_findings(estimation.box, session.mass_states) if sure else ()),
-        *sampling_findings(session, estimation.records),
-        *saturation_findings(session, estimation.records),
+        *sample_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),
         *(causes.findings if holds else ()),
     ]

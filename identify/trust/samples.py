@@ -2,7 +2,8 @@
 
 Every sample is fitted at its own time, so uneven sampling is legal and a lost frame costs no more
 than its information.  The harmful faults are losing the wheels' motion, which is over in 0.2 s, a
-channel that looks alive but is not, and peaks beyond the range of a sensor or its message.
+channel that looks alive but is not, and peaks beyond the range of a sensor or its message.  On the
+bump all of them are harmless: only the free decay is fitted.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from dbc.finding import Finding, Severity
 from dbc.samples import Quality
 from dbc.words import counted
 
-from ..decays.decay import Record, Recording
+from ..decays.decay import Record
 from ..decays.onset import GUARD_S, decay_start_s
 from ..decays.stuck import frozen
 from .finding import listed
@@ -39,30 +40,47 @@ _MOSTLY = 0.5
 _EVEN = 0.12  # of the period; times without a clock scatter by 0.2 or more
 
 
-def sampling_findings(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
-    """Judge the time stamps of the accepted runs.
+def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Finding]:
+    """Yield findings on the samples of the accepted runs.
 
-    `session`: rejected runs do not count.  `records`: those of its runs, as they are fitted.
+    `session`: as recorded; rejected runs do not count.  `records`: those of its runs, as they are
+    fitted.
     """
     runs = session.accepted
     stretches = _stretches(runs, records)
-    return (
-        *_gaps(stretches),
-        *_lost(stretches),
-        *_jitter(stretches),
-        *_order(runs),
-        *_missing(runs, session),
-        *_stuck(records),
-        *_losses(runs),
-    )
+    yield from _gaps(stretches)
+    yield from _lost(stretches)
+    yield from _by_arrival_times(stretches)
+    groups = [(f"{g.name} in {run.label}", g) for run in runs for g in run.groups]
+    backwards = [place for place, g in groups if (np.diff(g.time_s) <= 0.0).any()]
+    if backwards:
+        text = (
+            f"sample times do not increase: {listed(backwards)}; samples then have wrong "
+            "times: sort them, remove doubles, or record again"
+        )
+        yield Finding("time_order", Severity.WARNING, text)
+    yield from _missing(runs, session)
+    held = frozen(records)
+    if held:
+        places = listed(f"{hold.channel} in {hold.run}" for hold in held)
+        text = (
+            f"holds one value for {held[0].longest.held_s:.2f} s (limit {FROZEN_S:g}) while the "
+            f"vehicle moves: {places}; these samples are not measured and bias the result: check "
+            "the sensor and repeat the run"
+        )
+        yield Finding("stuck_channels", Severity.WARNING, text)
+    yield from _losses(runs)
+    yield from _flat(records)
+    yield from _out_of_range(session, records)
 
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
     """The sampling of one channel group during one free decay."""
 
-    place: str
-    """Message and run."""
+    source: str
+    """Message, or the channels without which samples are missing."""
+    run: str
     time_s: NDArray[np.float64]
     """Times of usable samples, from just before the decay, s since its start, shape (n,)."""
     period_s: float
@@ -72,59 +90,56 @@ class _Stretch:
     None."""
 
     @property
-    def intervals_s(self) -> NDArray[np.float64]:
-        return np.diff(self.time_s)
+    def place(self) -> str:
+        return f"{self.source} in {self.run}"
 
     @property
     def longest_early_s(self) -> float:
         """The longest interval that reaches into the wheels' motion."""
-        early = self.intervals_s[self.time_s[:-1] < WHEEL_MOTION_S]
+        early = np.diff(self.time_s)[self.time_s[:-1] < WHEEL_MOTION_S]
         return float(early.max(initial=0.0))
 
     @property
     def jitter_s(self) -> float:
         """Scatter of the time stamps about an even clock."""
-        steps = np.maximum(np.rint(self.intervals_s / self.period_s), 1.0)
-        return float(np.std(self.intervals_s - steps * self.period_s) / np.sqrt(2.0))
-
-    @property
-    def is_unsure(self) -> bool:
-        """True if arrival times scatter more than the stated uncertainty of the lateness."""
-        return self.arrival_sigma_s is not None and self.jitter_s > self.arrival_sigma_s
-
-    @property
-    def even(self) -> bool:
-        """True if the samples are meant to come at equal intervals."""
-        return self.jitter_s < _EVEN * self.period_s
+        intervals_s = np.diff(self.time_s)
+        steps = np.maximum(np.rint(intervals_s / self.period_s), 1.0)
+        return float(np.std(intervals_s - steps * self.period_s) / np.sqrt(2.0))
 
     @property
     def lost_share(self) -> float:
         """Share of missing samples according to the intervals; 0 if these are uneven by nature."""
-        if not self.even:
+        if not self.jitter_s < _EVEN * self.period_s:
             return 0.0
-        lost = float(np.sum(np.maximum(np.rint(self.intervals_s / self.period_s) - 1.0, 0.0)))
+        steps = np.rint(np.diff(self.time_s) / self.period_s)
+        lost = float(np.sum(np.maximum(steps - 1.0, 0.0)))
         return lost / (lost + len(self.time_s))
 
 
 def _stretches(runs: Sequence[Run], records: Sequence[Record]) -> list[_Stretch]:
-    found: list[tuple[str, tuple[str, ...], NDArray[np.float64], float | None]] = []
+    found: list[tuple[tuple[str, ...], _Stretch]] = []
     run_of = {run.label: run for run in runs}
     for record in records:
         run, start = run_of[record.label], decay_start_s(record)
-        by_arrival = {group.name for group in run.groups if _by_arrival(run, group)}
         for recording in record.recordings:
+            group = next(g for g in run.groups if g.name == recording.group.name)
+            names = tuple(channel.name for channel in recording.group.channels)
             time = recording.time_s - start
             # The sample before the decay too: a gap may begin on the bump.
             time = time[max(int(np.searchsorted(time, 0.0)) - 1, 0) :]
             if len(time) > 2:
-                place = f"{_source(recording, run)} in {run.label}"
-                sigma_s = recording.group.delay_sigma_s
-                own = sigma_s if recording.group.name in by_arrival else None
-                found.append((place, _names(recording), time, own))
+                lacking = [n for n in names if not np.isfinite(group.values[n]).all()]
+                source = listed(lacking) if 0 < len(lacking) < len(names) else group.name
+                sigma_s = recording.group.delay_sigma_s if _by_arrival(run, group) else None
+                period_s = median(np.diff(time))
+                found.append((names, _Stretch(source, run.label, time, period_s, sigma_s)))
     periods: dict[tuple[str, ...], list[float]] = {}
-    for _, names, time, _ in found:
-        periods.setdefault(names, []).append(median(np.diff(time)))
-    return [_Stretch(place, t, median(periods[names]), own) for place, names, t, own in found]
+    for names, one in found:
+        periods.setdefault(names, []).append(one.period_s)
+    return [
+        _Stretch(one.source, one.run, one.time_s, median(periods[names]), one.arrival_sigma_s)
+        for names, one in found
+    ]
 
 
 def _by_arrival(run: Run, group: SampleGroup) -> bool:
@@ -133,103 +148,56 @@ def _by_arrival(run: Run, group: SampleGroup) -> bool:
     return len(run.frames) > 0 and bool(np.mean(group.time_s == arrival_s) > _MOSTLY)
 
 
-def _source(recording: Recording, run: Run) -> str:
-    """Return the channels without which rows of a group are missing, or the group's name."""
-    group = next(g for g in run.groups if g.name == recording.group.name)
-    names = _names(recording)
-    lacking = [name for name in names if not np.isfinite(group.values[name]).all()]
-    return listed(lacking) if 0 < len(lacking) < len(names) else group.name
-
-
-def _names(recording: Recording) -> tuple[str, ...]:
-    return tuple(channel.name for channel in recording.group.channels)
-
-
 def _gaps(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
     bad = [s for s in stretches if s.longest_early_s > longest_gap_s(s.period_s)]
-    if not bad:
-        return
     bad.sort(key=lambda s: -s.longest_early_s)
-    worst = bad[0]
-    limit = longest_gap_s(worst.period_s)
-    yield Finding(
-        "gaps",
-        Severity.WARNING,
-        f"no sample for {worst.longest_early_s * 1e3:.0f} ms (limit {limit * 1e3:.0f}) in the "
-        f"first {WHEEL_MOTION_S:g} s after the bump: {listed(s.place for s in bad)}; the wheels' "
-        "motion is over by then, so these runs say little of wheels and tyres: repeat them",
-    )
+    if bad:
+        text = (
+            f"no sample for {bad[0].longest_early_s * 1e3:.0f} ms (limit "
+            f"{longest_gap_s(bad[0].period_s) * 1e3:.0f}) in the first {WHEEL_MOTION_S:g} s after "
+            f"the bump: {listed(s.place for s in bad)}; the wheels' motion is over by then, so "
+            "these runs say little of wheels and tyres: repeat them"
+        )
+        yield Finding("gaps", Severity.WARNING, text)
 
 
 def _lost(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
     poor = sorted((s for s in stretches if s.lost_share > 0.0), key=lambda s: -s.lost_share)
     bad = [s for s in poor if s.lost_share > LOST_SHARE]
     if bad:
-        yield Finding(
-            "lost_samples",
-            Severity.WARNING,
+        text = (
             f"{bad[0].lost_share:.0%} of the samples are missing (limit {LOST_SHARE:.0%}): "
             f"{listed(s.place for s in bad)}; if they are lost when the vehicle moves most, "
-            "the result is biased: check bus load, cable and plugs and repeat these runs",
+            "the result is biased: check bus load, cable and plugs and repeat these runs"
         )
+        yield Finding("lost_samples", Severity.WARNING, text)
     elif poor:
-        yield Finding(
-            "lost_samples",
-            Severity.NOTE,
+        text = (
             f"up to {100 * poor[0].lost_share:.2g}% of the samples are missing (limit "
             f"{LOST_SHARE:.0%}): {listed(s.place for s in poor)}; they cost their information and "
-            "nothing else",
+            "nothing else"
         )
+        yield Finding("lost_samples", Severity.NOTE, text)
 
 
-def _jitter(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
-    scattered = sorted((s for s in stretches if s.jitter_s > JITTER_S), key=lambda s: -s.jitter_s)
-    late = [s for s in scattered if s.is_unsure]
+def _by_arrival_times(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
+    late = [
+        s
+        for s in stretches
+        if s.arrival_sigma_s is not None and s.jitter_s > max(JITTER_S, s.arrival_sigma_s)
+    ]
     if late:
-        yield Finding(
-            "arrival_times",
-            Severity.WARNING,
-            f"the samples of {listed(s.place.split(' in ')[0] for s in late)} have the times at "
-            f"which their frames arrived, and these scatter by {late[0].jitter_s * 1e3:.2f} ms, "
-            "more than is stated of their lateness: the true times are not known; give the "
-            "message a rolling counter or a time stamp, or state delay_sigma_s",
+        worst_s = max(s.jitter_s for s in late)
+        text = (
+            f"the samples of {listed(s.source for s in late)} have the times at which their "
+            f"frames arrived, and these scatter by {worst_s * 1e3:.2f} ms, more than is stated of "
+            "their lateness: the true times are not known; give the message a rolling counter or "
+            "a time stamp, or state delay_sigma_s"
         )
-    scattered = [s for s in scattered if not s.is_unsure]
-    if scattered:
-        worst = scattered[0]
-        groups = listed(s.place.split(" in ")[0] for s in scattered)
-        yield Finding(
-            "jitter",
-            Severity.NOTE,
-            f"time stamps scatter by {worst.jitter_s * 1e3:.2f} ms about an even clock of "
-            f"{worst.period_s * 1e3:.3g} ms: {groups}; right if the sensor samples so, for each "
-            "sample is fitted at its own time; if only its frames are late, give the message a "
-            "rolling counter",
-        )
-
-
-def _order(runs: Sequence[Run]) -> Iterator[Finding]:
-    groups = [(f"{g.name} in {run.label}", g) for run in runs for g in run.groups]
-    backwards = [place for place, g in groups if (np.diff(g.time_s) <= 0.0).any()]
-    if backwards:
-        yield Finding(
-            "time_order",
-            Severity.WARNING,
-            f"sample times do not increase: {listed(backwards)}; samples then have wrong "
-            "times: sort them, remove doubles, or record again",
-        )
-    swapped = [place for place, g in groups if (np.diff(g.t_ns) < 0).any()]
-    if swapped:
-        yield Finding(
-            "time_order",
-            Severity.NOTE,
-            f"frames were stamped out of order on the bus: {listed(swapped)}; the times of the "
-            "samples were put right, check the interface if it happens often",
-        )
+        yield Finding("arrival_times", Severity.WARNING, text)
 
 
 def _missing(runs: Sequence[Run], session: Session) -> Iterator[Finding]:
-    used = [c.name for c in session.used_channels]
     present = {
         (name, run.label)
         for run in runs
@@ -237,138 +205,67 @@ def _missing(runs: Sequence[Run], session: Session) -> Iterator[Finding]:
         for name, values in group.values.items()
         if np.isfinite(values).any()
     }
-    missing = [f"{n} in {run.label}" for n in used for run in runs if (n, run.label) not in present]
+    wanted = [(c.name, run.label) for c in session.used_channels for run in runs]
+    missing = [f"{name} in {label}" for name, label in wanted if (name, label) not in present]
     if missing:
-        yield Finding(
-            "missing_channels",
-            Severity.NOTE,
+        text = (
             f"channels without a sample: {listed(missing)}; these runs are fitted by the others: "
-            "check sensor and plug",
+            "check sensor and plug"
         )
+        yield Finding("missing_channels", Severity.NOTE, text)
 
 
 def _losses(runs: Sequence[Run]) -> Iterator[Finding]:
     lossy = [run for run in runs if run.losses.measured]
     if lossy:
         total = sum(run.losses.measured for run in lossy)
-        yield Finding(
-            "frame_losses",
-            Severity.NOTE,
+        text = (
             f"the recorder counted {counted(total, 'frame')} lost or unusable: "
             f"{listed(f'{run.losses.measured} in {run.label}' for run in lossy)}; they cost their "
-            "information only, check bus load and wiring if there are many",
+            "information only, check bus load and wiring if there are many"
         )
+        yield Finding("frame_losses", Severity.NOTE, text)
 
 
-def _stuck(records: Sequence[Record]) -> Iterator[Finding]:
-    """Yield a finding on channels that do not move in the decays that are fitted."""
-    found = frozen(records)
-    if not found:
-        return
-    places = listed(f"{hold.channel} in {hold.run}" for hold in found)
-    text = (
-        f"holds one value for {found[0].longest.held_s:.2f} s (limit {FROZEN_S:g}) while the "
-        f"vehicle moves: {places}; these samples are not measured and bias the result: check the "
-        "sensor and repeat the run"
-    )
-    yield Finding("stuck_channels", Severity.WARNING, text)
+def _flat(records: Sequence[Record]) -> Iterator[Finding]:
+    """Yield a finding on peaks that are cut flat in the free decays."""
+    tops: list[tuple[int, str, str]] = []
+    for record in records:
+        start_s = decay_start_s(record) - GUARD_S
+        for r in record.recordings:
+            for channel, column in zip(r.group.channels, r.values.T, strict=True):
+                for first, stop in flat_tops(column):
+                    if r.time_s[stop - 1] >= start_s:
+                        value = f"{column[first]:.4g} {channel.unit}"
+                        tops.append((stop - first, value, f"{channel.name} in {record.label}"))
+    tops.sort(key=lambda top: -top[0])
+    if tops:
+        samples, value, _ = tops[0]
+        text = (
+            f"flat tops in the free decay, {samples} equal samples at {value}, which is not by "
+            f"chance: {listed(place for *_, place in tops)}; the sensor saturates and the true "
+            "motion is larger: use a lower bump or a sensor with a wider range"
+        )
+        yield Finding("saturation", Severity.WARNING, text)
 
 
-@dataclass(frozen=True, slots=True)
-class _Top:
-    """A flat top: its place, number of samples, value, and whether it lies within the decay."""
-
-    channel: str
-    run: str
-    samples: int
-    value: float
-    unit: str
-    in_decay: bool
-
-
-def saturation_findings(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
-    """Find flat tops and samples outside the range of their message.
-
-    On the bump they are harmless, because only the free decay is fitted.
-
-    `session`: as recorded; rejected runs do not count.  `records`: those of its runs, as they are
-    fitted.
-    """
+def _out_of_range(session: Session, records: Sequence[Record]) -> Iterator[Finding]:
+    """Yield a finding on samples outside the range of their message in the free decays."""
     used = {c.name for c in session.used_channels}
-    groups = {
-        run.label: [group for group in run.groups if used & set(group.values)]
+    starts_s = {record.label: decay_start_s(record) - GUARD_S for record in records}
+    outside = [
+        (int(flagged.sum()), f"{group.name} in {run.label}")
         for run in session.accepted
-    }
-    tops = [top for record in records for top in _tops(record)]
-    outside = [one for record in records for one in _outside(record, groups[record.label])]
-    return (*_flat(tops), *_out_of_range(outside))
-
-
-def _flat(tops: list[_Top]) -> Iterator[Finding]:
-    decay = sorted((top for top in tops if top.in_decay), key=lambda top: -top.samples)
-    if decay:
-        worst = decay[0]
-        yield Finding(
-            "saturation",
-            Severity.WARNING,
-            f"flat tops in the free decay, {worst.samples} equal samples at {worst.value:.4g} "
-            f"{worst.unit}, which is not by chance: {_places(decay)}; the sensor saturates and the "
-            "true motion is larger: use a lower bump or a sensor with a wider range",
+        if run.label in starts_s
+        for group in run.groups
+        if used & set(group.values)
+        for flagged in [(group.quality & Quality.OUT_OF_RANGE) != 0]
+        if (group.time_s[flagged] >= starts_s[run.label]).any()
+    ]
+    if outside:
+        text = (
+            f"{counted(max(n for n, _ in outside), 'sample')} outside the range that the DBC "
+            f"states, in the free decay: {listed(place for _, place in outside)}; a saturated "
+            "sensor or a wrong DBC: check scale and range of the message, use a lower bump"
         )
-    elif tops:
-        worst = max(tops, key=lambda top: top.samples)
-        yield Finding(
-            "saturation",
-            Severity.NOTE,
-            f"flat tops on the bump only, {worst.samples} equal samples at {worst.value:.4g} "
-            f"{worst.unit}: {_places(tops)}; harmless, for only the decay after it is fitted",
-        )
-
-
-def _places(tops: list[_Top]) -> str:
-    return listed(f"{top.channel} in {top.run}" for top in tops)
-
-
-def _tops(record: Record) -> Iterator[_Top]:
-    start = decay_start_s(record) - GUARD_S
-    for recording in record.recordings:
-        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
-            for first, stop in flat_tops(column):
-                yield _Top(
-                    channel.name,
-                    record.label,
-                    stop - first,
-                    float(column[first]),
-                    channel.unit,
-                    bool(recording.time_s[stop - 1] >= start),
-                )
-
-
-def _outside(record: Record, groups: Sequence[SampleGroup]) -> Iterator[tuple[str, int, bool]]:
-    """Return message and run, samples out of range, and whether any is within the decay."""
-    start = decay_start_s(record) - GUARD_S
-    for group in groups:
-        flagged = (group.quality & Quality.OUT_OF_RANGE) != 0
-        if flagged.any():
-            in_decay = bool((group.time_s[flagged] >= start).any())
-            yield f"{group.name} in {record.label}", int(flagged.sum()), in_decay
-
-
-def _out_of_range(outside: list[tuple[str, int, bool]]) -> Iterator[Finding]:
-    decay = [(place, n) for place, n, in_decay in outside if in_decay]
-    if decay:
-        yield Finding(
-            "out_of_range",
-            Severity.WARNING,
-            f"{counted(max(n for _, n in decay), 'sample')} outside the range that the DBC states, "
-            f"in the free decay: {listed(place for place, _ in decay)}; a saturated sensor or a "
-            "wrong DBC: check scale and range of the message, use a lower bump",
-        )
-    elif outside:
-        yield Finding(
-            "out_of_range",
-            Severity.NOTE,
-            f"{counted(max(n for _, n, _ in outside), 'sample')} outside the range that the DBC "
-            f"states, on the bump only: {listed(place for place, _, _ in outside)}; harmless, for "
-            "only the decay after it is fitted",
-        )
+        yield Finding("out_of_range", Severity.WARNING, text)

@@ -18,7 +18,7 @@ from daq.verdict.traffic import overload
 from daq.verdict.window import RunWindow, traces
 from dbc.frames import FrameBatch
 from identify.decays.usable import usable
-from identify.trust.samples import saturation_findings
+from identify.trust.samples import sample_findings
 
 RATE_HZ = 1000.0
 STEP = 0.01
@@ -170,4 +170,5 @@ def at_desk(value: Array, t_ns: NDArray[np.int64]) -> tuple[object, ...]:
     )
     bench = load_bench(None)
     session = Session(bench.vehicle, (HUB,), bench.mass_states, (run,), {})
-    return saturation_findings(session, usable(session).records)
+    found = sample_findings(session, usable(session).records)
+    return tuple(one for one in found if one.code == "saturation")

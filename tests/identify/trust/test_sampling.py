@@ -9,7 +9,7 @@ from daq.sessions import Session
 from dbc.finding import Finding, Severity
 from identify.decays.decay import record_of
 from identify.decays.usable import usable
-from identify.trust.samples import sampling_findings
+from identify.trust.samples import sample_findings
 
 from ..stress import BUMP_S, REST_S
 from .campaigns import SEEDS, by_gate, campaign, doubtful, with_group, with_runs
@@ -20,7 +20,7 @@ AFTER_BUMP_S = REST_S + BUMP_S
 
 
 def judged(session: Session) -> tuple[Finding, ...]:
-    return sampling_findings(session, usable(session).records)
+    return tuple(sample_findings(session, usable(session).records))
 
 
 def found(session: Session) -> dict[str, Finding]:
@@ -112,20 +112,6 @@ def test_unusable_samples_are_lost_ones() -> None:
     assert found(session)["lost_samples"].text.startswith("25% ")
 
 
-def test_jitter_is_a_note_with_its_size() -> None:
-    rng = np.random.default_rng(5)
-
-    def jittered(group: SampleGroup) -> SampleGroup:
-        return retimed(group, group.time_s + 4e-4 * rng.standard_normal(len(group.time_s)))
-
-    session = with_group(campaign("linear", 1), "baseline_bounce_1", HUBS_FRONT, jittered)
-    findings = found(session)
-    assert set(findings) == {"jitter"}
-    assert findings["jitter"].severity is Severity.NOTE
-    size = float(findings["jitter"].text.split("scatter by ")[1].split(" ms")[0])
-    assert size == pytest.approx(0.4, rel=0.1)
-
-
 def test_random_sampling_is_legal() -> None:
     rng = np.random.default_rng(6)
 
@@ -134,24 +120,6 @@ def test_random_sampling_is_legal() -> None:
 
     session = with_group(campaign("linear", 1), "baseline_bounce_1", HUBS_FRONT, random)
     assert "lost_samples" not in found(session)
-
-
-def test_stamps_out_of_order_are_a_note_and_times_out_of_order_a_doubt() -> None:
-    def swapped(group: SampleGroup) -> SampleGroup:
-        t_ns = group.t_ns.copy()
-        t_ns[[10, 11]] = t_ns[[11, 10]]
-        return replace(group, t_ns=t_ns)
-
-    def backwards(group: SampleGroup) -> SampleGroup:
-        time_s = group.time_s.copy()
-        time_s[10] = time_s[9]
-        return replace(group, time_s=time_s)
-
-    session = campaign("linear", 1)
-    noted = with_group(session, "added_roll_1", HUBS_FRONT, swapped)
-    assert [f.severity for f in judged(noted)] == [Severity.NOTE]
-    wrong = with_group(session, "added_roll_1", HUBS_FRONT, backwards)
-    assert doubtful(judged(wrong)) == ["time_order"]
 
 
 def test_a_channel_that_some_runs_lack_is_named() -> None:
@@ -176,7 +144,7 @@ def test_a_channel_frozen_in_one_run_is_doubtful(from_s: float) -> None:
     session = with_group(campaign("linear", 1), "added_bounce_1", HUBS_FRONT, frozen)
     assert set(found(session)) == set(), "the run is left out"
     records = [record_of(run, session.channels) for run in session.runs]
-    findings = by_gate(sampling_findings(session, records))
+    findings = by_gate(sample_findings(session, records))
     assert set(findings) == {"stuck_channels"}
     assert findings["stuck_channels"].severity is Severity.WARNING
     assert "hub_acc_fl in added_bounce_1;" in findings["stuck_channels"].text

@@ -12,7 +12,7 @@ from dbc.finding import Finding, Severity
 from dbc.samples import Quality
 from identify.decays.onset import GUARD_S, decay_start_s
 from identify.decays.usable import usable
-from identify.trust.samples import saturation_findings
+from identify.trust.samples import sample_findings
 
 from ..stress import BUMP_S, REST_S
 from .campaigns import SEEDS, campaign, doubtful, with_group
@@ -23,7 +23,7 @@ AFTER_BUMP_S = REST_S + BUMP_S
 
 
 def judged(session: Session) -> tuple[Finding, ...]:
-    return saturation_findings(session, usable(session).records)
+    return tuple(sample_findings(session, usable(session).records))
 
 
 def rear_left(session: Session, change: Callable[[Array, Array], Array]) -> Session:
@@ -66,24 +66,21 @@ def test_saturation_survives_the_steps_of_the_converter() -> None:
     assert doubtful(judged(session)) == ["saturation"]
 
 
-def test_on_the_bump_it_is_a_note() -> None:
+def test_on_the_bump_it_is_harmless() -> None:
     """A steeper bump than the simulated one: the sensor ends at 60 m/s2, the decay at 46."""
 
     def steep(t_s: Array, values: Array) -> Array:
         on_bump = (t_s > REST_S) & (t_s < AFTER_BUMP_S - 0.02)
         return np.where(on_bump, np.minimum(3.0 * values, 60.0), values)
 
-    (finding,) = judged(rear_left(campaign("linear", 1), steep))
-    assert finding.severity is Severity.NOTE
-    assert "at 60 m/s2" in finding.text
-    assert "hub_acc_rl in baseline_bounce_1, hub_acc_rl in baseline_bounce_2;" in finding.text
+    assert judged(rear_left(campaign("linear", 1), steep)) == ()
 
 
 @pytest.mark.parametrize(
-    ("before_s", "severity"), [(0.5 * GUARD_S, Severity.WARNING), (2.5 * GUARD_S, Severity.NOTE)]
+    ("before_s", "found"), [(0.5 * GUARD_S, ["saturation"]), (2.5 * GUARD_S, [])]
 )
 def test_a_top_within_the_guard_before_the_decay_may_be_of_it(
-    before_s: float, severity: Severity
+    before_s: float, found: list[str]
 ) -> None:
     session = campaign("linear", 1)
     (record,) = (r for r in usable(session).records if r.label == "baseline_bounce_1")
@@ -94,8 +91,8 @@ def test_a_top_within_the_guard_before_the_decay_may_be_of_it(
         top = (np.arange(len(t_s)) <= last) & (np.arange(len(t_s)) > last - 5)
         return np.where(top, 3.0 * values.max(), values)
 
-    found = [f for f in judged(rear_left(session, cut)) if "baseline_bounce_1" in f.text]
-    assert [f.severity for f in found] == [severity]
+    said = [f for f in judged(rear_left(session, cut)) if "baseline_bounce_1" in f.text]
+    assert [f.code for f in said] == found
 
 
 def test_a_limit_that_the_decay_reaches_is_doubtful() -> None:
@@ -140,16 +137,15 @@ def test_a_rounded_top_is_not_a_flat_one(lsb: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("at_s", "severity"),
-    [(REST_S + 0.05, Severity.NOTE), (AFTER_BUMP_S + 0.05, Severity.WARNING)],
+    ("at_s", "found"), [(REST_S + 0.05, []), (AFTER_BUMP_S + 0.05, ["out_of_range"])]
 )
-def test_samples_out_of_range_are_reported(at_s: float, severity: Severity) -> None:
+def test_samples_out_of_range_are_reported(at_s: float, found: list[str]) -> None:
     def flagged(group: SampleGroup) -> SampleGroup:
         quality = group.quality.copy()
         quality[np.searchsorted(group.time_s, at_s)] |= Quality.OUT_OF_RANGE
         return replace(group, quality=quality)
 
     session = with_group(campaign("linear", 1), "added_roll_1", CHANNEL, flagged)
-    (finding,) = judged(session)
-    assert (finding.code, finding.severity) == ("out_of_range", severity)
-    assert f"{CHANNEL} in added_roll_1" in finding.text
+    said = judged(session)
+    assert [finding.code for finding in said] == found
+    assert all(f"{CHANNEL} in added_roll_1" in finding.text for finding in said)
