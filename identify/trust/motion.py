@@ -10,19 +10,18 @@ this and begins a decay when the wheels are down: late, with hardly any load on 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.bumps import BUMPS
 from daq.runs import Excitation
-from daq.vehicle import Corner, MassState, VehicleGeometry
+from daq.vehicle import Corner, VehicleGeometry
 from dbc.finding import Finding, Severity
 from dbc.units import G_M_S2
 
-from ..decays.decay import FreeDecay, Record
+from ..decays.decay import FreeDecay
 from ..decays.onset import onset_s
 from ..fit.estimation import Estimation, linearised_at
 from ..fit.varpro import Evaluated, LinearPart, over_two, pseudo_inverse
@@ -74,41 +73,30 @@ def excitation_findings(
 
     The energies of its runs add up, as their information does.
     """
-    present = {decay.mass_state for decay in estimation.decays}
+    full = estimation.full
+    geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
     findings: list[Finding] = []
     for state in estimation.box.mass_states:
-        if state.name in present:
-            rows = [snr_db[d.label] for d in estimation.decays if d.mass_state == state.name]
-            findings += _unexcited(estimation, state, 10.0 * np.log10(_sum_of_powers(rows)))
+        rows = [snr_db[d.label] for d in estimation.decays if d.mass_state == state.name]
+        if not rows:
+            continue
+        total_db = 10.0 * np.log10(np.sum(10.0 ** (np.array(rows) / 10.0), axis=0))
+        model = loaded_model(full, state.added)
+        modes = modes_of(model.A)
+        names = mode_names(modes, geometry)
+        advised: dict[Excitation, list[str]] = {}
+        for k in np.flatnonzero(total_db < SNR_LIMIT_DB).tolist():
+            frequency = abs(modes.poles[k]) / (2.0 * np.pi)
+            text = f"mode {k + 1} ({names[k]}, {frequency:.2f} Hz) with {total_db[k]:.0f} dB"
+            advised.setdefault(best_run(model, modes.poles[k], full[11:15]), []).append(text)
+        for run, texts in advised.items():
+            text = (
+                f"hardly excited in state {state.name}: {', '.join(texts)} in all its runs "
+                f"together (limit {SNR_LIMIT_DB:.0f} dB); what depends on them is not known: "
+                f"record a {run.words} run in state {state.name}, or one with a higher bump"
+            )
+            findings.append(Finding("excitation", Severity.WARNING, text))
     return tuple(findings)
-
-
-def _sum_of_powers(rows: list[tuple[float, ...]]) -> NDArray[np.float64]:
-    return np.asarray(np.sum(10.0 ** (np.array(rows) / 10.0), axis=0))
-
-
-def _unexcited(
-    estimation: Estimation, state: MassState, total_db: NDArray[np.float64]
-) -> Iterator[Finding]:
-    box, eta = estimation.box, estimation.fit.eta
-    full = box.full(eta.astype(complex)).real
-    model = loaded_model(full, state.added)
-    modes = modes_of(model.A)
-    a, b, t_f, t_r = full[19:23].tolist()
-    names = mode_names(modes, VehicleGeometry(a, b, t_f, t_r))
-    advised: dict[Excitation, list[str]] = {}
-    for k in np.flatnonzero(total_db < SNR_LIMIT_DB).tolist():
-        frequency = abs(modes.poles[k]) / (2.0 * np.pi)
-        text = f"mode {k + 1} ({names[k]}, {frequency:.2f} Hz) with {total_db[k]:.0f} dB"
-        advised.setdefault(best_run(model, modes.poles[k], full[11:15]), []).append(text)
-    for run, texts in advised.items():
-        yield Finding(
-            "excitation",
-            Severity.WARNING,
-            f"hardly excited in state {state.name}: {', '.join(texts)} in all its runs together "
-            f"(limit {SNR_LIMIT_DB:.0f} dB); what depends on them is not known: record a "
-            f"{run.words} run in state {state.name}, or one with a higher bump",
-        )
 
 
 def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64]) -> Excitation:
@@ -152,80 +140,42 @@ def _energies(at: Evaluated, decay: FreeDecay, linear: LinearPart) -> NDArray[np
     return np.asarray(np.maximum(np.einsum("ki,kij,kj->k", q, alone, q), _FLOOR))
 
 
-@dataclass(frozen=True, slots=True)
-class _Light:
-    """A wheel that is nearly or wholly relieved in a run."""
-
-    place: str
-    """Wheel and run."""
-    load_n: float
-    static_n: float
-    """`load_n`, `static_n`: its least load in the decay, and its load at rest, N."""
-    late_s: float
-    """Delay of the decay's start after the stated end of the bump, s; NaN if that is not known."""
-
-    @property
-    def in_the_air(self) -> bool:
-        """True if the wheel was off the road for longer than a landing takes."""
-        return self.load_n < -PULL_LIMIT * self.static_n or self.late_s > LATE_S
-
-
 def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
     """Find the wheels that leave the road over the bump and land during the decay.
+
+    A tyre would have to pull, or has only the load of a late landing.
 
     `estimation`: the fit; tyre loads follow from its parameters and the fitted initial state of
     each run.
     """
-    light = sorted(_light(estimation), key=lambda wheel: wheel.load_n)
-    flying = [wheel for wheel in light if wheel.in_the_air]
-    if not light:
-        return ()
-    worst = (flying or light)[0]
-    load = f"{worst.load_n:.0f} N (at rest {worst.static_n:.0f} N)"
-    places = listed(wheel.place for wheel in flying or light)
+    full, there = estimation.full, linearised_at(estimation)
+    tyres, states = full[11:15], {state.name: state for state in estimation.box.mass_states}
+    flying: list[tuple[float, float, float, str]] = []
+    for record, decay, linear in zip(
+        estimation.records, estimation.decays, there.linear, strict=True
+    ):
+        static = static_loads_n(loaded_model(full, states[decay.mass_state].added), tyres)
+        least, sigma = least_loads_n(there.points[decay.mass_state], decay, linear, static, tyres)
+        onset = onset_s(record)
+        late_s = np.nan if onset is None else decay.start_s - (onset + record.bump_s)
+        limit = (LANDING_LIMIT if late_s > LATE_S else -PULL_LIMIT) * static
+        flying += [
+            (float(least[i]), float(static[i]), late_s, f"wheel {corner} in {decay.label}")
+            for i, corner in enumerate(Corner)
+            if least[i] < limit[i] - _SURE * sigma[i]
+        ]
     if not flying:
-        text = (
-            f"a wheel just lands as the decay begins, tyre load {load}: {places}; harmless if "
-            "nothing else is found, a lower bump is safer"
-        )
-        return (Finding("lift_off", Severity.NOTE, text),)
-    late_s = np.nanmax([wheel.late_s for wheel in flying] + [0.0])
+        return ()
+    load_n, static_n, *_ = min(flying)
+    late_s = float(np.nanmax([late for *_, late, _ in flying] + [0.0]))
     waited = f", {late_s * 1e3:.0f} ms after the bump at the latest" if late_s > LATE_S else ""
+    places = listed(place for *_, place in sorted(flying))
     text = (
-        f"wheels lift off the road: least tyre load in the fitted decay {load}: {places}; the "
-        f"linear model holds only once they are down{waited}, when their motion has died away in "
-        "part: use a lower bump"
+        f"wheels lift off the road: least tyre load in the fitted decay {load_n:.0f} N (at rest "
+        f"{static_n:.0f} N): {places}; the linear model holds only once they are down{waited}, "
+        "when their motion has died away in part: use a lower bump"
     )
     return (Finding("lift_off", Severity.WARNING, text),)
-
-
-def _light(estimation: Estimation) -> Iterator[_Light]:
-    """Return the wheels whose tyres would have to pull, or have only the load of a late landing."""
-    full = estimation.full
-    tyres = full[11:15]
-    there = linearised_at(estimation)
-    records = {record.label: record for record in estimation.records}
-    for state in estimation.box.mass_states:
-        if state.name not in there.points:
-            continue
-        static = static_loads_n(loaded_model(full, state.added), tyres)
-        at = there.points[state.name]
-        for decay, linear in zip(estimation.decays, there.linear, strict=True):
-            if decay.mass_state != state.name:
-                continue
-            least, sigma = least_loads_n(at, decay, linear, static, tyres)
-            late_s = _late_s(records[decay.label], decay)
-            limit = LANDING_LIMIT * static if late_s > LATE_S else np.zeros(len(Corner))
-            for corner in Corner:
-                i = corner.position
-                if least[i] < limit[i] - _SURE * sigma[i]:
-                    place = f"wheel {corner} in {decay.label}"
-                    yield _Light(place, float(least[i]), float(static[i]), late_s)
-
-
-def _late_s(record: Record, decay: FreeDecay) -> float:
-    onset = onset_s(record)
-    return decay.start_s - (onset + record.bump_s) if onset is not None else float("nan")
 
 
 def static_loads_n(model: PhysicalModel, tyre_n_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -84,21 +84,6 @@ def test_the_energy_is_that_of_a_large_least_squares_problem() -> None:
     assert mode_snr_db(thin)[decay.label] == pytest.approx(expected, abs=0.01)
 
 
-def test_the_energy_goes_with_the_square_of_the_motion() -> None:
-    estimation = estimated("linear", 1)
-    quiet = replace(estimation, rest={name: level / 10 for name, level in estimation.rest.items()})
-    loud = np.array(list(mode_snr_db(quiet).values()))
-    np.testing.assert_allclose(loud - np.array(list(mode_snr_db(estimation).values())), 20.0)
-
-
-def test_a_mode_that_does_not_move_at_all_has_a_thousandth_of_the_noise() -> None:
-    estimation = estimated("linear", 1)
-    decay = estimation.decays[0]
-    still = tuple(replace(q, values=np.zeros_like(q.values)) for q in decay.recordings)
-    nothing = replace(estimation, decays=(replace(decay, recordings=still),))
-    assert mode_snr_db(nothing)[decay.label] == pytest.approx([-30.0] * 7)
-
-
 @pytest.mark.parametrize("seed", SEEDS)
 def test_bounce_and_pitch_do_not_excite_roll_and_that_is_no_finding(seed: int) -> None:
     estimation = estimated("linear", seed)
@@ -149,25 +134,3 @@ def test_the_best_run_of_each_mode_of_the_paper_s_car() -> None:
     for pole, against in zip(poles, antisymmetric(model), strict=True):
         best = best_run(model, pole, tyres)
         assert best in ((Excitation.ROLL,) if against else (Excitation.BOUNCE, Excitation.PITCH))
-
-
-def test_a_run_drives_by_the_force_that_its_tyres_pass_on() -> None:
-    """Where the tyres of one side pass on nothing, a bounce rolls the body as a roll run does."""
-    model = physical_model(FORD_GRANADA)
-    roll = modes_of(model.A).poles[2]
-    assert best_run(model, roll, np.full(4, 192e3)) is Excitation.ROLL
-    assert best_run(model, roll, np.array([192e3, 1e3, 192e3, 1e3])) is Excitation.BOUNCE
-
-
-@pytest.mark.parametrize(("right", "best"), [(0.48, Excitation.BOUNCE), (0.52, Excitation.ROLL)])
-def test_the_more_familiar_run_is_advised_if_it_drives_a_mode_half_as_much(
-    right: float, best: Excitation
-) -> None:
-    """A bounce lifts both front wheels, and rolls the body by the difference of their forces only.
-
-    Only these pass on a force, the right one a share of the left one's: a bounce drives the roll
-    by 1 - share of what a roll run does, which lifts the left one alone.
-    """
-    model = physical_model(FORD_GRANADA)
-    roll = modes_of(model.A).poles[2]
-    assert best_run(model, roll, 192e3 * np.array([1.0, right, 0.0, 0.0])) is best

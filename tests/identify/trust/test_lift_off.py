@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.runs import ADDED, BASELINE, Excitation
+from daq.runs import ADDED, Excitation
 from daq.sim.balance import contact, static_pose
 from daq.sim.excitation import Bump
 from daq.sim.load import load_car
@@ -94,27 +94,3 @@ def test_a_late_decay_is_a_lift_off_only_if_a_tyre_has_hardly_any_load() -> None
     assert lift_off_findings(misstated(estimated("linear", 1))) == ()
     (finding,) = lift_off_findings(misstated(estimated("lift_off", 1)))
     assert finding.severity is Severity.WARNING
-
-
-def test_wheels_that_land_as_the_decay_begins_are_a_note() -> None:
-    """A bump of 90 mm: the wheels come down 1 ms after its end, and only rear wheels lift."""
-    estimation = estimated("lift_off", 1)
-    (finding,) = lift_off_findings(estimation)
-    assert finding.severity is Severity.NOTE
-    assert "wheel RL" in finding.text
-    assert "wheel F" not in finding.text
-    assert "baseline" in finding.text
-
-
-def test_the_load_is_compared_with_its_own_uncertainty() -> None:
-    """With noise a hundred times as loud, the same motion says nothing of 200 N."""
-    estimation = estimated("lift_off", 1)
-    loud = {name: 100.0 * level for name, level in estimation.rest.items()}
-    assert lift_off_findings(replace(estimation, rest=loud)) == ()
-
-
-def test_only_the_states_that_were_driven_are_judged() -> None:
-    estimation = estimated("lift_off", 1)
-    kept = tuple(d for d in estimation.decays if d.mass_state == BASELINE)
-    (finding,) = lift_off_findings(replace(estimation, decays=kept))
-    assert "added" not in finding.text

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dbc.finding import Severity
-from identify.decays.onset import onset_s
 from identify.fit.estimation import Estimation
 from identify.trust.residuals import chi2_by_run, misfit_findings
 
@@ -118,15 +117,3 @@ def test_a_later_start_is_said_of_records_that_begin_in_motion(linear: Estimatio
     unstated = tuple(replace(r, bump_s=nan) for r in linear.records)
     late = misfit_findings(replace(linear, records=unstated, later_s=0.05))
     assert [(f.code, f.severity) for f in late] == [("late_start", Severity.NOTE)]
-
-
-def test_the_worst_start_of_all_runs_is_named(linear: Estimation) -> None:
-    """Bumps stated to end 16 and 40 ms before the decays begin."""
-    records = list(linear.records)
-    for number, more in ((3, 0.016), (5, 0.040)):
-        late = linear.decays[number].start_s - more
-        onset = onset_s(records[number])
-        assert onset is not None
-        records[number] = replace(records[number], bump_s=late - onset)
-    (finding,) = misfit_findings(replace(linear, records=tuple(records)))
-    assert f"from 40 ms after the stated end of the bump ({records[5].label})" in finding.text

@@ -65,11 +65,6 @@ def test_an_interval_wider_than_5_per_cent_is_doubtful(linear: Estimation) -> No
     assert "worst k_sf ± 5.9 %)" in finding.text
 
 
-def test_of_several_wide_intervals_the_widest_is_named(linear: Estimation) -> None:
-    (finding,) = parameter_findings(_with_std(_with_std(linear, "k_sf", 0.04), "m_ur", 0.03))
-    assert "wide intervals: m_ur, k_sf (worst k_sf ± 7.8 %)" in finding.text
-
-
 @pytest.mark.parametrize(
     ("name", "factor", "quantity"),
     [
@@ -151,37 +146,3 @@ def test_a_stated_delay_that_the_runs_contradict_is_named() -> None:
     finding = by_gate(parameter_findings(result))["contradiction"]
     assert finding.severity is not Severity.NOTE
     assert finding.text.count("delay of ") == 2
-
-
-def test_a_tyre_whose_damping_is_below_zero_by_three_standard_deviations_is_odd() -> None:
-    session = stress_session(
-        "linear", 1, vehicle=Vehicle("x", structure=Structure(True, False, True))
-    )
-    records = usable(session).records
-    result = estimate(grey_box(session, records), records, generic_vehicles())
-    i = result.box.parameters.index("c_tr")
-    std = float(np.sqrt(result.fit.covariance[i, i]))
-    for sigmas, gates in ((-2.9, []), (-3.1, ["implausible"])):
-        eta = result.fit.eta.copy()
-        eta[i] = sigmas * std
-        found = parameter_findings(replace(result, fit=replace(result.fit, eta=eta)))
-        assert [f.code for f in found] == gates
-        assert all("c_tr" in f.text and "below zero" in f.text for f in found)
-
-
-@pytest.mark.parametrize(("bar", "gates"), [(-9.9e3, ["solid_axle"]), (-10.1e3, ["implausible"])])
-@pytest.mark.parametrize("axle", ["f", "r"])
-def test_of_unequal_springs_the_mean_holds_an_axle_in_roll(
-    linear: Estimation, axle: str, bar: float, gates: list[str]
-) -> None:
-    """10 and 30 kN/m: with half of their mean as a negative bar, nothing is left."""
-    box = linear.box.with_structure(Structure(symmetric=False, anti_roll_bars=True))
-    full = linear.box.full(np.log(FORD_GRANADA.to_array()).astype(complex)).real
-    first = 7 if axle == "f" else 9
-    full[first : first + 2] = 10e3, 30e3
-    full[23 if axle == "f" else 24] = bar
-    covariance = 1e-4 * np.eye(len(box.prior_sigma))
-    fit = replace(linear.fit, eta=box.unknowns_of(full), covariance=covariance)
-    found = parameter_findings(replace(linear, box=box, fit=fit))
-    assert [f.code for f in found] == gates
-    assert all(f"k_a{axle} " in f.text for f in found)

@@ -108,18 +108,6 @@ def test_scales_or_a_known_spring_stand_in_for_added_mass(
     assert _missing(replace(made(), vehicle=vehicle)) == ()
 
 
-def test_a_track_fixes_no_scale() -> None:
-    (finding,) = _missing(replace(_only(BASELINE), vehicle=TRACKS))
-    assert finding.code == "mass_states"
-
-
-@pytest.mark.parametrize(
-    "weights", [(*SPREAD, *HUB_WEIGHTS), SPREAD, HUB_WEIGHTS, (BodyWeight(130.0, -1.2, 0.0),)]
-)
-def test_any_added_weight_fixes_the_scale(weights: tuple[BodyWeight | HubWeight, ...]) -> None:
-    assert _missing(_with_added(*weights)) == ()
-
-
 def test_two_runs_of_one_name_are_refused() -> None:
     session = campaign("linear", 1)
     same = replace(session, runs=tuple(replace(run, repeat=1) for run in session.runs[:2]))

@@ -97,12 +97,6 @@ def test_residuals_more_coloured_than_the_rest_are_a_misfit_too() -> None:
     assert doubtful(findings.values()) == ["whiteness"]
 
 
-def test_a_little_colour_is_reported_only_where_the_samples_are_many() -> None:
-    estimation = estimated("linear", 1)
-    assert whiteness_findings(with_residuals(estimation, coloured(0.03, 3))) == ()
-    assert doubtful(whiteness_findings(with_residuals(estimation, coloured(0.2, 3))))
-
-
 def test_without_rest_colour_may_be_noise_or_misfit() -> None:
     estimation = estimated("linear", 1)
     moving = replace(
@@ -117,13 +111,6 @@ def test_without_rest_colour_may_be_noise_or_misfit() -> None:
     (finding,) = whiteness_findings(with_residuals(moving, coloured(0.4, 4)))
     assert finding.severity is Severity.WARNING
     assert "or the noise is coloured" in finding.text
-
-
-def test_rounding_of_data_without_noise_is_not_judged() -> None:
-    smooth = with_residuals(
-        estimated("linear", 1), lambda values: 1e-4 * np.sin(np.arange(len(values)) / 5.0)
-    )
-    assert whiteness_findings(smooth) == ()
 
 
 def test_the_steps_of_a_coarse_converter_are_not_judged() -> None:
