@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -18,9 +18,15 @@ from ..bench.config import Bench
 from ..channels import ON_BODY, Channel, Quantity
 from ..errors import InputError
 from ..signal_names import message_of
-from ..vehicle import FORD_GRANADA, AddedMass, BodyWeight, MassState, VehicleParameters
-from .faults import SensorFault
-from .imperfections import NONE, Imperfections
+from ..vehicle import (
+    FORD_GRANADA,
+    PARAMETER_NAMES,
+    AddedMass,
+    BodyWeight,
+    MassState,
+    VehicleParameters,
+)
+from .elements import NONE, Imperfections, means
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +64,31 @@ NOISE = Spread(0.03, 0.15, math.radians(0.1), 0.02, 0.0002)
 """White noise of each sample, for an automotive IMU, rugged hub accelerometers, string pots."""
 BIAS = Spread(0.05, 0.2, math.radians(0.2), 0.02, 0.005)
 """Constant error of each sensor; for a displacement, the error of its zero."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFault:
+    """Deviations of one sensor from its channel's description.
+
+    The order is that of the chain: the motion is delayed, passes the low-pass, gets its offset and
+    noise, saturates, and is multiplied by the gain.
+    """
+
+    channel: str
+    """Name of the channel."""
+    gain: float = 1.0
+    """Factor on the value: 1.02 for a wrong calibration, -1 for a sensor mounted upside down, 1 /
+    9.80665 for g where m/s2 are stated."""
+    late_s: float = 0.0
+    """Delay in addition to the channel's own delay, s."""
+    offset: float = 0.0
+    """Constant added, in the channel's SI unit."""
+    low_pass_hz: float = 0.0
+    """Cut-off frequency (-3 dB) of a Butterworth low-pass, Hz; 0 keeps that of the channel."""
+    low_pass_order: int = 2
+    """Order of that low-pass."""
+    limit: float = math.inf
+    """Magnitude, SI, gravity included, at which the sensor saturates in both directions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,3 +266,40 @@ def _as_loaded(added: AddedMass, rng: np.random.Generator) -> AddedMass:
         for weight in weighed
     )
     return replace(added, weights=tuple(placed))
+
+
+def true_parameters(car: SimulatedCar) -> dict[str, float]:
+    """Return the true parameters; for an axle with unequal corners, the mean of both.
+
+    The 15 first; c_s is the secant of the damper's curve between minus and plus 0.1 m/s.  Then
+    `k_af k_ar` anti-roll bars, `c_tf c_tr` tyre damping, `y_s` the CG off the middle, `F_cf F_cr`
+    sliding friction of a corner.
+    """
+    p, i = car.parameters, car.imperfections
+    truth = asdict(p)
+    for name, curve in zip(("c_sf", "c_sr"), i.dampers(p), strict=True):
+        truth[name] = curve.secant_ns_m
+    for kind, factors in (
+        ("m_u", i.wheel),
+        ("k_s", i.suspension),
+        ("k_t", i.tyre),
+        ("c_s", i.damper),
+    ):
+        for axle, mean in zip("fr", means(factors), strict=True):
+            truth[f"{kind}{axle}"] *= mean
+    rubbing = means(i.friction.sides)
+    return truth | {
+        "k_af": i.bar_front_n_m,
+        "k_ar": i.bar_rear_n_m,
+        "c_tf": i.tyre_damping_front_ns_m,
+        "c_tr": i.tyre_damping_rear_ns_m,
+        "y_s": i.cg_offset_m,
+        "F_cf": i.friction.front_n * rubbing[0],
+        "F_cr": i.friction.rear_n * rubbing[1],
+    }
+
+
+def present_parameters(car: SimulatedCar) -> dict[str, float]:
+    """Return the true parameters, without those beyond the 15 that the car does not have."""
+    truth = true_parameters(car)
+    return {name: truth[name] for name in truth if name in PARAMETER_NAMES or truth[name] != 0.0}

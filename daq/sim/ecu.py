@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from dataclasses import dataclass, field, replace
+from heapq import heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,11 @@ from ..errors import InputError
 from ..runs import BASELINE, Excitation
 from ..signal_names import message_of, signal_of
 from .car import ClockTruth, SimulatedCar, Truth, truth
-from .excitation import Bump
-from .load import load_car
-from .motion import Motion, Moving, drive_all, standing
-from .plant import Array, Plant
+from .elements import Array
+from .engine import Plant
+from .motion import Bump, Kinematics, Motion, Moving, drive
+from .plant import load_car
 from .sensors import Installation, install, low_passed, signal_values, true_reading
-from .wire import frame_time_ns, priority, transmit
 
 _MAX_CLASSIC_BYTES = 8
 
@@ -50,9 +49,35 @@ class Sender:
 
 
 @dataclass(frozen=True, slots=True)
+class Burst:
+    """The frames of one message in one run; releases count from the start of the campaign."""
+
+    message: MessageLayout
+    release_s: NDArray[np.float64]
+    payload: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """One motion of the car with its duration; its time begins at 0."""
+
+    motion: Moving
+    """The motion."""
+    length_s: float
+    """Time after which the car is at rest, s."""
+    bump_s: float
+    """Time of the bump, s."""
+    low_passed: Mapping[str, tuple[Array, Array]]
+    """Outputs of the sensors with a low-pass, on the motion's time (`sensors.low_passed`)."""
+    limits: Mapping[str, float] = field(default_factory=dict)
+    """Limits at which sensors saturate, SI, if other than their true ones."""
+
+
+@dataclass(frozen=True, slots=True)
 class Rig:
     """The parts of a bench that do not change during a campaign."""
 
+    bench: Bench
     codec: Codec
     """The bench's DBC."""
     car: SimulatedCar
@@ -65,26 +90,66 @@ class Rig:
     plants: Mapping[str, Plant]
     """The car in each state of loading."""
 
+    def act(self, motion: Moving, sampled_s: float, length_s: float, bump_s: float = np.inf) -> Act:
+        """Return a motion for sampling from 0 to `sampled_s`."""
+        smooth = {}
+        for channel in (channel for sender in self.senders for channel in sender.channels):
+            sensor = self.drawn.sensors[channel.name]
+            if sensor.low_pass_hz:
+                span_s = (-sensor.delay_s, sampled_s - sensor.delay_s)
+                smooth[channel.name] = low_passed(
+                    channel, sensor, self.installation, motion, span_s
+                )
+        return Act(motion, length_s, bump_s, smooth)
 
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """Motion of the car over a stretch of time."""
+    def frames(
+        self,
+        act: Act,
+        begun_s: float,
+        span_s: tuple[float, float],
+        rng: np.random.Generator,
+        start_ns: int,
+        free_ns: list[int],
+    ) -> FrameBatch:
+        """Return the frames of a span of time, in the order in which the buses carry them.
 
-    motion: Moving
-    """The motion."""
-    begins_s: float
-    """Time of the motion's time 0, s since the start of the campaign."""
-    low_passed: Mapping[str, tuple[Array, Array]]
-    """Outputs of the sensors with a low-pass, on the motion's time (`sensors.low_passed`)."""
+        `begun_s`, `span_s`: begin of the act, and begin and end of the span, s since the start of
+        the campaign; adjacent spans lose and repeat nothing.  `start_ns`: time stamp of that
+        start.  `free_ns`: time at which each bus is free again; updated here.
+        """
+        bursts = [self._sampled(sender, act, begun_s, span_s, rng) for sender in self.senders]
+        return on_the_buses(bursts, self.bench.buses, start_ns, free_ns)
 
-
-@dataclass(frozen=True, slots=True)
-class Burst:
-    """The frames of one message in one run; releases count from the start of the campaign."""
-
-    message: MessageLayout
-    release_s: NDArray[np.float64]
-    payload: NDArray[np.uint8]
+    def _sampled(
+        self,
+        sender: Sender,
+        act: Act,
+        begun_s: float,
+        span_s: tuple[float, float],
+        rng: np.random.Generator,
+    ) -> Burst:
+        """Sample, encode and release the frames of one message."""
+        counter, tick_s = sender.ticks(*span_s)
+        seen: dict[float, Kinematics] = {}
+        values = {}
+        for channel in sender.channels:
+            sensor = self.drawn.sensors[channel.name]
+            sensor = replace(sensor, limit=act.limits.get(channel.name, sensor.limit))
+            signal = sender.message.signal(signal_of(channel.signal))
+            seen_s = tick_s - begun_s - sensor.delay_s
+            if channel.name in act.low_passed:
+                reading = np.interp(seen_s, *act.low_passed[channel.name])
+            else:
+                if sensor.delay_s not in seen:
+                    seen[sensor.delay_s] = act.motion.at(seen_s)
+                reading = true_reading(channel, sensor, self.installation, seen[sensor.delay_s])
+            values[signal.name] = signal_values(
+                channel, signal, sensor, self.car.noise, reading, rng
+            )
+        payload = self.codec.encode(sender.message.name, values, counter)
+        # Less than half a cycle late, because frames of one message must not overtake each other.
+        late_s = np.minimum(rng.exponential(self.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
+        return Burst(sender.message, tick_s + late_s, payload)
 
 
 def campaign_frames(
@@ -112,9 +177,9 @@ def campaign_frames(
     for number, step in enumerate(bench.campaign.steps if steps is None else steps):
         rng = np.random.default_rng([seed, 1, number])
         start_s = number * car.run_s
-        scene = scene_of(rig, motions[step.mass_state, step.excitation], start_s, car.run_s)
-        bursts = [sample(rig, s, scene, (start_s, start_s + car.run_s), rng) for s in rig.senders]
-        yield on_the_buses(bursts, bench.buses, start_ns, free_ns)
+        act = rig.act(motions[step.mass_state, step.excitation], car.run_s, car.run_s)
+        span_s = (start_s, start_s + car.run_s)
+        yield rig.frames(act, start_s, span_s, rng, start_ns, free_ns)
 
 
 def _motions(bench: Bench, rig: Rig) -> dict[tuple[str, Excitation], Motion]:
@@ -122,23 +187,18 @@ def _motions(bench: Bench, rig: Rig) -> dict[tuple[str, Excitation], Motion]:
 
     Raises InputError if the weights of a mass state would tip the car over.
     """
-    car, height_m = rig.car, bench.procedure.bump_height_m
-    kinds = list(dict.fromkeys((s.mass_state, s.excitation) for s in bench.campaign.steps))
-    starts = {}
-    for mass_state in dict.fromkeys(mass_state for mass_state, _ in kinds):
+    car, motions = rig.car, {}
+    for mass_state, kind in dict.fromkeys(
+        (s.mass_state, s.excitation) for s in bench.campaign.steps
+    ):
+        bump = Bump(kind, bench.procedure.bump_height_m, car.lead_s, bench.bump_s)
         try:
-            starts[mass_state] = standing(rig.plants[mass_state])
+            motions[mass_state, kind] = drive(rig.plants[mass_state], bump, car.run_s)
         except ValueError as error:
             raise InputError(
                 "bench.toml", f"mass state {mass_state}: {error}", "move the weights inwards"
             ) from error
-    motions = drive_all(
-        [rig.plants[mass_state] for mass_state, _ in kinds],
-        [Bump(excitation, height_m, car.lead_s, bench.bump_s) for _, excitation in kinds],
-        car.run_s,
-        [starts[mass_state] for mass_state, _ in kinds],
-    )
-    return dict(zip(kinds, motions, strict=True))
+    return motions
 
 
 def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...]:
@@ -186,56 +246,7 @@ def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
         for name, added in drawn.mass_states.items()
     }
     senders = bench_senders(bench, codec, drawn)
-    return Rig(codec, car, drawn, install(plants[BASELINE], car), senders, plants)
-
-
-def scene_of(rig: Rig, motion: Moving, begins_s: float, length_s: float) -> Scene:
-    """Return a motion for sampling from `begins_s`, for `length_s`."""
-    smooth = {}
-    for channel in (channel for sender in rig.senders for channel in sender.channels):
-        sensor = rig.drawn.sensors[channel.name]
-        if sensor.low_pass_hz:
-            span_s = (-sensor.delay_s, length_s - sensor.delay_s)
-            smooth[channel.name] = low_passed(channel, sensor, rig.installation, motion, span_s)
-    return Scene(motion, begins_s, smooth)
-
-
-def sample(
-    rig: Rig,
-    sender: Sender,
-    scene: Scene,
-    span_s: tuple[float, float],
-    rng: np.random.Generator,
-    limits: Mapping[str, float] = MappingProxyType({}),
-) -> Burst:
-    """Sample, encode and release the frames of one message in a span of time.
-
-    `rig`, `sender`, `scene`: bench, message and motion.  `span_s`: begin and end, s since the start
-    of the campaign; adjacent spans lose and repeat nothing.  `limits`: limits at which sensors
-    saturate, if other than their true ones.
-    """
-    counter, tick_s = sender.ticks(*span_s)
-    sensors = {
-        channel.name: replace(sensor, limit=limits.get(channel.name, sensor.limit))
-        for channel in sender.channels
-        for sensor in [rig.drawn.sensors[channel.name]]
-    }
-    delays = {sensor.delay_s for sensor in sensors.values()}
-    seen = {delay_s: scene.motion.at(tick_s - scene.begins_s - delay_s) for delay_s in delays}
-    values = {}
-    for channel in sender.channels:
-        sensor = sensors[channel.name]
-        signal = sender.message.signal(signal_of(channel.signal))
-        if channel.name in scene.low_passed:
-            seen_s = tick_s - scene.begins_s - sensor.delay_s
-            reading = np.interp(seen_s, *scene.low_passed[channel.name])
-        else:
-            reading = true_reading(channel, sensor, rig.installation, seen[sensor.delay_s])
-        values[signal.name] = signal_values(channel, signal, sensor, rig.car.noise, reading, rng)
-    payload = rig.codec.encode(sender.message.name, values, counter)
-    # Less than half a cycle late, because frames of one message must not overtake each other.
-    late_s = np.minimum(rng.exponential(rig.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
-    return Burst(sender.message, tick_s + late_s, payload)
+    return Rig(bench, codec, car, drawn, install(plants[BASELINE], car), senders, plants)
 
 
 def on_the_buses(
@@ -282,3 +293,56 @@ def _on_the_wire(
         length=np.array([m.length for m in messages], np.uint8)[owner],
         data=np.concatenate([burst.payload for burst in bursts])[order],
     )
+
+
+def frame_time_ns(message: MessageLayout, bitrate: int) -> int:
+    """Return the time that a frame occupies the bus, ns.
+
+    Counted with the most stuff bits that can occur, and the gap between frames: no real frame is
+    longer.
+    """
+    # From start of frame to the end of the checksum bits may be stuffed: one in four after the
+    # first.  The last 13 bits (delimiters, acknowledge, end, gap) never are.
+    stuffable = (54 if message.is_extended else 34) + 8 * message.length
+    return round((stuffable + (stuffable - 1) // 4 + 13) * 1_000_000_000 / bitrate)
+
+
+def priority(message: MessageLayout) -> int:
+    """Return the message's rank in arbitration; the lowest rank wins."""
+    # The 11 leading bits are compared first; a 29-bit identifier loses against an equal 11-bit one.
+    return 2 * message.can_id + 1 if message.is_extended else (2 * message.can_id) << 18
+
+
+def transmit(
+    release_ns: NDArray[np.int64],
+    rank: NDArray[np.int64],
+    duration_ns: NDArray[np.int64],
+    free_ns: int,
+) -> NDArray[np.int64]:
+    """Send frames over a bus that carries one at a time.
+
+    `release_ns`, (n,) int64: time at which each frame is ready to be sent.  `rank`, (n,) int64: its
+    rank in arbitration; equal ranks are sent in order of release.  `duration_ns`, (n,) int64: time
+    for which it occupies the bus.  `free_ns`: time until which the bus is busy.  Returns (n,)
+    int64: time at which each frame has been received, at the end of its transmission.
+    """
+    n = len(release_ns)
+    order = np.argsort(release_ns, kind="stable")
+    ready, waits = release_ns[order].tolist(), rank[order].tolist()
+    takes = duration_ns[order].tolist()
+    end = [0] * n
+    queue: list[tuple[int, int]] = []
+    now, arrived, sent = free_ns, 0, 0
+    while sent < n:
+        if not queue:
+            now = max(now, ready[arrived])
+        while arrived < n and ready[arrived] <= now:
+            heappush(queue, (waits[arrived], arrived))
+            arrived += 1
+        _, frame = heappop(queue)
+        now += takes[frame]
+        end[frame] = now
+        sent += 1
+    done = np.empty(n, np.int64)
+    done[order] = end
+    return done

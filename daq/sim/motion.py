@@ -1,38 +1,59 @@
-"""Simulates the car over a bump: solves the plant in time, to be read at any instant.
-
-Arrays have the layout of `plant`: axis 0 is the degree of freedom, axis 1 is time.
-"""
+"""Computes how the simulated car moves: over a bump, off blocks, after a push, or pushed slowly."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from .balance import forces, static_pose
-from .excitation import Bump, road_height, road_speed
-from .linear import in_touch
-from .plant import Array, Memory, Plant, blank_memory, side_by_side
-from .stepping import State, Steps, step_all
+from ..bumps import BUMPS
+from ..runs import Excitation
+from ..vehicle import Corner
+from .elements import Array
+from .engine import STATE, Plant, balances, integrate, read
+from .plant import static_pose
+
+STEP_S = 5e-5
+"""Step of the integration, s: short enough for a wheel that slides at 3 m/s through a pre-sliding
+length of 0.1 mm, and more than enough for a wheel that moves at 15 Hz."""
+EACH = 4
+"""Steps from one stored state to the next; the cubic between them adds 1e-9 of the motion."""
+PRESS_S = 0.5
+"""Time that hands take to push the body down, s."""
+PUSHED_S = PRESS_S + 0.1
+"""Time from the beginning of a push until the release, s; hands hold the car for 0.1 s."""
 
 
-class Tolerance(NamedTuple):
-    """Tolerances of an integration step: relative, and absolute in m, rad and their rates."""
+@dataclass(frozen=True, slots=True)
+class Bump:
+    """A half-sine bump that the chosen wheels pass at the same time."""
 
-    relative: float
-    absolute: float
+    excitation: Excitation
+    """Kind of bump (`daq.bumps.BUMPS`)."""
+    height_m: float
+    """Height of the bump, m."""
+    start_s: float
+    """Time at which the wheels meet the bump, s."""
+    duration_s: float
+    """Time for which the wheels are on the bump, s."""
 
+    @property
+    def end_s(self) -> float:
+        """Time at which the wheels have left the bump and the free decay starts, s."""
+        return self.start_s + self.duration_s
 
-SMOOTH = Tolerance(1e-10, 1e-12)
-"""Tolerance of a ten-millionth of the finest sensor's resolution."""
-KINKED = Tolerance(1e-7, 1e-9)
-"""Tolerance for dampers with a kink at standstill, where each kink needs many short steps:
-accelerations are accurate to 1e-4 m/s2 (measured), a hundredth of the quietest sensor's noise."""
+    def road(self, t_s: Array) -> tuple[Array, Array]:
+        """Return height, m, and vertical speed, m/s, of the road under each wheel, (4, n) (Eq. 34).
 
-Solution = Callable[[Array], Array]
-"""State, (14, n): pose and velocity at times (n,)."""
+        The speed jumps where the bump begins and ends; those two instants count as on the bump.
+        """
+        crest_m = self.height_m * np.array(BUMPS[self.excitation].shares)[:, None]
+        turn = np.pi / self.duration_s
+        on = (t_s >= self.start_s) & (t_s <= self.end_s)
+        phase = turn * (t_s - self.start_s)
+        return crest_m * np.sin(phase) * on, crest_m * turn * np.cos(phase) * on
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +61,20 @@ class Kinematics:
     """The motion at chosen instants, each (7, n) in the order `daq.vehicle.DOF`."""
 
     pose: Array
-    """Pose, counted from free springs (`plant`), m and rad."""
+    """Pose, counted from free springs (`engine`), m and rad."""
     velocity: Array
     """Rate of change of the pose."""
     acceleration: Array
     """Rate of change of the velocity, from the balance of forces."""
+
+
+def joined(early: Kinematics, late: Kinematics) -> Kinematics:
+    """Return two motions, one after the other."""
+    return Kinematics(
+        np.hstack([early.pose, late.pose]),
+        np.hstack([early.velocity, late.velocity]),
+        np.hstack([early.acceleration, late.acceleration]),
+    )
 
 
 class Moving(Protocol):
@@ -54,108 +84,45 @@ class Moving(Protocol):
         """Return the motion at the times `t_s`, (n,) ascending, s; at rest before 0."""
 
 
-class Motion(Moving, Protocol):
-    """One run, solved: at rest, over the bump, free decay."""
+class _Span(NamedTuple):
+    """States and rates, (m + 1, 22), at even times."""
 
-    @property
-    def plant(self) -> Plant:
-        """The car that moves."""
-
-    @property
-    def bump(self) -> Bump:
-        """The bump."""
-
-    def states(self, t_s: Array) -> State:
-        """Return the state at the times `t_s`, (n,) ascending, s."""
+    begin_s: float
+    step_s: float
+    states: Array
+    rates: Array
 
 
 @dataclass(frozen=True, slots=True)
-class SmoothMotion:
-    """A run of a car without memory: in closed form while the car is linear, else integrated."""
+class Motion:
+    """One run, solved: at rest, over the bump, free decay."""
 
     plant: Plant
     """The car that moves."""
     bump: Bump
     """The bump."""
-    rest: Array
-    """(7, 1) The pose before the bump."""
-    on_bump: Solution
-    """The state on the bump."""
-    decay: Solution
-    """The state after the bump."""
+    start: Array
+    """(22, 1) State before the bump."""
+    spans: tuple[_Span, _Span]
+    """The motion on the bump and after it; the road has a corner between them."""
 
-    def states(self, t_s: Array) -> State:
-        """Return the state at the times `t_s`, (n,) ascending, s."""
+    def states(self, t_s: Array) -> Array:
+        """Return the states (`engine`) at the times `t_s`, (n,) ascending, s: (22, n)."""
         first, last = np.searchsorted(t_s, [self.bump.start_s, self.bump.end_s], side="right")
-        state = np.zeros((14, len(t_s)))
-        state[:7, :first] = self.rest
-        for solution, part in ((self.on_bump, slice(first, last)), (self.decay, slice(last, None))):
-            if len(t_s[part]):  # a dense output of SciPy does not accept an empty array
-                state[:, part] = solution(t_s[part])
-        return State(state[:7], state[7:], blank_memory(len(t_s)))
+        states = np.repeat(self.start, len(t_s), axis=1)
+        for span, part in zip(self.spans, (slice(first, last), slice(last, None)), strict=True):
+            times = np.ascontiguousarray(t_s[part], dtype=np.float64)
+            states[:, part] = read(span.states, span.rates, span.begin_s, span.step_s, times)
+        return states
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s.
 
-        Accelerations are those of the force balance, not differences of velocities.
+        Accelerations are those of the balance of forces, not differences of velocities.
         """
-        state = self.states(t_s)
-        road = road_height(self.bump, t_s), road_speed(self.bump, t_s)
-        total = forces(self.plant, state.pose, state.velocity, *road)
-        return Kinematics(state.pose, state.velocity, self.plant.accelerated(total))
-
-
-@dataclass(frozen=True, slots=True)
-class SteppedMotion:
-    """A run of a car whose forces remember their past, interpolated between fine steps."""
-
-    plant: Plant
-    """The car that moves."""
-    bump: Bump
-    """The bump."""
-    rest: State
-    """State before the first step."""
-    steps: Steps
-    """The steps of this run and of those that were computed together with it."""
-    column: int
-    """Position of this run among them."""
-
-    def states(self, t_s: Array) -> State:
-        """Return the state at the times `t_s`, (n,) ascending, s."""
-        kept, memory = self.steps, self.rest.memory
-        return State(
-            self._middle(kept.pose, self.rest.pose, t_s),
-            self._ends(t_s),
-            Memory(
-                self._middle(kept.friction, memory.friction, t_s),
-                self._middle(kept.mount_m, memory.mount_m, t_s),
-            ),
-        )
-
-    def at(self, t_s: Array) -> Kinematics:
-        """Return the motion at the times `t_s`, (n,) ascending, s."""
-        still = np.zeros((7, 1))
-        return Kinematics(
-            self._middle(self.steps.pose, self.rest.pose, t_s),
-            self._ends(t_s),
-            self._middle(self.steps.acceleration, still, t_s),
-        )
-
-    def _middle(self, values: Array, rest: Array, t_s: Array) -> Array:
-        """Return values that are known in the middle of the steps, linearly interpolated."""
-        return self._between(values, rest, t_s, 0.5)
-
-    def _ends(self, t_s: Array) -> Array:
-        return self._between(self.steps.velocity, self.rest.velocity, t_s, 0.0)
-
-    def _between(self, values: Array, rest: Array, t_s: Array, first: float) -> Array:
-        elapsed = (t_s - self.steps.begin_s) / self.steps.step_s
-        place = np.clip(elapsed - first, 0.0, len(values) - 1)
-        before = np.minimum(place.astype(np.int64), len(values) - 2)
-        share = (place - before)[:, None]
-        column_values = values[..., self.column]
-        read = column_values[before] + share * (column_values[before + 1] - column_values[before])
-        return np.asarray(np.where(elapsed < 0.0, rest, read.T), dtype=np.float64)
+        states = self.states(t_s)
+        total = balances(self.plant, states, *self.bump.road(t_s))[2]
+        return Kinematics(states[:7], states[7:14], self.plant.mobility @ total)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,112 +137,152 @@ class TwoBumps:
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
         split = int(np.searchsorted(t_s, self.second.bump.start_s, side="right"))
-        early, late = self.first.at(t_s[:split]), self.second.at(t_s[split:])
-        return Kinematics(
-            np.hstack([early.pose, late.pose]),
-            np.hstack([early.velocity, late.velocity]),
-            np.hstack([early.acceleration, late.acceleration]),
-        )
+        return joined(self.first.at(t_s[:split]), self.second.at(t_s[split:]))
 
 
-def standing(plant: Plant, stuck: Array | None = None) -> State:
-    """Return the state of a car at rest.
+def standing(plant: Plant, stuck: Array | None = None) -> Array:
+    """Return the state of a car at rest, (22, 1).
 
-    `stuck`, (4, 1) float64: share of its friction that each corner carries; without it the car has
-    settled without friction.  Raises ValueError if the car does not stand on four wheels
-    (`static_pose`).
+    `stuck`, (4, 1) float64: share of its friction that each corner carries; default: none, the car
+    has settled.  Raises ValueError if the car does not stand on four wheels (`static_pose`).
     """
-    memory = blank_memory(1)
-    if stuck is not None:
-        memory = Memory(stuck, memory.mount_m)
-    return State(static_pose(plant, memory), np.zeros((7, 1)), memory)
+    return _still(static_pose(plant, stuck), stuck)
 
 
-def drive(plant: Plant, bump: Bump, end_s: float, start: State | None = None) -> Motion:
+def _still(pose: Array, stuck: Array | None = None) -> Array:
+    state = np.zeros((STATE, 1))
+    state[:7], state[14:18] = pose, 0.0 if stuck is None else stuck
+    return state
+
+
+def drive(
+    plant: Plant,
+    bump: Bump,
+    end_s: float,
+    start: Array | None = None,
+    step_s: float = STEP_S,
+) -> Motion:
     """Drive a car over a bump.
 
     `bump`: the road; it must begin at or after time 0.  `end_s`: end of the simulated free decay,
-    s.  `start`: state at the beginning of the bump; without it the car is at rest.  Raises
-    ValueError if the car does not stand on four wheels (`static_pose`).
+    s.  `start`, (22, 1): state at the beginning of the bump; default: the car is at rest.
+    `step_s`: longest step of the integration, s.  Raises ValueError if the car does not stand on
+    four wheels (`static_pose`).
     """
-    return drive_all([plant], [bump], end_s, [start])[0]
+    first = standing(plant) if start is None else start
+    crest = bump.height_m * np.array(BUMPS[bump.excitation].shares)
+    state, spans = first[:, 0].copy(), []
+    limits = (bump.start_s, bump.end_s)
+    for begin_s, stop_s in (limits, (bump.end_s, max(end_s, bump.end_s + step_s))):
+        count = int(np.ceil((stop_s - begin_s) / (EACH * step_s)))
+        states, rates = integrate(plant, state, crest, (begin_s, stop_s), limits, count, EACH)
+        spans.append(_Span(begin_s, (stop_s - begin_s) / count, states, rates))
+        state = states[-1].copy()
+    return Motion(plant, bump, first, (spans[0], spans[1]))
 
 
 def drive_all(
     plants: Sequence[Plant],
     bumps: Sequence[Bump],
     end_s: float,
-    starts: Sequence[State | None] | None = None,
+    starts: Sequence[Array] | None = None,
 ) -> list[Motion]:
-    """Drive several cars over a bump each; arguments as for `drive`.
-
-    Cars whose forces remember their past are computed together, which takes hardly longer than a
-    single one.
-
-    Raises ValueError as `drive`; and if cars with a memory have different elements
-    (`plant.side_by_side`).
-    """
+    """Drive several cars over a bump each; arguments and errors are those of `drive`."""
     given = [None] * len(plants) if starts is None else starts
-    if not any(plant.remembers for plant in plants):
-        return [
-            _solved(plant, bump, end_s, start)
-            for plant, bump, start in zip(plants, bumps, given, strict=True)
-        ]
-    states = [start or standing(plant) for plant, start in zip(plants, given, strict=True)]
-    together = State(
-        np.hstack([state.pose for state in states]),
-        np.hstack([state.velocity for state in states]),
-        Memory(
-            np.hstack([state.memory.friction for state in states]),
-            np.hstack([state.memory.mount_m for state in states]),
-        ),
-    )
-    steps = step_all(side_by_side(plants), bumps, end_s, together)
-    each = enumerate(zip(plants, bumps, states, strict=True))
-    return [SteppedMotion(plant, bump, state, steps, i) for i, (plant, bump, state) in each]
+    cars = zip(plants, bumps, given, strict=True)
+    return [drive(plant, bump, end_s, start) for plant, bump, start in cars]
 
 
-def _solved(plant: Plant, bump: Bump, end_s: float, start: State | None) -> SmoothMotion:
-    rest, still = static_pose(plant), np.zeros((4, 1))
-    tolerance = SMOOTH if plant.smooth else KINKED
+@dataclass(frozen=True, slots=True)
+class Release:
+    """A car that is moved from its rest, held, and released."""
 
-    def bumpy(t_s: float) -> tuple[Array, Array]:
-        now = np.array([t_s])
-        return road_height(bump, now), road_speed(bump, now)
+    rest: Array
+    """(7, 1) Pose before the push; with blocks, the pose in which it is held."""
+    held: Array
+    """(7, 1) Pose in which it is released."""
+    start_s: float
+    """Time at which the push begins, s; the blocks are there from the beginning."""
+    decay: Motion
+    """The motion after the release, which is where its flat bump begins."""
 
-    def level(t_s: float) -> tuple[Array, Array]:
-        return road_height(bump, np.array([t_s])), still
-
-    def solve(
-        road: Callable[[float], tuple[Array, Array]], start_s: float, stop_s: float, state: Array
-    ) -> tuple[Solution, Array]:
-        if plant.smooth:
-            known = in_touch(plant, bump, rest, start_s, stop_s, state)
-            if known is not None:
-                return known, known(np.array([stop_s]))[:, 0]
-
-        from scipy.integrate import solve_ivp  # slow to import, and most runs need none
-
-        def rate(t_s: float, state: Array) -> Array:
-            motion = state.reshape(2, 7, 1)
-            total = forces(plant, motion[0], motion[1], *road(t_s))
-            return np.concatenate([state[7:], plant.accelerated(total)[:, 0]])
-
-        solution = solve_ivp(
-            rate,
-            (start_s, stop_s),
-            state,
-            method="DOP853",
-            dense_output=True,
-            rtol=tolerance.relative,
-            atol=tolerance.absolute,
+    def at(self, t_s: Array) -> Kinematics:
+        """Return the motion at the times `t_s`, (n,) ascending, s."""
+        split = int(np.searchsorted(t_s, self.decay.bump.start_s, side="right"))
+        phase = np.clip((t_s[:split] - self.start_s) / PRESS_S, 0.0, 1.0)
+        going = (phase > 0.0) & (phase < 1.0)
+        way, turn = self.held - self.rest, np.pi / PRESS_S
+        pushed = Kinematics(
+            self.rest + way * (1.0 - np.cos(np.pi * phase)) / 2.0,
+            way * turn * np.sin(np.pi * phase) / 2.0 * going,
+            way * turn**2 * np.cos(np.pi * phase) / 2.0 * going,
         )
-        return solution.sol, solution.y[:, -1]
+        return joined(pushed, self.decay.at(t_s[split:]))
 
-    # The road has corners where the bump begins and ends.  A step across a corner loses its order
-    # of accuracy, and so does a step that ends at the corner but already uses the other side.
-    state = standing(plant) if start is None else start
-    from_then = np.concatenate([state.pose[:, 0], state.velocity[:, 0]])
-    on_bump, off_bump = solve(bumpy, bump.start_s, bump.end_s, from_then)
-    decay, _ = solve(level, bump.end_s, end_s, off_bump)
-    return SmoothMotion(plant, bump, rest, on_bump, decay)
+
+def dropped(
+    plant: Plant, excitation: Excitation, height_m: float, go_s: float, end_s: float
+) -> Release:
+    """Drop a car off blocks of a given height under the wheels that the bump lifts."""
+    held = static_pose(plant, road=height_m * np.array(BUMPS[excitation].shares)[:, None])
+    return Release(held, held, go_s, _let_go(plant, held, go_s, end_s))
+
+
+def pushed_down(
+    plant: Plant, excitation: Excitation, depth_m: float, start_s: float, end_s: float
+) -> Release:
+    """Push the body of a car down at the place for the bump, hold it, and release it.
+
+    Raises ValueError if a push cannot make that bump.
+    """
+    hand = BUMPS[excitation].hand
+    if hand is None:
+        raise ValueError(f"a push cannot make a {excitation.words} bump")
+    x_m = plant.corners["x_m"]
+    ahead = hand[0] * float(x_m[0] if hand[0] > 0 else -x_m[2])
+    left = hand[1] * float(np.mean(np.abs(plant.corners["y_m"])))
+    rest = static_pose(plant)
+    sink = static_pose(plant, load=_down(1.0, ahead, left)) - rest
+    at_the_hand = abs(float(sink[0, 0] - sink[1, 0] * ahead + sink[2, 0] * left))
+    held = rest + sink * depth_m / at_the_hand
+    return Release(rest, held, start_s, _let_go(plant, held, start_s + PUSHED_S, end_s))
+
+
+def _let_go(plant: Plant, held: Array, go_s: float, end_s: float) -> Motion:
+    return drive(plant, Bump(Excitation.BOUNCE, 0.0, go_s, 0.01), end_s, _still(held))
+
+
+def _down(force_n: float, x_m: float, y_m: float) -> Array:
+    load = np.zeros((7, 1))
+    load[:3, 0] = -force_n * np.array([1.0, -x_m, y_m])
+    return load
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A person who presses the body down and lets go, so slowly that every spring follows."""
+
+    rest: Array
+    """(7, 1) The pose before and after."""
+    sink: Array
+    """(7, 1) The change of the pose at the lowest point."""
+    length_s: float
+    """Duration, s."""
+
+    def at(self, t_s: Array) -> Kinematics:
+        """Return the motion at the times `t_s`, (n,) ascending, s; at rest outside the push."""
+        turn = 2 * np.pi / self.length_s
+        phase = np.clip(t_s / self.length_s, 0.0, 1.0) * 2 * np.pi
+        pushing = (phase > 0.0) & (phase < 2 * np.pi)
+        return Kinematics(
+            self.rest + self.sink * (1.0 - np.cos(phase)) / 2,
+            self.sink * turn * np.sin(phase) / 2,
+            self.sink * turn**2 * np.cos(phase) / 2 * pushing,
+        )
+
+
+def pushed(plant: Plant, corner: Corner, force_n: float, length_s: float) -> Push:
+    """Press the body down at a corner with a force that rises and falls as a cosine."""
+    i, rest = corner.position, static_pose(plant)
+    load = _down(force_n, plant.corners["x_m"][i], plant.corners["y_m"][i])
+    return Push(rest, static_pose(plant, load=load) - rest, length_s)

@@ -1,173 +1,210 @@
-"""Defines the simulated car: seven degrees of freedom with a force balance, spring by spring.
-
-The matrices of Eqs. 3-10 are not used here; they are assembled in `identify.model.matrices`, and a
-test ensures that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.
-Displacements are counted from the pose in which every spring and tyre has its free length, so the
-loads under gravity follow from the balance and are not given.  Rotations are small: lever arms are
-those of the level car.  A tyre can only push: where it would have to pull, the wheel is off the
-ground.  Friction, damper curves, bars, stops and other deviations from the linear car are those of
-`imperfections`.
-
-Within the arrays of the balance axis 0 is the degree of freedom or the corner and axis 1 is time or
-the car, so that one function serves a single instant, a whole record, and several cars at once.
-"""
+"""Makes a plant of a car with its weights, and computes its forces and its rest."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .dampers import DamperLaw
-from .friction import FrictionLaw
+from ..vehicle import AddedMass, BodyWeight, Corner, VehicleParameters
+from .elements import ALIKE, NONE, Array, DamperCurve, Imperfections, PerCorner
+from .engine import CORNER, STATE, Plant, balances
 
-Array = NDArray[np.float64]
+GRAVITY_M_S2 = 9.80665
+_SETTLED_M = 1e-13
+"""Change of pose below which a car has settled, m: rounding."""
 
 
 @dataclass(frozen=True, slots=True)
-class Progression:
-    """Nonlinear springs, stops and tyres, by deflections from the unloaded car's rest.
+class Contact:
+    """Forces between the parts of the car, each (4, n) in the order of `Corner`."""
 
-    Arrays are (4, 1) unless stated otherwise, and have n columns for several cars.
+    suspension_n: Array
+    """Force of spring, stop, damper, bar and friction, N: up on the body, down on the wheel."""
+    tyre_n: Array
+    """Force of the road on the wheel, N, never negative."""
+
+
+def per_corner(front: float, rear: float, factor: PerCorner = ALIKE) -> Array:
+    """Return a value for each corner, (4, 1): that of its axle times its factor."""
+    return np.array([[(front if c.front else rear) * factor[c.position]] for c in Corner])
+
+
+def load_car(
+    parameters: VehicleParameters, added: AddedMass, imperfections: Imperfections = NONE
+) -> Plant:
+    """Put the added masses on a car.
+
+    `parameters`: the unloaded car.  `added`: weights, which have gravity and inertia; a matrix
+    given directly has only inertia.  `imperfections`: effects in addition to the parameters.
     """
-
-    pose: Array
-    """(7, 1) Pose of the unloaded car at rest, from the free length of all springs."""
-    ride_m: Array
-    """Compression of each suspension from its free length in that pose, m."""
-    squash_m: Array
-    """Compression of each tyre from its free length in that pose, m."""
-    quadratic_n_m2: Array
-    """Force of the spring per square of the compression above `ride_m`, N/m2."""
-    cubic_n_m3: Array
-    """Force of the spring per cube of that compression, N/m3."""
-    stop_gap_m: Array
-    """Compression above `ride_m` at which the bump stop is touched, m."""
-    stop_n_m: Array
-    """Stiffness of the stop, N/m."""
-    tyre_n_m2: Array
-    """Force of the tyre per square of the squash above `squash_m`, N/m2."""
-    tyre_turn_m: Array
-    """Squash relative to `squash_m` below which the square term has no effect, m: a tyre that
-    becomes softer as it is relieved does not become stiffer again."""
-
-    def suspension_n(self, compression: Array) -> Array:
-        """Return the force of springs and stops in addition to linear springs, N, (4, n)."""
-        u = compression - self.ride_m
-        bent = (self.quadratic_n_m2 + self.cubic_n_m3 * u) * u * u
-        return np.asarray(bent + self.stop_n_m * np.maximum(u - self.stop_gap_m, 0.0))
-
-    def tyre_n(self, squash: Array) -> Array:
-        """Return the force of tyres in addition to linear springs, N, (4, n)."""
-        beyond = np.maximum(squash - self.squash_m, self.tyre_turn_m)
-        return np.asarray(self.tyre_n_m2 * beyond * beyond)
-
-
-@dataclass(frozen=True, slots=True)
-class Mounts:
-    """Rubber between dampers and body, in series with the damper; (4, 1) each."""
-
-    stiffness_n_m: Array
-    """Stiffness of each mount, N/m; zero if the damper is bolted to the body."""
-    elastic: NDArray[np.bool_]
-    """True for corners with a mount."""
-
-
-@dataclass(frozen=True, slots=True)
-class Plant:
-    """A car in one state of loading, ready for the force balance; or several, side by side."""
-
-    corner_x_m: Array
-    """(4, 1) Position at which suspension and body meet, forward of the CG of the baseline body,
-    m."""
-    corner_y_m: Array
-    """(4, 1) Position at which suspension and body meet, to the left of that CG, m."""
-    suspension_n_m: Array
-    """(4, 1) Stiffness of each corner's spring, N/m."""
-    bar_n_m: Array
-    """(4, 1) Stiffness of its axle's anti-roll bar, N/m."""
-    damper: DamperLaw
-    """Force of each damper by its speed."""
-    friction: FrictionLaw
-    """Friction of each corner."""
-    mounts: Mounts | None
-    """Rubber in series with the dampers, if there is any."""
-    tyre_n_m: Array
-    """(4, 1) Stiffness of each tyre, N/m."""
-    tyre_damping_ns_m: Array
-    """(4, 1) Damping of each tyre, N s/m."""
-    weight_n: Array
-    """(7, 1) Gravity on each degree of freedom: N, and N m about the baseline CG."""
-    inertia: Array
-    """(7, 7) Minus the inertia forces of unit accelerations, one column each; kg, kg m, kg m2."""
-    mobility: Array
-    """(7, 7) Accelerations from forces, the inverse of `inertia`; (n, 7, 7) for several cars."""
-    progression: Progression | None = None
-    """Progressive stiffness of springs and tyres, if there is any."""
-
-    @property
-    def smooth(self) -> bool:
-        """True if no force has a kink at standstill or at a gap."""
-        return self.damper.straight and self.progression is None and not self.remembers
-
-    @property
-    def remembers(self) -> bool:
-        """True if forces depend on the past: friction and mounts have their own deflections."""
-        return self.friction.present or self.mounts is not None
-
-    def accelerated(self, total_n: Array) -> Array:
-        """Return the accelerations that forces make, (7, n)."""
-        if self.mobility.ndim == 2:
-            return np.asarray(self.mobility @ total_n)
-        return np.asarray((self.mobility @ total_n.T[:, :, None])[:, :, 0].T)
+    p, i = parameters, imperfections
+    front, rear = i.dampers(p)
+    dampers = [
+        (front if c.front else rear).times(factor)
+        for c, factor in zip(Corner, i.damper, strict=True)
+    ]
+    half_width_m, none = per_corner(p.t_f, p.t_r), np.zeros((4, 1))
+    rubbing, beta = i.friction, per_corner(*i.tyre_progression_per_m)
+    linear = Plant(
+        np.zeros(4, CORNER),
+        _bends(dampers),
+        _gravity(p, added, i),
+        np.asarray(np.linalg.inv(-inertia_forces(p, added, i, np.eye(7))), dtype=np.float64),
+    ).other(
+        x_m=per_corner(p.a, -p.b),
+        y_m=half_width_m * np.array([[corner.side] for corner in Corner]) - i.cg_offset_m,
+        spring_n_m=per_corner(p.k_sf, p.k_sr, i.suspension),
+        stop_gap_m=per_corner(*i.stop_gap_m),
+        bar_n_m=per_corner(i.bar_front_n_m, i.bar_rear_n_m),
+        in_ns_m=np.array([[damper.compression.high_ns_m] for damper in dampers]),
+        in_knee_n=np.array([[damper.compression.knee_n] for damper in dampers]),
+        in_knee_m_s=np.array([[damper.compression.knee_m_s] for damper in dampers]),
+        out_ns_m=np.array([[damper.rebound.high_ns_m] for damper in dampers]),
+        out_knee_n=np.array([[damper.rebound.knee_n] for damper in dampers]),
+        out_knee_m_s=np.array([[damper.rebound.knee_m_s] for damper in dampers]),
+        mount_n_m=per_corner(*i.mount_n_m),
+        friction_n=per_corner(rubbing.front_n, rubbing.rear_n, rubbing.sides),
+        presliding_m=none + rubbing.presliding_m,
+        surplus=none + rubbing.static_ratio - 1.0,
+        stribeck_m_s=none + rubbing.stribeck_m_s,
+        tyre_n_m=per_corner(p.k_tf, p.k_tr, i.tyre),
+        tyre_turn_m=np.where(beta > 0.0, -0.5 / np.where(beta > 0.0, beta, 1.0), -np.inf),
+        tyre_ns_m=per_corner(i.tyre_damping_front_ns_m, i.tyre_damping_rear_ns_m),
+    )
+    bare = static_pose(linear._replace(weight_n=_gravity(p, AddedMass(), i)))
+    return linear.other(
+        quadratic_n_m2=per_corner(*i.quadratic_n_m2),
+        cubic_n_m3=per_corner(*i.cubic_n_m3),
+        stop_n_m=per_corner(*i.stop_n_m),
+        tyre_n_m2=per_corner(p.k_tf, p.k_tr, i.tyre) * beta,
+        ride_m=bare[3:] - corner_motion(linear, bare),
+        squash_m=-bare[3:],
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class Memory:
-    """State of friction and mounts at each corner, (4, n) each."""
+def _bends(dampers: list[DamperCurve]) -> Array:
+    """Return the kinks of four dampers, (4, 2, j, 2); a change of 0 fills up."""
+    ways = [(damper.compression.bends, damper.rebound.bends) for damper in dampers]
+    bends = np.zeros((4, 2, max(len(bends) for both in ways for bends in both), 2))
+    for corner, both in enumerate(ways):
+        for way, points in enumerate(both):
+            bends[corner, way, : len(points)] = np.reshape(points, (-1, 2))
+    return bends
 
-    friction: Array
-    """Deflection of rubber and seals, relative to the deflection at which the corner slides."""
-    mount_m: Array
-    """Deflection of the damper's mount, m, positive when its damper pushes body and wheel apart."""
+
+def inertia_forces(
+    parameters: VehicleParameters,
+    added: AddedMass,
+    imperfections: Imperfections,
+    acceleration: Array,
+) -> Array:
+    """Return the forces with which every mass resists an acceleration (d'Alembert).
+
+    `parameters`: body and wheels.  `added`: each weight on the body is a point that moves with the
+    body.  `imperfections`: unequal wheels; the offset of the CG, about which the body turns.
+    `acceleration`, (7, n) float64: of the degrees of freedom.  Returns (7, n) float64: forces, N,
+    and moments about the CG of the baseline body, N m.
+    """
+    p, i = parameters, imperfections
+    heave, pitch, roll = acceleration[:3]
+    force = np.zeros_like(acceleration)
+    force[0] = -p.m_s * heave
+    force[1] = -p.I_yy * pitch
+    force[2] = -p.I_xx * roll
+    force[3:] = -per_corner(p.m_uf, p.m_ur, i.wheel) * acceleration[3:]
+    for weight in added.weights:
+        m = weight.mass_kg
+        if isinstance(weight, BodyWeight):
+            x, y, h = weight.x_m + p.a, weight.y_m - i.cg_offset_m, weight.height_m
+            # Rigid body: the weight's acceleration is that of the CG plus angular acceleration x r.
+            force_x = -m * h * pitch
+            force_y = m * h * roll
+            force_z = -m * (heave - x * pitch + y * roll)
+            force[0] += force_z
+            force[1] += h * force_x - x * force_z
+            force[2] += y * force_z - h * force_y
+        else:
+            wheel = 3 + weight.corner.position
+            force[wheel] -= m * acceleration[wheel]
+    return np.asarray(force - added.matrix @ acceleration, dtype=np.float64)
 
 
-def blank_memory(n: int) -> Memory:
-    """Return the memory of `n` cars without memory, or with unloaded friction."""
-    return Memory(np.zeros((4, n)), np.zeros((4, n)))
+def _gravity(p: VehicleParameters, added: AddedMass, i: Imperfections) -> Array:
+    """Return gravity on each degree of freedom, (7, 1): N, and N m about the baseline CG."""
+    force = np.zeros((7, 1))
+    force[0] = -p.m_s * GRAVITY_M_S2
+    force[3:] = -per_corner(p.m_uf, p.m_ur, i.wheel) * GRAVITY_M_S2
+    for weight in added.weights:
+        pull = -weight.mass_kg * GRAVITY_M_S2
+        if isinstance(weight, BodyWeight):
+            force[0] += pull
+            force[1] -= (weight.x_m + p.a) * pull
+            force[2] += (weight.y_m - i.cg_offset_m) * pull
+        else:
+            force[3 + weight.corner.position] += pull
+    return force
 
 
 def corner_motion(plant: Plant, body: Array) -> Array:
     """Return the heave of the body at the corners, (4, n), from its three motions, (3, n)."""
-    return np.asarray(body[0] - plant.corner_x_m * body[1] + plant.corner_y_m * body[2])
+    return np.asarray(body[0] - plant.column("x_m") * body[1] + plant.column("y_m") * body[2])
 
 
-def side_by_side(plants: Sequence[Plant]) -> Plant:
-    """Return several cars as one plant with a column for each, to be computed together.
+def contact(plant: Plant, pose: Array, velocity: Array, road: Array) -> Contact:
+    """Return the forces of suspensions and tyres, for poses and velocities (7, n), road (4, n).
 
-    Raises ValueError if some have knees or progressive springs and others do not.
+    Friction and mounts are unloaded.
     """
-    joined: dict[str, Any] = {
-        f.name: _joined([getattr(plant, f.name) for plant in plants])
-        for f in fields(Plant)
-        if f.name not in ("inertia", "mobility")
-    }
-    inertia = np.stack([plant.inertia for plant in plants])
-    mobility = np.stack([plant.mobility for plant in plants])
-    return Plant(**joined, inertia=inertia, mobility=mobility)
+    suspension, tyre, _ = balances(plant, _states(pose, velocity), road, np.zeros(road.shape))
+    return Contact(suspension, tyre)
 
 
-def _joined(parts: Sequence[Any]) -> Any:
-    """Return arrays, or dataclasses of arrays, joined as columns."""
-    first = parts[0]
-    if any(type(part) is not type(first) for part in parts):
-        raise ValueError("these cars have different elements")
-    if first is None:
-        return None
-    if isinstance(first, np.ndarray):
-        return np.concatenate(parts, axis=-1)
-    columns = {f.name: _joined([getattr(part, f.name) for part in parts]) for f in fields(first)}
-    return type(first)(**columns)
+def forces(plant: Plant, pose: Array, velocity: Array, road: Array) -> Array:
+    """Return the sum of all forces except inertia, (7, n); arguments as for `contact`."""
+    states = _states(pose, velocity)
+    return np.asarray(balances(plant, states, road, np.zeros(road.shape))[2])
+
+
+def _states(pose: Array, velocity: Array, friction: Array | None = None) -> Array:
+    states = np.zeros((STATE, pose.shape[1]))
+    states[:7], states[7:14] = pose, velocity
+    states[14:18] = 0.0 if friction is None else friction
+    return states
+
+
+def static_pose(
+    plant: Plant,
+    friction: Array | None = None,
+    road: Array | None = None,
+    load: Array | None = None,
+) -> Array:
+    """Return the pose of a car at rest, (7, 1), from the free length of all springs.
+
+    `friction`, (4, 1): share of its sliding friction that each corner carries; default: none, the
+    car has settled.  `road`, (4, 1): height under each wheel, m; default: flat.  `load`, (7, 1):
+    further forces, N and N m.  Raises ValueError if the car does not stand on all four wheels (the
+    weights would tip it over).
+    """
+    height = np.zeros((4, 1)) if road is None else road
+    under = np.repeat(height, 8, axis=1)
+    none = np.zeros((4, 1))
+    linear = plant.other(quadratic_n_m2=none, cubic_n_m3=none, stop_n_m=none, tyre_n_m2=none)
+    # The linear car first, far enough down for every tyre to touch: Newton's first step is exact
+    # there, and the next removes rounding.  It is close enough for the real springs.
+    pose = np.full((7, 1), -1.0)
+    pose[1:3] = 0.0
+    for car, reach, most in ((linear, -0.1, 3), (plant, -1e-6, 20)):
+        for _ in range(most):
+            steps = np.hstack([pose, pose + reach * np.eye(7)])
+            states = _states(steps, np.zeros((7, 8)), friction)
+            balance = balances(car, states, under, np.zeros((4, 8)))[2]
+            balance = balance if load is None else balance + load
+            slope = (balance[:, 1:] - balance[:, :1]) / reach
+            change = np.linalg.solve(slope, balance[:, :1])
+            pose = pose - change
+            if np.abs(change).max() < _SETTLED_M:
+                break
+        if np.any(pose[3:] >= height):
+            raise ValueError("a wheel is off the ground at rest: the weights are too far out")
+    return np.asarray(pose, dtype=np.float64)

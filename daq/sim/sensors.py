@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,12 +13,11 @@ from dbc.units import to_si
 
 from ..channels import Channel, Quantity
 from ..errors import InputError
-from .balance import static_pose
 from .car import SensorTruth, SimulatedCar, Spread
-from .faults import low_pass
-from .masses import GRAVITY_M_S2
+from .elements import Array
+from .engine import Plant
 from .motion import Kinematics, Moving
-from .plant import Array, Plant, corner_motion
+from .plant import GRAVITY_M_S2, corner_motion, static_pose
 
 _FINE_S = 1e-4
 """Time step of the motion at the input of a low-pass, s: wheel accelerations are then accurate to
@@ -110,6 +110,23 @@ def true_reading(
 def _body_point(motion: Array, x_m: float, y_m: float) -> Array:
     """Return the vertical motion of a point of the rigid body at (x, y) from the CG."""
     return np.asarray(motion[0] - x_m * motion[1] + y_m * motion[2])
+
+
+def low_pass(values: Array, step_s: float, cutoff_hz: float, order: int) -> Array:
+    """Pass a signal that begins at rest through an analogue Butterworth low-pass.
+
+    The signal is assumed to be straight between the samples, and the filter's response to it is
+    exact (first-order hold), so the error falls with the square of the step.
+
+    `values`, (n,) float64: the signal; constant up to its first sample.  `step_s`: time between
+    samples, s.  `cutoff_hz` and `order`: the filter; its gain at rest is 1.
+    """
+    from scipy.signal import butter, cont2discrete, lfilter  # slow to import, seldom needed
+
+    analogue = butter(order, 2.0 * math.pi * cutoff_hz, analog=True)
+    numerator, denominator, _ = cont2discrete(analogue, step_s, method="foh")
+    moved = lfilter(np.ravel(numerator), denominator, values - values[0])
+    return np.asarray(values[0] + moved, dtype=np.float64)
 
 
 def low_passed(

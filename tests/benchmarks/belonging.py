@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq.sessions import Session
-from daq.sim.imperfections import Friction, Imperfections
+from daq.sim.elements import Friction, Imperfections
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from daq.verdict.consistent import left_out
 from identify import identify

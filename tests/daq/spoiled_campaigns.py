@@ -16,12 +16,9 @@ from daq.runs import ADDED, BASELINE, Excitation, Run
 from daq.samples.trigger import TriggerState, advance, trigger_channels
 from daq.sessions import Session
 from daq.sim.car import SimulatedCar, Truth, draw
-from daq.sim.excitation import Bump
-from daq.sim.imperfections import NONE, Imperfections
-from daq.sim.load import load_car
-from daq.sim.motion import Kinematics, Motion, drive
-from daq.sim.plant import Plant
-from daq.sim.stepping import State
+from daq.sim.elements import NONE, Imperfections
+from daq.sim.motion import Bump, Moving, TwoBumps, drive
+from daq.sim.plant import load_car
 from daq.vehicle import AddedMass, BodyWeight, HubWeight
 from daq.verdict import RunMeasure, RunWindow, judge
 from dbc.finding import Finding
@@ -46,40 +43,6 @@ def bench(travels: bool = True) -> Bench:
         and (travels or not channel.name.startswith(TRAVEL))
     )
     return replace(shipped, channels=used)
-
-
-@dataclass(frozen=True, slots=True)
-class Slipped:
-    """A motion in which the car becomes another one."""
-
-    first: Motion
-    """Up to the change."""
-    second: Motion
-    """From then on."""
-
-    @property
-    def plant(self) -> Plant:
-        """The car before the change."""
-        return self.first.plant
-
-    @property
-    def bump(self) -> Bump:
-        """The bump that moves it."""
-        return self.first.bump
-
-    def states(self, t_s: Array) -> State:
-        """Return the state up to the change."""
-        return self.first.states(t_s)
-
-    def at(self, t_s: Array) -> Kinematics:
-        """Return the motion at the times `t_s`, (n,) ascending, s."""
-        split = int(np.searchsorted(t_s, self.second.bump.start_s, side="right"))
-        early, late = self.first.at(t_s[:split]), self.second.at(t_s[split:])
-        return Kinematics(
-            np.hstack([early.pose, late.pose]),
-            np.hstack([early.velocity, late.velocity]),
-            np.hstack([early.acceleration, late.acceleration]),
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +176,7 @@ def campaign(
 
 def _driven(
     car: SimulatedCar, drawn: Truth, step: Step, what: str, rng: np.random.Generator
-) -> Motion:
+) -> Moving:
     changed: Mapping[str, Callable[[AddedMass, np.random.Generator], AddedMass]] = {
         "foot on the sill": _foot,
         "other weights": _mistaken,
@@ -232,7 +195,7 @@ def _driven(
     at_s = REST_S + BUMP_S + rng.uniform(0.0, 0.2)
     flat = Bump(step.excitation, 0.0, at_s, BUMP_S)
     slid = load_car(car.parameters, _moved(added, rng), wrong)
-    return Slipped(first, drive(slid, flat, end_s, first.states(np.array([at_s]))))
+    return TwoBumps(first, drive(slid, flat, end_s, first.states(np.array([at_s]))))
 
 
 def window(described: Bench, run: Run) -> RunWindow:

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 from daq.loading import axle_loads, expected_car, loading, sag_stiffness, wrong_weights
-from daq.sim.balance import contact, static_pose
-from daq.sim.imperfections import NONE
-from daq.sim.load import load_car
-from daq.sim.masses import inertia_forces
-from daq.sim.plant import corner_motion
+from daq.sim.elements import NONE
+from daq.sim.plant import contact, corner_motion, inertia_forces, load_car, static_pose
 from daq.vehicle import (
     FORD_GRANADA,
     AddedMass,
@@ -50,7 +47,7 @@ def test_axle_loads_are_those_of_the_car_at_rest() -> None:
     def scales(added: AddedMass) -> np.ndarray:
         plant = load_car(FORD_GRANADA, added)
         still = np.zeros((4, 1))
-        load = contact(plant, static_pose(plant), np.zeros((7, 1)), still, still).tyre_n[:, 0]
+        load = contact(plant, static_pose(plant), np.zeros((7, 1)), still).tyre_n[:, 0]
         return np.array([load[:2].sum(), load[2:].sum()]) / 9.80665
 
     more = scales(AddedMass(WEIGHTS)) - scales(AddedMass())

@@ -18,10 +18,9 @@ from daq.channels import Channel, Quantity
 from daq.runs import Excitation, Losses
 from daq.samples.trigger import TriggerState, advance, trigger_channels
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar
-from daq.sim.excitation import Bump
-from daq.sim.imperfections import NONE, Friction, Imperfections
-from daq.sim.load import load_car
-from daq.sim.motion import Kinematics, Moving, TwoBumps, drive
+from daq.sim.elements import NONE, Friction, Imperfections
+from daq.sim.motion import Bump, Kinematics, Moving, TwoBumps, drive
+from daq.sim.plant import load_car
 from daq.sim.sensors import install, measured, true_reading
 from daq.vehicle import FORD_GRANADA
 from daq.verdict import RunMeasure, RunWindow, judge

@@ -6,7 +6,6 @@ on its side; an IMU and hub sensors of another; four nodes of CANopen that one d
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,9 +15,9 @@ from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.databases import Database, stored_text
 from daq.check.push_test import ORDER
 from daq.runs import BASELINE
-from daq.sim.acts import Acts
+from daq.sim.bench import Acts
 from daq.sim.car import SimulatedCar
-from daq.sim.ecu import on_the_buses, rig_of, sample
+from daq.sim.ecu import rig_of
 from dbc import FrameBatch
 
 from .sensor_frames import START_NS
@@ -59,10 +58,8 @@ def rest_and_pushes() -> tuple[FrameBatch, FrameBatch]:
     rng = np.random.default_rng(5)
     free_ns, begun_s, batches = [START_NS] * 2, 0.0, []
     for act, length_s in plan:
-        scene = replace(act.scene, begins_s=begun_s)
         span_s = (begun_s, begun_s + length_s)
-        bursts = [sample(rig, sender, scene, span_s, rng) for sender in rig.senders]
-        batches.append(on_the_buses(bursts, bench.buses, START_NS, free_ns))
+        batches.append(rig.frames(act, begun_s, span_s, rng, START_NS, free_ns))
         begun_s = span_s[1]
     frames = FrameBatch.concatenate(batches)
     cut_ns = START_NS + 3_000_000_000

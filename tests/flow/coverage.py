@@ -17,9 +17,8 @@ from daq.derive.build_samples import build_session
 from daq.journal.contents import HopCounts
 from daq.runs import Event
 from daq.sessions import Session
-from daq.sim.car import SimulatedCar
+from daq.sim.car import SimulatedCar, true_parameters
 from daq.sim.ecu import campaign_frames
-from daq.sim.reported import true_parameters
 from dbc import FrameBatch, parse_codec
 from identify.pipeline import identify_parameters
 from identify.trust.finding import Judgement, Verdict

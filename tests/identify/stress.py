@@ -20,14 +20,11 @@ from daq.channels import Channel
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import Session
 from daq.signal_names import message_of
-from daq.sim.car import NOISE, SensorTruth, SimulatedCar, Spread, spoilt
-from daq.sim.excitation import Bump
-from daq.sim.faults import SensorFault
-from daq.sim.imperfections import NONE, Friction, Imperfections
-from daq.sim.load import load_car
-from daq.sim.masses import GRAVITY_M_S2
-from daq.sim.motion import Motion, drive_all
-from daq.sim.plant import Plant
+from daq.sim.car import NOISE, SensorFault, SensorTruth, SimulatedCar, Spread, spoilt
+from daq.sim.elements import NONE, Friction, Imperfections
+from daq.sim.engine import Plant
+from daq.sim.motion import Bump, Motion, drive_all
+from daq.sim.plant import GRAVITY_M_S2, load_car
 from daq.sim.sensors import Installation, install, low_passed, measured, true_reading
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Vehicle
 

@@ -20,12 +20,11 @@ from daq.runs import BASELINE, Excitation, Run, RunStatus, SampleGroup
 from daq.sessions import Session
 from daq.signal_names import message_of
 from daq.sim.car import SensorTruth, SimulatedCar, Truth, draw
-from daq.sim.excitation import Bump
-from daq.sim.faults import low_pass
-from daq.sim.load import load_car
-from daq.sim.motion import Kinematics, Motion, drive_all, standing
-from daq.sim.plant import Array, Plant
-from daq.sim.sensors import Installation, install, measured, true_reading
+from daq.sim.elements import Array
+from daq.sim.engine import Plant
+from daq.sim.motion import Bump, Kinematics, Motion, Moving, drive_all, standing
+from daq.sim.plant import load_car
+from daq.sim.sensors import Installation, install, low_pass, measured, true_reading
 from daq.vehicle import MassState, Vehicle
 
 FINE_S = 1e-4
@@ -102,7 +101,7 @@ def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
 
 
 def recorded(
-    car: SimulatedCar, plan: Plan, drawn: Truth, motions: Sequence[Motion], seed: int
+    car: SimulatedCar, plan: Plan, drawn: Truth, motions: Sequence[Moving], seed: int
 ) -> Session:
     """Record given motions, one per run of the plan, with the drawn sensors and clocks."""
     unloaded = load_car(car.parameters, MassState(BASELINE).added, car.imperfections)
@@ -137,12 +136,12 @@ def _sampled(
     car: SimulatedCar,
     drawn: Truth,
     installation: Installation,
-    motion: Motion,
+    motion: Moving,
     rng: np.random.Generator,
 ) -> tuple[SampleGroup, ...]:
     """Return the readings of the sensors in a run."""
     length_s = plan.rest_s + plan.bump_s + plan.decay_s
-    off_s = motion.bump.end_s if plan.from_decay else -inf
+    off_s = plan.rest_s + plan.bump_s if plan.from_decay else -inf
     latest_s = max(sensor.delay_s for sensor in drawn.sensors.values())
     fine_s = np.arange(-latest_s - FINE_S, length_s, FINE_S)
     seen = motion.at(fine_s)

@@ -13,8 +13,7 @@ from typing import Any
 
 from daq.errors import InputError
 from daq.sim.car import SimulatedCar
-from daq.sim.dampers import Branch, DamperCurve, Digressive, Straight, Table, scaled, secant_ns_m
-from daq.sim.imperfections import ALIKE, NONE, Friction, Imperfections, PerAxle
+from daq.sim.elements import ALIKE, NONE, Branch, DamperCurve, Friction, Imperfections, PerAxle
 from daq.vehicle import FORD_GRANADA, VehicleParameters
 
 GRANADA = "granada"
@@ -68,7 +67,7 @@ def named_car(name: str) -> NamedCar:
         name=name,
         title=described["title"],
         source=f"{described['source']}; assumed: {described['assumed']}",
-        parameters=replace(published, c_sf=secant_ns_m(front), c_sr=secant_ns_m(rear)),
+        parameters=replace(published, c_sf=front.secant_ns_m, c_sr=rear.secant_ns_m),
         imperfections=_imperfections(described, front, rear),
     )
 
@@ -82,11 +81,10 @@ def _entries() -> Mapping[str, Mapping[str, Any]]:
 def _curve(entry: Mapping[str, Any], axle: str, c_s: float) -> DamperCurve:
     """Return a damper: a printed table, a shape that is scaled to c_s, or a straight line."""
     if table := entry.get(f"table_{axle}"):
-        ways = ("compression", "rebound")
-        return Table(*(tuple((speed, force) for speed, force in table[way]) for way in ways))
+        return DamperCurve(Branch.table(table["compression"]), Branch.table(table["rebound"]))
     if shape := entry.get(f"damper_{axle}"):
-        return scaled(Digressive(Branch(*shape["compression"]), Branch(*shape["rebound"])), c_s)
-    return Straight(c_s, c_s)
+        return DamperCurve(Branch(*shape["compression"]), Branch(*shape["rebound"])).scaled(c_s)
+    return DamperCurve.straight(c_s, c_s)
 
 
 def _imperfections(

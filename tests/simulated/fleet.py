@@ -17,10 +17,16 @@ from typing import Any
 import numpy as np
 
 from daq.sim.car import SimulatedCar
-from daq.sim.dampers import Branch, Digressive, Table, damper_law, scaled, secant_ns_m
-from daq.sim.imperfections import Friction, Imperfections, PerAxle, PerCorner, half_differences
-from daq.sim.load import load_car
-from daq.sim.masses import GRAVITY_M_S2
+from daq.sim.elements import (
+    Branch,
+    DamperCurve,
+    Friction,
+    Imperfections,
+    PerAxle,
+    PerCorner,
+    half_differences,
+)
+from daq.sim.plant import GRAVITY_M_S2, corner_motion, load_car
 from daq.vehicle import AddedMass, VehicleParameters
 
 from .campaign import Plan, Simulated, simulate
@@ -86,7 +92,7 @@ def drawn_car(
     p = _parameters(kind, ranges, rng)
     i = _imperfections(kind, ranges, p, rng)
     curves = [curve for curve in (i.damper_front, i.damper_rear) if curve is not None]
-    front, rear = (secant_ns_m(curve) for curve in curves)
+    front, rear = (curve.secant_ns_m for curve in curves)
     return replace(p, c_sf=front, c_sr=rear), i
 
 
@@ -183,28 +189,28 @@ def _sides(most: float, rng: np.random.Generator) -> PerCorner:
     return 1.0 + front, 1.0 - front, 1.0 + rear, 1.0 - rear
 
 
-def _damper(secant: float, ranges: Facts, rng: np.random.Generator) -> Digressive | Table:
+def _damper(secant: float, ranges: Facts, rng: np.random.Generator) -> DamperCurve:
     """Draw a damper of a given secant: half of them with soft knees, half as a printed table."""
     bump_fall = rng.uniform(*ranges["compression_low_over_high"])
     rebound_fall = rng.uniform(*ranges["rebound_low_over_high"])
     bump = Branch(1.0, 1.0 / bump_fall, rng.uniform(*ranges["knee_m_s"]))
     rebound = Branch(1.0, 1.0 / rebound_fall, rng.uniform(*ranges["knee_m_s"]))
-    shape = Digressive(bump, rebound)
-    back, ahead = damper_law([shape], [1.0]).force(np.array([[-0.3, 0.3]]))[0]
+    back, ahead = DamperCurve(bump, rebound).force(np.array([-0.3, 0.3]))
     wanted = rng.uniform(*ranges["rebound_over_compression"])
-    curve = scaled(Digressive(bump, rebound.times(-wanted * ahead / back)), secant)
+    curve = DamperCurve(bump, rebound.times(-wanted * ahead / back)).scaled(secant)
     return curve if rng.uniform() < 0.5 else _printed(curve)
 
 
-def _printed(curve: Digressive) -> Table:
+def _printed(curve: DamperCurve) -> DamperCurve:
     """Return a curve as a table of a test rig: a few speeds, straight between them."""
     bump = np.array([curve.compression.knee_m_s, 0.3, 0.6])
     rebound = np.array([curve.rebound.knee_m_s, 0.3, 0.6])
-    law = damper_law([curve], [1.0])
-    ahead, back = law.force(bump[None])[0], law.force(-rebound[None])[0]
-    return Table(
-        tuple(zip(bump.tolist(), ahead.tolist(), strict=True)),
-        tuple(zip(rebound.tolist(), (-back).tolist(), strict=True)),
+    ways = ((curve.compression, bump), (curve.rebound, rebound))
+    return DamperCurve(
+        *(
+            Branch.table(list(zip(v.tolist(), way.force(v).tolist(), strict=True)))
+            for way, v in ways
+        )
     )
 
 
@@ -239,13 +245,12 @@ def elements(fleet_car: FleetCar, simulated: Simulated) -> dict[str, dict[str, f
 def _met_stops(fleet_car: FleetCar, simulated: Simulated) -> tuple[bool, bool]:
     """Return whether a front and a rear stop were touched after the wheels left the bump."""
     i, p = fleet_car.car.imperfections, fleet_car.car.parameters
-    bare = load_car(p, AddedMass(), i).progression
+    bare = load_car(p, AddedMass(), i)
     met = np.zeros(4, dtype=bool)
-    if bare is not None:
-        begin = fleet_car.plan.rest_s + fleet_car.plan.bump_s
-        t_s = np.arange(begin, begin + 0.5, 1e-3)
-        for motion in simulated.motions:
-            plant, pose = motion.plant, motion.at(t_s).pose
-            body = pose[0] - plant.corner_x_m * pose[1] + plant.corner_y_m * pose[2]
-            met |= (pose[3:] - body - bare.ride_m > bare.stop_gap_m).any(axis=1)
+    begin = fleet_car.plan.rest_s + fleet_car.plan.bump_s
+    t_s = np.arange(begin, begin + 0.5, 1e-3)
+    for motion in simulated.motions:
+        pose = motion.at(t_s).pose
+        u = pose[3:] - corner_motion(motion.plant, pose) - bare.column("ride_m")
+        met |= (u > bare.column("stop_gap_m")).any(axis=1)
     return bool(met[:2].any()), bool(met[2:].any())

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from daq.runs import ADDED, BASELINE, Excitation
-from daq.sim.balance import contact, static_pose
 from daq.sim.car import NOISE, SimulatedCar, Spread
-from daq.sim.load import load_car
-from daq.sim.masses import GRAVITY_M_S2
+from daq.sim.plant import GRAVITY_M_S2, contact, load_car, static_pose
 from daq.vehicle import (
     AddedMass,
     BodyWeight,

@@ -14,7 +14,7 @@ from time import process_time
 import numpy as np
 
 import identify
-from daq.sim.reported import true_parameters
+from daq.sim.car import true_parameters
 from identify.identification import Identification
 from identify.nonlinear.forces import Forces
 from identify.trust.finding import Verdict

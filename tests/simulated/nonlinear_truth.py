@@ -9,8 +9,14 @@ from math import isfinite
 import numpy as np
 
 from daq.sim.car import SimulatedCar
-from daq.sim.dampers import Array, DamperCurve, damper_law
-from daq.sim.imperfections import Imperfections, PerAxle, half_differences, means
+from daq.sim.elements import (
+    Array,
+    DamperCurve,
+    Imperfections,
+    PerAxle,
+    half_differences,
+    means,
+)
 
 _SPEEDS_M_S = np.linspace(-1.0, 1.0, 401)
 
@@ -40,7 +46,7 @@ def true_elements(car: SimulatedCar) -> TrueElements:
     }
     groups = [name for name, both in linear.items() if any(both)]
     groups += [name for name, kinds in sized.items() if any(any(v) for v in kinds.values())]
-    if not all(damper_law([d], [1.0]).straight for d in dampers):
+    if not all(damper.is_linear for damper in dampers):
         groups += ["one_sided_dampers", "damper_knees"]
     values = {"d_cf": i.friction.presliding_m, "d_cr": i.friction.presliding_m}
     values |= {"v_cf": i.friction.stribeck_m_s, "v_cr": i.friction.stribeck_m_s}
@@ -61,7 +67,7 @@ def with_axles(kinds: Mapping[str, PerAxle]) -> dict[str, float]:
 
 
 def _curve(damper: DamperCurve) -> tuple[Array, Array]:
-    return _SPEEDS_M_S, damper_law([damper], [1.0]).force(_SPEEDS_M_S[None])[0]
+    return _SPEEDS_M_S, damper.force(_SPEEDS_M_S)
 
 
 def nonlinear_sizes(i: Imperfections) -> dict[str, dict[str, PerAxle]]:

@@ -13,9 +13,7 @@ from scipy.integrate import solve_ivp
 from daq.bench.config import default_bench_text, parse_bench
 from daq.channels import Channel, Quantity
 from daq.check.push_test import PushResult, judge_push, shows_push
-from daq.sim.balance import forces, static_pose
-from daq.sim.load import load_car
-from daq.sim.plant import corner_motion
+from daq.sim.plant import corner_motion, forces, load_car, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
 
 BIN_S = 0.02
@@ -29,7 +27,7 @@ Array = NDArray[np.float64]
 def _pushed(corner: Corner) -> tuple[Array, Array]:
     """Push a corner down with 400 N for half a second: time, and [pose, velocity, acceleration]."""
     plant = load_car(FORD_GRANADA, AddedMass())
-    x, y = plant.corner_x_m[corner.position, 0], plant.corner_y_m[corner.position, 0]
+    x, y = (plant.corners[axis][corner.position] for axis in ("x_m", "y_m"))
     still = np.zeros((4, 1))
 
     def hand(t_s: float) -> Array:
@@ -39,7 +37,7 @@ def _pushed(corner: Corner) -> tuple[Array, Array]:
 
     def acceleration(t_s: float, state: Array) -> Array:
         both = state.reshape(2, 7, 1)
-        total = forces(plant, both[0], both[1], still, still) + hand(t_s)
+        total = forces(plant, both[0], both[1], still) + hand(t_s)
         return np.asarray((plant.mobility @ total)[:, 0])
 
     rest = static_pose(plant)[:, 0]

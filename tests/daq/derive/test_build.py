@@ -24,8 +24,7 @@ from daq.runs import Event, Excitation, Run, RunStatus
 from daq.session import read_session
 from daq.sessions import Session
 from daq.sim.car import SimulatedCar, truth
-from daq.sim.ecu import bench_senders, campaign_frames
-from daq.sim.wire import frame_time_ns
+from daq.sim.ecu import bench_senders, campaign_frames, frame_time_ns
 from daq.vehicle import Corner
 from dbc import UNUSABLE, Codec, FrameBatch, Quality
 from dbc.finding import Finding, Severity

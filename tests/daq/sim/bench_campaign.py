@@ -22,7 +22,7 @@ from daq.errors import BusError
 from daq.recorder.recording import Recording
 from daq.recorder.status import Host
 from daq.runs import Event
-from daq.sim.bench_source import Fault, SimulatedBench
+from daq.sim.bench import Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
 from dbc import FrameBatch
 

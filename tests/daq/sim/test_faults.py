@@ -12,11 +12,11 @@ from daq.bench.campaign import Campaign
 from daq.bench.config import load_bench
 from daq.errors import InputError
 from daq.runs import Excitation
-from daq.sim.car import SimulatedCar, Spread, truth
+from daq.sim.car import SensorFault, SimulatedCar, Spread, truth
 from daq.sim.ecu import campaign_frames
-from daq.sim.faults import SensorFault, low_pass
-from daq.sim.imperfections import Imperfections
-from daq.sim.masses import GRAVITY_M_S2
+from daq.sim.elements import Imperfections
+from daq.sim.plant import GRAVITY_M_S2
+from daq.sim.sensors import low_pass
 from dbc import Codec, parse_codec, shipped_dbc
 
 STEP_S = 1e-4

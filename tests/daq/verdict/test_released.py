@@ -13,9 +13,8 @@ from daq.bench.config import Bench
 from daq.bench.procedure import Method
 from daq.runs import BASELINE, Excitation
 from daq.samples.trigger import TriggerState, advance, trigger_channels
-from daq.sim.load import load_car
-from daq.sim.motion import Moving
-from daq.sim.release import PUSHED_S, dropped, pushed_down
+from daq.sim.motion import PUSHED_S, Moving, dropped, pushed_down
+from daq.sim.plant import load_car
 from daq.vehicle import FORD_GRANADA, AddedMass
 from daq.verdict import judge
 

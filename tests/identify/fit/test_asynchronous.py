@@ -14,9 +14,8 @@ from daq.channels import Channel
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import Session
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar
-from daq.sim.excitation import Bump
-from daq.sim.load import load_car
-from daq.sim.motion import Motion, drive
+from daq.sim.motion import Bump, Motion, drive
+from daq.sim.plant import load_car
 from daq.sim.sensors import install, measured, true_reading
 from daq.vehicle import FORD_GRANADA
 from identify.decays.usable import usable

@@ -9,9 +9,7 @@ import pytest
 
 from daq.bench.config import load_bench
 from daq.channels import Quantity
-from daq.sim.car import SimulatedCar
-from daq.sim.faults import SensorFault
-from daq.sim.reported import true_parameters
+from daq.sim.car import SensorFault, SimulatedCar, true_parameters
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import Fit, fit

@@ -2,7 +2,7 @@
 
 import pytest
 
-from daq.sim.faults import SensorFault
+from daq.sim.car import SensorFault
 from daq.vehicle import FORD_GRANADA
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate

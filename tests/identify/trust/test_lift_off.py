@@ -5,12 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.runs import ADDED, Excitation
-from daq.sim.balance import contact, static_pose
-from daq.sim.excitation import Bump
-from daq.sim.load import load_car
-from daq.sim.masses import GRAVITY_M_S2
-from daq.sim.motion import drive
-from daq.sim.plant import Plant
+from daq.sim.engine import Plant
+from daq.sim.motion import Bump, drive
+from daq.sim.plant import GRAVITY_M_S2, contact, load_car, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight
 from dbc.finding import Severity
 from identify.fit.estimation import Estimation

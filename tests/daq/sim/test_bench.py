@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from itertools import takewhile
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,8 +16,9 @@ import identify
 from daq.bench.campaign import Campaign
 from daq.bench.config import Bench, bench_codec, load_bench
 from daq.bench.procedure import Method
+from daq.check import propose_sensors
 from daq.clocks import Now
-from daq.control.messages import Phase, Status
+from daq.control.messages import Due, Phase, Status
 from daq.derive.build_samples import build_session
 from daq.errors import BusError
 from daq.journal.contents import HopCounts
@@ -23,14 +26,13 @@ from daq.recorder.recording import Recording
 from daq.runlog.runlog import LoggedStatus, Remark
 from daq.runs import BASELINE, Excitation
 from daq.samples.health import HealthState, advance
-from daq.sim import bench_source
-from daq.sim.acts import pushed
-from daq.sim.bench_source import PIECE_S, Fault, SimulatedBench
+from daq.sim import bench as simulated
+from daq.sim.bench import PIECE_S, PUSHES_S, Fault, SimulatedBench, push_frames
 from daq.sim.car import SimulatedCar
-from daq.sim.load import load_car
-from daq.vehicle import FORD_GRANADA, AddedMass, Corner
+from daq.vehicle import FORD_GRANADA, Corner
 from dbc import FrameBatch
 
+from ..wild_bench import DATABASES, NODES, wild_bench
 from .bench_campaign import HOST, START_NS, Kept, record
 
 
@@ -170,18 +172,6 @@ def test_a_mark_of_the_bench_check_asks_for_a_push() -> None:
     assert 0.2 < np.ptp(pushed_s) < 1.2  # once
 
 
-def test_a_push_is_in_balance_with_the_springs() -> None:
-    plant = load_car(FORD_GRANADA, AddedMass())
-    deepest = pushed(plant, Corner.FRONT_LEFT, 400.0, 1.0).sink[:, 0]
-    # The tyres carry the push, and about the corner's axes nothing else turns the car.
-    tyres = 192e3 * -deepest[3:]
-    assert tyres.sum() == pytest.approx(400.0)
-    p = FORD_GRANADA
-    x, y = np.array([p.a, p.a, -p.b, -p.b]), np.array([p.t_f, -p.t_f, p.t_r, -p.t_r])
-    assert x @ tyres == pytest.approx(400.0 * p.a)
-    assert y @ tyres == pytest.approx(400.0 * p.t_f)
-
-
 @pytest.mark.parametrize("speed", [1.0, 4.0])
 def test_a_read_waits_until_the_next_block_is_due_and_no_longer_than_it_may(
     monkeypatch: pytest.MonkeyPatch, speed: float
@@ -189,7 +179,7 @@ def test_a_read_waits_until_the_next_block_is_due_and_no_longer_than_it_may(
     """Blocks of 20 ms; a reader that is behind by more does not wait at all."""
     clock_s, waits = [100.0], list[float]()
     clock = SimpleNamespace(monotonic=lambda: clock_s[0], sleep=waits.append)
-    monkeypatch.setattr(bench_source, "time", clock)
+    monkeypatch.setattr(simulated, "time", clock)
     bench, status = short_bench(), _idle()
     source = SimulatedBench(bench, bench_codec(bench), SimulatedCar(), 1, speed, lambda: status)
     for passed_s, timeout_s in ((0.005, 1.0), (0.005, 0.01), (0.1, 1.0)):
@@ -197,3 +187,62 @@ def test_a_read_waits_until_the_next_block_is_due_and_no_longer_than_it_may(
         source.read(timeout_s)
     source.dismantle()
     assert waits == pytest.approx([0.015, 0.01, 0.0])
+
+
+def bumps_s(frames: FrameBatch) -> list[float]:
+    """Return when a front wheel first moved after at least 2 s of calm."""
+    samples = bench_codec(short_bench()).decode(frames)["HUB_Front.acc_fl"]
+    time_s = (samples.t_ns[np.abs(samples.value - 1.0) > 0.3] - START_NS) * 1e-9
+    return [float(t) for t in time_s[np.diff(time_s, prepend=-9.0) > 2.0]]
+
+
+@pytest.mark.parametrize(
+    ("fault", "after_s", "gap_s"), [(Fault.LOST_FRAMES, 0.3, 0.12), (Fault.UNPLUG, 0.5, 3.0)]
+)
+def test_frames_are_missing_after_the_second_bump(
+    fault: Fault, after_s: float, gap_s: float
+) -> None:
+    bench = short_bench()
+    status = replace(_idle(), phase=Phase.ARMED, due=Due(bench.campaign.steps[0], 0, 2, 0, ""))
+    source = SimulatedBench(
+        bench, bench_codec(bench), SimulatedCar(), 4, math.inf, lambda: status, fault, START_NS
+    )
+    read: list[FrameBatch] = []
+    for _ in range(68):
+        with suppress(BusError):
+            read.append(source.read(0.0))
+    source.dismantle()
+    frames = FrameBatch.concatenate(read)
+    first, second = bumps_s(frames)[:2]
+    # Somebody bumps 1 to 1.6 s after arming, as soon as a piece of 0.2 s is over; rest of 0.1 s.
+    assert 1.1 <= first <= 1.6 + PIECE_S + 0.15
+    assert 6.1 + 1.0 <= second - first <= 6.1 + 1.6 + 2 * PIECE_S
+    gap = int(np.argmax(np.diff(frames.t_ns)))
+    start_s, stop_s = (frames.t_ns[gap : gap + 2] - START_NS) * 1e-9
+    assert after_s - 0.02 <= start_s - second <= after_s + PIECE_S + 0.02
+    assert stop_s - start_s == pytest.approx(gap_s, abs=0.01)
+
+
+def test_a_bench_is_proposed_from_rest_and_pushes_as_it_is() -> None:
+    """Each corner goes down once, in the printed order, for 11.2 s in all."""
+    assert pytest.approx(4 * (1.2 + 1.6)) == PUSHES_S
+    bench = wild_bench()
+    blocks = push_frames(bench, bench_codec(bench), SimulatedCar(), 1, START_NS, 3.0)
+    end_ns = START_NS + 16_000_000_000
+    frames = FrameBatch.concatenate(list(takewhile(lambda b: int(b.t_ns[0]) < end_ns, blocks)))
+    samples = bench_codec(bench).decode(frames).samples
+    for node, corner in NODES.items():
+        pot = samples[f"node_{node}.TPDO1.Position_Value"]
+        since_s = (pot.t_ns - START_NS) * 1e-9 - 3.0
+        mm = np.abs(pot.value - np.median(pot.value[since_s < 0.0]))
+        down = [mm[(since_s > at) & (since_s < at + 1.2)].max() for at in 2.8 * np.arange(4)]
+        assert tuple(Corner)[int(np.argmax(down))] == corner
+        assert 10.0 < max(down) < 40.0
+        assert mm[since_s > PUSHES_S].max() < 1.0
+    early = frames.t_ns < START_NS + 2_500_000_000
+    proposed = propose_sensors(DATABASES, bench.buses, frames.select(early), frames.select(~early))
+    assert [q for q in proposed.questions if "yours" not in q] == []
+    for node, corner in NODES.items():
+        table = proposed.text.partition(f'signal = "pot_{node}.')[2].partition("[[")[0]
+        assert f'corner = "{corner}"' in table
+        assert "sign = -1" in table

@@ -1,0 +1,392 @@
+"""Simulates a bench as a bus: the car rests, and is bumped when the recorder waits for it."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from enum import StrEnum
+
+import numpy as np
+
+from dbc import Codec, FrameBatch
+
+from ..bench.campaign import Step
+from ..bench.config import Bench
+from ..bench.procedure import Method
+from ..bumps import BUMPS
+from ..bus.source import SourceLosses
+from ..channels import Channel
+from ..check.push_test import ORDER
+from ..control.messages import Phase, Status
+from ..errors import BusError
+from ..runlog.runlog import Remark
+from ..runs import BASELINE, Excitation
+from ..samples.trigger import trigger_channels
+from ..vehicle import Corner
+from .car import SimulatedCar
+from .ecu import Act, Rig, rig_of
+from .elements import Array
+from .motion import PUSHED_S, Bump, Push, TwoBumps, drive, dropped, pushed, pushed_down
+from .plant import GRAVITY_M_S2, static_pose
+from .sensors import true_reading
+
+PIECE_S = 0.2
+"""Longest piece in which the car is sampled, s: each piece takes some milliseconds, however short
+it is, and the recorder decides within this time."""
+BLOCK_S = 0.02
+"""Host time between blocks, s: each block takes some milliseconds, however short it is."""
+PATIENCE_S = (1.0, 1.6)
+"""Shortest and longest time from arming to the bump, s."""
+LEAD_S = 0.1
+"""Rest at the beginning of an act, s, longer than the delay of any sensor."""
+SWING_S = 6.0
+"""Time, s, after which the motion of a car with a damping of 0.15 at 1 Hz has decayed to 1/300."""
+PUSH_N, PUSH_S, PAUSE_S = 400.0, 1.2, 1.6
+"""Force and duration of a push by a person on a corner, who lets go gently; rest after it, s."""
+PUSHES_S = len(ORDER) * (PUSH_S + PAUSE_S)
+"""Duration of a push on each corner, s."""
+_MARGIN_S = 0.2
+"""Margin at the end of an act, s, because an act ends with the piece that is being sampled."""
+_SEEN_S = 1e-3
+
+
+class Fault(StrEnum):
+    """Kinds of spoilt runs."""
+
+    DOUBLE_BUMP = "double-bump"
+    OVERLOAD = "overload"
+    """A sensor saturates at half of its true reading."""
+    FROZEN = "frozen"
+    """A sensor shows one value during the bump."""
+    LOST_FRAMES = "lost-frames"
+    """For a short time no frame arrives."""
+    WEAK = "weak"
+    """The bump only just triggers."""
+    WRONG_MODE = "wrong-mode"
+    """Another kind of bump than the one that is due."""
+    UNPLUG = "unplug"
+    """The adapter is unplugged for some seconds."""
+
+
+SPOILT_BUMP = 2
+"""Number of the spoilt bump of the campaign: one good run comes first."""
+SECOND_BUMP_S = 0.84
+LOST_S = (0.3, 0.42)
+"""Begin and end of the time without frames, s since the bump: more frames than the few that are
+harmless, and shorter than the silence of a sensor that stopped."""
+WEAK_LEVELS = 1.4
+"""Ratio of the peak to the trigger's level: above 1 in spite of noise, below that of a good
+bump."""
+UNPLUGGED_S, UNPLUG_AFTER_S = 3.0, 0.5
+"""Time without the adapter, s of the host's time, and time from the bump to the unplugging, s."""
+_MIXED_UP = {Excitation.BOUNCE: Excitation.PITCH, Excitation.ROLL: Excitation.BOUNCE}
+
+
+class Acts:
+    """The acts of one bench; each bump is computed once, in a thread, before it is due."""
+
+    def __init__(self, bench: Bench, rig: Rig) -> None:
+        self._bench, self._rig = bench, rig
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="simulated car")
+        self._known: dict[tuple[str, Excitation, Fault | None], Future[Act]] = {}
+
+    def close(self) -> None:
+        """Cancel the computations that have not begun."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def rest(self, mass_state: str) -> Act:
+        """Return the act of a car that remains at rest."""
+        pose = static_pose(self._rig.plants[mass_state])
+        return self._rig.act(Push(pose, np.zeros((7, 1)), 1.0), 0.0, np.inf)
+
+    def push(self, mass_state: str, corner: Corner) -> Act:
+        """Return a push on a corner."""
+        push = pushed(self._rig.plants[mass_state], corner, PUSH_N, PUSH_S)
+        return self._rig.act(push, PUSH_S, PUSH_S)
+
+    def prepare(self, step: Step, fault: Fault | None) -> Future[Act]:
+        """Begin to compute a bump, if this has not been done, and return its future."""
+        kind = (step.mass_state, step.excitation, fault)
+        if kind not in self._known:
+            self._known[kind] = self._pool.submit(self._made, *kind)
+        return self._known[kind]
+
+    def _made(self, mass_state: str, excitation: Excitation, fault: Fault | None) -> Act:
+        if fault is Fault.WRONG_MODE:
+            excitation = _MIXED_UP.get(excitation, Excitation.ROLL)
+        again_s = SECOND_BUMP_S if fault is Fault.DOUBLE_BUMP else 0.0
+        act = self._bump(mass_state, excitation, 1.0, again_s)
+        triggers = trigger_channels(self._bench.channels, self._bench.procedure.method)
+        if fault is Fault.WEAK:
+            peak = max(float(np.max(np.abs(self._moved(act, c)))) for c in triggers)
+            height = WEAK_LEVELS * self._bench.trigger.level / peak
+            return self._bump(mass_state, excitation, height)
+        if fault is Fault.OVERLOAD:  # the strongest sensor, at half of its free motion
+            free = round((LEAD_S + self._bench.bump_s + 0.01) / _SEEN_S)
+            top, name = max((float(self._moved(act, c)[free:].max()), c.name) for c in triggers)
+            return replace(act, limits={name: GRAVITY_M_S2 + top / 2})
+        if fault is Fault.FROZEN:
+            name = [c.name for c in self._bench.channels if c.corner is not None][-1]
+            return replace(act, limits={name: 0.0})
+        return act
+
+    def _bump(self, mass_state: str, kind: Excitation, height: float, again_s: float = 0.0) -> Act:
+        """Return a bump as the procedure makes it, or two as if rolled over, `again_s` apart."""
+        plant, height_m = self._rig.plants[mass_state], height * self._bench.procedure.bump_height_m
+        method, end_s = self._bench.procedure.method, LEAD_S + SWING_S + again_s
+        if method is Method.ROLL_OVER or again_s:
+            bump = Bump(kind, height_m, LEAD_S, self._bench.bump_s)
+            first = drive(plant, bump, end_s + _MARGIN_S)
+            if not again_s:
+                return self._rig.act(first, end_s + _MARGIN_S, end_s, LEAD_S)
+            again = replace(bump, start_s=bump.start_s + again_s)
+            state = first.states(np.array([again.start_s]))
+            both = TwoBumps(first, drive(plant, again, end_s + _MARGIN_S, state))
+            return self._rig.act(both, end_s + _MARGIN_S, end_s, LEAD_S)
+        if method is Method.PUSH and BUMPS[kind].hand is not None:
+            end_s += PUSHED_S
+            push = pushed_down(plant, kind, height_m, LEAD_S, end_s + _MARGIN_S)
+            return self._rig.act(push, end_s + _MARGIN_S, end_s, LEAD_S)
+        lead_s = LEAD_S + self._bench.trigger.pre_s  # it is on the blocks before they are removed
+        end_s = lead_s + SWING_S
+        drop = dropped(plant, kind, height_m, lead_s, end_s + _MARGIN_S)
+        return self._rig.act(drop, end_s + _MARGIN_S, end_s, lead_s)
+
+    def _moved(self, act: Act, channel: Channel) -> Array:
+        """Return the reading of an accelerometer in an act without gravity, every millisecond."""
+        sensor = self._rig.drawn.sensors[channel.name]
+        motion = act.motion.at(np.arange(0.0, LEAD_S + 1.0, _SEEN_S))
+        return true_reading(channel, sensor, self._rig.installation, motion) - GRAVITY_M_S2
+
+
+def push_frames(
+    bench: Bench, codec: Codec, car: SimulatedCar, seed: int, start_ns: int, rest_s: float
+) -> Iterator[FrameBatch]:
+    """Yield the frames of a car that is at rest, is pushed at each corner, and is at rest again.
+
+    The car then remains at rest: the caller ends the iteration.  Arguments and errors are those of
+    `daq.sim.ecu.campaign_frames`; `rest_s`: time before the first push, s.
+    """
+    rig = rig_of(bench, codec, car, seed)
+    acts = Acts(bench, rig)
+    rest = acts.rest(BASELINE)
+    plan = [(rest, rest_s)]
+    for corner in ORDER:
+        plan += [(acts.push(BASELINE, corner), PUSH_S), (rest, PAUSE_S)]
+    acts.close()
+    rng, free_ns = np.random.default_rng([seed, 2]), [start_ns] * len(bench.buses)
+    done_s = 0.0
+    for act, length_s in [*plan, (rest, np.inf)]:
+        begun_s = done_s
+        while done_s < begun_s + length_s:
+            span_s = (done_s, min(done_s + PIECE_S, begun_s + length_s))
+            done_s = span_s[1]
+            if len(batch := rig.frames(act, begun_s, span_s, rng, start_ns, free_ns)):
+                yield batch
+
+
+class SimulatedBench:
+    """A bench whose car is bumped as in the campaign, as a `daq.bus.source.FrameSource`.
+
+    Frames have the car's own time, which runs `speed` times as fast as the host's.  Counters,
+    clocks and noise always continue, also between reads.
+
+    `bench`: campaign, weights, channels, trigger and bit rate.  `seed`: determines every draw and
+    all noise.  `speed`: speed of the car's time; infinite: `read` does not wait and returns piece
+    after piece.  `wish`: function that returns the recorder's status; the car is bumped when the
+    recorder is armed, with the bump that is due.  None: the car is not bumped.  `fault`: spoils
+    only the second bump.  `start_ns`: time stamp of the start, ns since 1970 UTC.  Raises
+    InputError as `daq.sim.ecu.campaign_frames`.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        codec: Codec,
+        car: SimulatedCar,
+        seed: int,
+        speed: float = 1.0,
+        wish: Callable[[], Status | None] = lambda: None,
+        fault: Fault | None = None,
+        start_ns: int = 0,
+    ) -> None:
+        self._rig = rig_of(bench, codec, car, seed)
+        self._acts = Acts(bench, self._rig)
+        self._speed, self._wish, self._fault = speed, wish, fault
+        self._start_ns, self._free_ns = start_ns, [start_ns] * len(bench.buses)
+        self._rng = np.random.default_rng([seed, 2])
+        self._mass_state = BASELINE
+        self._act = self._acts.rest(BASELINE)
+        self._begun_s = 0.0  # the present act
+        self._done_s = 0.0  # time up to which it is sampled
+        self._due_s = np.inf  # the next bump
+        self._bumps = 0
+        self._gap_s = (np.inf, np.inf)
+        self._unplug_s = np.inf
+        self._plugged_s = 0.0  # again
+        self._asked: deque[Corner] = deque()
+        self._notes: int | None = None  # notes of the recording, already seen
+        self._others: dict[int, deque[FrameBatch]] = {}
+        self._host_s = time.monotonic()
+
+    @property
+    def name(self) -> str:
+        """The bus, for messages to the operator."""
+        return "simulated bench"
+
+    def push(self, corner: Corner) -> None:
+        """Push a corner down for a second as soon as the car is at rest; from any thread."""
+        self._asked.append(corner)
+
+    def other(self, number: int) -> OtherBus:
+        """Return a further bus, which from now on is the only source of its frames."""
+        self._others[number] = deque()
+        return OtherBus(f"simulated bench, bus {number}", self._others[number])
+
+    def open(self) -> SimulatedBench:
+        """Return the bench, whose time has continued, as a bus that is opened again.
+
+        Raises BusError while the adapter is unplugged.
+        """
+        if np.isfinite(self._speed):
+            self._done_s = max(self._done_s, self._now_s())
+        self._check_plug()
+        return self
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        """Return the frames of the car's elapsed time, at most `PIECE_S`.
+
+        Raises BusError while the adapter is unplugged.
+        """
+        if np.isfinite(self._speed):
+            wait_s = (self._done_s - self._now_s()) / self._speed + BLOCK_S
+            time.sleep(min(max(wait_s, 0.0), timeout_s))
+        self._check_plug()
+        self._choose(self._wish())
+        stop_s = min(self._now_s(), self._done_s + PIECE_S)
+        if stop_s >= self._unplug_s:
+            self._unplug_s = np.inf
+            host = self._speed if np.isfinite(self._speed) else 1.0
+            self._plugged_s = stop_s + UNPLUGGED_S * host
+        return self._sampled(stop_s)
+
+    def losses(self) -> SourceLosses:
+        """Return no losses: the counters in the frames show the losses of this bus."""
+        return SourceLosses()
+
+    def close(self) -> None:
+        """Leave the bus; the car is not changed."""
+
+    def dismantle(self) -> None:
+        """End the thread that computes motions in advance."""
+        self._acts.close()
+
+    def _now_s(self) -> float:
+        if not np.isfinite(self._speed):
+            return self._done_s + PIECE_S
+        return (time.monotonic() - self._host_s) * self._speed
+
+    def _check_plug(self) -> None:
+        if self._done_s < self._plugged_s:
+            self._done_s = min(self._now_s(), self._plugged_s)  # frames sent now are lost
+            where, what = self.name, "the adapter is gone (a fault of the demo)"
+            raise BusError(where, what, "wait: it is plugged in again after 3 s")
+
+    def _choose(self, status: Status | None) -> None:
+        """Choose the next act of the car."""
+        if self._done_s >= self._begun_s + self._act.length_s:
+            self._begin(self._acts.rest(self._mass_state))
+        if status is None or self._act.length_s < np.inf:
+            return
+        step = status.due.step if status.due else None
+        if step is not None and step.mass_state in self._rig.plants:
+            self._acts.prepare(step, self._next_fault)
+            if step.mass_state != self._mass_state:
+                self._mass_state, self._due_s = step.mass_state, np.inf
+                self._begin(self._acts.rest(step.mass_state))
+            elif status.phase is Phase.ARMED:
+                self._wait_and_bump(step)
+                return
+        self._due_s = np.inf
+        self._heed(status.notes)
+        if self._asked:
+            self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
+
+    def _heed(self, notes: Sequence[Remark]) -> None:
+        """Push the corner that a new mark asks for: `push FL`, as the bench check sets it."""
+        seen = len(notes) if self._notes is None else self._notes
+        for note in notes[seen if seen <= len(notes) else 0 :]:  # another recording begins at 0
+            word, _, corner = note.text.partition(" ")
+            if word == "push" and corner in set(Corner):
+                self._asked.append(Corner(corner))
+        self._notes = len(notes)
+
+    @property
+    def _next_fault(self) -> Fault | None:
+        return self._fault if self._bumps + 1 == SPOILT_BUMP else None
+
+    def _wait_and_bump(self, step: Step) -> None:
+        if self._due_s == np.inf:
+            self._due_s = self._done_s + self._rng.uniform(*PATIENCE_S)
+        if self._done_s < self._due_s:
+            return
+        fault = self._next_fault
+        self._due_s = np.inf
+        self._bumps += 1
+        self._begin(self._acts.prepare(step, fault).result())
+        bump_s = self._begun_s + self._act.bump_s
+        if fault is Fault.LOST_FRAMES:
+            self._gap_s = (bump_s + LOST_S[0], bump_s + LOST_S[1])
+        elif fault is Fault.UNPLUG:
+            self._unplug_s = bump_s + UNPLUG_AFTER_S
+
+    def _begin(self, act: Act) -> None:
+        self._act, self._begun_s = act, self._done_s
+
+    def _sampled(self, stop_s: float) -> FrameBatch:
+        span_s = (self._done_s, max(stop_s, self._done_s))
+        self._done_s = span_s[1]
+        batch = self._rig.frames(
+            self._act, self._begun_s, span_s, self._rng, self._start_ns, self._free_ns
+        )
+        if not len(batch):
+            return batch
+        sent_s = (batch.t_ns - self._start_ns) * 1e-9
+        batch = batch.select((sent_s < self._gap_s[0]) | (sent_s >= self._gap_s[1]))
+        for number, waiting in tuple(self._others.items()):
+            waiting.append(batch.select(batch.bus == number))
+            batch = batch.select(batch.bus != number)
+        return batch
+
+
+class OtherBus:
+    """The frames of one further bus of a simulated bench, as a `daq.bus.source.FrameSource`.
+
+    `name`: name of the bus.  `waiting`: its frames, which the bench adds from another thread.
+    """
+
+    def __init__(self, name: str, waiting: deque[FrameBatch]) -> None:
+        self._name, self._waiting = name, waiting
+
+    @property
+    def name(self) -> str:
+        """The bus, for messages to the operator."""
+        return self._name
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        """Return the frames that wait; wait up to `timeout_s` for the first."""
+        end_s = time.monotonic() + timeout_s
+        while not self._waiting and (left_s := end_s - time.monotonic()) > 0:
+            time.sleep(min(BLOCK_S / 2, left_s))
+        batches = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        return FrameBatch.concatenate(batches)
+
+    def losses(self) -> SourceLosses:
+        """Return no losses: the counters in the frames show the losses of this bus."""
+        return SourceLosses()
+
+    def close(self) -> None:
+        """Leave the bus; the car is not changed."""

@@ -1,0 +1,278 @@
+"""Moves the simulated car: one balance of forces, spring by spring, stepped by Runge and Kutta.
+
+The matrices of Eqs. 3-10 are not used here; they are assembled in `identify.model.matrices`, and a
+test ensures that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.
+Displacements are counted from the pose in which every spring and tyre has its free length, so the
+loads under gravity follow from the balance and are not given.  Rotations are small: lever arms are
+those of the level car.  A tyre can only push: where it would have to pull, the wheel is off the
+ground.
+
+A state is 22 values: pose (7), velocity (7), share of sliding friction at each corner (4), and
+deflection of each damper's mount (4), positive when its damper pushes body and wheel apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .elements import Array
+
+STATE = 22
+"""Length of a state."""
+
+
+_FIELDS = (
+    "x_m",  # where suspension and body meet, forward of the CG of the baseline body
+    "y_m",  # the same, to the left of that CG
+    "spring_n_m",
+    "quadratic_n_m2",  # force of the spring per square of the compression above ride_m
+    "cubic_n_m3",
+    "stop_gap_m",  # compression above ride_m at which the bump stop is touched
+    "stop_n_m",
+    "bar_n_m",  # stiffness of the anti-roll bar of the axle
+    "in_ns_m",  # damper in compression: slope far above the soft knee, force and speed of the knee
+    "in_knee_n",
+    "in_knee_m_s",
+    "out_ns_m",  # damper in rebound
+    "out_knee_n",
+    "out_knee_m_s",
+    "mount_n_m",  # rubber in series with the damper; infinite if it is bolted
+    "friction_n",  # sliding friction
+    "presliding_m",  # length over which friction builds up
+    "surplus",  # relative excess of static over sliding friction
+    "stribeck_m_s",  # speed over which that excess decreases
+    "tyre_n_m",
+    "tyre_n_m2",  # force of the tyre per square of the squash above squash_m
+    "tyre_turn_m",  # below it that square has no effect: a relieved tyre does not stiffen again
+    "tyre_ns_m",
+    "ride_m",  # compression of the suspension of the unloaded car at rest, from its free length
+    "squash_m",  # compression of the tyre of the unloaded car at rest
+)
+CORNER = np.dtype([(name, np.float64) for name in _FIELDS])
+"""One corner of a car.  A record, because Numba counts references of each array that it passes."""
+
+
+class Plant(NamedTuple):
+    """A car in one state of loading."""
+
+    corners: NDArray[np.void]
+    """(4,) of `CORNER`, in the order of `daq.vehicle.Corner`."""
+    bends: Array
+    """(4, 2, j, 2) Speed, m/s, and change of slope, N s/m, of each kink of a damper, compression
+    and rebound."""
+    weight_n: Array
+    """(7, 1) Gravity on each degree of freedom: N, and N m about the baseline CG."""
+    mobility: Array
+    """(7, 7) Accelerations from forces: the inverse of the inertia."""
+
+    def column(self, field: str) -> Array:
+        """Return a field of the corners, (4, 1)."""
+        return np.asarray(self.corners[field][:, None])
+
+    def other(self, **fields: Array) -> Plant:
+        """Return a car with other fields of its corners, (4, 1)."""
+        corners = self.corners.copy()
+        for name, values in fields.items():
+            corners[name] = values[:, 0]
+        return self._replace(corners=corners)
+
+
+def _machine_code(function: Callable[..., Any]) -> Any:
+    """Return a function as machine code, stored for the next process where a folder is writable.
+
+    All such functions are in this file, because Numba makes the code again when the file changes.
+    """
+    compiled = njit(
+        error_model="numpy", nogil=True, forceinline=True, fastmath={"contract", "nsz"}
+    )(function)
+    with suppress(RuntimeError):
+        compiled.enable_caching()
+    return compiled
+
+
+@_machine_code
+def _damper(c: Any, bends: Array, closing: float) -> tuple[float, float]:
+    """Return force, N, and slope, N s/m, of the damper of a corner at a closing speed, m/s."""
+    way = 0 if closing > 0.0 else 1
+    slope, knee_n, knee_m_s = c.in_ns_m, c.in_knee_n, c.in_knee_m_s
+    if way == 1:
+        slope, knee_n, knee_m_s = c.out_ns_m, c.out_knee_n, c.out_knee_m_s
+    speed = abs(closing)
+    force = slope * speed
+    if knee_n != 0.0:
+        bent = np.tanh(speed / knee_m_s)
+        force += knee_n * bent
+        slope += knee_n / knee_m_s * (1.0 - bent * bent)
+    for j in range(bends.shape[1]):
+        beyond = speed - bends[way, j, 0]
+        if beyond > 0.0:
+            force += bends[way, j, 1] * beyond
+            slope += bends[way, j, 1]
+    return (force if way == 0 else -force), slope
+
+
+@_machine_code
+def _damper_speed(c: Any, bends: Array, force: float) -> float:
+    """Return the closing speed, m/s, at which a damper has a force, N (Newton's method)."""
+    speed = 0.0 if force == 0.0 else np.copysign(1e-6, force)
+    for _ in range(60):
+        now, slope = _damper(c, bends, speed)
+        change = (force - now) / slope
+        speed += change
+        if abs(change) < 1e-12 + 1e-11 * abs(speed):
+            break
+    return speed
+
+
+@_machine_code
+def _closing(c: Any, state: Array, i: int) -> Any:
+    return state[10 + i] - state[7] + c.x_m * state[8] - c.y_m * state[9]
+
+
+@_machine_code
+def balance(
+    p: Plant, state: Array, road: Array, rise: Array, suspension: Array, tyre: Array, total: Array
+) -> None:
+    """Compute all forces except inertia at one instant.
+
+    `state`: (22,).  `road`, `rise`: (4,) height and vertical speed of the road, m and m/s.
+    `suspension`, `tyre`: (4,) are set to the forces on body and wheel and on the wheel, N, upwards.
+    `total`: (7,) is set to the sum on each degree of freedom.
+    """
+    corners, bends, weight_n = p.corners, p.bends, p.weight_n
+    for i in range(7):
+        total[i] = weight_n[i, 0]
+    for i in range(4):
+        c = corners[i]
+        suspension[i] = state[3 + i] - (state[0] - c.x_m * state[1] + c.y_m * state[2])
+    squeeze = (suspension[0], suspension[1], suspension[2], suspension[3])
+    for i in range(4):
+        c, own = corners[i], squeeze[i]
+        u = own - c.ride_m
+        force = c.spring_n_m * own + (c.quadratic_n_m2 + c.cubic_n_m3 * u) * u * u
+        if u > c.stop_gap_m:
+            force += c.stop_n_m * (u - c.stop_gap_m)
+        force += c.bar_n_m * (own - squeeze[i ^ 1])  # i ^ 1: the other corner of the axle
+        force += c.friction_n * state[14 + i]
+        if c.mount_n_m < np.inf:
+            force += c.mount_n_m * state[18 + i]
+        else:
+            force += _damper(c, bends[i], _closing(c, state, i))[0]
+        squash = road[i] - state[3 + i]
+        beyond = max(squash - c.squash_m, c.tyre_turn_m)
+        spring = c.tyre_n_m * squash + c.tyre_n_m2 * beyond * beyond
+        push = 0.0
+        if spring > 0.0:  # in the air a tyre has no force, however fast it comes down
+            push = max(spring + c.tyre_ns_m * (rise[i] - state[10 + i]), 0.0)
+        suspension[i], tyre[i] = force, push
+        total[0] += force
+        total[1] -= c.x_m * force
+        total[2] += c.y_m * force
+        total[3 + i] += push - force
+
+
+@_machine_code
+def balances(p: Plant, states: Array, road: Array, rise: Array) -> tuple[Array, Array, Array]:
+    """Return suspension forces (4, n), tyre forces (4, n) and their sums (7, n) of n instants."""
+    n = states.shape[1]
+    suspension, tyre, total = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 7))
+    for k in range(n):
+        state = states[:, k].copy()
+        balance(p, state, road[:, k], rise[:, k], suspension[k], tyre[k], total[k])
+    return suspension.T.copy(), tyre.T.copy(), total.T.copy()
+
+
+@_machine_code
+def _pass_over(
+    crest: Array, turn: float, begin_s: float, end_s: float, t_s: float, road: Array, rise: Array
+) -> None:
+    """Set height and speed of the road under each wheel (Eq. 34): a half sine, then flat."""
+    on = begin_s <= t_s <= end_s
+    phase = turn * (t_s - begin_s)
+    for i in range(4):
+        road[i], rise[i] = 0.0, 0.0
+        if on:
+            road[i], rise[i] = crest[i] * np.sin(phase), crest[i] * turn * np.cos(phase)
+
+
+@_machine_code
+def _rate(p: Plant, state: Array, road: Array, rise: Array, work: Array, rate: Array) -> None:
+    """Set the rate of change of a state; `work`: (15,)."""
+    suspension, tyre, total = work[:4], work[4:8], work[8:]
+    balance(p, state, road, rise, suspension, tyre, total)
+    corners, bends, mobility = p.corners, p.bends, p.mobility
+    for i in range(7):
+        rate[i] = state[7 + i]
+        rate[7 + i] = 0.0
+        for j in range(7):
+            rate[7 + i] += mobility[i, j] * total[j]
+    for i in range(4):
+        c = corners[i]
+        w, limit = _closing(c, state, i), 1.0
+        if c.surplus != 0.0:
+            limit += c.surplus * np.exp(-((w / c.stribeck_m_s) ** 2))
+        rate[14 + i], rate[18 + i] = 0.0, 0.0
+        if c.friction_n != 0.0:
+            rate[14 + i] = (w - abs(w) * state[14 + i] / limit) / c.presliding_m
+        if c.mount_n_m < np.inf:
+            rate[18 + i] = w - _damper_speed(c, bends[i], c.mount_n_m * state[18 + i])
+
+
+@_machine_code
+def integrate(
+    p: Plant,
+    start: Array,
+    crest: Array,
+    span_s: tuple[float, float],
+    bump_s: tuple[float, float],
+    count: int,
+    each: int,
+) -> tuple[Array, Array]:
+    """Integrate the motion, with the classical method of fourth order.
+
+    `start`: (22,) state at the begin of `span_s`.  `crest`: (4,) height of the bump under each
+    wheel, m.  `bump_s`: begin and end of the bump, s; the span must not contain its end.
+    `count`: number of states that are returned after the first.  `each`: steps from one to the
+    next.  Returns states and their rates, (count + 1, 22).
+    """
+    states, rates = np.empty((count + 1, 22)), np.empty((count + 1, 22))
+    step = (span_s[1] - span_s[0]) / (count * each)
+    turn = np.pi / (bump_s[1] - bump_s[0])
+    bumpy = span_s[0] < bump_s[1]
+    end_s = span_s[1] + step if bumpy else -np.inf  # rounding must not leave the bump too early
+    road, rise, state = np.zeros(4), np.zeros(4), start.copy()
+    work, k, between = np.empty(15), np.empty((4, 22)), np.empty(22)
+    for n in range(count * each + 1):
+        last = n == count * each
+        for stage in range(1 if last else 4):
+            ahead = (0.0, 0.5, 0.5, 1.0)[stage] * step
+            _pass_over(crest, turn, bump_s[0], end_s, span_s[0] + n * step + ahead, road, rise)
+            for j in range(22):
+                between[j] = state[j] + ahead * k[stage - 1, j] if stage else state[j]
+            _rate(p, between, road, rise, work, k[stage])
+        if n % each == 0:
+            states[n // each], rates[n // each] = state, k[0]
+        for j in range(22):
+            state[j] += step / 6.0 * (k[0, j] + 2.0 * k[1, j] + 2.0 * k[2, j] + k[3, j])
+    return states, rates
+
+
+@_machine_code
+def read(states: Array, rates: Array, begin_s: float, step_s: float, t_s: Array) -> Array:
+    """Return the states at times within a span, (22, n): cubic between states and their rates."""
+    out = np.empty((22, len(t_s)))
+    for k in range(len(t_s)):
+        place = (t_s[k] - begin_s) / step_s
+        i = min(max(int(place), 0), len(states) - 2)
+        x = min(max(place - i, 0.0), 1.0)
+        a, b = x * x * (3.0 - 2.0 * x), x * (1.0 - x)
+        for j in range(22):
+            out[j, k] = (1.0 - a) * states[i, j] + a * states[i + 1, j]
+            out[j, k] += b * step_s * ((1.0 - x) * rates[i, j] - x * rates[i + 1, j])
+    return out
