@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 from .crc import CRC_RULES
 from .decode import Codec
 from .errors import InputError
-from .finding import Finding, Severity
 from .layout import CounterRule, MessageLayout, SignalLayout
 from .repair import EXTENDED, RepairedText
 from .value_tables import sentinels
@@ -131,57 +130,53 @@ def parse_codec(text: str, name: str) -> Codec:
     if "\0" in text:
         raise InputError(name, "binary data, not a CAN database", PICK)
     kind = _kind(text, name)
-    source = RepairedText(text if not kind else "", name)
-    found = _read_other(text, name, kind) if kind else _read_dbc(source)
-    messages: list[MessageLayout] = []
-    places: list[tuple[str, str]] = []
-    left_out = list(source.left_out)
-    notes = list(source.notes)
-    for message in found:
+    source = RepairedText("" if kind else text, name)
+    layouts: list[tuple[MessageLayout, str]] = []
+    meanings = set()
+    for message in _read_other(text, name, kind) if kind else _read_dbc(source):
         can_id = message.frame_id | EXTENDED * message.is_extended_frame
-        bus = message.bus_name or ""
         if (can_id, "") in source.lost:
             continue
         try:
             layout, faults = _layout(message, source, can_id)
         except ValueError as error:
-            text_ = f"message {message.name} {error}"
-            left_out.append(_finding("left_out", source.at(can_id), text_, message.name))
+            source.lose(can_id, "", f"message {message.name}", str(error))
             continue
         for signal, fault in faults.items():
-            subject = f"{message.name}.{signal}"
-            where = source.at(can_id, signal)
-            left_out.append(_finding("left_out", where, f"{subject} {fault}", subject))
+            source.lose(can_id, signal, f"{message.name}.{signal}", fault)
         # A message that is passed on from one bus to another means the same on both.
         meaning = replace(layout, senders=(), cycle_s=None)
-        if kind and meaning in [replace(each, senders=(), cycle_s=None) for each in messages]:
-            continue
-        messages.append(layout)
-        places.append((source.at(can_id), bus))
-    identifiers = Counter((m.can_id, m.is_extended) for m in messages)
+        if not (kind and meaning in meanings):
+            layouts.append((layout, message.bus_name or ""))
+        meanings.add(meaning)
+    identifiers = Counter((layout.can_id, layout.is_extended) for layout, _ in layouts)
+    several = len({bus for _, bus in layouts}) > 1
     kept = []
-    for message_, (where, bus) in zip(messages, places, strict=True):
-        if identifiers[message_.can_id, message_.is_extended] == 1:
-            kept.append(message_)
+    for layout, bus in layouts:
+        if identifiers[layout.can_id, layout.is_extended] == 1:
+            kept.append(layout)
             continue
-        what = f"message {message_.name} has the identifier 0x{message_.can_id:X} of another"
-        several = len({bus for _, bus in places}) > 1
         advice = f" (if it is of the bus {bus}, name {name}{NETWORK}{bus})" if several else ""
-        left_out.append(_finding("left_out", where, what + advice, message_.name))
+        what = f"has the identifier 0x{layout.can_id:X} of another{advice}"
+        source.lose(_number(layout), "", f"message {layout.name}", what)
     if not kept:
-        first = next(iter(left_out or notes), None)
-        if first is None:
+        findings = source.left_out or source.notes
+        if not findings:
             raise InputError(name, "has no messages", PICK)
-        more = len(left_out or notes) - 1
-        what = first.text + (f", and {more} more" if more else "")
-        raise InputError(first.where or name, what, "correct that line or give another file")
-    named = _unique_names(kept)
-    for message_, own in zip(kept, named, strict=True):
-        if own.name != message_.name:
-            where = source.at(own.can_id | EXTENDED * own.is_extended)
-            what = f"message {message_.name} has the name of another: it is {own.name} here"
-            notes.append(_finding("odd", where, what, message_.name))
-    return Codec(named, tuple(left_out), tuple(notes))
+        more = f", and {len(findings) - 1} more" if findings[1:] else ""
+        where = findings[0].where or name
+        raise InputError(where, findings[0].text + more, "correct that line or give another file")
+    messages = _unique_names(kept)
+    for layout, unique in zip(kept, messages, strict=True):
+        if unique.name != layout.name:
+            what = f"has the name of another: it is {unique.name} here"
+            source.note(_number(layout), f"message {layout.name}", what)
+    return Codec(messages, tuple(source.left_out), tuple(source.notes))
+
+
+def _number(message: MessageLayout) -> int:
+    """Return the identifier of a message as in a DBC."""
+    return message.can_id | EXTENDED * message.is_extended
 
 
 def _kind(text: str, name: str) -> str:
@@ -420,8 +415,3 @@ def _unique_names(messages: Sequence[MessageLayout]) -> tuple[MessageLayout, ...
         name = f"{m.name}_0x{m.can_id:X}{twin}" if named[m.name] > 1 else m.name
         unique.append(replace(m, name=name))
     return tuple(unique)
-
-
-def _finding(code: str, where: str, text: str, subject: str) -> Finding:
-    severity = Severity.ERROR if code == "left_out" else Severity.WARNING
-    return Finding(code, severity, text, subject, where=where)

@@ -229,13 +229,24 @@ class RepairedText:
         for each in signals:
             each.clear()
 
+    def lose(self, can_id: int, signal: str, subject: str, why: str) -> None:
+        """Report that a message, or a signal of it, is left out."""
+        self._report("left_out", self.at(can_id, signal), subject, why)
+
+    def note(self, can_id: int, subject: str, what: str) -> None:
+        """Report an oddity of a message that does no harm."""
+        self._report("odd", self.at(can_id), subject, what)
+
     def _lose(self, line: int, subject: str, why: str) -> None:
-        text, where = f"{subject} {why}", f"{self.name}:{line}"
-        self.left_out.append(Finding("left_out", Severity.ERROR, text, subject, where=where))
+        self._report("left_out", f"{self.name}:{line}", subject, why)
 
     def _note(self, line: int, subject: str, what: str) -> None:
-        text, where = f"{subject} {what}", f"{self.name}:{line}"
-        self.notes.append(Finding("odd", Severity.WARNING, text, subject, where=where))
+        self._report("odd", f"{self.name}:{line}", subject, what)
+
+    def _report(self, code: str, where: str, subject: str, what: str) -> None:
+        severity = Severity.ERROR if code == "left_out" else Severity.WARNING
+        finding = Finding(code, severity, f"{subject} {what}", subject, where=where)
+        (self.left_out if code == "left_out" else self.notes).append(finding)
 
     def _refusal(self, statement: Statement, what: str) -> InputError:
         where = f"{self.name}:{statement.line}"
