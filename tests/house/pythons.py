@@ -19,7 +19,7 @@ MINORS = (11, 12, 13, 14)
 """Minor versions of Python 3 that are promised."""
 TESTS = (
     "tests/dbc",
-    "tests/tui/test_bad_inputs.py",
+    "tests/tui/test_mistakes.py",
     "tests/identify/report",
     "tests/identify/test_change.py",
     "tests/tui/test_report.py",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,38 +15,8 @@ from dbc import shipped_dbc
 from tui.cli import run
 from tui.jobs import gain
 from tui.jobs.gain import GAIN, Gain
-from tui.output import progress
 
 from ..daq.crash_derive import journal_of_runs
-
-
-class Terminal(io.StringIO):
-    """A stream that is a terminal."""
-
-    def isatty(self) -> bool:
-        """Say so."""
-        return True
-
-
-def test_a_bar_shows_title_words_and_share_and_ends_full(monkeypatch: pytest.MonkeyPatch) -> None:
-    shown = Terminal()
-    monkeypatch.setattr(sys, "stderr", shown)
-    for name, value in (("TERM", "xterm"), ("NO_COLOR", "1"), ("COLUMNS", "100")):
-        monkeypatch.setenv(name, value)
-    with progress("plan [x]") as stage:
-        stage(0.25, "reading [y]")
-    frames = re.split(r"\r|\n", shown.getvalue())
-    last = [frame for frame in frames if "plan [x]" in frame][-1]
-    assert "reading [y]" in last, "nothing in it is markup"
-    assert last.count("━") == 28
-    assert "0:00:00" in last
-
-
-def test_no_bar_is_shown_in_a_file(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress("plan") as stage:
-        stage(0.5, "reading")
-    assert capsys.readouterr() == ("", "")
-
 
 # The planner's process ----------------------------------------------------------------------------
 

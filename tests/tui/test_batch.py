@@ -170,39 +170,6 @@ def test_a_link_that_leads_nowhere_is_one_session_that_fails(
     assert done["verdicts"] == {"refused": 1, "failed": 1}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["absent.h5"], "absent.h5"),
-        (["no/such/*.h5"], "no/such/*.h5"),
-        (["."], "no session file"),
-        ([], "files"),
-        (["car.h5", "--out", "table.xlsx"], ".parquet"),
-        (["car.h5", "--out", "car.h5/t.csv"], "car.h5: is not a folder"),
-        (["car.h5", "--workers", "0"], "--workers"),
-        (["car.h5", "--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "--scheduler"),
-        (["car.h5", "--scheduler", "nonsense"], "nonsense"),
-        (["car.h5", "--scheduler", ""], "port"),
-    ],
-)
-def test_mistakes_are_named_in_one_line(
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    arguments: list[str],
-    named: str,
-) -> None:
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "car.h5").touch()
-    monkeypatch.chdir(tmp_path / "empty" if arguments == ["."] else tmp_path)
-    assert run(["batch", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    (line,) = err.splitlines()
-    assert line.startswith("bumpbench: error: ")
-    assert named in line
-
-
 def test_a_missing_library_is_named_with_its_extra(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -207,29 +207,6 @@ def test_a_proposal_from_a_dbc_alone(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert load_bench(target).dbc_name == "car.dbc"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["--dbc", "x.dbc"], "is for --propose"),
-        (["--layout", "nosuch", "--log", "x.log"], "there is no such layout"),
-        (["x.toml", "--layout", "sbg_ecan"], "exclude each other"),
-        (["--log", "nosuch.log"], "nosuch.log"),
-        (["nosuch.toml"], "nosuch.toml"),
-        ([], "virtual"),
-        (["--bitrate", "250000"], "--bitrate: is for --propose"),
-        (["--propose", "/dev/null/new.toml"], "/dev/null: is not a folder"),
-    ],
-)
-def test_mistakes_are_one_line(
-    arguments: list[str], reason: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["check", *arguments]) == 2
-    reported = capsys.readouterr()
-    assert reported.err.count("\n") == 1
-    assert reason in reported.err
-    assert reported.out == ""
-
-
 def test_at_a_terminal_a_proposal_asks(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

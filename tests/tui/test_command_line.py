@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from filelock import FileLock
+from typer.core import TyperGroup
+from typer.main import get_command
 
-from daq.bench.config import default_bench_text
-from tui.bench import bench_and_log, log_and_bench, named_once
-from tui.cli import run
-from tui.diagnostics import unknown_value
+from tui.bench import bench_and_log, log_and_bench
+from tui.cli import app, run
 
 
 def test_version_and_short_help(capsys: pytest.CaptureFixture[str]) -> None:
@@ -24,69 +25,6 @@ def test_version_and_short_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert "At the bench" in whole
     assert run(["status", "-h"]) == 0
     assert "The recorder's folder" in capsys.readouterr().out
-
-
-def test_a_mistyped_value_is_answered_by_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["export", "x.h5", "--format", "mf5"]) == 2
-    assert "Did you mean mf4?" in capsys.readouterr().err
-    assert run(["export", "x.h5", "--format", "zzzzzz"]) == 2
-    assert "Did you mean" not in capsys.readouterr().err
-    assert run(["tui", "--demo", "--fault", "double-bum"]) == 2
-    assert "did you mean double-bump?" in capsys.readouterr().err
-    assert "mean" not in str(unknown_value("--theme", "zzz", "theme", ["bench-dark"]))
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (
-            ["tui", "--demoo"],
-            ": --demoo. Did you mean --demo? (bumpbench tui --help lists what there is)",
-        ),
-        (
-            ["tui", "--speed", "fast"],
-            "'--speed': must be a valid number (bumpbench tui --help lists what there is)",
-        ),
-        (["study", "tabel2"], "(bumpbench study --help lists what there is)"),
-        (["recrod"], "(bumpbench --help lists what there is)"),
-        (
-            ["check", "--interface", "socketcn", "--channel", "can0"],
-            "no interface 'socketcn' (did you mean socketcan?",
-        ),
-    ],
-)
-def test_a_mistake_names_the_nearest_and_the_help_that_lists_it(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run(words)
-    assert said in capsys.readouterr().err
-
-
-def test_a_channel_without_signal_is_named_with_its_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bench, log = tmp_path / "b.toml", tmp_path / "a.log"
-    bench.write_text(default_bench_text().replace("IMU_Accel.acc_z", "IMU_Accel.acc_zz"), "utf-8")
-    log.write_text("(1.0) can0 100#00\n", "ascii")
-    number = default_bench_text().splitlines().index('signal = "IMU_Accel.acc_z"') + 1
-    for words in (["check", str(bench), str(log)], ["plan", str(bench)]):
-        assert run(words) == 2
-        shown = capsys.readouterr().err
-        assert f"{bench}:{number}: signal of channel body_acc_z: " in shown
-        assert "has no signal 'IMU_Accel.acc_zz' (did you mean IMU_Accel.acc_z?)" in shown
-
-
-@pytest.mark.parametrize("key", ["counter", "crc", "time_signal"])
-def test_a_signal_that_a_message_does_not_have_is_named_with_file_and_key(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str
-) -> None:
-    bench = tmp_path / "b.toml"
-    table = f'\n[[message]]\nname = "IMU_Accel"\n{key} = "nope"\n'
-    bench.write_text(default_bench_text() + table, "utf-8")
-    (log := tmp_path / "a.log").write_text("(1.0) can0 100#00\n", "ascii")
-    assert run(["check", str(bench), str(log)]) == 2
-    shown = capsys.readouterr().err
-    assert f"{bench}: message IMU_Accel: has no signal nope, which {key} names (" in shown
 
 
 def test_bench_and_log_are_named_in_either_order() -> None:
@@ -141,35 +79,25 @@ def test_notebook_as_a_document(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert json.loads(capsys.readouterr().out) == {"files": [str(out)]}
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["plan", "BENCH", "--bench", "BENCH"],
-        ["decode", "a.blf", "BENCH", "--config", "BENCH"],
-        ["redecode", "a.h5", "BENCH", "--config", "BENCH"],
-        ["replay", "a.blf", "BENCH", "--config", "BENCH"],
-        ["import", "a.blf", "BENCH", "--config", "BENCH"],
-        ["check", "BENCH", "a.blf", "--log", "a.blf"],
-    ],
-)
-def test_a_bench_is_an_argument_and_the_earlier_option_still_works(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("arguments", [[], ["study"]])
+def test_saying_nothing_asks_for_help(
+    capsys: pytest.CaptureFixture[str], arguments: list[str]
 ) -> None:
-    bench = tmp_path / "my-bench.toml"
-    bench.write_text(default_bench_text(), "utf-8")
-    assert run([str(bench) if word == "BENCH" else word for word in words]) == 2
-    assert "is named twice" in capsys.readouterr().err
-    assert run([words[0], "--help"]) == 0
-    shown = capsys.readouterr().out
-    assert not {"--config", "--bench ", "--log "}.intersection(shown.split())
+    assert run(arguments) == 0
+    assert "Usage: bumpbench" in capsys.readouterr().out
 
 
-def test_a_log_named_alone_is_no_bench(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["check", "absent.blf"]) == 2
-    assert "TOML" not in capsys.readouterr().err
-
-
-def test_named_once() -> None:
-    one = Path("one")
-    assert named_once(one, None, "x") == named_once(None, one, "x") == one
-    assert named_once(None, None, "x") is None
+def test_help_of_every_command_is_on_stdout_and_has_no_word_of_python(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    top = get_command(app)
+    assert isinstance(top, TyperGroup)
+    names = [[name] for name in top.commands if name != "study"]
+    for words in ([], *names, ["study", "noise"]):
+        assert run([*words, "--help"]) == 0
+        out, err = capsys.readouterr()
+        assert err == ""
+        assert not re.findall(r"list\[|Path|<str>|<int|<float", out), words
+        assert not {"--config", "--bench ", "--log-file"}.intersection(out.split())
+    assert run(["compare", "--help"]) == 0
+    assert "sessions... <path>  " in capsys.readouterr().out

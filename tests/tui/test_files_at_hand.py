@@ -101,23 +101,6 @@ def test_an_export_as_a_document_lists_files_and_notes(
     said(capsys, *words, "--force", code=0)
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        (["--format", "csv", "--rate", "100"], "--rate"),
-        (["--out", "x.mf4", "--rate", "100"], "--rate"),
-        (["--out", "x.csv", "--modes"], "--modes"),
-        (["--format", "csv", "--sensor", "front"], "front"),
-        (["--format", "csv", "--bus", "can9"], "can9"),
-        (["--format", "csv", "--bus", "7"], "--bus 7: has no frame in the session"),
-    ],
-)
-def test_an_option_that_does_not_fit_an_export_is_named(
-    options: list[str], named: str, capsys: pytest.CaptureFixture[str], car: str
-) -> None:
-    assert named in said(capsys, "export", car, *options, code=2)[1]
-
-
 def test_a_notebook_is_written_once_and_its_folder_is_created(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -268,33 +251,6 @@ def test_a_pushed_car_goes_on_until_it_is_interrupted(
     monkeypatch.setattr("daq.bus.interfaces.open_bus", lambda _: Wire(wire, True))
     assert said(capsys, *words, code=130) == ("", "")
     assert wire == []
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (["decode", "LOG", "BENCH", "--dbc", "x.dbc"], "exclude each other"),
-        (["decode", "LOG", "--sensor", "front"], "names no bench"),
-        (["import", "--run", "baseline:roll:LOG", "--skip", "1"], "for logs of many runs"),
-        (["import", "--run", "baseline:roll:LOG", "--runs", "baseline:roll"], "of many runs"),
-        (["import", "LOG", "--run", "baseline:roll:LOG"], "both logs and --run"),
-        (["import"], "names no log"),
-        (["import", "--run", "baseline:LOG"], "--run"),
-        (["import", "LOG", "BENCH", "--skip", "4"], "no bump is left"),
-        (["import", "LOG", "BENCH", "--out", "LOG"], "is read here"),
-        (["import", "LOG", "--channels", "map.toml", "--bus", "0"], "without a bus"),
-        (["check", "--layout", "a", "--layout", "b", "--log", "LOG"], "is named twice"),
-        (["check", "--push", "3", "--log", "LOG"], "--push: is for --propose"),
-    ],
-)
-def test_words_that_do_not_fit_together_are_named(
-    words: list[str], named: str, capsys: pytest.CaptureFixture[str], bench: str, log: str
-) -> None:
-    arguments = [word.replace("LOG", log).replace("BENCH", bench) for word in words]
-    out, err = said(capsys, *arguments, code=2)
-    assert out == ""
-    assert named in err
-    assert len(err.splitlines()) == 1
 
 
 def test_a_batch_counts_names_and_ends_with_1(

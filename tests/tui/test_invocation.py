@@ -11,7 +11,7 @@ import typer
 
 from daq.errors import BusError, FolderLockedError, InputError
 from tui import invocation
-from tui.diagnostics import report, say_left_out
+from tui.diagnostics import say_left_out
 from tui.invocation import foreign_package, invoke
 
 
@@ -55,24 +55,6 @@ def test_each_kind_of_error_has_its_exit_code(
     assert out == ""
     assert said in err
     assert len(err.splitlines()) == bool(said)
-
-
-def test_a_command_may_state_its_code(capsys: pytest.CaptureFixture[str]) -> None:
-    assert [ends(None, code) for code in (None, 0, 1, 3)] == [0, 0, 1, 3]
-    assert capsys.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize(
-    "error", [ValueError("ours"), ImportError("no numpy"), PermissionError(13, "no file named")]
-)
-def test_a_mistake_of_ours_is_shown_whole(error: Exception) -> None:
-    with pytest.raises(type(error), match=str(error.args[-1])):
-        ends(error)
-
-
-def test_an_exit_that_a_library_asks_for_is_obeyed() -> None:
-    with pytest.raises(SystemExit, match="7"):
-        ends(SystemExit(7))
 
 
 def test_no_package_of_ours_is_anothers() -> None:
@@ -119,8 +101,3 @@ def test_five_messages_that_are_left_out_are_named_and_the_others_counted(
     lines = capsys.readouterr().err.splitlines()
     assert lines[:named] == [f"bumpbench: left out: message {i}" for i in range(named)]
     assert lines[named:] == ([f"bumpbench: left out: {more} more"] if more else [])
-
-
-def test_an_error_is_one_line_with_its_code(capsys: pytest.CaptureFixture[str]) -> None:
-    assert report(BusError("can0", "is gone", "plug it in")) == 4
-    assert capsys.readouterr().err == "bumpbench: error: can0: is gone (plug it in)\n"

@@ -81,12 +81,6 @@ def test_report_of_a_refused_session_says_why(
     assert any(line.startswith("bumpbench: refused: ") and "added mass" in line for line in reasons)
 
 
-def test_report_of_no_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["report", str(tmp_path / "absent.h5")]) == 2
-    assert "absent.h5" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_session_does_not_differ_from_itself(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -108,11 +102,6 @@ def test_compare_keeps_what_says_how_well_a_session_is_explained(session: Path) 
     assert result.estimation.freedom == whole.freedom > 1000.0
     assert 0.0 < result.estimation.chi2_std == whole.chi2_std
     assert not any(left.values for left in result.estimation.residuals)
-
-
-def test_compare_needs_two(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["compare", str(session)]) == 2
-    assert "two sessions" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--out", "--pdf"])
@@ -156,13 +145,3 @@ def test_an_export_does_not_overwrite_its_session(
     assert run(["export", str(session), "--format", "mat", "--out", str(where), "--force"]) == 2
     assert "car.h5: is read here (name another file" in capsys.readouterr().err
     assert session.read_bytes() == held
-
-
-def test_figures_need_a_folder(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("")
-    out = ["--out", str(tmp_path / "r.html"), "--figures", str(tmp_path / "file")]
-    assert run(["report", str(session), *out]) == 2
-    assert "file: is not a folder (name another folder)" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]

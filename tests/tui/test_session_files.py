@@ -50,30 +50,6 @@ def test_the_suffix_tells_the_format_and_a_folder_the_place(
     assert text.splitlines()[:2] == ["time_s;az [m/s2];pitch [rad/s];quality", "0,0;9,75;0,25;0"]
 
 
-@pytest.mark.parametrize(
-    ("options", "what"),
-    [
-        ([], "neither --format nor --out"),
-        (["--format", "xls"], "xls"),
-        (["--out", "x.xls"], ".xls is not an export format"),
-        (["--format", "mat", "--run", "warp"], "there is no run warp"),
-        (["--format", "csv", "--separator", ",", "--decimal", ","], "--separator"),
-        (["--format", "mat", "--decimal", ","], "--separator, --decimal: mat has neither"),
-        (["--out", "x.parquet", "--separator", ";"], "parquet has neither (use --format csv)"),
-        (["--out", "/dev/null/x.mat"], "name another folder"),
-    ],
-)
-def test_what_cannot_be_exported(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str, options: list[str], what: str
-) -> None:
-    assert run(["export", car, *options]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert len(err.splitlines()) == 1
-    assert what in err
-    assert [path.name for path in tmp_path.iterdir()] == ["car.h5"]
-
-
 def test_validate(capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str) -> None:
     broken, prose = tmp_path / "broken.h5", tmp_path / "prose.h5"
     broken.write_bytes(Path(car).read_bytes())

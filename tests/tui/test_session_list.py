@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 
 from daq import write_session
-from daq.errors import InputError
 from tui.jobs.gain import measured_spread
-from tui.jobs.lines import ended, trouble_of
 from tui.jobs.session_list import (
     EntryState,
     SessionEntry,
@@ -138,17 +136,6 @@ def test_a_journal_without_a_whole_head_is_no_recording(tmp_path: Path) -> None:
     (tmp_path / "journal").mkdir()
     (tmp_path / "journal" / "journal_0001.mcap").write_bytes(b"no journal at all")
     assert list(sessions_in(tmp_path)) == []
-
-
-def test_an_ended_worker_says_how_it_ended() -> None:
-    assert "by signal 9" in ended(-9, "a.h5").what
-    assert "with code 0" in ended(0, "a.h5").what
-    assert "with code 1" in ended(1, "a.h5").text
-    lacking = trouble_of(MemoryError(), "a\x1b.h5")
-    assert "memory" in lacking.what
-    assert lacking.where.isprintable()
-    assert trouble_of(InputError("x", "y", "z"), "w").text == "x: y (z)"
-    assert trouble_of(ValueError("odd"), "w").what == "ValueError: odd"
 
 
 @pytest.mark.parametrize(

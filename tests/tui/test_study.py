@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from multiprocessing import active_children
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
-from dbc.errors import InputError
 from tui.cli import run
 from tui.jobs import executors
 from tui.jobs.executors import map_items
@@ -76,26 +74,6 @@ def test_noise_in_worker_processes(capsys: pytest.CaptureFixture[str], tmp_path:
     assert active_children() == []
 
 
-def test_workers_answer_in_the_order_of_the_items() -> None:
-    shares: list[float] = []
-    found = map_items(abs, range(-5, 3), 2, lambda done, text="": shares.append(done), "sizes")
-    assert found == [5, 4, 3, 2, 1, 0, 1, 2]
-    assert shares == [(i + 1) / 8 for i in range(8)]
-    assert active_children() == []
-
-
-def test_what_fails_in_a_worker_fails_here() -> None:
-    with pytest.raises(ValueError, match="math domain"):
-        map_items(math.sqrt, range(-1, 1), 1, _silent, "roots")
-    assert active_children() == []
-
-
-def test_a_worker_that_dies_is_reported() -> None:
-    with pytest.raises(InputError, match="ends: a worker process died"):
-        map_items(os._exit, range(3), 1, _silent, "ends")
-    assert active_children() == []
-
-
 def test_ctrl_c_ends_the_workers(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -109,45 +87,3 @@ def test_ctrl_c_ends_the_workers(
     assert run(["study", "noise", "--fits", "50"]) == 130
     assert capsys.readouterr() == ("", "")
     assert active_children() == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["table2", "--response", "rough"], "rough"),
-        (["table3", "--rate-hz", "100"], "16 Hz"),
-        (["table3", "--fits", "0"], "--fits"),
-        (["fig2", "--figure", "/dev/null/x.svg"], "name another folder"),
-        (["fig3", "--figure", "picture.png"], "SVG"),
-        (["fig9", "--rate-hz", "nan"], "nan Hz"),
-        (["fig9", "--noise-db", "inf"], "inf dB"),
-        (["fig9", "--seed", "-1"], "--seed"),
-        (["noise", "--cases", "bounce,wrap"], "wrap"),
-        (["noise", "--cases", ","], "cases"),
-        (["noise", "--cases", "roll,roll"], "twice"),
-        (["noise", "--noise-db", "nan"], "nan dB"),
-        (["noise", "--noise-db", "inf"], "inf dB"),
-        (["noise", "--rate-hz", "1e9"], "1e+09 Hz"),
-        (["noise", "--sensors", "nose"], "nose"),
-        (["noise", "--workers", "0"], "--workers"),
-        (["noise", "--figure", "."], "."),
-    ],
-)
-def test_mistakes_are_named_in_one_line(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], named: str
-) -> None:
-    assert run(["study", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    (line,) = err.splitlines()
-    assert line.startswith("bumpbench: error: ")
-    assert named in line
-
-
-def test_a_figure_that_cannot_be_written(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    folder = tmp_path / "folder.svg"
-    folder.mkdir()
-    assert run(["study", "fig2", "--figure", str(folder)]) == 2
-    assert "is a directory" in capsys.readouterr().err

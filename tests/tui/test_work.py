@@ -17,7 +17,6 @@ from threading import enumerate as enumerate_threads
 import pytest
 
 import daq
-from daq.errors import InputError
 from daq.runs import RunStatus
 from tui.jobs.lines import (
     CompareTask,
@@ -31,11 +30,7 @@ from tui.jobs.lines import (
     ReportTask,
     Task,
     Trouble,
-    line_bytes,
-    parse_line,
-    parse_task,
     task_text,
-    trouble_of,
 )
 from tui.jobs.outcome_of import without
 from tui.jobs.session_list import EntryState, SessionEntry, entry_line, found
@@ -85,31 +80,6 @@ LINES: tuple[Line, ...] = (
     Done({"numbers": [1.0, 2.5]}),
     Trouble("a.h5", "no such file", "name another"),
 )
-
-
-@pytest.mark.parametrize("task", TASKS)
-def test_a_task_crosses_the_command_line(task: Task) -> None:
-    assert parse_task(task_text(task)) == task
-
-
-@pytest.mark.parametrize("line", LINES)
-def test_a_line_crosses_the_pipe(line: Line) -> None:
-    text = line_bytes(line)
-    assert text.count(b"\n") == 1
-    assert text.endswith(b"\n")
-    assert parse_line(text) == line
-
-
-@pytest.mark.parametrize("text", [b"", b"{", b"[]", b"warning: x\n", b'{"line": "done"}', b"\xff"])
-def test_what_is_no_line_is_passed_over(text: bytes) -> None:
-    assert parse_line(text) is None
-
-
-def test_an_error_keeps_its_advice() -> None:
-    error = InputError("a.h5", "is damaged", "build it again")
-    assert trouble_of(error, "x") == Trouble("a.h5", "is damaged", "build it again")
-    assert "RuntimeError" in trouble_of(RuntimeError("boom\x1b"), "x").what
-    assert "\x1b" not in trouble_of(RuntimeError("boom\x1b"), "x").what
 
 
 def test_progress_never_goes_back_and_names_each_stage_once() -> None:

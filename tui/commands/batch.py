@@ -104,7 +104,8 @@ def batch(
         raise
     finally:
         work.close()
-        _write(out, page, rows)
+        if rows:
+            _write(out, page, rows)
     seconds = round(perf_counter() - began_s, 2)
     mine = [rows[key] for key in jobs if key in rows]
     verdicts = dict(Counter(str(row["verdict"]) for row in mine))

@@ -1,0 +1,306 @@
+"""A mistake of a user is one line that says what is wrong and what to do, with its exit code."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from threading import Thread
+
+import h5py
+import numpy as np
+import pytest
+
+import daq
+from daq.bench.config import default_bench_text
+from tui.cli import run
+from tui.diagnostics import unknown_value
+
+from ..daq.small_campaign import bumps, small_codec
+from ..daq.small_session import small_session
+from .test_import import BENCH, write_log
+
+Said = Callable[..., str]
+FRAME = "(1436509052.249713) can0 100#0011223344556677\n"
+MESSAGE = 'VERSION ""\nBU_: A\nBO_ 256 M: 8 A\n SG_ x : {signal} "m/s2" A\n'
+SIGNAL = "0|16@1- (0.1,0) [0|0]"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a session, a log and its bench, which no mistake may change."""
+    folder = tmp_path_factory.mktemp("bench")
+    daq.write_session(folder / "car.h5", small_session())
+    (folder / "bench.toml").write_text(BENCH)
+    write_log(folder / "all.log", bumps(small_codec(), 4))
+    (folder / "other.log").write_text("(1.0) can0 7DF#02010500\n(1.1) can0 7E8#0341057B\n")
+    for name in ("prose.h5", "prose.mcap", "notes.docx"):
+        (folder / name).write_text("no session, and no journal\x1b[31m")
+    (folder / "figure.svg").mkdir()
+    bus = "[bus]\ninterface = "
+    for name, text in (
+        ("strange", bus + '"warp_drive"'),
+        ("serial", bus + '"slcan"\nchannel = "/dev/no_such_tty"'),
+        ("absent", bus + '"socketcan"\nchannel = "can77"'),
+    ):
+        (folder / f"{name}.toml").write_text(text)
+    signal = default_bench_text().replace("IMU_Accel.acc_z", "IMU_Accel.acc_zz")
+    (folder / "signal.toml").write_text(signal, "utf-8")
+    counter = '\n[[message]]\nname = "IMU_Accel"\ncounter = "nope"\n'
+    (folder / "counter.toml").write_text(default_bench_text() + counter, "utf-8")
+    return folder
+
+
+@pytest.fixture
+def said(capfd: pytest.CaptureFixture[str]) -> Said:
+    """Run a command with a mistake and return the one line that it says."""
+
+    def line(words: list[str], code: int = 2) -> str:
+        assert run(words) == code
+        out, err = capfd.readouterr()  # the recorder's log goes to the descriptor itself
+        lines = [line for line in err.splitlines() if not line.startswith("bumpbench: left out:")]
+        assert out == ""
+        assert len(lines) == 1, err
+        assert lines[0].startswith("bumpbench: error: ")
+        assert lines[0].endswith(")")  # what to do
+        assert all(c.isprintable() for c in lines[0])
+        return lines[0]
+
+    return line
+
+
+MISTAKES = {
+    # the command line itself
+    "identfy": "identify",
+    "recrod": "(bumpbench --help lists what there is)",
+    "--no": "--no",
+    "identify": "bumpbench identify --help",
+    "demo --seed x": "'--seed': must be a valid integer",
+    "demo --seed -3": "--seed",
+    "tui --demoo": ": --demoo. Did you mean --demo? (bumpbench tui --help lists what there is)",
+    "tui --speed fast": "'--speed': must be a valid number (bumpbench tui --help lists what",
+    "tui --demo --fault double-bum": "did you mean double-bump?",
+    "export car.h5 --format mf5": "Did you mean mf4?",
+    "study tabel2": "(bumpbench study --help lists what there is)",
+    # files
+    "identify absent.h5": "absent.h5",
+    "inspect absent.h5": "absent.h5",
+    "decode absent.h5": "absent.h5",
+    "identify prose.h5": "prose.h5",
+    "inspect .": "is a directory",
+    "report /": "is a directory",
+    "redecode . --dbc a.dbc": "is a directory",
+    "recover prose.mcap --out new.h5": "prose.mcap",
+    "decode other.log": "none of its 2 frames",
+    "decode notes.docx": ".docx",
+    "display absent": "does not exist",
+    "display bench.toml": "is not a folder",
+    "validate": "no file is given",
+    # words that do not fit together
+    "decode all.log bench.toml --dbc x.dbc": "exclude each other",
+    "decode all.log --sensor front": "names no bench",
+    "import": "names no log",
+    "import --run baseline:roll:all.log --skip 1": "for logs of many runs",
+    "import --run baseline:roll:all.log --runs baseline:roll": "of many runs",
+    "import all.log --run baseline:roll:all.log": "both logs and --run",
+    "import --run baseline:all.log": "--run",
+    "import all.log bench.toml --skip 4": "no bump is left",
+    "import all.log --channels map.toml --bus 0": "without a bus",
+    "import all.log --out all.log/out.h5": "name another folder",
+    "check --layout a --layout b --log all.log": "is named twice",
+    "check --push 3 --log all.log": "--push: is for --propose",
+    "plan bench.toml --bench bench.toml": "is named twice",
+    "decode a.blf bench.toml --config bench.toml": "is named twice",
+    "check bench.toml a.blf --log a.blf": "is named twice",
+    # a bench
+    "check signal.toml other.log": "has no signal 'IMU_Accel.acc_zz' (did you mean IMU_Accel.acc_",
+    "plan signal.toml": "signal of channel body_acc_z: ",
+    "check counter.toml other.log": "message IMU_Accel: has no signal nope, which counter names (",
+    "record": "udp_multicast",
+    "simulate": "udp_multicast",
+    "plan .": ".: is a directory",
+    "plan /dev/null": "/dev/null: is not a",
+    "check --dbc x.dbc": "is for --propose",
+    "check --layout nosuch --log x.log": "there is no such layout",
+    "check x.toml --layout sbg_ecan": "exclude each other",
+    "check --log nosuch.log": "nosuch.log",
+    "check nosuch.toml": "nosuch.toml",
+    "check absent.blf": "absent.blf",
+    "check": "virtual",
+    "check --bitrate 250000": "--bitrate: is for --propose",
+    "check --propose /dev/null/new.toml": "/dev/null: is not a folder",
+    # the desk
+    "report car.h5 --format png": "is for --figures",
+    "report car.h5 --figures all.log": "all.log: is not a folder",
+    "compare car.h5": "name two sessions or more",
+    "batch no/such/*.h5": "no/such/*.h5",
+    "batch figure.svg": "no session file",
+    "batch": "files",
+    "batch car.h5 --out table.xlsx": ".parquet",
+    "batch car.h5 --out car.h5/t.csv": "car.h5: is not a folder",
+    "batch car.h5 --workers 0": "--workers",
+    "batch car.h5 --workers 2 --scheduler tcp://127.0.0.1:1": "--scheduler",
+    "batch car.h5 --scheduler nonsense": "nonsense",
+    # export
+    "export car.h5": "neither --format nor --out",
+    "export car.h5 --format xls": "xls",
+    "export car.h5 --out x.xls": ".xls is not an export format",
+    "export car.h5 --format mat --run warp": "there is no run warp",
+    "export car.h5 --format csv --separator , --decimal ,": "--separator",
+    "export car.h5 --format mat --decimal ,": "--separator, --decimal: mat has neither",
+    "export car.h5 --out /dev/null/x.mat": "name another folder",
+    "export car.h5 --format csv --sensor front": "front",
+    "export car.h5 --format csv --bus can9": "can9",
+    "export car.h5 --format csv --bus 7": "--bus 7: has no frame in the session",
+    # study
+    "study table2 --response rough": "rough",
+    "study table3 --rate-hz 100": "16 Hz",
+    "study fig2 --figure /dev/null/x.svg": "name another folder",
+    "study fig2 --figure figure.svg": "is a directory",
+    "study fig3 --figure picture.png": "SVG",
+    "study fig9 --rate-hz nan": "nan Hz",
+    "study noise --cases bounce,wrap": "wrap",
+    "study noise --cases ,": "cases",
+    "study noise --cases roll,roll": "twice",
+    "study noise --noise-db inf": "inf dB",
+    "study noise --rate-hz 1e9": "1e+09 Hz",
+    "study noise --workers 0": "--workers",
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_mistake_is_one_line(
+    words: str, folder: Path, said: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    before = sorted(folder.rglob("*"))
+    assert MISTAKES[words] in said(words.split())
+    assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize("bench", ["strange", "serial", "absent"])
+@pytest.mark.parametrize("command", ["record", "simulate"])
+def test_no_such_bus_is_exit_4(bench: str, command: str, folder: Path, said: Said) -> None:
+    out = folder / "out"
+    words = [command, str(folder / f"{bench}.toml")]
+    said([*words, *(["--out", str(out)] if command == "record" else [])], 4)
+    assert not out.exists()
+
+
+def test_a_value_that_is_like_none_names_no_nearest() -> None:
+    assert "mean" not in str(unknown_value("--theme", "zzz", "theme", ["bench-dark"]))
+
+
+def test_a_folder_that_may_not_be_entered(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: Said
+) -> None:
+    def denied(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "is_dir", denied)
+    line = said(["recover", str(tmp_path / "private" / "today")])
+    assert "private/today: access is denied" in line
+
+
+DBC: dict[str, bytes] = {
+    "empty": b"",
+    "NULs": b"\0" * 1000,
+    "UTF-16": (MESSAGE.format(signal=SIGNAL)).encode("utf-16"),
+    "binary": bytes(range(256)) * 20,
+    "XML": b'<?xml version="1.0"?><a><b/></a>',
+    "prose": b"Dear colleague, here is the database you asked for.\n" * 20,
+    "truncated": MESSAGE.format(signal=SIGNAL).encode()[:45],
+    "outside the message": MESSAGE.format(signal="60|16@1- (0.1,0) [0|0]").encode(),
+    "length 0": MESSAGE.format(signal="0|0@1- (0.1,0) [0|0]").encode(),
+    "length 10^6": MESSAGE.format(signal="0|1000000@1- (0.1,0) [0|0]").encode(),
+    "factor 0": MESSAGE.format(signal="0|16@1- (0,0) [0|0]").encode(),
+    "factor inf": MESSAGE.format(signal="0|16@1- (1e400,0) [0|0]").encode(),
+    "standard id above 11 bits": MESSAGE.format(signal=SIGNAL).replace("256", "4096").encode(),
+    "duplicate id": (
+        MESSAGE.format(signal=SIGNAL) + f'\nBO_ 256 N: 8 A\n SG_ y : {SIGNAL} "m/s2" A\n'
+    ).encode(),
+    "too large": b"CM_ " + b"x" * 6_000_000,
+}
+BAD_BENCH: dict[str, bytes] = {
+    "bad UTF-8": b'[vehicle]\nname = "\xff\xfe"\n',
+    "duplicate key": b"[campaign]\nrepeats = 1\nrepeats = 2\n",
+    "unterminated": b'[vehicle]\nname = "Granada\n',
+    "no table": b"campaign = 3\n",
+    "deep": b"a = " + b"[" * 5000,
+    "big integer": b"[campaign]\nrepeats = " + b"9" * 5000,
+    "unknown key": b"[campaign]\nrepaets = 1\n",
+    "wrong type": b'[campaign]\nrepeats = "two"\n',
+    "negative": b"[trigger]\npre_s = -1.0\n",
+    "nan": b"[trigger]\nlevel = nan\n",
+    "no such DBC": b'dbc = "nowhere/absent.dbc"\n',
+    "unknown fact": b'[[fact]]\nquantity = "colour"\nvalue = 1.0\nsigma = 1.0\n',
+    "fact without sigma": b'[[fact]]\nquantity = "total_mass_kg"\nvalue = 1.0\nsigma = 0.0\n',
+    "too large": b"# " + b"x" * 1_100_000,
+}
+
+
+@pytest.mark.parametrize("case", DBC)
+def test_dbc(case: str, said: Said, tmp_path: Path) -> None:
+    (tmp_path / "bus.log").write_text(FRAME)
+    (tmp_path / "bad.dbc").write_bytes(DBC[case])
+    words = ["decode", str(tmp_path / "bus.log"), "--dbc", str(tmp_path / "bad.dbc")]
+    assert "bad.dbc" in said(words)
+
+
+@pytest.mark.parametrize("case", BAD_BENCH)
+def test_bench(case: str, said: Said, tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_bytes(BAD_BENCH[case])
+    for command in ("plan", "record"):
+        line = said([command, str(tmp_path / "bad.toml")])
+        assert ("absent.dbc" if case == "no such DBC" else "bad.toml") in line
+    assert ("campaign.repaets" in line) == (case == "unknown key")
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
+
+
+def _foreign(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["data"] = np.arange(3)
+
+
+def _newer(path: Path, version: int = 99) -> None:
+    with h5py.File(path, "w") as file:
+        file.attrs["schema"] = "bumpbench-session"
+        file.attrs["schema_version"] = version
+
+
+def _linked(path: Path) -> None:
+    _newer(path, 1)
+    with h5py.File(path, "a") as file:
+        file["session"] = h5py.ExternalLink("/etc/hostname", "/")
+
+
+def _huge(path: Path) -> None:
+    _newer(path, 1)
+    with h5py.File(path, "a") as file:
+        file.create_dataset("channels/name", shape=(2**40,), dtype="S64", chunks=(1024,))
+
+
+@pytest.mark.parametrize("command", ["inspect", "identify", "report", "export --format mat"])
+@pytest.mark.parametrize("make", [Path.touch, Path.mkdir, _foreign, _newer, _linked, _huge])
+def test_session(make: Callable[[Path], None], command: str, said: Said, tmp_path: Path) -> None:
+    make(tmp_path / "bad.h5")
+    assert "bad.h5" in said([*command.split(), str(tmp_path / "bad.h5")])
+
+
+@pytest.mark.parametrize(
+    "command", ["import a.log", "check a.toml", "record a.toml", "plan a.toml"]
+)
+def test_a_fifo_is_named_and_never_opened(
+    command: str, said: Said, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Opening one waits until something is written to it."""
+    monkeypatch.chdir(tmp_path)
+    words = command.split()
+    os.mkfifo(fifo := tmp_path / words[1])
+    writer = Thread(target=lambda: fifo.write_bytes(b"# a bench\n"), daemon=True)
+    writer.start()
+    assert f"{words[1]}: is not a regular file" in said(words)
+    assert writer.is_alive(), "a reader came"
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    writer.join()
+    os.close(reader)
