@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from dbc.errors import InputError
-from tui.jobs.helpers import helpers
+from tui.jobs.executors import helpers
 
 LIGHT = ("json",)
 PATIENCE_S = 30.0
@@ -50,7 +50,7 @@ def test_helpers_work_where_the_folder_of_temporary_files_has_a_long_path(
     folder = short / ("t" * (length - len(str(short)) - 1))
     folder.mkdir(parents=True)
     program = (
-        "import tempfile; from tui.jobs.helpers import helpers\n"
+        "import tempfile; from tui.jobs.executors import helpers\n"
         "from multiprocessing.util import get_temp_dir\n"
         "with helpers(('json',)) as pool:\n"
         "    print(pool.submit(abs, -3).result())\n"
@@ -77,7 +77,7 @@ def test_helpers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     program = tmp_path / "parent.py"
     program.write_text(
         "import os, time\n"
-        "from tui.jobs.helpers import helpers\n"
+        "from tui.jobs.executors import helpers\n"
         "if __name__ == '__main__':\n"
         "    with helpers(('json',)) as pool:\n"
         "        print(*{pool.submit(os.getpid).result() for _ in range(20)}, flush=True)\n"

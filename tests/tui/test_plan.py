@@ -19,7 +19,7 @@ from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
 from tui.cli import run
-from tui.jobs.expected_car import of_session, typical, with_structure
+from tui.jobs.planning import of_session, typical, with_structure
 
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
 

@@ -128,7 +128,7 @@ def test_a_killed_child_is_reported(session: Path) -> None:
         if not killed:
             children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text()
             for pid in map(int, children.split()):
-                if b"tui.jobs.work" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                if b"tui.jobs.worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
                     os.kill(pid, signal.SIGKILL)
                     killed.append(pid)
 
@@ -163,7 +163,7 @@ def test_a_screen_closed_twice_in_a_row_leaves_nothing_open(tmp_path: Path, turn
 
 def test_the_child_ends_when_its_terminal_does(session: Path) -> None:
     task = task_text(IdentifyTask(str(session)))
-    command = [sys.executable, "-m", "tui.jobs.work", task]
+    command = [sys.executable, "-m", "tui.jobs.worker", task]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
         assert child.stdin is not None
         assert child.stdout is not None

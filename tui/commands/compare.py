@@ -28,8 +28,8 @@ def compare(
     from identify.compare import compare as compared
 
     from ..diagnostics import PAGES, require_ending
-    from ..jobs.comparing import identified, print_comparison
-    from ..output import print_json, progress
+    from ..jobs.comparing import comparison_lines, identified, labels_of
+    from ..output import print_json, print_line, progress
 
     if len(sessions) < 2:
         raise typer.BadParameter("name two sessions or more")
@@ -39,7 +39,7 @@ def compare(
     with progress("compare") as stage:
         stage(0.0, f"{len(sessions)} sessions")
         results = identified([str(path) for path in sessions], stage)
-    labels = _labels(sessions)
+    labels = labels_of(sessions)
     comparison = compared(labels, results)
     if page is not None:
         from identify.report import comparison_html
@@ -49,14 +49,7 @@ def compare(
     if json:
         print_json(comparison.document())
     else:
-        print_comparison(comparison)
+        for line in comparison_lines(comparison):
+            print_line(line)
     refused = "refused" in comparison.verdicts
     return ExitCode.ANSWER_IS_NO if refused else ExitCode.OK
-
-
-def _labels(paths: list[Path]) -> list[str]:
-    """Return the names of files, with their folders where two names are equal."""
-    names = [path.stem for path in paths]
-    if len(set(names)) < len(names):
-        names = [f"{path.parent.name}/{path.stem}" for path in paths]
-    return names if len(set(names)) == len(names) else [str(path) for path in paths]

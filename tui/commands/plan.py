@@ -48,8 +48,7 @@ def plan(
     from identify.plan import KnownRuns, advise, compare_campaigns
 
     from ..bench import named_once
-    from ..jobs.expected_car import of_session, typical, with_structure
-    from ..jobs.planning import planned
+    from ..jobs.planning import of_session, planned, typical, with_structure
     from ..output import print_json, progress
 
     bench = named_once(bench, old, "bench.toml")

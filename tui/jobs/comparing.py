@@ -1,10 +1,12 @@
-"""Compares sessions: identifies them in several processes, and prints tables of differences."""
+"""Compares sessions: identifies them in several processes, and states the differences as text."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
+from textwrap import wrap
 
 from daq import read_session
 from identify import Identification, identify_parameters
@@ -14,7 +16,7 @@ from identify.numbers import plus_minus, plus_minus_percent, rounded
 from identify.report.comparison import unchanged_line
 from identify.report.words import NOT_OK
 
-from ..output import Stage, print_line, print_table
+from ..output import Stage
 from .executors import map_items
 
 
@@ -36,59 +38,83 @@ def _results(path: str) -> Identification:
     return replace(result, estimation=replace(result.estimation, residuals=left), residuals=())
 
 
-def print_comparison(comparison: Comparison) -> None:
-    """Write every difference from the first session, then trends where there are some."""
-    first = comparison.labels[0]
-    if comparison.unlike:
-        print_line(f"stated differently (is it one car?): {'; '.join(comparison.unlike)}")
-        print_line()
-    if comparison.change is not None:
-        print_line(comparison.change.sentence)
-        print_line(unchanged_line(comparison.change))
-        print_line()
-    for which, label in enumerate(comparison.labels[1:]):
-        for title, rows in (
-            ("Parameters", comparison.parameters),
-            ("Forces of one corner (damper; corner: with friction)", comparison.forces),
-            ("Modes", comparison.modes),
-        ):
-            if not rows:
-                continue
-            _print_differences(f"{title}: {label} minus {first}", rows, which)
-            print_line()
-    if len(comparison.labels) > 2:
-        _print_trends(comparison)
-        print_line()
-    if comparison.open:
-        print_line(f"not compared, not determined in a session: {', '.join(comparison.open)}")
-    for label, verdict in zip(comparison.labels, comparison.verdicts, strict=True):
-        print_line(f"verdict of {label}: {verdict}")
+def labels_of(paths: Sequence[Path]) -> list[str]:
+    """Return the names of files, with their folders where two names are equal."""
+    names = [path.stem for path in paths]
+    if len(set(names)) < len(names):
+        names = [f"{path.parent.name}/{path.stem}" for path in paths]
+    return names if len(set(names)) == len(names) else [str(path) for path in paths]
+
+
+def comparison_lines(comparison: Comparison) -> Iterator[str]:
+    """Yield every difference from the first session in lines of 80 columns, then trends."""
+    for number, label in enumerate(comparison.labels, start=1):
+        yield f"{number}  {label}: {comparison.verdicts[number - 1]}"
     if set(comparison.verdicts) != {"ok"}:
-        print_line(NOT_OK)
-    print_line(
-        "z: each quantity by itself; errors of the sessions are taken as independent"
-        + (f"; in common are {', '.join(comparison.common)}." if comparison.common else ".")
+        yield NOT_OK
+    yield ""
+    if comparison.unlike:
+        yield from wrap(f"Stated differently (is it one car?): {'; '.join(comparison.unlike)}.", 79)
+        yield ""
+    if comparison.change is not None:
+        yield from wrap(comparison.change.sentence, 79)
+        yield from wrap(unchanged_line(comparison.change), 79)
+        yield ""
+    for which in range(len(comparison.labels) - 1):
+        yield from _differences(comparison, which)
+        yield ""
+    if len(comparison.labels) > 2:
+        yield f"{'Trend':<26}{'per session':>24}{'chi2 / n':>14}   at 95 %"
+        yield from (line for row in comparison.quantities for line in _trend(row))
+        yield ""
+    if comparison.open:
+        yield f"Not compared, not determined in a session: {', '.join(comparison.open)}."
+    common = f"; in common are {', '.join(comparison.common)}" if comparison.common else ""
+    yield f"Errors of the sessions are taken as independent{common}."
+
+
+def _differences(comparison: Comparison, which: int) -> Iterator[str]:
+    """Yield the differences of one session from the first, parameters before modes."""
+    number = f"{which + 2}"
+    rows = [row for row in comparison.quantities if row.differences[which].significant]
+    if rows:
+        yield f"{number}: each by itself, at 95 % among all quantities, {len(rows)} differ:"
+        yield from wrap(f"  {', '.join(row.name for row in rows)}", 79, subsequent_indent="  ")
+    else:
+        yield f"{number}: each by itself, nothing differs beyond what noise alone would give."
+    for title, quantities in (
+        ("Parameters", comparison.parameters),
+        ("Forces of one corner", comparison.forces),
+        ("Modes", comparison.modes),
+    ):
+        if quantities:
+            yield ""
+            yield f"{title:<26}{'1':>10}{number:>10}{f'{number} minus 1':>17}{'z':>8}"
+            yield from (line for row in quantities for line in _difference(row, which))
+
+
+def _difference(row: Compared, which: int) -> Iterator[str]:
+    a, b = (
+        rounded(e.value, e.low, e.high)[0] for e in (row.estimates[0], row.estimates[which + 1])
     )
+    difference = row.differences[which]
+    share = plus_minus_percent(difference.value, difference.half, row.estimates[0].value)
+    word = "  differs" if difference.significant else ""
+    yield from _named(row, f"{a:>10}{b:>10}{share:>17}{difference.z:>+8.2f}{word}")
 
 
-def _print_differences(title: str, quantities: tuple[Compared, ...], which: int) -> None:
-    rows = []
-    for row in quantities:
-        a, b, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
-        values = [rounded(e.value, e.low, e.high)[0] for e in (a, b)]
-        share = plus_minus_percent(d.value, d.half, a.value)
-        found = "differs" if d.significant else ""
-        rows.append([row.name, *values, unit_text(a.unit), share, f"{d.z:+.2f}", found])
-    print_table(title, ["", "first", "this", "unit", "difference", "z", "at 95 %"], rows)
+def _trend(row: Compared) -> Iterator[str]:
+    if (t := row.trend) is not None:
+        words = " ".join(["drifts"] * t.drifts + ["varies"] * t.varies)
+        cells = f"{plus_minus(t.slope, t.half):>24}{f'{t.chi2:,.1f} / {t.freedom}':>14}   {words}"
+        yield from _named(row, cells.rstrip())
 
 
-def _print_trends(comparison: Comparison) -> None:
-    rows = []
-    for row in comparison.quantities:
-        t = row.trend
-        if t is not None:
-            found = " ".join(["drifts"] * t.drifts + ["varies"] * t.varies)
-            slope = plus_minus(t.slope, t.half)
-            unit = unit_text(row.estimates[0].unit)
-            rows.append([row.name, slope, unit, f"{t.chi2:,.1f} / {t.freedom}", found])
-    print_table("Trend", ["", "per session", "unit", "chi2 / n", "at 95 %"], rows)
+def _named(row: Compared, cells: str) -> Iterator[str]:
+    """Yield the line of a quantity; a name that is too long for its column is a line before it."""
+    unit = unit_text(row.estimates[0].unit)
+    name = f"{row.name}, {unit}" if unit else row.name
+    if len(name) > 25:
+        yield name
+        name = ""
+    yield f"{name:<26}{cells}"

@@ -1,20 +1,27 @@
-"""Applies a function to many items, in processes of this machine or on a Dask cluster."""
+"""Applies a function to many items, in processes of this machine or on a Dask cluster.
+
+Processes share loaded libraries, ignore Ctrl-C and end with their parent.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import gc
+import os
 import signal
+import tempfile
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from itertools import islice
-from multiprocessing import active_children
+from multiprocessing import active_children, get_all_start_methods, get_context, parent_process
+from multiprocessing.connection import wait as wait_for
+from multiprocessing.context import BaseContext
+from multiprocessing.util import get_temp_dir
+from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar
-
-from .start import end_with_parent, preloaded
 
 if TYPE_CHECKING:
     from ..output import Stage
@@ -23,6 +30,11 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _CONNECT_S = 4.0
+_LONGEST_FOLDER = 70
+"""Longest path of a folder, bytes, in which multiprocessing can have its sockets: it adds 32 bytes,
+and macOS takes 103, Linux 107."""
+_HELPERS = 2
+"""Number of helpers: one works while the parent works, both while the parent waits."""
 _LOOK_AFTER_S = 60.0
 """Time without a result after which the cluster is asked whether it still has workers, s."""
 
@@ -114,7 +126,7 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
     """
     from dbc import InputError
 
-    pool = ProcessPoolExecutor(workers, preloaded(modules), _prepare_process)
+    pool = ProcessPoolExecutor(workers, _preloaded(modules), _prepare_process)
     try:
         yield pool
     except BaseException as error:
@@ -131,8 +143,71 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
 def _prepare_process() -> None:
     """Leave Ctrl-C to the parent, end with it, and search what is loaded for garbage no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()
+    _end_with_parent()
     gc.freeze()
+
+
+def _preloaded(modules: Sequence[str]) -> BaseContext:
+    """Return a context that starts processes with these modules, which are loaded once for all."""
+    if "forkserver" not in get_all_start_methods():  # Windows: each process loads its own
+        return get_context("spawn")
+    _place_sockets()
+    context = get_context("forkserver")
+    context.set_forkserver_preload(list(modules))
+    return context
+
+
+def _place_sockets() -> None:
+    """Place the sockets of processes in /tmp if that of temporary files has too long a path."""
+    if len(os.fsencode(tempfile.gettempdir())) <= _LONGEST_FOLDER:
+        return
+    before, tempfile.tempdir = tempfile.tempdir, "/tmp"
+    try:
+        with suppress(OSError):  # the start of a process reports it
+            get_temp_dir()  # made once, and kept for this process
+    finally:
+        tempfile.tempdir = before
+
+
+def _end_with_parent() -> None:
+    """Make a worker end when its parent is killed; otherwise it would wait for work for ever."""
+    parent = parent_process()
+    assert parent is not None  # a worker has a parent
+
+    def watch() -> None:
+        wait_for([parent.sentinel])
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def helpers(modules: Sequence[str]) -> Iterator[Executor]:
+    """Yield processes that share the work of one identification or report.
+
+    Their libraries take a second to load: start them when the parent has begun a fit, which keeps
+    one processor busy.
+
+    Raises InputError if no process can be started, or one dies.
+    """
+    from dbc import InputError
+
+    with processes(_HELPERS, modules) as pool:
+
+        def start() -> None:
+            with suppress(OSError):  # a use raises it again
+                for _ in range(_HELPERS):
+                    pool.submit(int)
+
+        starting = Thread(target=start)  # it waits for the libraries
+        starting.start()
+        try:
+            yield pool
+        except BrokenProcessPool:
+            what, advice = "a helper process died", "close other programs: it needs memory"
+            raise InputError("helpers", what, advice) from None
+        finally:
+            starting.join()
 
 
 _Crew = tuple[Executor, int, Callable[[], None]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import nan
 from typing import TYPE_CHECKING
@@ -13,10 +13,10 @@ from identify import usable_session
 from identify.document import survival_lines, unit_text
 from identify.estimate_text import ends_text, half_percent, half_text, value_text
 from identify.numbers import half_width, largest_share, rounded
+from identify.report import damper_columns, damper_rows, element_answer
 from identify.report.decays import Trace, decay_traces
 from identify.report.words import HEADLINE, MEANING, parameter_words, plain
 
-from .damper_lines import damper_lines
 from .outcome import Curve, Estimated, FindingRow, ModeRow, Outcome, Row, RunOutcome, StateOutcome
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from identify import Document, Identification
-    from identify.document import EstimateEntry
+    from identify.document import EstimateEntry, ForcesEntry
 
 _LEFT_OUT = "left out for a trial"
 
@@ -144,3 +144,25 @@ def _curve(trace: Trace) -> Curve:
 
 def _mean(row: Mapping[str, float]) -> float:
     return sum(row.values()) / len(row) if row else nan
+
+
+def damper_lines(forces: ForcesEntry) -> Iterator[str]:
+    """Yield force at speeds, elements, remarks, and which elements were tried."""
+    yield "Force of one corner at the wheel, N ± half of the 95 % interval"
+    yield "over its speed, compression positive; on the right of each with friction"
+    yield f"{'m/s':>6}" + "".join(f"{name:>18}" for name in damper_columns(forces))
+    for speed, *texts in damper_rows(forces):
+        yield f"{speed:>6}" + "".join(f"{text:>18}" for text in texts)
+    yield ""
+    yield f"{'element of one corner':<30}{'value':>14} {'':<6}{'95 % interval':>26}"
+    for axle, one in forces["axles"].items():
+        for name, e in one["elements"].items():
+            unit = "" if e["reason"] else unit_text(e["unit"])
+            head = f"{axle} {plain(name)}"
+            yield f"{head:<30}{value_text(e):>14} {unit:<6}{ends_text(e):>26}"
+    for axle, one in forces["axles"].items():
+        yield from (f"  {axle} {note}" for note in one["notes"])
+    yield ""
+    yield "Elements that were tried"
+    for tried in forces["elements"]:
+        yield f"  {plain(tried['name']):<30}{element_answer(tried)}"

@@ -1,14 +1,17 @@
-"""Makes a plan from a bench: the campaign in bench.toml."""
+"""Makes a plan from a bench, for the car of a session or for a typical one."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import numpy as np
     from numpy.typing import NDArray
 
-    from daq import Bench
+    from daq import Bench, Session
     from identify.plan import ExpectedElements, Plan, Sensor
 
 _USUAL_RATE_HZ = 200.0  # where neither the DBC nor the command line has one
@@ -61,3 +64,58 @@ def sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
             cycle_s = mapped.message.cycle_s or 1.0 / _USUAL_RATE_HZ
             found.append(sensor(mapped.channel.placed(), rate_hz or 1.0 / cycle_s))
     return tuple(found)
+
+
+_LINEAR = {"anti_roll_bars", "tyre_damping", "cg_offset"}
+"""Elements that the linear plan also knows."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedCar:
+    """The car that a campaign is planned for."""
+
+    vehicle: NDArray[np.float64]
+    """Parameters, (28,)."""
+    elements: ExpectedElements | None
+    """Friction, damper curves and further elements; None for a linear car."""
+    whose: str
+    """Source of the parameters, in words."""
+
+
+def of_session(path: Path, held: Session) -> ExpectedCar:
+    """Return the car identified from a session; the typical one where that fails."""
+    import identify as method
+    from identify.plan import full_vector, identified_elements, vague
+
+    result = method.identify(held)
+    values = {name: estimate.value for name, estimate in result.parameters.items()}
+    if not values or result.quality.verdict == "refused":
+        return typical(f"the identification of {path} is refused")
+    lost = vague(result.parameters)
+    if lost:
+        return typical(f"{path} does not determine {', '.join(lost)}")
+    elements = identified_elements(result.forces) if result.forces else None
+    return ExpectedCar(full_vector(values), elements, f"the vehicle identified from {path}")
+
+
+def typical(why: str = "") -> ExpectedCar:
+    """Return the paper's car, and why it replaces another."""
+    from daq import FORD_GRANADA
+    from identify.plan import full_vector
+
+    whose = "the Ford Granada of the paper, as a typical car"
+    values = dict(zip(FORD_GRANADA.__dataclass_fields__, FORD_GRANADA.to_array(), strict=True))
+    return ExpectedCar(full_vector(values), None, f"{whose}: {why}" if why else whose)
+
+
+def with_structure(car: ExpectedCar, bench: Bench) -> ExpectedCar:
+    """Return a linear car with elements of usual size that `[vehicle.structure]` forces."""
+    from identify.plan import USUAL_ELEMENTS, typical_elements
+
+    decided = bench.vehicle.elements
+    forced = tuple(name for name, there in decided.items() if there)
+    if car.elements is not None or not set(forced) - _LINEAR:
+        return car
+    unknown = tuple(n for n in dict.fromkeys((*USUAL_ELEMENTS, *forced)) if decided.get(n, True))
+    elements = typical_elements(unknown, car.vehicle)
+    return ExpectedCar(car.vehicle, elements, f"{car.whose}, with usual friction and dampers")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from daq.files import make_room, write_named
 
 from ..diagnostics import PAGES, SHEETS, require_ending
-from .helpers import helpers
+from .executors import helpers
 
 if TYPE_CHECKING:  # slow to load
     from identify import Judgement

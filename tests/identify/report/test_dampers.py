@@ -17,8 +17,8 @@ from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Fo
 from identify.report.blocks import Picture, Table
 from identify.report.dampers import damper_rows, damper_section, element_answer
 from identify.report.figure import svg_of
-from tui.jobs.comparison_rows import comparison_lines
-from tui.jobs.damper_lines import damper_lines
+from tui.jobs.comparing import comparison_lines
+from tui.jobs.outcome_of import damper_lines
 
 SPEED = np.array([-0.3, -0.1, 0.0, 0.1, 0.3])
 
