@@ -99,7 +99,9 @@ class Codec:
         remote frames, which have no data.
         """
         unknown = np.uint16(len(self.messages))
-        index = self._standard.take(batch.can_id + self._row.take(batch.bus), mode="clip")
+        has_buses = len(self._standard) > _STANDARD_IDS
+        place = batch.can_id + self._row.take(batch.bus) if has_buses else batch.can_id
+        index = self._standard.take(place, mode="clip")
         index[batch.can_id >= _STANDARD_IDS] = unknown
         flags = batch.flags & np.uint16(FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR)
         if not flags.any():
