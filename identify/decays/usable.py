@@ -8,16 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq.channels import Channel, Quantity
+from daq.median import median
 from daq.runs import Run, RunStatus
-from daq.samples.hold import FROZEN_S
+from daq.samples.hold import FROZEN_S, Hold, longest_hold
 from daq.sessions import Session
 from daq.silence import Silence, longest_silence
 
-from .absurd import readable_session
+from .bad_values import BadValue, without_bad_values
 from .decay import Record, record_of
-from .onset import decay_start_s, is_still
-from .spikes import Spike, without_spikes
-from .stuck import ChannelHold, frozen
+from .onset import decay_start_s, is_still, onset_s
 
 _LEAST_S = 0.2
 """Least length of a decay, s: two periods of the wheels.  Shorter ones of a car with friction are
@@ -26,6 +25,17 @@ _Silences = Mapping[str, Silence]
 """The longest silence of each channel that shows a run, and the longest of all together."""
 _ALL = ""
 """Stands for all channels together: then the clock jumped, or a piece was lost."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelHold:
+    """Longest hold of one value by one channel in one run."""
+
+    channel: str
+    run: str
+    kind: str
+    """`channel`, `run`, `kind`: name, label, and the label without the number of the repeat."""
+    longest: Hold
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +48,9 @@ class Usable:
     """Record of each run that can be used and has samples."""
     silent: tuple[str, ...]
     """Channels that are silent for too long in most of these runs."""
-    spikes: tuple[Spike, ...]
+    absurd: tuple[BadValue, ...]
+    """Values of accepted runs that no sensor shows."""
+    spikes: tuple[BadValue, ...]
     """Samples of accepted runs that stand out from those on both sides."""
 
 
@@ -50,7 +62,7 @@ def usable_session(session: Session) -> Session:
 def usable(session: Session) -> Usable:
     """Find what can be used of a session.
 
-    Values that no sensor shows are missing (`absurd`), and so are `spikes`.
+    Values that no motion shows are missing (`without_bad_values`).
 
     A channel with one value in all runs is unused: the fit would take a dead sensor for a part that
     stands still.
@@ -61,7 +73,7 @@ def usable(session: Session) -> Usable:
     these runs are used as they are.  Also left out are runs in which times go back, all sensors are
     silent together (the clock jumped), nothing moves, or the free decay is missing.
     """
-    session, spikes = without_spikes(readable_session(session))
+    session, absurd, spikes = without_bad_values(session)
     session = replace(session, channels=_living(session))
     silences = _silences(session)
     records = [
@@ -96,6 +108,7 @@ def usable(session: Session) -> Usable:
         replace(session, runs=runs),
         tuple(record for record, _ in kept if record.recordings),
         _silent_in_most([own for _, own in kept]),
+        absurd,
         spikes,
     )
 
@@ -196,3 +209,55 @@ def _without_decay(record: Record) -> Iterator[str]:
     elif length_s < _LEAST_S:
         least = f"record longer (at least {_LEAST_S:.2f} s)"
         yield f"it ends {max(length_s, 0.0):.2f} s after the bump: {least}"
+
+
+def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
+    """Return the values that were held while the vehicle moved, the longest first.
+
+    A channel may be silent by symmetry (roll in a bounce run), and a coarse one may stay at one
+    step of its converter.  So a held value counts only where the channel changes often enough at
+    rest before the bump, or, if it is constant there too, in a repeat of the run.
+    """
+    starts = _starts_s(records)
+    holds = [one for record, at in zip(records, starts, strict=True) for one in _holds(record, *at)]
+    found = [one for one in holds if one.longest.held_s >= FROZEN_S and _is_frozen(one, holds)]
+    return tuple(sorted(found, key=lambda one: -one.longest.held_s))
+
+
+def _is_frozen(one: ChannelHold, holds: Sequence[ChannelHold]) -> bool:
+    rate = one.longest.rest_rate
+    if one.longest.constant or np.isnan(rate):
+        repeats = [
+            other.longest.decay_rate
+            for other in holds
+            if other.kind == one.kind and other.channel == one.channel and other.run != one.run
+        ]
+        rate = float(np.mean(repeats)) if repeats else np.nan
+    return one.longest.is_frozen(rate)
+
+
+def _starts_s(records: Sequence[Record]) -> list[tuple[float, float]]:
+    """Return the end of the rest and the start of the decay of each record, s.
+
+    Where a stuck channel hides them, the start is that of the other runs, and ends the rest.
+    """
+    onsets = [onset_s(record) for record in records]
+    starts = [
+        decay_start_s(record) if onset is not None else np.nan
+        for record, onset in zip(records, onsets, strict=True)
+    ]
+    known = [start for start in starts if np.isfinite(start)]
+    usual = median(known) if known else -np.inf
+    return [
+        (start, start) if onset is None else (onset, start)
+        for record, onset, given in zip(records, onsets, starts, strict=True)
+        for start in [given if np.isfinite(given) else max(usual, record.start_s)]
+    ]
+
+
+def _holds(record: Record, rest_s: float, start_s: float) -> Iterator[ChannelHold]:
+    kind = record.label.rpartition("_")[0]
+    for recording in record.recordings:
+        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
+            hold = longest_hold(recording.time_s, column, rest_s, start_s)
+            yield ChannelHold(channel.name, record.label, kind, hold)

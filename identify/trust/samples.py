@@ -26,7 +26,7 @@ from dbc.words import counted
 
 from ..decays.decay import Record
 from ..decays.onset import GUARD_S, decay_start_s
-from ..decays.stuck import frozen
+from ..decays.usable import frozen
 from .finding import listed
 
 LOST_SHARE = 0.1

@@ -13,7 +13,6 @@ from daq.sessions import Session
 from daq.vehicle import Vehicle, parameter_names, parameter_unit
 from dbc.finding import Finding, Severity
 
-from ..decays.absurd import absurd
 from ..decays.decay import Record
 from ..decays.usable import Usable
 from ..model.facts import SCALED
@@ -145,11 +144,10 @@ def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
     `used`: what is left.
     """
     units = session.units
-    wrong = list(absurd(session))
-    if wrong:
+    if used.absurd:
         places = [
             f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
-            for one in wrong
+            for one in used.absurd
         ]
         yield Finding(
             "absurd_values",

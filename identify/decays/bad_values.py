@@ -1,8 +1,9 @@
-"""Takes samples that stand out from those on both sides out of a session: spikes.
+"""Takes values that no motion shows out of a session: absurd ones, and spikes.
 
-The motion of a vehicle lasts many samples, so a spike is an error of sensor or bus: a frame of
-zeros after a restart, a bit that flipped.  A single one at rest moves the onset that is seen, and
-one in a decay outweighs the noise of the whole run.
+An absurd value comes of a wrong byte order or scale, or a defect: its square overflows, and one of
+them outweighs all others in a fit.  A spike stands out from the samples on both sides, and motion
+lasts many samples: a frame of zeros after a restart, a bit that flipped.  A single one at rest
+moves the onset that is seen.
 """
 
 from __future__ import annotations
@@ -12,10 +13,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.channels import LARGEST
 from daq.median import median
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 
+_Array = NDArray[np.float64]
+_SMALLEST = 1e-100
+"""Smallest magnitude that is not taken as zero: the squares of smaller ones vanish."""
+_ROUNDING = 1e-12
+"""Magnitude, SI, below which a channel shows only a simulation's rounding: it is taken as zero."""
 _LONGEST = 3
 """Most samples of a spike."""
 _STEEP = 12.0
@@ -39,8 +46,8 @@ missing there: then the motion went on meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
-class Spike:
-    """Samples of one channel in one run that stand out from those on both sides."""
+class BadValue:
+    """Values of one channel in one run that no motion shows."""
 
     channel: str
     run: str
@@ -49,27 +56,47 @@ class Spike:
     """Time of the first of them since the run's t0, s."""
     value: float
     """Its value, SI."""
+    count: int = 1
+    """Number of these values."""
 
 
-def without_spikes(session: Session) -> tuple[Session, tuple[Spike, ...]]:
-    """Return a session whose accepted runs miss (NaN) the samples of spikes, and the spikes."""
+def without_bad_values(
+    session: Session,
+) -> tuple[Session, tuple[BadValue, ...], tuple[BadValue, ...]]:
+    """Return a session whose accepted runs miss (NaN) bad values, the absurd ones, and the spikes.
+
+    Absurd are those above `LARGEST`, infinite ones too; tiny ones become 0.
+    """
     used = {c.name for c in session.used_channels}
-    found: list[Spike] = []
+    absurd: list[BadValue] = []
+    spiked: list[BadValue] = []
+
+    def of_channel(run: Run, name: str, time_s: _Array, values: _Array) -> _Array:
+        wrong = np.abs(values) > LARGEST  # false for NaN
+        seen = bool(np.fmax.reduce(np.abs(values), initial=0.0) > _ROUNDING)
+        tiny = (np.abs(values) < (_SMALLEST if seen else _ROUNDING)) & (values != 0.0)
+        if wrong.any():
+            first = int(np.argmax(wrong))
+            count = int(np.count_nonzero(wrong))
+            one = BadValue(name, run.label, float(time_s[first]), float(values[first]), count)
+            absurd.append(one)
+        if wrong.any() or tiny.any():
+            values = np.where(wrong, np.nan, np.where(tiny, 0.0, values))
+        known = np.flatnonzero(np.isfinite(values))
+        for part in spikes(time_s[known], values[known]):
+            first = int(known[part][0])
+            spiked.append(BadValue(name, run.label, float(time_s[first]), float(values[first])))
+            values = values.copy()
+            values[known[part]] = np.nan
+        return values
 
     def of_group(run: Run, group: SampleGroup) -> SampleGroup:
-        changed: dict[str, NDArray[np.float64]] = {}
-        for name, values in group.values.items():
-            if name not in used:
-                continue
-            known = np.flatnonzero(np.isfinite(values))
-            for part in spikes(group.time_s[known], values[known]):
-                wrong = known[part]
-                changed.setdefault(name, values.copy())[wrong] = np.nan
-                first = wrong[0]
-                found.append(
-                    Spike(name, run.label, float(group.time_s[first]), float(values[first]))
-                )
-        return replace(group, values={**group.values, **changed}) if changed else group
+        values = {
+            name: of_channel(run, name, group.time_s, column) if name in used else column
+            for name, column in group.values.items()
+        }
+        same = all(values[name] is column for name, column in group.values.items())
+        return group if same else replace(group, values=values)
 
     def of_run(run: Run) -> Run:
         groups = tuple(of_group(run, group) for group in run.groups)
@@ -77,7 +104,7 @@ def without_spikes(session: Session) -> tuple[Session, tuple[Spike, ...]]:
         return run if same else replace(run, groups=groups)
 
     runs = tuple(of_run(run) if run.is_accepted else run for run in session.runs)
-    return (replace(session, runs=runs) if found else session), tuple(found)
+    return replace(session, runs=runs), tuple(absurd), tuple(spiked)
 
 
 def spikes(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> list[slice]:
