@@ -1,9 +1,7 @@
-"""Finds what is wrong with buses, sensors and the recorder, by a pure fold over recorder cycles."""
+"""Watches buses, sensors and the recorder, and says what is wrong with them."""
 
-from .debounce import ALARM, ALARM_END
-from .host import with_not_recording
 from .texts import EXPLAINED, GRAVITY, Explanation
-from .watch import CLOCK_STEP, AlarmState, Cycle, acknowledged, reconfigured, watch
+from .watch import ALARM, ALARM_END, CLOCK_STEP, Cycle, Watch, with_not_recording
 
 __all__ = [
     "ALARM",
@@ -11,11 +9,8 @@ __all__ = [
     "CLOCK_STEP",
     "EXPLAINED",
     "GRAVITY",
-    "AlarmState",
     "Cycle",
     "Explanation",
-    "acknowledged",
-    "reconfigured",
-    "watch",
+    "Watch",
     "with_not_recording",
 ]

@@ -8,6 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from dbc.finding import Finding, Severity
+
+Key = tuple[str, str]
+"""Code and subject of an alarm."""
+Counts = dict[Key, tuple[int, str]]
+"""The number of times that each counted fault happened in one cycle, and a detail."""
+
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
@@ -161,20 +168,10 @@ EXPLAINED = MappingProxyType(
             "The controller reports errors on the wires",
             "check termination (60 ohm between the wires), stubs and plugs",
         ),
-        "queue_high": Explanation(
-            "writer behind",
-            "The queue between readers and writer is filling; nothing is lost yet",
-            "free the processor and the disk of other work",
-        ),
         "time_back": Explanation(
             "time stamps go back",
             "Frames have earlier time stamps than the frames before them",
             "check the adapter's driver, and whether the host's clock is being set",
-        ),
-        "restamped": Explanation(
-            "stamped on arrival",
-            "The time stamps of the interface cannot be true; frames get the host's time instead",
-            "update the adapter's driver; until then, times are only as exact as the host is fast",
         ),
         "clock_step": Explanation(
             "clock set",
@@ -191,3 +188,27 @@ EXPLAINED = MappingProxyType(
 """Texts for every code of `Alarm.code`, the worst first."""
 
 GRAVITY = MappingProxyType({code: place for place, code in enumerate(EXPLAINED)})
+
+COUNTED = MappingProxyType(
+    {
+        "queue_dropped": "frames received and not recorded",
+        "overrun": "losses reported by the interface",
+        "wrong_length": "frames of wrong length",
+        "crc_bad": "frames with a bad checksum",
+        "counter_gap": "frames missing by the counter",
+        "saturated": "samples at the end of the range",
+        "no_value": "samples without a value",
+        "not_a_number": "samples that are not numbers",
+        "out_of_range": "samples out of range",
+        "garbled": "pieces that are not frames",
+        "error_frames": "error frames",
+        "bus_off": "reports of bus-off",
+        "time_back": "frames with an earlier time stamp than the one before",
+    }
+)
+"""Words after the number in the text of an alarm on a counted fault, by code."""
+
+
+def fault(code: str, subject: str, text: str, advice: str = "") -> Finding:
+    """Return the symptom of a fault in this cycle, with its usual advice if none is given."""
+    return Finding(code, Severity.ERROR, text, subject, advice or EXPLAINED[code].advice)

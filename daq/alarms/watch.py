@@ -1,44 +1,59 @@
-"""Watches the recording: a pure fold over the cycles of a recorder, ten per second."""
+"""Watches the recording over the cycles of a recorder, ten per second, and keeps its alarms.
+
+An alarm ends when its symptom has been absent for `HOLD_S`.  An alarm that returns repeatedly is
+shown each time, but written to the journal only every `REPORT_AGAIN_S`: a loose contact must not
+fill the journal.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from dbc import Codec
+from dbc.finding import Finding
 from dbc.frames import FrameBatch
 from dbc.samples import Decoded
+from dbc.words import counted
 
 from ..bench.config import RecorderConfig
+from ..bus.columns import wire_bits
 from ..bus.source import HopLosses, LinkFacts
 from ..clocks import Now
-from ..control.messages import (
-    Alarm,
-    BusState,
-    BusStatus,
-    DiskStatus,
-    QueueStatus,
-    StorageStatus,
-)
+from ..control.messages import Alarm, BusState, BusStatus, DiskStatus, Status, StorageStatus
+from ..journal.disk_space import Room, low_text
 from ..runs import Event
 from ..samples.health import HealthState
 from ..samples.mapping import MappedChannel
-from .buses import BusWatch, advance_buses, bus_status, bus_symptoms
-from .causes import Wiring, causes, dead_bus
-from .debounce import Ledger
-from .host import CLOCK_STEP_S, dropped_since, host_symptoms
-from .inputs import Window, fault
-from .messages import MessagesWatch, advance_messages, alive, message_symptoms
-from .signals import SignalsWatch, advance_signals, signal_symptoms
+from .buses import DEAD, WINDOW_S, BusWatch
+from .sensors import Sensors
+from .texts import COUNTED, GRAVITY, Counts, Key, fault
+from .traffic import Traffic
 
-CLOCK_STEP = "clock_step"
-"""Code of the event that marks a step of the host's clock; its value is the step, s."""
+ALARM, ALARM_END, CLOCK_STEP = "alarm", "alarm_end", "clock_step"
+"""Codes of the events: those of alarms have the text "CODE SUBJECT: TEXT", a step of the host's
+clock its size as the value, s."""
+HOLD_S = 1.5
+"""Time without the symptom after which an alarm ends, s."""
+REPORT_AGAIN_S = 15.0
+"""Least time between two entries of the same alarm in the journal, s."""
+_MOST_ALARMS = 256
+"""Largest number of alarms kept at a time."""
+_SHOWN_SUBJECTS = 4
+"""Number of messages or channels that one line for several alarms names."""
+_FEW_ERRORS = 5
+"""Least number of error frames in a second that is an alarm: CAN survives single disturbances."""
+_CLOCK_STEP_S = 0.05
+"""Largest difference between wall clock and monotonic clock, s, that is not taken as a step."""
 _CLOCK_SHOWN_S = 3.0
-QUIET_S = 0.4
-"""Time without a good frame, s, from which a bus is quiet.  It is longer than the half second after
-which the alarm on its messages comes, and shorter than the time for which an alarm is held after
-the bus has come back."""
+_QUIET_S = 0.4
+"""Time without a good frame, s, from which a bus is quiet: it is shorter than the least timeout of
+a message, so that messages of a quiet bus are not named one by one."""
+_NOT_RECORDING_S = 0.9
+"""Time, s, after which frames that arrive and are not stored raise an alarm.  A daemon's main
+thread has a cycle of a tenth of a second, so the alarm comes within one second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,161 +74,259 @@ class Cycle:
     """Cumulative counts of losses."""
     disk: DiskStatus
     """Published status of the disk."""
-    queue: QueueStatus
-    """Published status of the queue."""
     storage: StorageStatus = field(default_factory=StorageStatus)
     """Counts of frames that arrived and that are stored."""
     failed: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Parts of the recorder that were switched off after errors, with reasons."""
 
 
-@dataclass(frozen=True, slots=True)
-class AlarmState:
-    """State of the watch; the default is the initial state."""
+@dataclass(slots=True)
+class _Entry:
+    """One alarm, also for a while after its end."""
 
-    buses: tuple[BusStatus, ...] = ()
-    """State of each bus."""
-    sensors_alive: int = 0
-    """Number of messages with channels of the bench that are received."""
-    sensors_expected: int = 0
-    """Number of messages that carry channels of the bench."""
-    ledger: Ledger = field(default_factory=Ledger)
-    """Alarms that last or ended recently."""
-    window: Window = field(default_factory=Window)
-    """Counts of the last second."""
-    bus_watches: tuple[BusWatch, ...] = ()
-    """History of each bus."""
-    messages: MessagesWatch = field(default_factory=MessagesWatch)
-    """History of the messages."""
-    signals: SignalsWatch = field(default_factory=SignalsWatch)
-    """History of the channels."""
-    clock_offset_ns: int | None = None
-    """Wall clock minus monotonic clock at the first cycle or after the last step, ns."""
-    clock_step_s: float = 0.0
-    """The last step of the wall clock, s."""
-    clock_stepped_s: float = float("-inf")
-    """Monotonic time of the last step, s."""
-    queue_dropped: int = 0
-    """Number of frames that the queue had dropped by the last cycle."""
-    t_ns: int = 0
-    """Time stamp of the last cycle's events, ns."""
+    alarm: Alarm
+    seen_s: float
+    """Monotonic time at which its symptom was last present, s."""
+    reported_s: float = float("-inf")
+    """Monotonic time at which its beginning was last written to the journal, s."""
+    is_on: bool = True
+    is_reported: bool = False
+    """True if the journal holds its beginning and not yet its end."""
+
+
+class Watch:
+    """The alarms of a recorder, and the history from which they come."""
+
+    def __init__(self) -> None:
+        self.buses: tuple[BusStatus, ...] = ()
+        """State of each bus."""
+        self.sensors_alive = self.sensors_expected = 0
+        """Number of messages with channels of the bench: those received, and all."""
+        self._watches: list[BusWatch] = []
+        self._traffic, self._sensors = Traffic(), Sensors()
+        self._entries: dict[Key, _Entry] = {}
+        self._counts: deque[tuple[float, Counts]] = deque()
+        self._quiet: frozenset[str] = frozenset()
+        self._clock_offset_ns: int | None = None
+        self._clock_step: tuple[float, float] = 0.0, float("-inf")
+        self._queue_dropped = self._t_ns = 0
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
         """The current alarms, in order of severity."""
-        return self.ledger.alarms
+        lasting = (entry.alarm for entry in self._entries.values() if entry.is_on)
+        return tuple(sorted(lasting, key=lambda a: (GRAVITY[a.code], a.subject)))
 
     @property
-    def causes(self) -> tuple[Alarm, ...]:
-        """The alarms for a person: one for each cause, the worst first."""
-        return causes(self.alarms, self._wiring)
+    def shown(self) -> tuple[Alarm, ...]:
+        """The alarms for a person: one line for all messages or channels with the same fault."""
+        groups: dict[str, list[Alarm]] = {}
+        for alarm in self.alarms:
+            together = alarm.code in _SHARED
+            groups.setdefault(alarm.code if together else f"{alarm}", []).append(alarm)
+        return tuple(_together(group) for group in groups.values())
 
     @property
     def dead_bus(self) -> Alarm | None:
         """The alarm on a bus with channels of the bench that delivers no good frame."""
-        return dead_bus(self.causes, self._wiring)
-
-    @property
-    def _wiring(self) -> Wiring:
-        names = [bus.name for bus in self.buses]
-        homes = {name: each.home for name, each in self.messages.known.items()}
-        return Wiring(
-            {name: names[home] for name, home in homes.items() if home < len(names)},
-            {m.channel.name: m.message.name for m in self.signals.mapped},
-            {
-                watch.name: round(watch.frame_s * 1e9) + (self.clock_offset_ns or 0)
-                for watch in self.bus_watches
-                if watch.frame_s is not None and self.messages.turn_s - watch.frame_s >= QUIET_S
-            },
-        )
+        return next((a for a in self.alarms if a.code in DEAD and a.subject in self._quiet), None)
 
     @property
     def overloaded(self) -> tuple[str, ...]:
-        """Channels that reached the end of their range since `acknowledged`."""
-        return self.signals.overloaded
+        """Channels that reached the end of their range since `acknowledge`."""
+        return self._sensors.overloaded
+
+    def acknowledge(self) -> None:
+        """Switch the overload lamps off."""
+        self._sensors.overloaded = ()
+
+    def adopt(self) -> None:
+        """Begin anew with other channels; earlier counts do not raise alarms again."""
+        overloaded = self._sensors.overloaded
+        self._traffic, self._sensors = Traffic(self._traffic.missing), Sensors()
+        self._sensors.overloaded = overloaded
+
+    def advance(
+        self, config: RecorderConfig, codec: Codec, mapped: Sequence[MappedChannel], cycle: Cycle
+    ) -> tuple[Event, ...]:
+        """Process one cycle; return its events.
+
+        `mapped` is the same object in each cycle, as long as the bench's channels are the same.
+        """
+        now_s, batch = cycle.now.monotonic_s, cycle.batch
+        self._t_ns = int(batch.t_ns[-1]) if len(batch) else self._t_ns or cycle.now.wall_ns
+        counts: Counts = {}
+        self._advance_buses(cycle, counts)
+        self._traffic.advance(codec, batch, cycle.decoded, cycle.health, now_s, counts)
+        self._sensors.advance(mapped, cycle.decoded, counts)
+        if (dropped := cycle.hops.queue_dropped - self._queue_dropped) > 0:
+            counts["queue_dropped", ""] = dropped, ""
+        self._queue_dropped = cycle.hops.queue_dropped
+        events = self._clock_events(cycle.now)
+
+        silent_s, pairs = config.silent_s, list(zip(self._watches, cycle.links, strict=True))
+        self.buses = tuple(bus.status(link, silent_s, now_s) for bus, link in pairs)
+        names = [link.name for link in cycle.links]
+        states = (BusState.OK, BusState.ERROR_PASSIVE)
+        delivers = [
+            status.state in states and now_s - bus.good_s < _QUIET_S
+            for bus, status in zip(self._watches, self.buses, strict=True)
+        ]
+        expected = tuple(dict.fromkeys(m.message.name for m in mapped))
+        homes = {self._traffic.home_of(name) for name in expected}
+        self._quiet = frozenset(
+            bus.name
+            for number, bus in enumerate(self._watches)
+            if number in homes and now_s - bus.frame_s >= _QUIET_S
+        )
+        self.sensors_alive = self._traffic.alive(expected, now_s)
+        self.sensors_expected = len(expected)
+
+        symptoms = [*_host_symptoms(config, cycle)]
+        for (bus, link), status in zip(pairs, self.buses, strict=True):
+            symptoms += bus.symptoms(link, status, silent_s, now_s)
+        symptoms += self._traffic.symptoms(codec, expected, names, delivers, now_s)
+        symptoms += self._sensors.symptoms()
+        step_s, stepped_s = self._clock_step
+        if now_s - stepped_s <= _CLOCK_SHOWN_S:
+            symptoms.append(fault("clock_step", "", f"the host's clock was set by {step_s:+.3f} s"))
+        totals = self._totals(counts, now_s)
+        symptoms += _counted_symptoms(totals)
+        new = {key: number for key, (number, _) in counts.items()}
+        return (*events, *self._keep(symptoms, new, totals, cycle.now))
+
+    def _advance_buses(self, cycle: Cycle, counts: Counts) -> None:
+        now_s, batch, bits = cycle.now.monotonic_s, cycle.batch, wire_bits(cycle.batch)
+        for number, link in enumerate(cycle.links):
+            if number == len(self._watches):
+                self._watches.append(BusWatch(link.name, now_s, losses=link.losses))
+            elif self._watches[number].name != link.name:
+                self._watches[number] = BusWatch(link.name, now_s, losses=link.losses)
+            on_bus = batch.bus == number
+            part = batch if on_bus.all() else batch.select(on_bus.nonzero()[0])
+            self._watches[number].advance(link, part, bits[on_bus], now_s, counts)
+        del self._watches[len(cycle.links) :]
+
+    def _clock_events(self, now: Now) -> tuple[Event, ...]:
+        offset_ns = now.wall_ns - round(now.monotonic_s * 1e9)
+        before_ns = offset_ns if self._clock_offset_ns is None else self._clock_offset_ns
+        step_s = (offset_ns - before_ns) * 1e-9
+        if abs(step_s) <= _CLOCK_STEP_S:
+            self._clock_offset_ns = before_ns
+            return ()
+        self._clock_offset_ns, self._clock_step = offset_ns, (step_s, now.monotonic_s)
+        return (Event(self._t_ns, CLOCK_STEP, step_s, "the host's clock was set"),)
+
+    def _totals(self, counts: Counts, now_s: float) -> Counts:
+        """Return the counts of the last second, this cycle included."""
+        if counts:
+            self._counts.append((now_s, counts))
+        while self._counts and self._counts[0][0] <= now_s - WINDOW_S:
+            self._counts.popleft()
+        totals: Counts = {}
+        for _, each in self._counts:
+            for key, (number, detail) in each.items():
+                before, earlier = totals.get(key, (0, ""))
+                totals[key] = before + number, detail or earlier
+        return {k: t for k, t in totals.items() if k[0] != "error_frames" or t[0] >= _FEW_ERRORS}
+
+    def _keep(
+        self, symptoms: Iterable[Finding], new: Mapping[Key, int], totals: Counts, now: Now
+    ) -> Iterator[Event]:
+        """Begin, continue and end alarms by the symptoms of a cycle; yield their events."""
+        now_s, present = now.monotonic_s, dict[Key, Finding]()
+        for symptom in symptoms:
+            present.setdefault((symptom.code, symptom.subject), symptom)
+        for key, symptom in present.items():
+            entry = self._entries.get(key)
+            if entry is None and len(self._entries) >= _MOST_ALARMS:
+                continue
+            since_ns, count = now.wall_ns, totals.get(key, (0, ""))[0]
+            if entry is not None and entry.is_on:
+                since_ns, count = entry.alarm.since_ns, entry.alarm.count + new.get(key, 0)
+            alarm = Alarm(*key, symptom.text, symptom.advice, since_ns, count)
+            entry = entry or self._entries.setdefault(key, _Entry(alarm, now_s))
+            entry.alarm, entry.seen_s, entry.is_on = alarm, now_s, True
+            if not entry.is_reported and now_s - entry.reported_s >= REPORT_AGAIN_S:
+                entry.reported_s, entry.is_reported = now_s, True
+                yield self._event(ALARM, alarm)
+        for key in [key for key in self._entries if key not in present]:
+            entry = self._entries[key]
+            away_s = now_s - entry.seen_s
+            if entry.is_on and away_s >= HOLD_S:
+                if entry.is_reported:
+                    yield self._event(ALARM_END, entry.alarm)
+                entry.is_on = entry.is_reported = False
+            elif not entry.is_on and away_s > 2 * REPORT_AGAIN_S:
+                del self._entries[key]
+
+    def _event(self, code: str, alarm: Alarm) -> Event:
+        subject = f" {alarm.subject}" if alarm.subject else ""
+        return Event(self._t_ns, code, alarm.count, f"{alarm.code}{subject}: {alarm.text}")
 
 
-def watch(
-    config: RecorderConfig,
-    codec: Codec,
-    mapped: Sequence[MappedChannel],
-    state: AlarmState,
-    cycle: Cycle,
-) -> tuple[AlarmState, tuple[Event, ...]]:
-    """Process one cycle.
+_SHARED = (
+    "stale",
+    "counter_gap",
+    "crc_bad",
+    "wrong_length",
+    "stuck",
+    "saturated",
+    "no_value",
+    "not_a_number",
+    "out_of_range",
+)
+"""Codes of alarms on messages and channels, which often come together."""
 
-    `mapped` is the same object in each cycle, as long as the bench's channels are the same; `state`
-    is the result of the last call, `AlarmState()` at first.  Returns the state after the cycle, and
-    events: `alarm` and `alarm_end` with the text "CODE SUBJECT: TEXT", and `clock_step`.
+
+def _together(alarms: Sequence[Alarm]) -> Alarm:
+    """Return one alarm that names the subjects of several with the same code."""
+    names = [alarm.subject for alarm in alarms]
+    more = f" and {len(names) - _SHOWN_SUBJECTS} more" if len(names) > _SHOWN_SUBJECTS else ""
+    return replace(
+        alarms[0],
+        subject=", ".join(names[:_SHOWN_SUBJECTS]) + more,
+        since_ns=min(alarm.since_ns for alarm in alarms),
+        count=sum(alarm.count for alarm in alarms),
+    )
+
+
+def _counted_symptoms(totals: Counts) -> Iterator[Finding]:
+    for (code, subject), (number, detail) in totals.items():
+        text = f"{number} {COUNTED[code]} in the last second"
+        yield fault(code, subject, f"{text}: {detail}" if detail else text)
+
+
+def _host_symptoms(config: RecorderConfig, cycle: Cycle) -> Iterator[Finding]:
+    """Yield the symptoms of the recorder itself."""
+    disk = cycle.disk
+    yield from _not_recording(cycle.storage)
+    if disk.failed:
+        frames = counted(disk.held_frames, "frame is", "frames are")
+        held = f"; {frames} held in memory" if disk.held_frames else ""
+        yield fault("journal_failed", "", f"{disk.failed}{held}")
+    if disk.warning:
+        yield fault("journal_warning", "", disk.warning)
+    if low := low_text(Room(disk.free_bytes, disk.total_bytes), config):
+        yield fault("disk_low", "", low)
+    for name, why in cycle.failed.items():
+        yield fault("consumer_failed", name, why)
+
+
+def _not_recording(storage: StorageStatus) -> Iterator[Finding]:
+    if storage.late_s >= _NOT_RECORDING_S:
+        text = f"frames arrive, and none was stored for {storage.late_s:.1f} s"
+        yield fault("not_recording", "", text)
+
+
+def with_not_recording(status: Status, storage: StorageStatus, wall_ns: int) -> Status:
+    """Return a status with the alarm that a hanging writer of the recorder cannot raise itself.
+
+    `status`: the last published one.  Returns the same object if there is no alarm to add.
     """
-    now_s = cycle.now.monotonic_s
-    t_ns = int(cycle.batch.t_ns[-1]) if len(cycle.batch) else state.t_ns or cycle.now.wall_ns
-    buses, bus_counts = advance_buses(state.bus_watches, cycle.links, cycle.batch, now_s)
-    messages, message_counts = advance_messages(
-        state.messages, codec, cycle.batch, cycle.decoded, cycle.health, now_s
-    )
-    signals, signal_counts = advance_signals(state.signals, mapped, cycle.decoded)
-    dropped = dropped_since(state.queue_dropped, cycle.hops.queue_dropped)
-    window = state.window.advanced(
-        now_s, {**bus_counts, **message_counts, **signal_counts, **dropped}
-    )
-    state, events = _clock(state, cycle.now, t_ns)
-
-    silent_s = config.silent_s
-    pairs = list(zip(buses, cycle.links, strict=True))
-    statuses = tuple(bus_status(each, link, silent_s, now_s) for each, link in pairs)
-    healthy = [status.state in (BusState.OK, BusState.ERROR_PASSIVE) for status in statuses]
-    expected = tuple(dict.fromkeys(m.message.name for m in mapped))
-    names = [link.name for link in cycle.links]
-    symptoms = host_symptoms(config, cycle.disk, cycle.queue, cycle.failed, cycle.storage)
-    for (each, link), status in zip(pairs, statuses, strict=True):
-        symptoms += bus_symptoms(each, link, status, silent_s, now_s)
-    symptoms += message_symptoms(messages, codec, expected, names, healthy, now_s)
-    symptoms += signal_symptoms(signals)
-    if now_s - state.clock_stepped_s <= _CLOCK_SHOWN_S:
-        text = f"the host's clock was set by {state.clock_step_s:+.3f} s"
-        symptoms.append(fault("clock_step", "", text))
-    counted = window.numbers(now_s)
-    symptoms += window.symptoms(counted)
-    numbers = {**counted, ("clock_step", ""): (int(now_s == state.clock_stepped_s), 1)}
-    ledger, alarm_events = state.ledger.advanced(symptoms, numbers, cycle.now, t_ns)
-    after = replace(
-        state,
-        buses=statuses,
-        sensors_alive=alive(messages, expected, now_s),
-        sensors_expected=len(expected),
-        ledger=ledger,
-        window=window,
-        bus_watches=buses,
-        messages=messages,
-        signals=signals,
-        queue_dropped=cycle.hops.queue_dropped,
-        t_ns=t_ns,
-    )
-    return after, (*events, *alarm_events)
-
-
-def acknowledged(state: AlarmState) -> AlarmState:
-    """Return the state with the overload lamps off."""
-    return replace(state, signals=replace(state.signals, overloaded=()))
-
-
-def reconfigured(state: AlarmState) -> AlarmState:
-    """Return the state for other channels; earlier counts do not raise alarms again."""
-    messages = MessagesWatch(missing=state.messages.missing)
-    return replace(
-        state, messages=messages, signals=SignalsWatch(overloaded=state.signals.overloaded)
-    )
-
-
-def _clock(state: AlarmState, now: Now, t_ns: int) -> tuple[AlarmState, tuple[Event, ...]]:
-    offset_ns = now.wall_ns - round(now.monotonic_s * 1e9)
-    if state.clock_offset_ns is None:
-        return replace(state, clock_offset_ns=offset_ns), ()
-    step_s = (offset_ns - state.clock_offset_ns) * 1e-9
-    if abs(step_s) <= CLOCK_STEP_S:
-        return state, ()
-    event = Event(t_ns, CLOCK_STEP, step_s, "the host's clock was set")
-    return replace(
-        state, clock_offset_ns=offset_ns, clock_step_s=step_s, clock_stepped_s=now.monotonic_s
-    ), (event,)
+    known = {"not_recording", "journal_failed"} & {alarm.code for alarm in status.alarms}
+    for found in _not_recording(storage) if not known else ():
+        since_ns = wall_ns - round(storage.late_s * 1e9)
+        alarm = Alarm(found.code, "", found.text, found.advice, since_ns)
+        return replace(status, alarms=(alarm, *status.alarms), storage=storage)
+    return status

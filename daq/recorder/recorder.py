@@ -194,7 +194,7 @@ class Recorder:
         stored, now = self._store(), self._clock()
         facts, disk = links or self._readers.facts(), self._opened.writer.status
         storage = self._storage.status(now.monotonic_s)
-        events = self._recording.look(now, facts, disk, self._pieces.status, storage)
+        events = self._recording.look(now, facts, disk, storage)
         if any(event.code == Code.RUN_END for event in events):
             self._build_s = now.monotonic_s + SETTLE_S
         self._looked_s = now.monotonic_s

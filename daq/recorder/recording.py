@@ -15,12 +15,12 @@ from dbc import Codec
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 
-from ..alarms import AlarmState, Cycle, acknowledged, reconfigured, watch
+from ..alarms import Cycle, Watch
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
 from ..bus.source import HopLosses, LinkFacts
 from ..clocks import Now
-from ..control.messages import DiskStatus, LeftOut, Live, Phase, QueueStatus, Status, StorageStatus
+from ..control.messages import DiskStatus, LeftOut, Live, Phase, Status, StorageStatus
 from ..control.orders import Acknowledge, Arm, Choose, Configure, LeaveOut, Order, Pause
 from ..runlog.entries import verdict_entry
 from ..runlog.fold import advance
@@ -73,7 +73,7 @@ class Recording:
         self._bump_ns = 0
         self._raw = RecentFrames()
         self.measures: dict[str, RunMeasure] = {}
-        self._alarms = AlarmState()
+        self._alarms = Watch()
         self.adopt(bench, codec)
 
     def adopt(self, bench: Bench, codec: Codec) -> None:
@@ -88,7 +88,7 @@ class Recording:
         self._trigger = trigger.TriggerState()
         self._counted: tuple[RunLog, Counts] | None = None
         self._compared: tuple[tuple[RunLog | None, int], Compared] = (None, 0), {}
-        self._alarms = reconfigured(self._alarms)
+        self._alarms.adopt()
         # It is complete if it was killed after the last run, or now plans fewer runs.
         self._loop = run_loop.decided(self._loop, self._surroundings(self._t_ns))
 
@@ -139,12 +139,11 @@ class Recording:
         now: Now,
         links: Sequence[LinkFacts],
         disk: DiskStatus,
-        queue: QueueStatus,
         storage: StorageStatus,
     ) -> tuple[Event, ...]:
         """Process all frames since the last look; also called without frames, for the alarms.
 
-        `links`, `disk`, `queue`, `storage`: their present state.  Returns the events stored: `bump`
+        `links`, `disk`, `storage`: their present state.  Returns the events stored: `bump`
         and `run_end` have the label of their run.
         """
         batch, hops, events = FrameBatch.concatenate(self._unseen), self._hops, list[Event]()
@@ -153,7 +152,7 @@ class Recording:
         if restamped:
             text = "time stamps of another epoch: frames are stamped on arrival"
             self._log_event(Event(self._t_ns, RESTAMPED, hops.restamped, text), events)
-        cycle = Cycle(now, batch, None, self._health, links, hops, disk, queue, storage)
+        cycle = Cycle(now, batch, None, self._health, links, hops, disk, storage)
         cycle = self._barrier.value("decode", now, cycle, lambda: self._decoded(cycle))
         if cycle.decoded is not None:
             self._barrier.run("samples", now, lambda: self._take(cycle, events))
@@ -192,7 +191,7 @@ class Recording:
             case Choose():
                 self._loop = run_loop.chosen(self._loop, surroundings)
             case Acknowledge():
-                self._alarms = acknowledged(self._alarms)
+                self._alarms.acknowledge()
             case _:
                 self._loop = run_loop.decided(self._loop, surroundings)
 
@@ -353,9 +352,7 @@ class Recording:
 
     def _watch(self, cycle: Cycle, events: list[Event]) -> None:
         cycle = replace(cycle, failed=self._barrier.failed(cycle.now))
-        self._alarms, alarm_events = watch(
-            self._bench.recorder, self._codec, self._mapped, self._alarms, cycle
-        )
+        alarm_events = self._alarms.advance(self._bench.recorder, self._codec, self._mapped, cycle)
         at_end = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
         self._judge.saw_saturated(self._t_ns, at_end)
         for event in alarm_events:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..alarms import AlarmState
+from ..alarms import Watch
 from ..bench.config import Bench
 from ..bench.procedure import instruction
 from ..clocks import Now
@@ -55,7 +55,7 @@ class State:
     """Trigger channels that prevent arming."""
     peak_left: float | None
     """Ratio of the present motion to its peak."""
-    alarms: AlarmState
+    alarms: Watch
     losses: Losses
     proposed: tuple[LeftOut, ...]
 
@@ -98,7 +98,7 @@ def build_status(
         overrides=run_log.overrides,
         undo=_text_of_last(run_log.done),
         redo=_text_of_last(run_log.undone),
-        alarms=alarms.causes,
+        alarms=alarms.shown,
         overloaded=alarms.overloaded,
         buses=alarms.buses,
         sensors_alive=alarms.sensors_alive,

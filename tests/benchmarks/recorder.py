@@ -29,7 +29,7 @@ import numpy as np
 from can.interfaces.socketcan import SocketcanBus, socketcan
 from cantools.database import Database, load_string
 
-from daq.alarms import AlarmState, Cycle, watch
+from daq.alarms import Cycle, Watch
 from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
 from daq.bus.socketcan import SocketCanSource
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
@@ -286,7 +286,7 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
             journal_us = _us(blocks, lambda k, block: _keep(writer, k, block))
     decode_us = _us(blocks, lambda _, block: codec.decode(block))
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
-    states: list[object] = [AlarmState(), HealthState()]
+    states: list[object] = [Watch(), HealthState()]
     watch_us = _us(blocks, partial(_watch, bench, codec, mapped, states))
     recorder = Recording(bench, codec, Nowhere())
     recorder.carry_out(Arm(Until.COMPLETE), "benchmark", _now(0))
@@ -294,7 +294,7 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
 
     def step(k: int, block: FrameBatch) -> None:
         recorder.store(block, HopLosses())
-        recorder.look(_now(k), links, DISK, QUEUE, StorageStatus())
+        recorder.look(_now(k), links, DISK, StorageStatus())
         recorder.live()
 
     whole_us = _us(blocks, step)
@@ -331,12 +331,13 @@ def _watch(
     block: FrameBatch,
 ) -> None:
     alarms, health = states
-    assert isinstance(alarms, AlarmState)
+    assert isinstance(alarms, Watch)
     assert isinstance(health, HealthState)
     decoded = codec.decode(block)
     health = advance(codec.messages, health, decoded)
-    cycle = Cycle(_now(k), block, decoded, health, _links(), HopLosses(), DISK, QUEUE)
-    states[:] = [watch(bench.recorder, codec, mapped, alarms, cycle)[0], health]
+    cycle = Cycle(_now(k), block, decoded, health, _links(), HopLosses(), DISK)
+    alarms.advance(bench.recorder, codec, mapped, cycle)
+    states[1] = health
 
 
 def _us(blocks: Sequence[FrameBatch], hop: Callable[[int, FrameBatch], object]) -> float:

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from daq.alarms import AlarmState, Cycle, watch
+from daq.alarms import Cycle, Watch
 from daq.bench.config import RecorderConfig, load_bench
 from daq.bus.error_frames import ErrorClass
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
 from daq.clocks import Now
-from daq.control.messages import Alarm, BusState, DiskStatus, QueueStatus
+from daq.control.messages import Alarm, BusState, DiskStatus
 from daq.runs import Event
 from daq.samples.health import HealthState, advance
 from daq.samples.mapping import MappedChannel, map_channels
@@ -28,7 +28,6 @@ BENCH = load_bench(None)
 CODEC = parse_codec(BENCH.dbc_text, "shipped")
 MAPPED = map_channels(BENCH.channels, CODEC.messages, "shipped")
 ROOMY = DiskStatus(10**12, 0, 0, 0.0)
-IDLE = QueueStatus(0, 0, 600)
 FOREIGN_ID = 0x700
 
 
@@ -77,7 +76,7 @@ class WatchedBench:
         mapped: Sequence[MappedChannel] = MAPPED,
     ) -> None:
         self._codec, self._mapped = codec, mapped
-        self.state = AlarmState()
+        self.state = Watch()
         self.events: list[tuple[float, Event]] = []
         self.turns = 0
         self.wall_step_ns = 0
@@ -155,14 +154,9 @@ class WatchedBench:
         self._health = advance(self._codec.messages, self._health, decoded)
         self.turns += 1
         now = Now(START_NS + self.turns * 100_000_000 + self.wall_step_ns, 5000.0 + self.now_s)
-        turn = Cycle(now, batch, decoded, self._health, self.links, self.hops, ROOMY, IDLE)
-        self.state, events = watch(
-            RecorderConfig(),
-            self._codec,
-            self._mapped,
-            self.state,
-            replace(turn, **facts),
-        )
+        turn = Cycle(now, batch, decoded, self._health, self.links, self.hops, ROOMY)
+        cycle = replace(turn, **facts)
+        events = self.state.advance(RecorderConfig(), self._codec, self._mapped, cycle)
         self.events += [(self.now_s, event) for event in events]
         return events
 

@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.alarms import ALARM, ALARM_END, EXPLAINED, GRAVITY
-from daq.alarms.inputs import COUNTED
+from daq.alarms.texts import COUNTED
 from daq.bus.error_frames import ErrorClass
 from daq.bus.source import HopLosses, SourceLosses
 from daq.channels import Quantity
-from daq.control.messages import DiskStatus, QueueStatus, StorageStatus
+from daq.control.messages import DiskStatus, StorageStatus
 from dbc import FrameBatch, FrameFlag
 
 from ..watched_bench import (
@@ -163,7 +163,6 @@ FAULTS: list[tuple[str, str, FaultyTurn, int]] = [
     ("overrun", "can1", error_turn(CTRL, OVERFLOW_BYTES, 2, True), 40),
     ("overrun", "can1", losing("dropped", 13), 260),
     ("garbled", "can1", losing("garbled", 3), 60),
-    ("restamped", "can1", losing("restamped", 5), 100),
     ("interface_down", "can1", taken_down, 0),
     ("bus_silent", "can1", silent, 0),
     ("bus_full", "can0", crowded, 0),
@@ -178,7 +177,6 @@ FAULTS: list[tuple[str, str, FaultyTurn, int]] = [
     ("mixed_id", "SUSP_Front", twice, 0),
     ("mixed_id", "SUSP_Front", with_29_bits, 0),
     ("queue_dropped", "", queue_drops, 140),
-    ("queue_high", "", facts(queue=QueueStatus(400, 400, 600)), 0),
     ("disk_low", "", facts(disk=replace(ROOMY, free_bytes=500_000_000)), 0),
     ("journal_warning", "", facts(disk=replace(ROOMY, warning="a file was deleted")), 0),
     ("journal_failed", "", facts(disk=DiskStatus(0, 0, 0, 3.0, 812, "No space left")), 0),

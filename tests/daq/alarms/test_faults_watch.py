@@ -8,9 +8,9 @@ import struct
 import numpy as np
 import pytest
 
-from daq.alarms import ALARM, ALARM_END, CLOCK_STEP, acknowledged
-from daq.alarms.debounce import REPORT_AGAIN_S
-from daq.bus.error_frames import ErrorClass, describe_error_frame, tally_error_frames
+from daq.alarms import ALARM, ALARM_END, CLOCK_STEP
+from daq.alarms.watch import REPORT_AGAIN_S
+from daq.bus.error_frames import ErrorClass
 from daq.channels import Channel, Quantity
 from daq.control.messages import BusState
 from daq.samples.mapping import map_channels
@@ -133,7 +133,6 @@ def test_the_unknown_identifiers_are_named_most_frequent_first_and_their_number_
     assert alarm is not None
     assert alarm.text.startswith("256 identifiers are not in the DBC: 0x602 (30 Hz), 0x605 (30 Hz)")
     assert len(alarm.text) < 250
-    assert len(bench.state.messages.strangers) == 256
 
 
 def test_a_loose_contact_is_shown_each_time_and_does_not_fill_the_journal() -> None:
@@ -238,9 +237,9 @@ def test_the_overload_lamp_stays_on_until_it_is_acknowledged() -> None:
         bench.turn()
     assert bench.alarms == []
     assert len(bench.state.overloaded) == 1
-    bench.state = acknowledged(bench.state)
+    bench.state.acknowledge()
     bench.turn()
-    assert bench.state.overloaded == ()
+    assert not bench.state.overloaded
 
 
 @pytest.mark.parametrize("step_s", [-3600.0, 3600.0, -0.06])
@@ -252,7 +251,7 @@ def test_a_step_of_the_hosts_clock_is_marked_and_stops_nothing(step_s: float) ->
     bench.turn()
     marks = [event for _, event in bench.events if event.code == CLOCK_STEP]
     assert [mark.value for mark in marks] == [pytest.approx(step_s, abs=1e-6)]
-    assert [(a.code, a.count) for a in bench.alarms] == [("clock_step", 1)]
+    assert [a.code for a in bench.alarms] == ["clock_step"]
     for _ in range(60):
         bench.turn()
     assert bench.alarms == []
@@ -286,43 +285,3 @@ def test_bus_off_lasts_until_a_frame_is_received_and_shows_what_the_controller_c
         bench.turn(*both(bench))
     assert bench.bus_state(1) is BusState.OK
     assert [a.code for a in bench.alarms] == ["unknown_id"]
-
-
-def test_an_error_frame_is_never_decoded_as_the_message_of_its_number() -> None:
-    codec = parse_codec(SLOW_DBC.replace("512", "64"), "0x40")
-    bus_off = error_frames(OFF, bytes(range(8)), 0)
-    remote = frames(0x40, [b""], 0, FrameFlag.REMOTE)
-    extended = frames(0x40, [bytes(8)], 0, FrameFlag.EXTENDED | FrameFlag.ERROR)
-    decoded = codec.decode(FrameBatch.concatenate([bus_off, remote, extended]))
-    assert decoded.samples == {}
-    assert (decoded.counts.error_frames, decoded.counts.remote_frames) == (2, 1)
-    data = codec.decode(frames(0x40, [bytes([7] + [0] * 7)], 0))
-    assert list(data["Slow.level"].value) == [7]
-
-
-def test_a_block_of_error_frames_sums_up_to_what_each_of_them_says() -> None:
-    rng = np.random.default_rng(5)
-    for _ in range(200):
-        n = int(rng.integers(1, 30))
-        classes = rng.choice([0x1, 0x4, 0x8, 0x40, 0x80, 0x100, 0x204, 0x288, 0x44], n)
-        data = rng.choice(np.array([0, 0, 1, 2, 4, 8, 16, 32, 64, 97, 130, 255], np.uint8), (n, 8))
-        block = FrameBatch(
-            np.arange(n),
-            classes,
-            np.full(n, FrameFlag.ERROR),
-            np.zeros(n, np.uint8),
-            np.full(n, 8, np.uint8),
-            data,
-        )
-        tally = tally_error_frames(block)
-        each = [
-            describe_error_frame(int(c), bytes(d)) for c, d in zip(classes, block.data, strict=True)
-        ]
-        states = [(row, e.state) for row, e in enumerate(each) if e.state is not None]
-        counted = [(e.tx_errors, e.rx_errors) for e in each if e.tx_errors is not None]
-        assert (tally.state_row, tally.state) == (states[-1] if states else (-1, None))
-        assert (tally.tx_errors, tally.rx_errors) == (counted[-1] if counted else (None, None))
-        assert tally.frames == n
-        assert tally.overruns == sum(e.overrun for e in each)
-        assert tally.bus_off == sum(ErrorClass.BUS_OFF in e.classes for e in each)
-        assert tally.text == each[-1].text

@@ -34,7 +34,7 @@ def now(block: FrameBatch | None = None) -> Now:
 
 def look(recording: Recording, now: Now, links: Sequence[LinkFacts] = ()) -> tuple[Event, ...]:
     """Look at what was stored, on a host that has no trouble."""
-    return recording.look(now, links, HOST.disk, HOST.queue, HOST.storage)
+    return recording.look(now, links, HOST.disk, HOST.storage)
 
 
 def step(

@@ -74,7 +74,7 @@ def record(
         if len(batch):
             now = Now(int(batch.t_ns[-1]), (int(batch.t_ns[-1]) - START_NS) * 1e-9)
         recorder.store(batch, NO_LOSSES)
-        recorder.look(now, (), HOST.disk, HOST.queue, HOST.storage)
+        recorder.look(now, (), HOST.disk, HOST.storage)
         if not armed and len(batch):
             recorder.carry_out(Arm(Until.COMPLETE), "test", now)
             armed = True
