@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import threading
 from collections.abc import Callable
@@ -15,10 +14,10 @@ import pytest
 
 from daq.bench.config import Bench, default_bench_text, parse_bench
 from daq.control import setup_of
-from daq.control.messages import Alarm, Phase, Reply, Status, StorageStatus
+from daq.control.messages import Phase, Reply, Status, StorageStatus
 from daq.errors import InputError
 from daq.recorder.recorder import Publish
-from tui.recorders.daemon import Lifetime, _Daemon, _Signals, run_recorder
+from tui.recorders.daemon import Lifetime, _Daemon, _Signals
 from tui.recorders.log import Log
 
 from ..daq.a_status import a_status
@@ -121,48 +120,6 @@ def test_a_second_signal_ends_the_process_at_once_unless_it_is_the_same_one(
     assert exits == [143] * killed
 
 
-def test_a_hangup_only_asks_for_the_bench() -> None:
-    signals = _Signals(threading.Event())
-    signals.take(signal.SIGHUP, None)
-    assert (signals.reload.is_set(), signals.end.is_set()) == (True, False)
-
-
-def test_signals_are_taken_while_it_runs_and_given_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    numbers = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-    before = [signal.getsignal(number) for number in numbers]
-    seen: list[tuple[Any, ...]] = []
-    ends: list[threading.Event] = []
-    all_ = All(none)
-
-    def run(one: _Daemon, signals: _Signals, _: object) -> Status:
-        seen.append(tuple(signal.getsignal(number) for number in numbers))
-        os.kill(os.getpid(), signal.SIGTERM)
-        ends.append(signals.end)
-        return a_status()
-
-    monkeypatch.setattr(_Daemon, "run", run)
-    monkeypatch.setattr("daq.control.Server", lambda *_: all_)
-    monkeypatch.setattr("daq.control.Systemd", lambda: all_)
-    lifetime = Lifetime(False, False, None, lambda: BENCH)
-    status = run_recorder(
-        cast(Any, SubmitOnly()), BENCH, tmp_path, lifetime, Log(tmp_path / "a.log"), silent
-    )
-    assert status == a_status()
-    assert [signal.getsignal(number) for number in numbers] == before
-    assert all(handler not in before for handler in seen[0])
-    assert ends == [lifetime.end]
-    assert lifetime.end.is_set()
-    assert all_.said == ["closed", "closed"]
-
-
-class SubmitOnly:
-    """A recorder that takes orders."""
-
-    submit = None
-
-
 def test_the_last_status_comes_back_and_everything_is_published(tmp_path: Path) -> None:
     first, last = a_status(1), a_status(2)
     followed: list[Status] = []
@@ -181,19 +138,6 @@ def test_the_last_status_comes_back_and_everything_is_published(tmp_path: Path) 
     assert all_.published[:2] == [(first, None), (last, live)]
     assert all_.said == ["stopping"]
     assert all_.watched == [True], "who follows sees the samples"
-
-
-@pytest.mark.parametrize("clients", [False, True])
-def test_samples_are_sent_while_a_client_is_there(clients: bool, tmp_path: Path) -> None:
-    def records(_: threading.Event, publish: Publish, is_watched: Any) -> None:
-        all_.watched.append(is_watched())
-        publish(a_status(), None)
-
-    all_ = All(records)
-    all_.clients = clients
-    with Log(tmp_path / "a.log") as log:
-        made(all_, log).run(_Signals(threading.Event()), silent)
-    assert all_.watched == [clients]
 
 
 def test_a_signal_before_the_first_status_ends_it(tmp_path: Path) -> None:
@@ -301,14 +245,6 @@ def test_a_bench_that_cannot_be_taken_leaves_the_one_in_force(
     assert "is no table (correct it); the bench.toml in force stays" in path.read_text()
 
 
-def test_an_answer_that_never_came_is_no_refusal(tmp_path: Path) -> None:
-    all_ = All(none)
-    with Log(tmp_path / "a.log") as log:
-        made(all_, log)._reload()
-        all_.answer.cancel()
-    assert all_.setup is not None
-
-
 def test_a_hangup_reloads_once(tmp_path: Path) -> None:
     signals = _Signals(threading.Event())
     turns: list[int] = []
@@ -329,38 +265,3 @@ def test_a_hangup_reloads_once(tmp_path: Path) -> None:
         made(all_, log).run(signals, stage)
     assert turns[:3] == [1, 1, 1]
     assert not signals.reload.is_set()
-
-
-def test_a_refused_end_is_ordered_again_where_it_goes_on(tmp_path: Path) -> None:
-    orders: list[object] = []
-
-    class Refusing(All):
-        def submit(self, order: object, _: str) -> Future[Reply]:
-            """Refuse."""
-            orders.append(order)
-            future: Future[Reply] = Future()
-            future.set_exception(ValueError("the disk refuses"))
-            return future
-
-    status = replace(a_status(), recording="a", phase=Phase.COMPLETE)
-    with Log(tmp_path / "a.log") as log:
-        one = made(Refusing(none), log, arm=True, keep_on=True)
-        for _ in range(3):
-            one._lead(status, end=False)
-    assert len(orders) == 2, "the first, its refusal, the second"
-
-
-def test_alarms_are_logged_once_while_nothing_changes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock = [100.0]
-    monkeypatch.setattr("tui.recorders.daemon.time.monotonic", lambda: clock[0])
-    alarm = Alarm("bus_off", "can0", "off", "check it", 0)
-    status = replace(a_status(), alarms=(alarm,))
-    path = tmp_path / "a.log"
-    with Log(path) as log:
-        one = made(All(none), log)
-        for _ in range(3):
-            one._report(status)
-        one._report(replace(status))
-    assert path.read_text().count("alarm bus_off can0") == 1

@@ -14,7 +14,6 @@ from tui.invocation import invoke
 from tui.recorders import demo, replay
 from tui.recorders.daemon import Lifetime
 
-from ..daq.a_status import a_status
 from ..daq.crash_derive import journal_of_runs
 from .batches import refused_session
 
@@ -37,19 +36,6 @@ def recorded(monkeypatch: pytest.MonkeyPatch) -> Recorded:
 
 def lives(lifetime: Lifetime) -> tuple[bool, bool, bool, bool]:
     return lifetime.arm, lifetime.keep_on, lifetime.stay, lifetime.attended
-
-
-def test_a_demonstration_is_a_simulated_bench_that_a_terminal_arms(
-    tmp_path: Path, recorded: Recorded
-) -> None:
-    words = [str(tmp_path / "demo"), "--speed", "2", "--log", str(tmp_path / "a.log")]
-    assert invoke([*words, "--fault", "unplug"], demo.commands) == 0
-    ((bench, _, folder, lifetime),) = recorded
-    assert folder == tmp_path / "demo"
-    assert bench.origin is Origin.SIMULATED
-    assert lifetime.reread().origin is Origin.SIMULATED
-    assert lives(lifetime) == (False, True, False, True)
-    assert lifetime.follow is not None
 
 
 def test_a_replay_is_armed_goes_on_and_stays_for_its_terminal(
@@ -107,39 +93,3 @@ def test_a_session_that_no_recorder_made_is_not_replayed(
         assert invoke([str(tmp_path), str(session), "--speed", speed], replay.commands) == 2
         assert "--speed" in capsys.readouterr().err
     assert recorded == []
-
-
-def test_a_demonstration_simulates_what_was_asked_for(
-    tmp_path: Path, recorded: Recorded, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: list[tuple[Any, ...]] = []
-
-    class Simulated:
-        def __init__(self, *given: Any) -> None:
-            made.append(given)
-
-        def open(self) -> str:
-            return "the car's"
-
-        def other(self, number: int) -> str:
-            return f"other {number}"
-
-    monkeypatch.setattr("daq.sim.SimulatedBench", Simulated)
-    bench = tmp_path / "bench.toml"
-    bench.write_text('[vehicle]\nname = "T5"\n')
-    words = [str(tmp_path / "demo"), "--bench", str(bench), "--log", str(tmp_path / "a.log")]
-    assert invoke([*words, "--speed", "2", "--fault", "unplug"], demo.commands) == 0
-    ((described, _, _, seed, speed, latest, fault, _),) = made
-    assert (described.vehicle.name, described.origin) == ("T5", Origin.SIMULATED)
-    assert (seed, speed, fault) == (1, 2.0, "unplug")
-    ((_, open_source, _, lifetime),) = recorded
-    assert open_source(described.bus, 0) == "the car's"
-    assert open_source(described.bus, 2) == "other 2"
-    assert latest() is None
-    assert lifetime.follow is not None
-    for status in (a_status(1), a_status(2)):
-        lifetime.follow(status)
-        assert latest() is status
-    assert lifetime.reread().vehicle.name == "T5"
-    assert invoke(words, demo.commands) == 0
-    assert (made[1][4], made[1][6]) == (1.0, None)

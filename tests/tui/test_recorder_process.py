@@ -12,7 +12,7 @@ from typing import Any, cast
 import pytest
 
 from daq import write_session
-from daq.bench.config import default_bench_text, parse_bench
+from daq.bench.config import default_bench_text
 from daq.bench.origin import Origin
 from daq.control.messages import Alarm, SessionState, SessionStatus, Setup
 from daq.errors import InputError
@@ -20,15 +20,13 @@ from daq.runs import Losses, RunStatus
 from tui.cli import run
 from tui.commands.tui import _starter, _wanted
 from tui.recorders.daemon import Lifetime, _Daemon, _Signals
-from tui.recorders.log import BURST, Log
+from tui.recorders.log import Log
 from tui.recorders.process import (
     failure,
     last_line,
-    start_demo_recorder,
     start_recorder,
-    start_replay_recorder,
 )
-from tui.recorders.recording import OpenedAtStart, print_outcome, recorded_session
+from tui.recorders.recording import print_outcome, recorded_session
 
 from ..daq.a_status import a_status
 from ..daq.small_session import small_session
@@ -75,29 +73,6 @@ def test_a_recorder_is_started_idle_in_its_folder(tmp_path: Path, started: Start
     assert started.commands[1][2:] == [
         "tui", "record", "--out", str(folder), "--keep-on", "--idle", "--log", log
     ]  # fmt: skip
-
-
-def test_recorders_of_a_demonstration_are_given_speed_fault_and_session(
-    tmp_path: Path, started: Started
-) -> None:
-    log = str(tmp_path / "recorder.log")
-    start_demo_recorder(tmp_path, 2.5, "unplug", tmp_path / "b.toml")
-    start_demo_recorder(tmp_path, 1.0, "", None)
-    start_replay_recorder(tmp_path, tmp_path / "car.h5", 4.0)
-    folder = str(tmp_path)
-    assert [command[2:] for command in started.commands] == [
-        ["tui.recorders.demo", folder, "--speed", "2.5", "--fault", "unplug",
-         "--bench", str(tmp_path / "b.toml"), "--log", log],
-        ["tui.recorders.demo", folder, "--speed", "1", "--log", log],
-        ["tui.recorders.replay", folder, str(tmp_path / "car.h5"), "--speed", "4"],
-    ]  # fmt: skip
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="name another folder") as refused:
-        start_recorder(None, tmp_path / "file" / "day")
-    assert refused.value.where == str(tmp_path / "file" / "day")
 
 
 def test_the_end_of_a_recorder_is_the_last_line_of_its_log(tmp_path: Path) -> None:
@@ -182,22 +157,6 @@ def test_options_of_the_terminal_that_do_not_fit_are_named(
     assert said in capsys.readouterr().err
 
 
-def test_a_bus_is_opened_once_at_the_start_and_then_anew() -> None:
-    opened: list[int] = []
-
-    def open_source(bus: Any, number: int) -> Any:
-        opened.append(number)
-        return f"source {number} {len(opened)}"
-
-    bench = parse_bench(default_bench_text(), "bench.toml", Path(), "")
-    two = replace(bench, buses=bench.buses * 2)
-    sources = OpenedAtStart(two, open_source)
-    assert opened == [0, 1]
-    assert str(sources(two.buses[1], 1)) == "source 1 2"
-    assert str(sources(two.buses[1], 1)) == "source 1 3"
-    assert str(sources(two.buses[0], 0)) == "source 0 1"
-
-
 def test_what_was_recorded_is_printed_or_why_there_is_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -247,34 +206,6 @@ def test_what_was_recorded_is_printed_or_why_there_is_nothing(
 
 
 # The log and the daemon -------------------------------------------------------------------------
-
-
-def test_a_key_that_is_new_has_its_lines_and_an_old_one_is_counted_anew_after_a_minute(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock = [0.0]
-    monkeypatch.setattr("tui.recorders.log.time.monotonic", lambda: clock[0])
-    path = tmp_path / "a.log"
-    with Log(path) as log:
-        for now_s in (0.0, 60.0):
-            clock[0] = now_s
-            for _ in range(BURST):
-                log.line("same", "key")
-        for number in range(3):
-            log.line(f"other {number}", f"key {number}")
-        clock[0] = 60.5
-        for _ in range(6):
-            log.line("again", "key")
-    words = [line.partition("bumpbench: ")[2] for line in path.read_text().splitlines()]
-    assert words[:5] == ["same"] * 5
-    assert words[5:8] == ["other 0", "other 1", "other 2"]
-    assert words[8] == "again (and 5 more of these)"
-    assert words[9:] == ["again"] * 4
-
-
-def test_a_log_is_no_device(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="not an ordinary file"):
-        Log(Path("/dev/null"))
 
 
 def daemon(engine: Any, log: Log, lifetime: Lifetime) -> _Daemon:

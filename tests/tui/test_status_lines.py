@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
-
 from daq.bench.campaign import Step
 from daq.bench.origin import Origin
 from daq.control.messages import (
@@ -43,12 +41,6 @@ def test_a_recorder_begins_its_log_with_vehicle_origin_and_folder() -> None:
     simulated = replace(status, origin=Origin.SIMULATED)
     assert said(None, simulated)[0][0] == "recording Granada (simulated) into /var/lib/bumpbench"
     assert said(status, status) == []
-
-
-def test_the_log_names_the_campaigns() -> None:
-    status = a_status()
-    assert said(status, replace(status, recording="r2")) == [("campaign of Granada begun", "")]
-    assert said(status, replace(status, recording="")) == [("campaign of Granada ended", "")]
 
 
 def test_a_daemon_ends_its_log_with_what_it_has_and_how_to_go_on() -> None:
@@ -132,17 +124,6 @@ def test_progress_says_what_is_wrong_with_the_frames() -> None:
     assert progress_words(silent)[1] == "0 of 0 runs, no frame yet"
 
 
-def test_progress_says_that_the_session_file_is_built() -> None:
-    building = replace(a_status(), session=SessionStatus(SessionState.BUILDING), losses=Losses())
-    assert progress_words(building) == (0.0, "building the session file")
-    assert progress_words(replace(building, recording="")) == (1.0, "building the session file")
-    between = replace(a_status(), recording="")
-    assert progress_words(between) == (1.0, "between two campaigns, recording goes on")
-    due = Due(Step("baseline", Excitation.ROLL, 1), 0, 2, 0, "roll")
-    again = replace(building, due=due)
-    assert progress_words(again)[1] == "0 of 0 runs, waiting for baseline_roll_1"
-
-
 def test_a_status_has_a_line_for_each_of_its_parts() -> None:
     storage = StorageStatus(received_frames=18_400, stored_frames=18_345, late_s=2.5)
     status = replace(
@@ -170,22 +151,3 @@ def test_a_status_has_a_line_for_each_of_its_parts() -> None:
     plain = replace(status, begun="", origin=Origin.REPLAYED)
     assert next(status_lines(plain)).startswith("Granada (replayed), into ")
     assert not any(line.startswith("campaign") for line in status_lines(plain))
-
-
-@pytest.mark.parametrize(
-    ("session", "line"),
-    [
-        (SessionStatus(), None),
-        (
-            SessionStatus(SessionState.READY, "a.h5", "2 lost", "r1", 0),
-            "session ready: a.h5 2 lost",
-        ),
-        (SessionStatus(SessionState.READY, "a.h5", "", "r1", 1), "session ready, outdated: a.h5"),
-        (SessionStatus(SessionState.FAILED, "", "no run"), "session failed: no run"),
-    ],
-)
-def test_a_status_names_the_session_file_and_whether_it_is_outdated(
-    session: SessionStatus, line: str | None
-) -> None:
-    last = list(status_lines(replace(a_status(), session=session)))[-1]
-    assert last == line if line else last.startswith("in control")

@@ -22,9 +22,9 @@ from daq.control import Hello, OrderRefusedError
 
 from ..browser.guard import Guard
 from ..terminal.state.feed import Feed, RecorderFeed
-from .buttons import order_of
 from .follow import Follower, Hub
 from .link import Served, listen_on
+from .view import order_of
 
 MOST_PAGES = 32
 """Most pages at a time; a further one is refused and tries again."""

@@ -9,14 +9,15 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from daq import Status
-from daq.bench import Origin
-from daq.control import Phase
+from daq import BASELINE, Excitation, Status
+from daq.bench import Method, Origin
+from daq.bumps import BUMPS
+from daq.control import Arm, Order, Pause, Phase, Reject
 from daq.errors import printable
 from daq.runlog import LoggedRun, LoggedStatus
 
 from ..terminal.state.feed import Lost
-from ..terminal.state.next_action import next_action, weights_question
+from ..terminal.state.next_action import BUSY, changed_weights, next_action, weights_question
 from ..terminal.state.obstacle import cause_words, first_obstacle
 from ..terminal.state.run_words import (
     COMPLETE,
@@ -34,8 +35,6 @@ from ..terminal.state.run_words import (
     run_words,
     waiting_words,
 )
-from .buttons import NO_BUTTONS, Buttons, buttons_of
-from .pieces import AlarmLine, Row, Sketch, alarm_line, rows_of, sketch_of
 
 if TYPE_CHECKING:
     from daq import Bench
@@ -79,6 +78,74 @@ class Headline:
     """Changes when sound and speech are due."""
     speech: str = ""
     """Sentence to speak; empty for none."""
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmLine:
+    """The gravest alarm in words."""
+
+    cue: str
+    """Changes when another alarm comes."""
+    text: str
+    advice: str
+    more: int
+    """Number of further alarms."""
+    speech: str
+    """Sentence to speak."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Progress of one mass state and kind of bump."""
+
+    mass_state: str
+    kind: str
+    """The kind of bump in words."""
+    accepted: int
+    planned: int
+    rejected: int
+    due: bool
+    """True if the next run is one of these."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sketch:
+    """The boards to place, or where to push, on the car seen from above."""
+
+    method: Method
+    wheels: tuple[bool, bool, bool, bool]
+    """Wheels with a board or block, in the order of `Corner`; none for a push."""
+    hand: tuple[int, int] | None
+    """Place where hands push, forward and to the left of the body's middle; None without a push."""
+    legend: str
+    """Text of the sketch: the board or block, with its height."""
+
+
+NEXT, REJECT, PAUSE = "next", "reject", "pause"
+_RUNNING = (*BUSY, Phase.ACCEPTED, Phase.REJECTED)
+_NEXT_WORDS = {Phase.PAUSED: "Go on", Phase.REJECTED: "Again now", Phase.ACCEPTED: "Next now"}
+
+
+@dataclass(frozen=True, slots=True)
+class Buttons:
+    """Labels; an empty one is a button that does nothing now."""
+
+    next: str = ""
+    """Label of the first button."""
+    next_label: str = ""
+    """Mass state that the first button confirms: the page sends it back, so that a late touch
+    cannot answer another question."""
+    reject: str = ""
+    """Label of the second button."""
+    reject_label: str = ""
+    """Label of the run that the second button rejects: the page sends it back, so that a late touch
+    cannot reject another run."""
+    pause: str = ""
+    """Label of the third button."""
+
+
+NO_BUTTONS = Buttons()
+"""Without a status, no button does anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,3 +344,83 @@ def _title(status: Status) -> str:
     if status.phase in (Phase.ACCEPTED, Phase.REJECTED) and (run := last_judged(status)):
         return f"{run.mass_state}: {run_words(run)}, {count_words(status, run)}"
     return f"{status.due.step.mass_state}: {due_words(status)}" if status.due else ""
+
+
+def alarm_line(status: Status) -> AlarmLine | None:
+    """Return the gravest alarm of a status; None if there is none."""
+    if not status.alarms:
+        return None
+    first, *others = status.alarms
+    subject = f" {printable(first.subject, 60)}" if first.subject else ""
+    what = f"{reason_words(first.code)}{subject}"
+    return AlarmLine(
+        f"{first.code} {first.subject} {first.since_ns}",
+        f"{reason_words(first.code).upper()}{subject}: {printable(first.text, 160)}",
+        printable(first.advice, 160),
+        len(others),
+        f"Alarm: {what}.",
+    )
+
+
+def rows_of(status: Status) -> tuple[Row, ...]:
+    """Return the progress of a campaign."""
+    step = status.due.step if status.due else None
+    here = (step.mass_state, step.excitation) if step else None
+    return tuple(
+        Row(
+            printable(tally.mass_state, 20),
+            tally.excitation.words,
+            tally.accepted,
+            tally.planned,
+            tally.rejected,
+            (tally.mass_state, tally.excitation) == here,
+        )
+        for tally in status.tallies
+    )
+
+
+def sketch_of(bench: Bench, excitation: Excitation) -> Sketch:
+    """Return the sketch of a bump; a push that cannot make it is a drop."""
+    procedure = bench.procedure
+    height = f"{procedure.bump_height_m * 1e3:g} mm"
+    bump = BUMPS[excitation]
+    fl, fr, rl, rr = (share > 0.0 for share in bump.shares)
+    if procedure.method is Method.PUSH and bump.hand is not None:
+        none = (False, False, False, False)
+        return Sketch(Method.PUSH, none, bump.hand, f"push {height} down here")
+    if procedure.method is Method.ROLL_OVER:
+        return Sketch(Method.ROLL_OVER, (fl, fr, rl, rr), None, f"board, {height}")
+    return Sketch(Method.DROP, (fl, fr, rl, rr), None, f"wheel on a block, {height}")
+
+
+def buttons_of(status: Status) -> Buttons:
+    """Return what the buttons do in a status."""
+    last = status.runs[-1] if status.runs else None
+    rejects = last is not None and last.status is not LoggedStatus.REJECTED
+    weights = changed_weights(status) if _arms(status) else ""
+    start = "Weights are off: start" if weights == BASELINE else "Weights are on: start"
+    return Buttons(
+        start if weights else _NEXT_WORDS.get(status.phase, "Start") if _arms(status) else "",
+        weights,
+        f"Reject {run_words(last)}" if last and rejects else "",
+        last.label if last and rejects else "",
+        "Pause" if status.phase in _RUNNING else "",
+    )
+
+
+def order_of(button: str, label: str, status: Status) -> Order | None:
+    """Return the order of a button; None if it does nothing now.
+
+    `label`: label that the page sent with the button.
+    """
+    if button == NEXT and _arms(status) and label == changed_weights(status):
+        return next_action(status).order
+    if button == REJECT and label and label == buttons_of(status).reject_label:
+        return Reject(label)
+    if button == PAUSE and status.phase in _RUNNING:
+        return Pause()
+    return None
+
+
+def _arms(status: Status) -> bool:
+    return isinstance(next_action(status).order, Arm)

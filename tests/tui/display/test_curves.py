@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tui.display.curves import NO_CURVES, curves_of
+from tui.display.follow import NO_CURVES, curves_of
 from tui.terminal.state.lanes import Lanes
 
 from ..terminal.fake_recorder import FakeRecorder

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import io
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -149,31 +148,6 @@ def pages(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Pages]]:
         guard._listening.close()
     for number, handler in before.items():
         signal.signal(number, handler)
-
-
-@pytest.mark.parametrize("control", [False, True])
-def test_a_display_is_announced_once_and_ended_from_anywhere(
-    control: bool, tmp_path: Path, pages: type[Pages]
-) -> None:
-    announced: list[Served] = []
-
-    def announce(served: Served, end: Callable[[], object]) -> None:
-        announced.append(served)
-        end()
-
-    run_display(tmp_path, "here", "MK", control, announce)
-    ((guard, feed, folder, name, granted),) = pages.made
-    (served,) = announced
-    assert (served.link, served.host) == (guard.link, "127.0.0.1")
-    assert (folder, name, feed._control) == (tmp_path, "MK", False)
-    assert (granted is not None, bool(served.secret)) == (control, control)
-    assert granted is None or granted.secret == served.secret
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_a_display(number: int, tmp_path: Path, pages: type[Pages]) -> None:
-    run_display(tmp_path, "here", "MK", False, lambda *_: os.kill(os.getpid(), number))
-    assert len(pages.made) == 1
 
 
 def test_only_a_fault_of_its_own_ends_a_display(

@@ -11,8 +11,7 @@ from daq.bench.origin import Origin
 from daq.control.messages import Alarm, Phase
 from daq.control.orders import Arm, Pause, Reject
 from daq.runs import Excitation
-from tui.display.buttons import order_of
-from tui.display.view import Kind, View, view
+from tui.display.view import Kind, View, order_of, view
 from tui.terminal.state.feed import Lost
 
 from ..terminal.fake_recorder import DOUBLE_BUMP, FakeRecorder
@@ -98,15 +97,6 @@ def test_a_rejected_run_says_why_and_what_to_do(recorder: FakeRecorder) -> None:
     assert head.advice == "Bump once, keep hands off."
     assert head.speech == "Again. Double bump. Bump once, keep hands off.", "no figures by ear"
     assert shown(recorder).rows[0].rejected == 1
-
-
-def test_a_second_run_of_a_kind_is_another_cue(recorder: FakeRecorder) -> None:
-    cues = set()
-    for _ in range(2):
-        recorder.bump()
-        recorder.judge()
-        cues.add(shown(recorder).headline.cue)
-    assert len(cues) == 2
 
 
 def test_a_lost_recorder_hides_what_was(recorder: FakeRecorder) -> None:
@@ -230,10 +220,3 @@ def test_a_late_touch_rejects_no_other_run(recorder: FakeRecorder) -> None:
     recorder.bump()
     assert order_of("reject", first, recorder.status) is None
     assert order_of("reject", "", recorder.status) is None
-
-
-def test_a_rejected_run_is_not_rejected_again(recorder: FakeRecorder) -> None:
-    label = recorder.bump()
-    recorder.judge(DOUBLE_BUMP)
-    assert shown(recorder).buttons.reject == ""
-    assert order_of("reject", label, recorder.status) is None
