@@ -210,19 +210,22 @@ class LeftOut:
     """Its difference from the others, in words."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """The complete state of a recorder: a terminal that connects needs nothing else."""
+    """The complete state of a recorder: a terminal that connects needs nothing else.
+
+    The recording fills it in; the recorder adds what has a default, and the server its clients.
+    """
 
     __pydantic_config__ = _WHEN_USED
     wall_ns: int
     """The host's wall-clock time, ns since 1970."""
     t_ns: int
     """Time stamp of the latest frame, ns; 0 before the first."""
-    recording: str
+    recording: str = ""
     """Identity of the campaign's recording; changes with `Start`.  Empty between two campaigns,
     after `Stop`, although frames are also recorded then."""
-    folder: str
+    folder: str = ""
     vehicle: str
     bench_crc32: int
     """CRC of the present bench.toml: a client asks for the file when this changes."""
@@ -262,9 +265,9 @@ class Status:
     sensors_expected: int
     """Number of messages of the bench."""
     losses: Losses
-    disk: DiskStatus
-    queue: QueueStatus
-    session: SessionStatus
+    disk: DiskStatus = DiskStatus(0, 0, 0, 0.0)
+    queue: QueueStatus = QueueStatus(0, 0, 0)
+    session: SessionStatus = SessionStatus()
     controller: str = ""
     viewers: int = 0
     software: str = ""

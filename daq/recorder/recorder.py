@@ -55,7 +55,6 @@ from .orders import OrderError
 from .readers import PieceQueue, Readers
 from .recording import Recording
 from .restart_measures import recall
-from .status import Host
 from .storage_watch import StorageWatch
 
 BLOCK_S = 0.1
@@ -226,17 +225,17 @@ class Recorder:
 
     def _status(self, now: Now) -> Status:
         disk = self._opened.writer.status
-        host = Host(
-            self._opened.campaign,
-            str(self._folder),
-            self._software,
-            replace(disk, lag_s=max(disk.lag_s, self._lag_s)),
-            self._pieces.status,
-            self._derivation.status,
-            self._storage.status(now.monotonic_s),
-            self._begun,
+        return replace(
+            self._recording.status(now),
+            recording=self._opened.campaign,
+            folder=str(self._folder),
+            software=self._software,
+            disk=replace(disk, lag_s=max(disk.lag_s, self._lag_s)),
+            queue=self._pieces.status,
+            session=self._derivation.status,
+            storage=self._storage.status(now.monotonic_s),
+            begun=self._begun,
         )
-        return self._recording.status(now, host)
 
     def _carry_out(self, order: Order | Bench, by: str, answer: Future[Reply]) -> None:
         try:

@@ -24,7 +24,7 @@ from ..control.messages import DiskStatus, LeftOut, Live, Phase, Status, Storage
 from ..control.orders import Acknowledge, Arm, Choose, Configure, LeaveOut, Order, Pause
 from ..runlog.entries import verdict_entry
 from ..runlog.fold import advance
-from ..runlog.runlog import Code, RunLog, parse_label
+from ..runlog.runlog import Change, Code, RunLog, parse_label
 from ..runs import Event, Losses
 from ..samples import health, trigger
 from ..samples.bench_mapping import bench_mapping
@@ -41,7 +41,7 @@ from .orders import OrderError, checked_arm, order_event
 from .proposal import Compared, compared, left_out_event, proposed
 from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings
-from .status import Counts, Host, State, build_status, counts_of
+from .status import Counts, counts_of
 
 RESTAMPED = "restamped"
 
@@ -209,20 +209,41 @@ class Recording:
         """Store an event of the recorder, at the time of the latest frame."""
         self._log_event(Event(self._t_ns or now.wall_ns, code, value, text), [])
 
-    def status(self, now: Now, host: Host) -> Status:
-        """Return the status of the recording."""
-        state = State(
-            self._t_ns,
-            self._bump_ns,
-            zlib.crc32(self._bench.text.encode()),
-            self._loop,
-            trigger.not_at_rest(self._bench.trigger, self._trigger),
-            self._barrier.value("verdict", now, None, self._peak_left),
-            self._alarms,
-            self.losses,
-            self._barrier.value("comparison", now, (), lambda: self._proposed),
+    def status(self, now: Now) -> Status:
+        """Return the status as far as the recording knows it."""
+        loop, alarms, log, counts = self._loop, self._alarms, self._run_log, self._counts
+        bench = self._bench
+        return Status(
+            wall_ns=now.wall_ns,
+            t_ns=self._t_ns,
+            vehicle=bench.vehicle.name,
+            bench_crc32=zlib.crc32(bench.text.encode()),
+            phase=loop.phase,
+            phase_s=max(self._t_ns - loop.since_ns, 0) * 1e-9,
+            countdown_s=loop.countdown_s(self._t_ns, bench.procedure.accept_after_s, self._due),
+            not_at_rest=trigger.not_at_rest(bench.trigger, self._trigger)
+            if loop.phase is Phase.WAITING
+            else (),
+            bump_ns=self._bump_ns,
+            peak_left=self._barrier.value("verdict", now, None, self._peak_left),
+            halted=loop.halted,
+            due=counts.due,
+            tallies=counts.tallies,
+            runs=log.runs,
+            notes=log.notes,
+            overrides=log.overrides,
+            undo=_text_of_last(log.done),
+            redo=_text_of_last(log.undone),
+            alarms=alarms.shown,
+            overloaded=alarms.overloaded,
+            buses=alarms.buses,
+            sensors_alive=alarms.sensors_alive,
+            sensors_expected=alarms.sensors_expected,
+            losses=self.losses,
+            revision=log.revision,
+            origin=bench.origin,
+            proposed=self._barrier.value("comparison", now, (), lambda: self._proposed),
         )
-        return build_status(now, host, self._bench, self._run_log, self._counts, state)
 
     def recent(self, seconds: float) -> FrameBatch:
         """Return the raw frames of the last seconds, at most ten."""
@@ -360,3 +381,8 @@ class Recording:
         dead = self._alarms.dead_bus if self.running else None
         if dead is not None:
             self._reject(finding("bus_lost", False, 0.0, 0.0, "", dead.text, dead.subject), events)
+
+
+def _text_of_last(changes: tuple[Change, ...]) -> str:
+    """Return the last of the verdicts that can be undone or redone, in words."""
+    return f"{changes[-1].after.label} {changes[-1].after.status}" if changes else ""

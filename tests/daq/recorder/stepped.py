@@ -7,23 +7,19 @@ from collections.abc import Sequence
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
 from daq.clocks import Now
-from daq.control.messages import DiskStatus, QueueStatus, SessionStatus, Status, StorageStatus
+from daq.control.messages import DiskStatus, Status, StorageStatus
 from daq.control.orders import (
     Arm,
     Until,
 )
 from daq.journal.writer import JournalWriter
 from daq.recorder.recording import Recording
-from daq.recorder.status import Host
 from daq.runs import Event
 from dbc import Codec, FrameBatch
 
 from ..small_campaign import START_NS, codes
 
-HOST = Host(
-    "id", "folder", "test", DiskStatus(10**12, 0, 0, 0.0), QueueStatus(0, 0, 1), SessionStatus(),
-    StorageStatus(),
-)  # fmt: skip
+DISK = DiskStatus(10**12, 0, 0, 0.0)
 LINK = LinkFacts("can0", 1_000_000, True, "", "", 0.0, 0, SourceLosses())
 
 
@@ -34,7 +30,7 @@ def now(block: FrameBatch | None = None) -> Now:
 
 def look(recording: Recording, now: Now, links: Sequence[LinkFacts] = ()) -> tuple[Event, ...]:
     """Look at what was stored, on a host that has no trouble."""
-    return recording.look(now, links, HOST.disk, HOST.storage)
+    return recording.look(now, links, DISK, StorageStatus())
 
 
 def step(
@@ -62,7 +58,7 @@ def runs_of(events: Sequence[Event]) -> list[tuple[str, str]]:
 
 
 def status_of(recording: Recording) -> Status:
-    return recording.status(now(), HOST)
+    return recording.status(now())
 
 
 def armed(

@@ -32,7 +32,6 @@ from daq.journal.folder import last_recording, recordings, segments_in
 from daq.journal.reader import read_journal
 from daq.journal.segment import SyncedFile
 from daq.recorder import checking
-from daq.recorder import recorder as engine_module
 from daq.recorder.derivation import Derivation
 from daq.recorder.orders import OrderError
 from daq.recorder.readers import PieceQueue, Readers
@@ -371,7 +370,7 @@ def test_a_status_that_fails_stops_nothing(
     with Running(quick, tmp_path, sources(script)) as running:
         running.until(lambda s: s.recording != "")
         with monkeypatch.context() as patch:
-            patch.setattr(engine_module, "Host", lambda *_: 1 / 0)
+            patch.setattr("daq.recorder.recording.Recording.status", lambda *_: 1 / 0)
             deadline_s = time.monotonic() + PATIENCE_S
             while "publish" not in running.recorder._barrier._failed:
                 assert time.monotonic() < deadline_s

@@ -12,30 +12,19 @@ from daq.clocks import Now
 from daq.control.messages import (
     DiskStatus,
     Phase,
-    QueueStatus,
-    SessionStatus,
     Status,
     StorageStatus,
 )
 from daq.control.orders import Arm, Until
 from daq.errors import BusError
 from daq.recorder.recording import Recording
-from daq.recorder.status import Host
 from daq.runs import Event
 from daq.sim.bench import Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
 from dbc import FrameBatch
 
 START_NS = 1_800_000_000_000_000_000
-HOST = Host(
-    "a recording",
-    "",
-    "test",
-    DiskStatus(10**12, 0, 0, 0.0),
-    QueueStatus(0, 0, 1),
-    SessionStatus(),
-    StorageStatus(),
-)
+DISK = DiskStatus(10**12, 0, 0, 0.0)
 NO_LOSSES = HopLosses()
 
 
@@ -64,7 +53,7 @@ def record(
         bench, codec, SimulatedCar(), seed, speed, lambda: statuses[-1], fault, START_NS
     )
     now = Now(START_NS, 0.0)
-    statuses.append(recorder.status(now, HOST))
+    statuses.append(recorder.status(now))
     armed = False
     for _ in range(turns):
         try:
@@ -74,11 +63,11 @@ def record(
         if len(batch):
             now = Now(int(batch.t_ns[-1]), (int(batch.t_ns[-1]) - START_NS) * 1e-9)
         recorder.store(batch, NO_LOSSES)
-        recorder.look(now, (), HOST.disk, HOST.storage)
+        recorder.look(now, (), DISK, StorageStatus())
         if not armed and len(batch):
             recorder.carry_out(Arm(Until.COMPLETE), "test", now)
             armed = True
-        statuses[:] = [recorder.status(now, HOST)]
+        statuses[:] = [recorder.status(now)]
         if statuses[-1].phase is Phase.COMPLETE:
             break
     source.dismantle()

@@ -33,7 +33,7 @@ from daq.vehicle import FORD_GRANADA, Corner
 from dbc import FrameBatch
 
 from ..wild_bench import DATABASES, NODES, wild_bench
-from .bench_campaign import HOST, START_NS, Kept, record
+from .bench_campaign import START_NS, Kept, record
 
 
 @cache
@@ -44,7 +44,7 @@ def short_bench() -> Bench:
 
 def _idle() -> Status:
     now = Now(START_NS, 0.0)
-    return Recording(short_bench(), bench_codec(short_bench()), Kept()).status(now, HOST)
+    return Recording(short_bench(), bench_codec(short_bench()), Kept()).status(now)
 
 
 def _resting() -> SimulatedBench:
