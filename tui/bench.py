@@ -25,18 +25,6 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
     return reachable(bench, str(path or "bench.toml (shipped)"))
 
 
-def named_once(argument: Path | None, option: Path | None, name: str) -> Path | None:
-    """Return a file that is named as an argument or by the earlier option.
-
-    Raises InputError if it is named twice.
-    """
-    from daq import InputError
-
-    if argument is not None and option is not None:
-        raise InputError(name, f"is named twice: {argument} and {option}", "leave the option out")
-    return argument if argument is not None else option
-
-
 def log_and_bench(log: Path, bench: Path | None) -> tuple[Path, Path | None]:
     """Return a log and a bench.toml that were named in either order."""
     if bench is not None and not _is_log(log) and _is_log(bench):

@@ -29,10 +29,6 @@ DisplayAt = Annotated[
 DisplayControl = Annotated[
     bool, typer.Option("--display-control", help="Let the display start, reject and pause.")
 ]
-OldBench = Annotated[Path | None, typer.Option("--config", hidden=True)]
-OldPlanBench = Annotated[Path | None, typer.Option("--bench", hidden=True)]
-"""Earlier option for bench.toml, which is now an argument; it still works."""
-
 Force = Annotated[
     bool, typer.Option("--force", help="Replace existing files (else they are refused).")
 ]

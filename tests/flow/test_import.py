@@ -100,7 +100,7 @@ def test_a_campaign_as_blf_through_a_foreign_dbc_gives_the_same_samples(
     _write_blf(tmp_path / "campaign.blf", frames)
     (tmp_path / "foreign.dbc").write_text(_foreign(shipped_dbc()), "utf-8")
     (tmp_path / "foreign.toml").write_text(_foreign(_bench_text()), "utf-8")
-    files = ["--config", str(tmp_path / "foreign.toml"), "--dbc", str(tmp_path / "foreign.dbc")]
+    files = [str(tmp_path / "foreign.toml"), "--dbc", str(tmp_path / "foreign.dbc")]
     target = str(tmp_path / "imported.h5")
     log = str(tmp_path / "campaign.blf")
     summary = _json(capsys, "import", log, *files, "--out", target)

@@ -47,7 +47,7 @@ def log(rest: FrameBatch, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_sound_bench(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["check", "--log", str(log)]) == 0
+    assert run(["check", str(log)]) == 0
     out = capsys.readouterr().out
     assert "OK   message HUB_Front" in out
     assert "+1 g" in out
@@ -82,7 +82,7 @@ def test_a_fault_fails(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
         '[[channel]]\nname = "z"\nsignal = "IMU_Accel.acc_z"\nsign = -1\n'
         'quantity = "body_acceleration"\n'
     )
-    assert run(["check", str(bench), "--log", str(log), "--json"]) == 1
+    assert run(["check", str(bench), str(log), "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert document["verdict"] == "FAIL"
     (line,) = [x for x in document["lines"] if x["subject"] == "channel z"]
@@ -94,7 +94,7 @@ def test_a_fault_fails(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_it_looks_only_at_the_beginning_of_a_log(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["check", "--log", str(log), "--seconds", "0.5", "--json"]) in (0, 1)
+    assert run(["check", str(log), "--seconds", "0.5", "--json"]) in (0, 1)
     document = json.loads(capsys.readouterr().out)
     assert 0.4 < document["seconds"] <= 0.5
 
@@ -180,7 +180,7 @@ def test_the_layouts_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_layout_against_a_log_of_something_else(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["check", "--layout", "xsens_mti", "--log", str(log)]) == 1
+    assert run(["check", "--layout", "xsens_mti", str(log)]) == 1
     out = capsys.readouterr().out
     assert "FAIL message Acceleration" in out
     assert "6 identifiers are not in the DBC" in out
@@ -190,7 +190,7 @@ def test_a_proposal_is_written_and_proved(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "new.toml"
-    assert run(["check", "--propose", str(target), "--log", str(log)]) == 0
+    assert run(["check", "--propose", str(target), str(log)]) == 0
     reported = capsys.readouterr()
     assert f"wrote {target}" in reported.err
     assert "channel acc_fl" in reported.out
@@ -231,7 +231,7 @@ def test_at_a_terminal_a_proposal_asks(
     monkeypatch.setattr("sys.stdin", Terminal())
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     target = tmp_path / "asked.toml"
-    assert run(["check", "--propose", str(target), "--log", str(log)]) == 0
+    assert run(["check", "--propose", str(target), str(log)]) == 0
     text = target.read_text("utf-8")
     assert not [lines for lines in answers.values() if lines]
     assert len([question for question in typed if "point forward?" in question]) == 2
@@ -260,7 +260,7 @@ def test_an_answer_that_gravity_contradicts_is_said_so(
     monkeypatch.setattr("sys.stdin", Terminal())
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     target = tmp_path / "asked.toml"
-    assert run(["check", "--propose", str(target), "--log", str(log)]) == 0
+    assert run(["check", "--propose", str(target), str(log)]) == 0
     said = "bumpbench: '+z' contradicts what the sensors show: the question stays in the file\n"
     assert said in capsys.readouterr().err
     assert "# ASK: does the sensor's +x axis point forward?" in target.read_text("utf-8")

@@ -78,7 +78,7 @@ def test_one_log_of_many_runs_is_labelled_in_the_order_of_the_campaign(
 ) -> None:
     log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
     out = tmp_path / "s.h5"
-    document, err = done(capsys, "import", str(log), "--config", bench, "--out", str(out))
+    document, err = done(capsys, "import", str(log), bench, "--out", str(out))
     assert err == ""
     assert labels(document) == CAMPAIGN
     session = daq.read_session(out)
@@ -101,7 +101,7 @@ def test_labels_can_be_corrected(
     log = write_log(tmp_path / "all.log", bumps(small_codec(), 5))
     order = "baseline:bounce,baseline:bounce,added:roll"
     document, err = done(
-        capsys, "import", str(log), "--config", bench, "--out", str(tmp_path / "s.h5"),
+        capsys, "import", str(log), bench, "--out", str(tmp_path / "s.h5"),
         "--runs", order, "--skip", "1",
     )  # fmt: skip
     assert labels(document) == ["baseline_bounce_1", "baseline_bounce_2", "added_roll_1"]
@@ -120,7 +120,7 @@ def test_one_log_a_run_in_files_that_all_begin_at_the_same_time(
     for n, kind in enumerate(["baseline:bounce", "added:bounce", "baseline:bounce"]):
         arguments += ["--run", f"{kind}:{write_log(tmp_path / f'{n}.log', relative)}"]
     out = tmp_path / "s.h5"
-    document, err = done(capsys, "import", *arguments, "--config", bench, "--out", str(out))
+    document, err = done(capsys, "import", *arguments, bench, "--out", str(out))
     assert labels(document) == ["baseline_bounce_1", "added_bounce_1", "baseline_bounce_2"]
     assert "has no date" in err
     assert [len(one.frames) for one in daq.read_session(out).runs] == [600, 600, 600]
@@ -133,7 +133,7 @@ def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
     halves = [frames.select(slice(0, 700)), frames.select(slice(700, None))]
     logs = [str(write_log(tmp_path / f"{n}.log", half)) for n, half in enumerate(halves)]
     out = tmp_path / "s.h5"
-    document, _ = done(capsys, "import", *logs, "--config", bench, "--out", str(out))
+    document, _ = done(capsys, "import", *logs, bench, "--out", str(out))
     assert labels(document) == CAMPAIGN
     assert {one["status"] for one in document["runs"]} == {"accepted"}
     shown = stages["import"]
@@ -152,7 +152,7 @@ def test_a_loss_in_the_log_is_reported_and_is_exit_code_3(
     log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
     log.write_bytes(log.read_bytes()[:-9])
     out = tmp_path / "s.h5"
-    document, err = done(capsys, "import", str(log), "--config", bench, "--out", str(out), code=3)
+    document, err = done(capsys, "import", str(log), bench, "--out", str(out), code=3)
     assert labels(document) == CAMPAIGN
     assert "is not whole" in err
     assert "has no end" in err
@@ -185,7 +185,7 @@ def test_what_cannot_be_imported_is_said_in_one_line(
     still = write_log(tmp_path / "still.log", frames.select(slice(0, 400)))
     given = [argument.format(log=log, still=still) for argument in arguments]
     out = [] if "--out" in given else ["--out", str(tmp_path / "s.h5")]
-    assert run(["import", *given, *out, "--config", bench]) == 2
+    assert run(["import", *given, *out, bench]) == 2
     err = capsys.readouterr().err
     assert why in err
     assert err.count("\n") == 1
@@ -197,7 +197,7 @@ def test_a_session_is_decoded_anew_with_a_corrected_dbc(
 ) -> None:
     log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
     old = tmp_path / "s.h5"
-    done(capsys, "import", str(log), "--config", bench, "--out", str(old))
+    done(capsys, "import", str(log), bench, "--out", str(old))
     before = old.read_bytes()
     lines = shipped_dbc().splitlines()
     row = next(i for i, line in enumerate(lines) if "SG_ acc_fl" in line)
@@ -240,7 +240,7 @@ def test_a_log_and_its_session_are_replayed(
     frames = bumps(small_codec(), 4)
     log = write_log(tmp_path / "all.log", frames)
     out = tmp_path / "s.h5"
-    done(capsys, "import", str(log), "--config", bench, "--out", str(out))
+    done(capsys, "import", str(log), bench, "--out", str(out))
     onto = ["--interface", "udp_multicast", "--channel", "239.74.163.99", "--fast"]
     document, _ = done(capsys, "replay", str(log), *onto)
     assert document["sent"] == len(sent) == len(frames)
@@ -260,7 +260,7 @@ def test_frames_that_are_lost_in_a_run_are_exit_code_3_though_the_log_is_whole(
     kept[600:603] = False
     log = write_log(tmp_path / "all.log", frames.select(kept))
     out = str(tmp_path / "s.h5")
-    document, err = done(capsys, "import", str(log), "--config", bench, "--out", out, code=3)
+    document, err = done(capsys, "import", str(log), bench, "--out", out, code=3)
     assert "is not whole" not in err
     assert document["runs"][0]["losses"]["counter_gaps"] > 0
     assert [run["losses"]["counter_gaps"] for run in document["runs"][1:]] == [0, 0, 0]
@@ -280,7 +280,7 @@ def test_runs_at_times_below_zero_have_their_labels_and_samples(
         head = "timestamp,arbitration_id,extended,remote,error,dlc,data\n"
         (tmp_path / "all.csv").write_text(head + "".join(lines))
         out = tmp_path / "s.h5"
-        words = ["import", str(tmp_path / "all.csv"), "--config", bench, "--out", str(out)]
+        words = ["import", str(tmp_path / "all.csv"), bench, "--out", str(out)]
         document, _ = done(capsys, *words, "--force")
         assert labels(document) == CAMPAIGN
         sessions.append((shift_ns, daq.read_session(out)))
@@ -300,12 +300,12 @@ def test_two_logs_in_one_file_whose_clocks_begin_anew_follow_each_other(
     second = replace(second, t_ns=second.t_ns - 2_400_000_000 + 3_000_000)
     log = write_log(tmp_path / "all.log", FrameBatch.concatenate([first, second]))
     out = str(tmp_path / "s.h5")
-    document, err = done(capsys, "import", str(log), "--config", bench, "--out", out)
+    document, err = done(capsys, "import", str(log), bench, "--out", out)
     assert labels(document) == CAMPAIGN
     assert [len(one.frames) for one in daq.read_session(Path(out)).runs] == [600] * 4
     assert f"after frame {half}: the rest is taken as a later part" in err
     log.write_text(log.read_text()[: len(log.read_text()) // 2] * 2)
-    assert run(["import", str(log), "--config", bench, "--out", out, "--force"]) == 2
+    assert run(["import", str(log), bench, "--out", out, "--force"]) == 2
     assert "stores the same frames twice" in capsys.readouterr().err
 
 
@@ -317,7 +317,7 @@ def test_lines_that_are_lost_are_counted_in_one_run(
     rows = [lines[i : i + 50] for i in range(0, len(lines), 50)]
     log.write_text("\n(1.0) can0 1x0#00\n".join("\n".join(row) for row in rows) + "\n")
     out = str(tmp_path / "s.h5")
-    _, err = done(capsys, "import", str(log), "--config", bench, "--out", out, code=3)
+    _, err = done(capsys, "import", str(log), bench, "--out", out, code=3)
     assert f"{len(rows) - 1} records unreadable" in err
     runs = daq.read_session(Path(out)).runs
     assert 0 < sum(one.losses.bus_garbled for one in runs) <= len(rows) - 1

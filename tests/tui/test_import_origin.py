@@ -47,7 +47,7 @@ def test_the_origin_of_a_journal_is_that_of_the_session(
         else:
             logs.append(journal(tmp_path / str(bump), Origin(origin), bump))
     target = tmp_path / "out.h5"
-    command = ["import", *logs, "--config", str(tmp_path / "bench.toml"), "--out", str(target)]
+    command = ["import", *logs, str(tmp_path / "bench.toml"), "--out", str(target)]
     assert run(command) == 0, capsys.readouterr().err
     assert daq.read_session(target).provenance["origin"] == imported
 

@@ -56,7 +56,7 @@ def test_rate_and_height(capsys: pytest.CaptureFixture[str]) -> None:
     plain = _json(capsys, "--rate", "200")
     assert {s["rate_hz"] for s in plain["sensors"]} == {200.0}
     assert len(plain["parameters"]) == 15
-    assert 0.0 < plain["mean"] <= plain["worst"] < 0.02
+    assert 0.0 < plain["mean"] <= plain["worst"] < 0.025
     assert 1 <= len(plain["next_steps"]) <= 12
     assert all(step["worst_before"] == plain["worst"] for step in plain["next_steps"])
     low = _json(capsys, "--rate", "200", "--bump-mm", "10")
@@ -73,18 +73,18 @@ def test_the_bench_states_the_height_of_the_bumps(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     bench = _bench(tmp_path, "bump_height_mm = 50.0", "bump_height_mm = 40.0")
-    lower = _json(capsys, "--rate", "200", "--bench", bench)
+    lower = _json(capsys, "--rate", "200", bench)
     advised = [step["action"] for step in lower["next_steps"] if "bump" in step["action"]]
     assert advised == ["a bump of 50 mm instead of 40 mm"]
 
 
 def test_no_roll_is_no_plan(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bench = _bench(tmp_path, '"bounce", "pitch", "roll"', '"bounce", "pitch"')
-    document = _json(capsys, "--bench", bench, "--rate", "200", code=1)
+    document = _json(capsys, bench, "--rate", "200", code=1)
     assert document["undetermined"] == ["I_xx", "t_f", "t_r"]
     assert document["parameters"]["I_xx"]["std"] is None
     assert document["remedies"] == ["one roll run in mass state baseline"]
-    assert run(["plan", "--bench", bench, "--rate", "200"]) == 1
+    assert run(["plan", bench, "--rate", "200"]) == 1
     out = capsys.readouterr().out
     assert "not determined: I_xx, t_f, t_r" in out
     assert "  - add: one roll run in mass state baseline" in out
@@ -99,13 +99,13 @@ def test_facts_and_structure_of_the_bench(
         for axle in ("front", "rear")
     )
     weighed = _bench(tmp_path, "[campaign]", facts + "[campaign]")
-    better = _json(capsys, "--bench", weighed, "--rate", "200")
+    better = _json(capsys, weighed, "--rate", "200")
     assert better["parameters"]["m_s"]["std"] < 0.3 * plain["parameters"]["m_s"]["std"]
     assert better["mean"] < 0.7 * plain["mean"]
     assert not any("weigh" in step["action"].split() for step in better["next_steps"])
     structure = "[vehicle.structure]\nsymmetric = false\nanti_roll_bars = true\n"
     free = _bench(tmp_path, "[campaign]", structure + "[campaign]")
-    document = _json(capsys, "--bench", free, "--rate", "200")
+    document = _json(capsys, free, "--rate", "200")
     assert {"k_sfl", "k_srr", "k_af"} <= set(document["parameters"])
     assert document["parameters"]["k_af"]["relative_interval"] is None
 
@@ -117,7 +117,7 @@ def test_facts_and_structure_of_the_bench(
         ["--bump-mm", "nan"],
         ["--rate", "1"],
         ["--rate", "nan"],
-        ["--bench", "absent.toml"],
+        ["absent.toml"],
         ["--from", "absent.h5"],
     ],
 )

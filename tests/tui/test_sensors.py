@@ -47,12 +47,12 @@ def test_decode_names_bus_and_sensor_and_chooses_by_them(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, bench = str(folder / "drive.log"), str(folder / "bench.toml")
-    assert run(["decode", log, "--config", bench, "--sensor", "imu_b"]) == 0
+    assert run(["decode", log, bench, "--sensor", "imu_b"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
     assert {(row["bus"], row["sensor"]) for row in rows} == {("rear", "imu_b")}
     level = [float(row["value"]) for row in rows if row["signal"] == "AccZ"][:100]
     assert sum(level) / 100 == pytest.approx(-1.0, abs=0.05)
-    assert run(["decode", log, "--config", bench, "--bus", "can0", "--json"]) == 0
+    assert run(["decode", log, bench, "--bus", "can0", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert {name.partition(".")[0] for name in said["samples"]} == {"imu_a", "hubs"}
 
@@ -69,13 +69,13 @@ def test_check_and_import_choose_a_sensor(
 ) -> None:
     log, bench = str(folder / "drive.log"), str(folder / "bench.toml")
     rest = ["--seconds", "1.2", "--json"]
-    assert run(["check", bench, "--log", log, "--sensor", "imu_b", *rest]) == 0
+    assert run(["check", bench, log, "--sensor", "imu_b", *rest]) == 0
     lines = json.loads(capsys.readouterr().out)["lines"]
     assert "message imu_b.Accel" in {line["subject"] for line in lines}
     assert not any("imu_a" in line["subject"] for line in lines)
     out = tmp_path / "s.h5"
     runs = ["--run", f"baseline:bounce:{log}", "--sensor", "hubs", "--sensor", "imu_a"]
-    assert run(["import", "--config", bench, "--out", str(out), *runs]) == 0
+    assert run(["import", bench, "--out", str(out), *runs]) == 0
     capsys.readouterr()
     assert run(["export", str(out), "--format", "csv", "--sensor", "hubs"]) == 0
     written = capsys.readouterr().out
@@ -122,9 +122,9 @@ def test_import_says_that_two_sensors_are_read_as_one(
     bench = folder / "one.toml"
     bench.write_text(f'dbc = "one.dbc"\n{tables}', "utf-8")
     runs = ["--run", f"baseline:bounce:{folder / 'drive.log'}", "--out", str(tmp_path / "s.h5")]
-    run(["import", "--config", str(bench), *runs, "--bus", "0"])
+    run(["import", str(bench), *runs, "--bus", "0"])
     assert "two sensors read as one" not in capsys.readouterr().err
-    run(["import", "--config", str(bench), *runs, "--force"])
+    run(["import", str(bench), *runs, "--force"])
     assert "two sensors read as one: Accel, Rate" in capsys.readouterr().err
 
 
@@ -141,8 +141,8 @@ def test_a_sensor_or_bus_that_is_not_there_is_one_line(
     folder: Path, words: list[str], reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for command in (
-        ["decode", str(folder / "drive.log"), "--config", str(folder / "bench.toml")],
-        ["check", str(folder / "bench.toml"), "--log", str(folder / "drive.log")],
+        ["decode", str(folder / "drive.log"), str(folder / "bench.toml")],
+        ["check", str(folder / "bench.toml"), str(folder / "drive.log")],
     ):
         assert run([*command, *words]) == 2
         assert reason in capsys.readouterr().err

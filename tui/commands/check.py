@@ -29,7 +29,6 @@ _USUAL_BITRATE = 500_000
 def check(
     bench: BenchFile = None,
     log: Annotated[Path | None, typer.Argument(help="Bus log; default: the live bus.")] = None,
-    old_log: Annotated[Path | None, typer.Option("--log", hidden=True)] = None,
     seconds: Annotated[
         float, typer.Option(help="Seconds of traffic to check.", min=0.1, max=600)
     ] = 5.0,
@@ -87,9 +86,9 @@ def check(
     from daq import InputError, bench_codec
     from daq.check import check_bench, part_of
 
-    from ..bench import bench_and_log, bus_numbers, named_once, with_sensors
+    from ..bench import bench_and_log, bus_numbers, with_sensors
 
-    bench, log = bench_and_log(bench, named_once(log, old_log, "the log"))
+    bench, log = bench_and_log(bench, log)
     if layout and propose is None and len(layout) > 1:
         raise InputError("--layout", "is named twice", "name one, or propose with --propose")
     for option, value in (("--push", push), ("--bitrate", bitrate)):

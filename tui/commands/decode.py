@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Buses, OldBench, Sensors
+from ..options import Buses, Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,7 +34,6 @@ def decode(
     dbc: Annotated[
         list[Path] | None, typer.Option(help="DBC file; repeatable; default: the shipped one.")
     ] = None,
-    config: OldBench = None,
     sensor: Sensors = None,
     bus: Buses = None,
     j1939: Annotated[
@@ -55,18 +54,17 @@ def decode(
     from daq import InputError, read_log
     from dbc import counted
 
-    from ..bench import log_and_bench, named_once
+    from ..bench import log_and_bench
     from ..diagnostics import say, say_left_out
     from ..output import print_json
 
     log, bench = log_and_bench(log, bench)
-    config = named_once(bench, config, "bench.toml")
-    if config and dbc:
+    if bench and dbc:
         raise InputError("--dbc", "and a bench.toml exclude each other", "name one of them")
-    if sensor and not config:
+    if sensor and not bench:
         raise InputError("--sensor", "names no bench", "name the bench.toml after the log")
-    if config:
-        source = _Source.of_bench(config, sensor or [], bus or [])
+    if bench:
+        source = _Source.of_bench(bench, sensor or [], bus or [])
     else:
         source = _Source(_databases(dbc or []), (), _numbers(bus or []), False)
     if j1939:
@@ -94,7 +92,7 @@ def decode(
             sys.stdout.writelines(_in_order_of_time(rows))
             header = ""
     if not samples:
-        names = ", ".join(map(str, dbc or [])) or config or "the shipped DBC"
+        names = ", ".join(map(str, dbc or [])) or bench or "the shipped DBC"
         what = f"none of its {counted(totals['frames'], 'frame')} is in {names}"
         raise InputError(str(log), what, "name the DBC of that bus with --dbc")
     if json:

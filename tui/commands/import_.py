@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Buses, Force, JsonSummary, OldBench, Sensors
+from ..options import Buses, Force, JsonSummary, Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,7 +45,6 @@ def import_(
     ] = 0,
     bus: Buses = None,
     sensor: Sensors = None,
-    config: OldBench = None,
     dbc: Annotated[Path | None, typer.Option(help="DBC to use instead of the bench's.")] = None,
     channels: Annotated[
         Path | None,
@@ -74,7 +73,7 @@ def import_(
     from daq.files import refuse_existing
     from daq.formats import read_logs
 
-    from ..bench import bench_with_dbc, bus_numbers, named_once, with_sensors
+    from ..bench import bench_with_dbc, bus_numbers, with_sensors
     from ..diagnostics import say, say_left_out
     from ..output import print_json, progress
     from ..recorders.decoded import import_channels, propose_channel_map, sign_remarks
@@ -82,8 +81,10 @@ def import_(
 
     benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]
     logs = [path for path in logs or [] if path not in benches]
-    for path in benches:
-        config = named_once(path, config, "bench.toml")
+    if len(benches) > 1:
+        what = f"is named twice: {benches[0]} and {benches[1]}"
+        raise InputError("bench.toml", what, "name one")
+    config = benches[0] if benches else None
     singles = [_single(text) for text in run or []]
     if channels or propose:
         if config or dbc or sensor or bus:

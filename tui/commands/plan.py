@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import OldPlanBench
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +21,6 @@ def plan(
         Path | None,
         typer.Argument(help="bench.toml; default: that of the session, else the shipped bench."),
     ] = None,
-    old: OldPlanBench = None,
     session: Annotated[
         Path | None, typer.Option("--from", help="Session that describes the expected vehicle.")
     ] = None,
@@ -47,11 +45,9 @@ def plan(
     import daq
     from identify.plan import KnownRuns, advise, compare_campaigns
 
-    from ..bench import named_once
     from ..jobs.planning import of_session, planned, typical, with_structure
     from ..output import print_json, progress
 
-    bench = named_once(bench, old, "bench.toml")
     with progress("plan") as stage:
         stage(0.05, "reading")
         held = None if session is None else daq.read_session(session)

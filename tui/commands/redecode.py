@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Force, JsonSummary, OldBench
+from ..options import Force, JsonSummary
 
 if TYPE_CHECKING:
     from daq import Bench, Session
@@ -20,7 +20,6 @@ def redecode(
         Path | None, typer.Argument(help="The corrected bench.toml; default: that of the session.")
     ] = None,
     dbc: Annotated[Path | None, typer.Option(help="The corrected DBC.")] = None,
-    config: OldBench = None,
     out: Annotated[
         Path | None, typer.Option(help="Session file to write; default: NAME_redecoded.h5.")
     ] = None,
@@ -33,21 +32,19 @@ def redecode(
     from daq.files import refuse_existing
     from daq.session import read_changed_session
 
-    from ..bench import named_once
     from ..recorders.recording import show_session
 
-    config = named_once(bench, config, "bench.toml")
-    if dbc is None and config is None:
+    if dbc is None and bench is None:
         what = "neither a DBC nor a bench.toml is named"
         raise InputError("redecode", what, "name what was corrected: a bench.toml, or --dbc FILE")
     target = out or session.parent / f"{session.stem}_redecoded.h5"
-    inputs = [path for path in (session, config, dbc) if path is not None]
+    inputs = [path for path in (session, bench, dbc) if path is not None]
     refuse_existing(target, replace=force, inputs=inputs)
     old, changed = read_changed_session(session)
-    if changed and config is None:
+    if changed and bench is None:
         what = f"{changed[0]} was changed or damaged after the file was written"
         raise InputError(str(session), what, "name the right bench.toml after the session")
-    corrected = _bench(old, str(session), dbc, config)
+    corrected = _bench(old, str(session), dbc, bench)
     about = {"redecoded_from_sha256": file_sha256(session)}
     new = redecoded(old, corrected, str(session), about)
     write_session(target, new)

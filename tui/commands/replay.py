@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Fast, Interface, InterfaceChannel, JsonSummary, OldBench
+from ..options import Fast, Interface, InterfaceChannel, JsonSummary
 
 
 def replay(
@@ -21,7 +21,6 @@ def replay(
     bench: Annotated[
         Path | None, typer.Argument(help="bench.toml that names the bus; default: the shipped one.")
     ] = None,
-    config: OldBench = None,
     interface: Interface = None,
     channel: InterfaceChannel = None,
     bus: Annotated[
@@ -41,12 +40,12 @@ def replay(
     from daq.replay import play, recorded_frames
     from dbc import FrameBatch, counted
 
-    from ..bench import log_and_bench, named_once, shared_bench
+    from ..bench import log_and_bench, shared_bench
     from ..diagnostics import say
     from ..output import print_json, print_line, progress
 
     source, bench = log_and_bench(source, bench)
-    described = shared_bench(named_once(bench, config, "bench.toml"), interface, channel)
+    described = shared_bench(bench, interface, channel)
     log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
     batches: Iterable[FrameBatch] = log or recorded_frames(read_session(source))
     read = 0
