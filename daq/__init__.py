@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from .runs import Run as Run
     from .runs import RunStatus as RunStatus
     from .runs import SampleGroup as SampleGroup
-    from .samples.bench_mapping import mapped_channels as mapped_channels
     from .samples.mapping import map_channels as map_channels
+    from .samples.trigger import mapped_channels as mapped_channels
     from .session import read_session as read_session
     from .session import validate_session as validate_session
     from .session import write_session as write_session

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .channels import Channel, Quantity
+from .channels import Channel, Quantity, sensor_of_signal
 from .errors import InputError
 from .html_tables import html_line, html_table
 from .optional import optional
 from .runs import Run, SampleGroup
-from .signal_names import sensor_of_signal
 from .vehicle import MassState, Vehicle
 
 if TYPE_CHECKING:

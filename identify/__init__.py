@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from .identification import Identification as Identification
     from .model.matrices import PhysicalModel as PhysicalModel
     from .model.matrices import state_space as state_space
-    from .modes.era import realised_modes as realised_modes
     from .modes.modal_model import ModalModel as ModalModel
     from .modes.modal_model import Mode as Mode
     from .modes.modal_model import mac as mac
+    from .modes.modal_model import mode_names as mode_names
     from .modes.modal_model import mpc as mpc
-    from .modes.mode_names import mode_names as mode_names
     from .modes.mode_selection import identify_modes as identify_modes
-    from .modes.stabilisation import StabilisationDiagram as StabilisationDiagram
-    from .modes.stabilisation import stabilisation_diagram as stabilisation_diagram
+    from .modes.state_variable_method import StabilisationDiagram as StabilisationDiagram
+    from .modes.state_variable_method import realised_modes as realised_modes
+    from .modes.state_variable_method import stabilisation_diagram as stabilisation_diagram
     from .pipeline import identify as identify
     from .pipeline import identify_parameters as identify_parameters
     from .trust.finding import Judgement as Judgement

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from .fit.cross_validation import Prediction, leave_one_out
 from .fit.estimation import Estimation
-from .modes.stabilisation import StabilisationDiagram
+from .modes.state_variable_method import StabilisationDiagram
 from .modes.vehicle_modes import vehicle_diagram
 
 _THIN_HZ = 250.0

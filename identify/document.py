@@ -6,20 +6,147 @@ kind of result is one more key here and one more line in `Identification.documen
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from hashlib import sha256
 from math import isfinite, nan
+from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
+import numpy as np
+
+import daq
+import dbc
 from dbc.finding import Finding
 
-from .document_model import CorrelationEntry, MatricesEntry, ShapeEntry, SourceEntry
-from .fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate, ModeEstimate
-from .modes.modal_model import ModalModel
-from .modes.pairing import Pairing
+from .fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Correlation, Estimate, ModeEstimate
+from .model.matrices import PhysicalModel
+from .modes.modal_model import ModalModel, Pairing
 from .trust.finding import Loss, Verdict
 
 if TYPE_CHECKING:
     from .nonlinear.forces import DamperCurve, Forces
+
+# The version and the hash of the program that makes the numbers -----------------------------------
+
+VERSION = "0.1.0"
+"""That of pyproject.toml; to look it up in the installed metadata loads a reader of e-mail."""
+
+_PACKAGES = (Path(dbc.__file__).parent, Path(daq.__file__).parent, Path(__file__).parent)
+
+_KINDS = (".py", ".toml", ".dbc")
+"""Endings of the files that affect the numbers; compiled copies and pages do not."""
+
+
+@cache
+def software_sha256() -> str:
+    """Return the hash of the modules of `dbc`, `daq` and `identify` and their shipped tables.
+
+    A version says which program it should be; the hash also shows a change made in place.
+    """
+    return hash_of(_PACKAGES)
+
+
+def hash_of(folders: Sequence[Path]) -> str:
+    """Return SHA-256 over names and contents of those files in some folders."""
+    whole = sha256()
+    for folder in folders:
+        for path in sorted(_files(folder)):
+            name, content = path.removeprefix(f"{folder.parent}/").encode(), Path(path).read_bytes()
+            whole.update(b"%s\0%d\0%s" % (name, len(content), content))
+    return whole.hexdigest()
+
+
+def _files(folder: Path) -> Iterator[str]:
+    """Yield the files of those kinds; `Path.rglob` takes as long as to read them."""
+    for place, _, names in os.walk(folder):
+        yield from (f"{place}/{name}" for name in names if name.endswith(_KINDS))
+
+
+# Source of a document, and its model as matrices, shapes and covariance ---------------------------
+
+
+class CorrelationEntry(TypedDict):
+    """Correlation coefficients of the parameters' errors."""
+
+    names: list[str]
+    matrix: list[list[float]]
+
+
+class SourceEntry(TypedDict):
+    """Source of the numbers; a text is empty where the session does not state it."""
+
+    software: str
+    """Program and version that identified the session."""
+    software_sha256: str
+    """Hash of the program's modules (`identify.document`)."""
+    session: str
+    """Its UUID."""
+    created: str
+    """Time of the recording, ISO 8601."""
+    origin: str
+    """`real`, `simulated` or `replayed`."""
+    frames_sha256: str
+    """Hash of its raw frames."""
+    file_sha256: str
+    """Hash of the session file; set by the caller that reads the file."""
+
+
+class MatricesEntry(TypedDict):
+    """Mass, damping and stiffness of one mass state, SI, rows and columns as `daq.vehicle.DOF`."""
+
+    M: list[list[float]]
+    C: list[list[float]]
+    K: list[list[float]]
+
+
+class ShapeEntry(TypedDict):
+    """Shape of one mode in the order of `daq.vehicle.DOF`: m and rad, complex."""
+
+    real: list[float]
+    imag: list[float]
+
+
+def correlation_entry(correlation: Correlation) -> CorrelationEntry:
+    """Return names and coefficients."""
+    return {"names": list(correlation.names), "matrix": correlation.matrix.tolist()}
+
+
+def covariance_entry(
+    correlation: Correlation, parameters: Mapping[str, Estimate]
+) -> CorrelationEntry:
+    """Return names and covariances of the parameters."""
+    known = [parameters.get(name) for name in correlation.names]
+    sigma = np.array([e.std if e is not None and e.determined else nan for e in known])
+    matrix = correlation.matrix * np.multiply.outer(sigma, sigma)
+    return {"names": list(correlation.names), "matrix": matrix.tolist()}
+
+
+def source_entry(provenance: Mapping[str, str]) -> SourceEntry:
+    """Return where the numbers come from, by the provenance of the session."""
+    return {
+        "software": f"bumpbench {VERSION}",
+        "software_sha256": software_sha256(),
+        "session": provenance.get("uuid", ""),
+        "created": provenance.get("created", ""),
+        "origin": provenance.get("origin", "real"),
+        "frames_sha256": provenance.get("frames_sha256", ""),
+        "file_sha256": "",
+    }
+
+
+def matrices_entry(model: PhysicalModel) -> MatricesEntry:
+    """Return M, C and K of one mass state."""
+    return {"M": model.M.tolist(), "C": model.C.tolist(), "K": model.K.tolist()}
+
+
+def shape_entries(model: ModalModel) -> list[ShapeEntry]:
+    """Return the shapes of one mass state."""
+    return [{"real": s.real.tolist(), "imag": s.imag.tolist()} for s in model.shapes.T]
+
+
+# The document -------------------------------------------------------------------------------------
 
 
 class EstimateEntry(TypedDict):
@@ -304,7 +431,7 @@ def sensed_mode_entries(model: ModalModel) -> list[SensedModeEntry]:
 
 def forces_entry(forces: Forces) -> ForcesEntry:
     """Return damper curves, elements, and which elements were tried."""
-    from .nonlinear.at_speeds import forces_at_speeds  # a linear car does not need it
+    from .nonlinear.forces import forces_at_speeds
 
     return {
         "law": forces.law,

@@ -12,29 +12,26 @@ from daq.vehicle import VehicleGeometry
 
 from .document import (
     Document,
+    correlation_entry,
+    covariance_entry,
     estimate_entries,
     finding_entries,
     forces_entry,
     loss_entries,
+    matrices_entry,
     mode_entries,
     pair_entries,
     sensed_mode_entries,
+    shape_entries,
+    source_entry,
     swapped_entries,
 )
 from .document_html import document_html
-from .document_model import (
-    correlation_entry,
-    covariance_entry,
-    matrices_entry,
-    shape_entries,
-    source_entry,
-)
 from .fit.estimation import Estimation
 from .fit.likelihood import Residuals
 from .fit.uncertainty import Correlation, Estimate, ModeEstimate
 from .model.matrices import PhysicalModel
-from .modes.modal_model import ModalModel
-from .modes.pairing import Pairing
+from .modes.modal_model import ModalModel, Pairing
 from .trust.finding import Judgement
 
 if TYPE_CHECKING:
@@ -65,7 +62,7 @@ class Identification:
     modes: Mapping[str, tuple[ModeEstimate, ...]] = field(default_factory=dict)
     """Their frequencies and damping ratios with intervals, in the same order."""
     mode_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Name of each mode by what moves in it (`identify.modes.mode_names`)."""
+    """Name of each mode by what moves in it (`identify.modes.modal_model`)."""
     pairings: Mapping[str, Pairing] = field(default_factory=dict)
     """Pairs of the modes of the first mass state with those of each further one, by MAC: with mass
     on board, wheel modes that are nearly equal may change their order."""

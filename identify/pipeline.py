@@ -32,12 +32,9 @@ from .fit.uncertainty import (
 )
 from .identification import Identification
 from .model.matrices import loaded_model
-from .modes.modal_model import modes_of
-from .modes.mode_names import mode_names
-from .modes.pairing import pair_modes
+from .modes.modal_model import mode_names, modes_of, pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
-from .paper.closed_form import closed_form
-from .paper.physical_matrices import ClosedForm
+from .paper.closed_form import ClosedForm, closed_form
 from .real_car import explained_by_elements, share_of_faults
 from .trust.faults import clock_jump, wrong_channel
 from .trust.finding import Judgement

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from dbc.errors import InputError
 
 from .identification import Identification
-from .modes.stabilisation import StabilisationDiagram
+from .modes.state_variable_method import StabilisationDiagram
 from .report.blocks import Picture
 from .report.cars import shape_of, still_cars
 from .report.dampers import damper_picture

@@ -15,7 +15,7 @@ from dbc.layout import MessageLayout
 from dbc.samples import Decoded, Quality
 from dbc.words import counted
 
-from ..samples.health import HealthState
+from ..samples.converter import HealthState
 from .texts import Counts, fault
 
 _STALE_PERIODS = 5.0

@@ -19,13 +19,13 @@ from dbc.samples import Decoded
 from dbc.words import counted
 
 from ..bench.config import RecorderConfig
-from ..bus.columns import wire_bits
+from ..bus.interfaces import wire_bits
 from ..bus.source import HopLosses, LinkFacts
 from ..clocks import Now
 from ..control.messages import Alarm, BusState, BusStatus, DiskStatus, Status, StorageStatus
-from ..journal.disk_space import Room, low_text
+from ..journal.segment import Room, low_text
 from ..runs import Event
-from ..samples.health import HealthState
+from ..samples.converter import HealthState
 from ..samples.mapping import MappedChannel
 from .buses import DEAD, WINDOW_S, BusWatch
 from .sensors import Sensors

@@ -5,10 +5,13 @@ from typing import TYPE_CHECKING
 from dbc.lazy import lazy
 
 if TYPE_CHECKING:
-    from ..signal_names import sensor_of as sensor_of
-    from ..signal_names import sensor_of_signal as sensor_of_signal
+    from ..channels import sensor_of as sensor_of
+    from ..channels import sensor_of_signal as sensor_of_signal
     from .bench_tables import campaign_limits as campaign_limits
+    from .campaign import Method as Method
+    from .campaign import Origin as Origin
     from .campaign import Step as Step
+    from .campaign import sketch as sketch
     from .channel_map import ChannelMap as ChannelMap
     from .channel_map import load_channel_map as load_channel_map
     from .config import BusConfig as BusConfig
@@ -24,9 +27,6 @@ if TYPE_CHECKING:
     from .edit import with_facts as with_facts
     from .edit import with_vehicle as with_vehicle
     from .edit import with_weights as with_weights
-    from .origin import Origin as Origin
-    from .procedure import Method as Method
-    from .procedure import sketch as sketch
     from .ready_maps import ready_map as ready_map
     from .ready_maps import ready_map_names as ready_map_names
     from .sensors import Sensor as Sensor

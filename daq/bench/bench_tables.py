@@ -24,7 +24,7 @@ from dbc.crc import CRC_RULES
 from ..channels import AT_CORNER, Quantity
 from ..runs import Excitation
 from ..vehicle import Corner
-from .procedure import Method
+from .campaign import Method
 
 
 def _crc_rule(name: str) -> str:

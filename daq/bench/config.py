@@ -10,10 +10,9 @@ from types import MappingProxyType
 
 from dbc import Codec, read_dbc
 
-from ..channels import SI_UNITS, Channel
+from ..channels import SI_UNITS, Channel, message_of
 from ..errors import InputError
 from ..runs import ADDED, BASELINE
-from ..signal_names import message_of
 from ..vehicle import (
     AddedMass,
     BodyWeight,
@@ -35,11 +34,9 @@ from .bench_tables import (
     TriggerConfig,
     WeightTable,
 )
-from .campaign import Campaign
+from .campaign import Campaign, Origin, Procedure
 from .databases import Database, database_codec, read_databases, stored_databases, stored_text
 from .message_rules import check_sets, ruled_codec
-from .origin import Origin
-from .procedure import Procedure
 from .ready_maps import PREFIX, ready_map, ready_tables
 from .sensors import Sensor, full_name, sensors_codec
 from .toml_file import toml_text, validated
@@ -98,7 +95,7 @@ class Bench:
     """The buses, at least one; a frame's `bus` is a position in this tuple."""
     vehicle: Vehicle
     channels: tuple[Channel, ...]
-    """Channels, with full names of signals (`daq.signal_names`)."""
+    """Channels, with full names of signals (`daq.channels`)."""
     mass_states: tuple[MassState, ...]
     campaign: Campaign
     bump_s: float

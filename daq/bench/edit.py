@@ -17,8 +17,8 @@ from tomlkit.items import AoT, InlineTable, SingleKey, Table, Whitespace
 from ..errors import InputError
 from ..runs import Excitation
 from ..vehicle import BodyWeight, Fact, HubWeight, Structure
+from .campaign import Method
 from .config import default_bench_text, parse_bench
-from .procedure import Method
 from .ready_maps import PREFIX, ready_map, ready_tables
 
 WHERE = "bench.toml"

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from ..errors import BusError
-from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
-from .steady_clock import STEADY_CLOCK
+from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, SourceLosses
 
 BITRATE_CODES = {
     10_000: "S0",

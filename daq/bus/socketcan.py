@@ -25,9 +25,17 @@ from numpy.typing import NDArray
 from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 
 from ..errors import BusError
-from .datagrams import RECEIVE_BUFFER_BYTES, drop_counter, enlarge_buffer
-from .source import BLOCK_FRAMES, GATHER_S, LONG_GATHER_S, SourceLosses
-from .steady_clock import STEADY_CLOCK, SteadyClock
+from .source import (
+    BLOCK_FRAMES,
+    GATHER_S,
+    LONG_GATHER_S,
+    RECEIVE_BUFFER_BYTES,
+    STEADY_CLOCK,
+    SourceLosses,
+    SteadyClock,
+    drop_counter,
+    enlarge_buffer,
+)
 
 CLASSIC_BYTES, FD_BYTES = 16, 72
 FRAME = np.dtype(

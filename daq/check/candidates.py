@@ -10,7 +10,7 @@ import numpy as np
 from dbc.layout import MessageLayout, SignalLayout
 from dbc.units import known_si
 
-from ..signal_names import sensor_of
+from ..channels import sensor_of
 from ..vehicle import Corner
 from .guess_map import (
     NO_UNIT,

@@ -19,11 +19,10 @@ from dbc.words import plural
 
 from ..bench.bench_tables import SampleSet
 from ..bench.config import Bench
+from ..channels import sensor_of, sensor_of_signal
 from ..runs import SampleGroup
-from ..samples.bench_mapping import mapped_channels
 from ..samples.groups import sample_groups, timekeeping
-from ..samples.trigger import trigger_channels
-from ..signal_names import sensor_of, sensor_of_signal
+from ..samples.trigger import mapped_channels, trigger_channels
 from ..vehicle import BodyWeight
 from .bus_checks import check_traffic
 from .channel_checks import check_channel

@@ -17,9 +17,9 @@ from dbc.samples import Decoded, Quality
 from dbc.words import counted, plural
 
 from ..bench.message_rules import CORRECT_MESSAGE
-from ..bus.columns import wire_bits
+from ..bus.interfaces import wire_bits
 from ..channels import Quantity
-from ..samples import health
+from ..samples import converter as health
 from ..samples.groups import Timekeeping
 from ..samples.mapping import MappedChannel
 from .result import about, fail, judged, ok, warn

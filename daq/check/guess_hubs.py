@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from dbc.units import G_M_S2, to_si
 
-from ..channels import Quantity
-from ..signal_names import sensor_of
+from ..channels import Quantity, sensor_of
 from ..vehicle import Corner
 from .candidates import Candidate
 from .guess_map import Asked, Guess, is_body

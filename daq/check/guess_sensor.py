@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from dbc.layout import MessageLayout
 from dbc.units import G_M_S2, to_si
 
-from ..channels import Quantity
-from ..signal_names import sensor_of
+from ..channels import Quantity, sensor_of
 from ..vehicle import Corner
 from .candidates import Candidate, candidates
 from .guess_hubs import hubs, without_gravity

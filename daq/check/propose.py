@@ -19,7 +19,7 @@ from ..bench.config import BusConfig
 from ..bench.databases import Database
 from ..bench.ready_maps import PREFIX, sensor_map
 from ..bench.sensors import Sensor, sensors_codec
-from ..signal_names import sensor_of, signal_of
+from ..channels import sensor_of, signal_of
 from .answers import AT_WHEEL, NO, NO_ANSWERS, YES, Answers, Question, answered, stated_forward
 from .candidates import shows_push_by_unit
 from .find_sensors import FoundSensor, find_sensors, traffic_of

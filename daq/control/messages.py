@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import ConfigDict, TypeAdapter
 
-from ..bench.campaign import Step
-from ..bench.origin import Origin
-from ..runlog.runlog import LoggedRun, Override, Remark
+from ..bench.campaign import Origin, Step
+from ..runlog.run_log import LoggedRun, Override, Remark
 from ..runs import Excitation, Losses
 from .orders import Order
 

@@ -23,14 +23,13 @@ from ..channels import Quantity
 from ..errors import InputError
 from ..journal.contents import HopCounts
 from ..journal.format import JournalHead
-from ..runlog.fold import fold
-from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
-from ..runlog.stored_finding import finding_record
+from ..runlog.run_log import Code, LoggedRun, LoggedStatus, RunLog, finding_record, fold
 from ..runs import Event, Losses, Run, RunStatus, SampleGroup
-from ..samples import health, trigger
-from ..samples.bench_mapping import mapped_channels
+from ..samples import converter as health
+from ..samples import trigger
 from ..samples.groups import sample_groups, timekeeping
 from ..samples.mapping import MappedChannel
+from ..samples.trigger import mapped_channels
 from ..sessions import Session
 
 _NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)

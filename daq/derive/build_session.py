@@ -21,10 +21,9 @@ from typing import TextIO
 from ..bench.config import bench_codec, parse_bench
 from ..errors import BumpbenchError, InputError, printable
 from ..files import rewritten, sync_folder
-from ..journal.built import note_built
-from ..journal.folder import scanned, state_of
+from ..journal.folder import note_built, scanned, state_of
 from ..journal.reader import read_windows
-from ..runlog.fold import fold
+from ..runlog.run_log import fold
 from ..sessions import Session
 from .build_samples import check_runs, journal_provenance, session_of_runs
 

@@ -24,9 +24,9 @@ from ..channels import Channel, Quantity
 from ..errors import InputError
 from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import trigger
-from ..samples.blocks import Column as Trace
 from ..samples.columns import Column, Columns
 from ..samples.groups import group_names
+from ..samples.mapping import Column as Trace
 from ..samples.mapping import channel_values, si_unit
 from ..sessions import Session
 from .build_samples import EDGE_S, utc_text

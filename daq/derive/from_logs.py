@@ -26,9 +26,8 @@ from ..errors import InputError
 from ..journal.contents import HopCounts
 from ..runs import Event, Excitation
 from ..samples import trigger
-from ..samples.bench_mapping import bench_mapping
 from ..samples.mapping import mapped_block
-from ..samples.trigger import UNPLANNED
+from ..samples.trigger import UNPLANNED, bench_mapping
 from ..sessions import Session
 from .build_samples import build_session, utc_text
 
@@ -61,7 +60,7 @@ class Intake:
     """Reads one stretch of log block by block, then returns the part to keep.
 
     Frames around the bumps are kept and others dropped.  Raises InputError as
-    `daq.samples.bench_mapping`.
+    `daq.samples.trigger`.
     """
 
     def __init__(self, bench: Bench, codec: Codec) -> None:

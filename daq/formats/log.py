@@ -14,7 +14,7 @@ from dbc.errors import printable
 from dbc.frames import FrameBatch, FrameFlag, read_only
 from dbc.words import counted, plural
 
-from ..bench.origin import Origin
+from ..bench.campaign import Origin
 from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.reader import JournalReader

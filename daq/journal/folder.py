@@ -2,20 +2,125 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from pathlib import Path
 
 from ..errors import InputError
-from ..regular_file import is_regular
-from ..runlog.runlog import Code
+from ..files import is_regular, write_text
+from ..runlog.run_log import Code
 from ..runs import Event
 from .contents import JournalTail, RecordingInfo
-from .gaps import ENDED, RETENTION, overlap, parse_gap
-from .names import OPEN, SEALED, sealed_path, segment_number
-from .scan import SegmentInfo, read_head, scan
+from .format import (
+    ENDED,
+    OPEN,
+    RETENTION,
+    SEALED,
+    EventBlock,
+    JournalHead,
+    overlap,
+    parse_gap,
+    sealed_path,
+    segment_number,
+)
+from .records import Summary, read_summary
+from .segment_reader import CorruptBlock, SegmentReader
+
+# Finds the content of a journal segment, without its frames ---------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentInfo:
+    """A segment, without its frames."""
+
+    path: Path
+    """The file."""
+    recording: str
+    """Identity of the recording that it belongs to."""
+    number: int
+    """Number of the segment in its folder."""
+    first_segment: int
+    """Number of the first segment of its recording."""
+    bytes: int
+    """Size of the file, bytes."""
+    first: int
+    """Number of the first block."""
+    stop: int
+    """Number of the block after the last; equal to `first` if there is none."""
+    frames: int
+    """Number of frames in all its blocks."""
+    first_ns: int
+    """Earliest time stamp (in older versions: that of the first frame), ns; 0 if there is none."""
+    last_ns: int
+    """Latest time stamp, ns; 0 if there is none."""
+    events: tuple[tuple[int, Event], ...]
+    """Events in order, each with the number of its block."""
+    sealed: bool
+    """True if it has a proper end."""
+    blocks: tuple[tuple[int, int], ...] = ()
+    """Number and frame count of each of its blocks of frames, if it has no proper end: the last
+    blocks may also be in the next segment."""
+
+
+def read_head(path: Path) -> tuple[JournalHead, int] | None:
+    """Return head and segment number, None if the file has no complete head.
+
+    Raises InputError if the file cannot be read or is not a journal.
+    """
+    with SegmentReader(path) as segment:
+        return segment.head
+
+
+def scan(path: Path) -> SegmentInfo | None:
+    """Return the content of a segment, None if it ends within its head.
+
+    A segment with its proper end has a summary, which makes this fast at any size.
+
+    Raises InputError as `read_head`.
+    """
+    with SegmentReader(path) as segment:
+        if segment.head is None:
+            return None
+        head, number = segment.head
+        size = segment.file.size
+        summary = read_summary(segment.file)
+        sealed = summary is not None
+        blocks: tuple[tuple[int, int], ...] = ()
+        if summary is None:
+            summary, blocks = _walk(segment)
+            sealed = segment.sealed
+    return SegmentInfo(
+        path, head.identity, number, head.first_segment or number, size, summary.first,
+        summary.stop, summary.frames, summary.first_ns, summary.last_ns, summary.events, sealed,
+        () if sealed else blocks,
+    )  # fmt: skip
+
+
+def _walk(segment: SegmentReader) -> tuple[Summary, tuple[tuple[int, int], ...]]:
+    """Return the content of a segment without a summary, and its blocks of frames."""
+    first: int | None = None
+    stop = frames = first_ns = last_ns = 0
+    events: list[tuple[int, Event]] = []
+    blocks: list[tuple[int, int]] = []
+    for block in segment.blocks():
+        if isinstance(block, CorruptBlock) or block.number < stop:
+            continue
+        first, stop = (block.number if first is None else first), block.number + 1
+        if isinstance(block, EventBlock):
+            events += ((block.number, event) for event in block.events)
+        elif block.frames:
+            frames += block.frames
+            blocks.append((block.number, block.frames))
+            earliest_ns = int(block.t_ns.min())
+            first_ns = min(first_ns or earliest_ns, earliest_ns)
+            last_ns = max(last_ns, int(block.t_ns.max()))
+    return Summary(first or 0, stop, frames, first_ns, last_ns, tuple(events)), tuple(blocks)
+
+
+# The folder ---------------------------------------------------------------------------------------
 
 
 def segments_in(folder: Path) -> tuple[Path, ...]:
@@ -192,3 +297,74 @@ def _scanned(path: Path) -> SegmentInfo | None:
         return scan(path)
     except (InputError, OSError):
         return None  # from another program, or deleted meanwhile
+
+
+# Records which recordings have a session file, in a small file next to the segments ---------------
+
+
+def note_built(folder: Path, recording: str, stop: int, session: Path, revision: int = 0) -> None:
+    """Note that a session file has all blocks of a recording up to `stop`.
+
+    `revision`: revision of its run log.  A failed write is not an error: then the segments are not
+    deleted.
+    """
+    size = session.stat().st_size
+    entry = {"stop": stop, "session": str(session.resolve()), "bytes": size, "revision": revision}
+    with suppress(OSError):
+        write_text(_note_path(folder, recording), json.dumps(entry))
+
+
+def built_recordings(folder: Path, segments: Iterable[SegmentInfo]) -> set[str]:
+    """Return the recordings with a complete session file that has all of their blocks."""
+    stops: dict[str, int] = {}
+    for info in segments:
+        stops[info.recording] = max(info.stop, stops.get(info.recording, 0))
+    return {recording for recording, stop in stops.items() if _is_built(folder, recording, stop)}
+
+
+def is_outdated(folder: Path, recording: str, stop: int) -> bool:
+    """Return whether the session file of a recording misses blocks before `stop`."""
+    note = _read_note(folder, recording)
+    return note is not None and note.stop < stop
+
+
+def built_revision(folder: Path, recording: str) -> int | None:
+    """Return the revision of the run log in the session file; None if there is no such file."""
+    note = _read_note(folder, recording)
+    return note.revision if note is not None and note.whole else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Note:
+    """The note on one session file."""
+
+    stop: int
+    session: Path
+    size: int
+    revision: int
+
+    @property
+    def whole(self) -> bool:
+        """True if the session file has the noted size: written atomically, it is then complete."""
+        try:
+            return self.session.stat().st_size == self.size
+        except OSError:
+            return False
+
+
+def _read_note(folder: Path, recording: str) -> _Note | None:
+    try:
+        entry = json.loads(_note_path(folder, recording).read_text("utf-8"))
+        size, revision = int(entry["bytes"]), int(entry.get("revision", -1))
+        return _Note(int(entry["stop"]), Path(entry["session"]), size, revision)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def _note_path(folder: Path, recording: str) -> Path:
+    return folder / f"derived_{recording}.json"
+
+
+def _is_built(folder: Path, recording: str, stop: int) -> bool:
+    note = _read_note(folder, recording)
+    return note is not None and note.stop >= stop and note.whole

@@ -12,7 +12,8 @@ import json
 import struct
 import zlib
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 
-from ..bench.origin import Origin
+from ..bench.campaign import Origin
 from ..bus.source import HopLosses
 from ..runs import Event
 
@@ -219,3 +220,86 @@ def _is_event(event: Event) -> bool:
 
 def _canonical(body: object) -> bytes:
     return json.dumps(body, sort_keys=True, separators=(",", ":")).encode()
+
+
+# Defines the names of segments, which show which of them never change again -----------------------
+
+SEALED, OPEN = "journal_*.mcap", "open_*.mcap"
+"""Patterns of the names of segments that never change again, and of the one being written."""
+RECEIPT_SUFFIX = ".copied"
+"""Suffix, after the complete name, of the receipt that a copier leaves next to a copied file."""
+
+
+def open_path(folder: Path, number: int) -> Path:
+    """Return the path of a segment while it is written."""
+    return folder / f"open_{number:04d}.mcap"
+
+
+def sealed_path(path: Path) -> Path:
+    """Return the path of a segment after it was written; the same path if it is sealed already."""
+    number = path.name.removeprefix("open_")
+    return path if number == path.name else path.with_name(f"journal_{number}")
+
+
+def segment_number(path: Path) -> int:
+    """Return the number in a segment's name, 0 if there is none."""
+    digits = path.stem.rpartition("_")[2]
+    return int(digits) if digits.isdecimal() else 0
+
+
+def receipt_path(segment: Path) -> Path:
+    """Return the path of a copier's receipt for a segment."""
+    return segment.with_name(segment.name + RECEIPT_SUFFIX)
+
+
+# Defines the events that report blocks that are missing from a journal, as the recorder knows -----
+
+DISK_GAP = "disk_gap"
+"""Code: neither the disk nor the memory had room."""
+FILE_GONE = "file_gone"
+"""Code: a file was deleted or replaced while it was written."""
+RETENTION = "retention"
+"""Code: the oldest segments were deleted on purpose to make room, which is not a loss."""
+ENDED = "ended"
+"""Code: the recorder ended the recording, which will not be resumed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A span of blocks that is missing from the journal."""
+
+    recording: str
+    """Identity of the recording of these blocks."""
+    first: int
+    """Number of the first block."""
+    stop: int
+    """Number of the block after the last."""
+    frames: int
+    """Number of frames in these blocks."""
+    file: str = ""
+    """Name of the segment that contained them; empty if none did."""
+
+
+def gap_event(code: str, t_ns: int, gap: Gap) -> Event:
+    """Return the event that reports a gap; its value is the number of frames."""
+    return Event(t_ns, code, gap.frames, json.dumps(asdict(gap)))
+
+
+def parse_gap(event: Event) -> Gap | None:
+    """Return the gap that an event reports; None if it is another event or cannot be read."""
+    if event.code not in (DISK_GAP, FILE_GONE, RETENTION):
+        return None
+    try:
+        return Gap(**json.loads(event.text))
+    except (ValueError, TypeError):
+        return None
+
+
+def overlap(first: int, stop: int, gaps: Sequence[Gap]) -> int:
+    """Return the number of block numbers of a span that are in gaps."""
+    covered = 0
+    for gap in sorted(gaps, key=lambda gap: gap.first):
+        begin = max(first, gap.first)
+        covered += max(0, min(stop, gap.stop) - begin)
+        first = max(first, gap.stop)
+    return covered

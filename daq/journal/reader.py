@@ -16,8 +16,17 @@ from ..bus.source import HopLosses
 from ..errors import InputError
 from ..runs import Event
 from .contents import HopCounts, JournalBlock, JournalContents, JournalLoss
-from .format import EventBlock, FrameBlock, JournalHead
-from .gaps import DISK_GAP, FILE_GONE, RETENTION, Gap, overlap, parse_gap
+from .format import (
+    DISK_GAP,
+    FILE_GONE,
+    RETENTION,
+    EventBlock,
+    FrameBlock,
+    Gap,
+    JournalHead,
+    overlap,
+    parse_gap,
+)
 from .segment_reader import CorruptBlock, SegmentReader
 
 _GROUP_FRAMES = 4096

@@ -15,14 +15,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..errors import InputError
-from ..regular_file import is_regular
-from ..runlog.runlog import Code
+from ..files import is_regular
+from ..runlog.run_log import Code
 from ..runs import Event
-from .built import built_recordings
-from .folder import segments_in
-from .gaps import RETENTION, Gap, gap_event, parse_gap
-from .names import RECEIPT_SUFFIX, receipt_path
-from .scan import SegmentInfo, scan
+from .folder import SegmentInfo, built_recordings, scan, segments_in
+from .format import RECEIPT_SUFFIX, RETENTION, Gap, gap_event, parse_gap, receipt_path
 
 REACH_NS = 1_200_000_000_000
 """Time before and after a bump whose segments are kept, ns: more than the 660 s that `[trigger]` of

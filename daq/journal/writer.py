@@ -25,16 +25,33 @@ from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses
 from ..control.messages import DiskStatus
 from ..runs import Event
-from .backlog import Backlog
 from .contents import JournalTail
-from .disk_space import DiskWatch, Room, room_on
 from .folder import next_segment
-from .format import EVENTS_TOPIC, FRAMES_TOPIC, JournalHead, head_record, pack_events, pack_frames
-from .gaps import DISK_GAP, ENDED, FILE_GONE, gap_event
-from .names import open_path
+from .format import (
+    DISK_GAP,
+    ENDED,
+    EVENTS_TOPIC,
+    FILE_GONE,
+    FRAMES_TOPIC,
+    JournalHead,
+    gap_event,
+    head_record,
+    open_path,
+    pack_events,
+    pack_frames,
+)
 from .retention import Retention, parting_events
-from .segment import Block, JournalFile, Segment, SyncedFile
-from .write_ledger import WriteLedger
+from .segment import (
+    Backlog,
+    Block,
+    DiskWatch,
+    JournalFile,
+    Room,
+    Segment,
+    SyncedFile,
+    WriteLedger,
+    room_on,
+)
 
 CHECK_S = 1.0
 """Time, s, between two checks of the disk, each with another attempt to write to it."""

@@ -16,18 +16,14 @@ from dbc.words import counted
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..clocks import Now
 from ..errors import BumpbenchError
-from ..journal.built import is_outdated
 from ..journal.contents import JournalTail, session_name
-from ..journal.folder import last_campaign, last_recording, next_segment
+from ..journal.folder import is_outdated, last_campaign, last_recording, next_segment
 from ..journal.format import JournalHead
-from ..journal.segment import JournalFile
-from ..journal.write_ledger import WriteLedger
+from ..journal.segment import JournalFile, WriteLedger
 from ..journal.writer import JournalWriter
-from ..runlog.fold import fold
-from ..runlog.runlog import Code, RunLog
-from .fault_barrier import FaultBarrier
+from ..runlog.run_log import Code, RunLog, fold
 from .orders import OrderError
-from .recording import Recording
+from .recording import FaultBarrier, Recording
 
 CreateFile = Callable[[Path], JournalFile]
 OWN_BENCH = (

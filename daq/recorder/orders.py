@@ -2,8 +2,20 @@
 
 from __future__ import annotations
 
+import threading
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from datetime import date
+from pathlib import Path
+
+from dbc.frames import FrameBatch
+
 from ..bench.campaign import Step
-from ..bench.config import Bench
+from ..bench.config import Bench, bench_codec, parse_bench
+from ..check.check import check_bench
+from ..check.result import WORDS
+from ..control.messages import CheckItem, Reply
 from ..control.orders import (
     Accept,
     Arm,
@@ -18,10 +30,10 @@ from ..control.orders import (
     Undo,
     Until,
 )
-from ..errors import printable
-from ..runlog.entries import entry
-from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog, weights_change
+from ..errors import InputError, printable
+from ..runlog.run_log import Code, LoggedRun, LoggedStatus, RunLog, entry, weights_change
 from ..runs import BASELINE, Event
+from ..samples.trigger import bench_mapping
 
 
 class OrderError(Exception):
@@ -117,3 +129,129 @@ def _found(run_log: RunLog, label: str) -> LoggedRun:
     if run is None:
         raise OrderError(f"there is no run {label!r}" if label else "there is no run yet")
     return run
+
+
+# Queues the orders for the recorder's writer thread -----------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class PendingOrder:
+    """An order, or a bench to continue with, and the future of its answer."""
+
+    order: Order | Bench
+    by: str
+    """Name of the person."""
+    answer: Future[Reply]
+
+
+class OrderQueue:
+    """A queue of orders; `put` may be called from any thread and never blocks.
+
+    `arrived`: set when an order was put in, to wake the thread that takes them.
+    """
+
+    def __init__(self) -> None:
+        self.arrived = threading.Event()
+        self._orders: deque[PendingOrder] = deque()
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def put(self, order: Order | Bench, by: str) -> Future[Reply]:
+        """Append an order; the future fails with `OrderError` if the queue is closed."""
+        answer: Future[Reply] = Future()
+        with self._lock:
+            if self._closed:
+                answer.set_exception(OrderError("the recorder is ending"))
+                return answer
+            self._orders.append(PendingOrder(order, by, answer))
+        self.arrived.set()
+        return answer
+
+    @property
+    def are_waiting(self) -> bool:
+        """True if there are waiting orders."""
+        return bool(self._orders)
+
+    def take(self) -> PendingOrder | None:
+        """Remove and return the oldest order that was not cancelled; None if there is none."""
+        while self._orders:
+            pending = self._orders.popleft()
+            if pending.answer.set_running_or_notify_cancel():
+                return pending
+        return None
+
+    def close(self) -> None:
+        """Refuse further orders."""
+        with self._lock:
+            self._closed = True
+
+    def cancel(self) -> None:
+        """Cancel the orders that wait."""
+        while self._orders:
+            self._orders.popleft().answer.cancel()
+
+
+# Runs the bench check on the last seconds of frames, to answer a client ---------------------------
+
+MOST = 4
+"""Largest number of waiting checks: each keeps the frames of some seconds in memory."""
+
+
+class Checks:
+    """Runs bench checks one after another in a separate thread, because they take some time."""
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(1, "check")
+        self._waiting: list[Future[Reply]] = []
+
+    def begin(self, bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
+        """Start a check; the answer is set when it ends.
+
+        Raises OrderError if too many wait already.
+        """
+        self._waiting = [waiting for waiting in self._waiting if not waiting.done()]
+        if len(self._waiting) >= MOST:
+            raise OrderError("other checks are under way: try again")
+        self._waiting.append(answer)
+        self._thread.submit(_answer, bench, frames, answer)
+
+    def close(self) -> None:
+        """Start no further checks."""
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+
+def _answer(bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
+    try:
+        report = check_bench(bench, bench_codec(bench), frames, date.today())
+        lines = tuple(
+            CheckItem(
+                WORDS[line.severity], line.subject, line.text, line.advice, dict(line.figures)
+            )
+            for line in report.lines
+        )
+    except Exception as error:  # any exception is reported to the client
+        answer.set_exception(error)
+        return
+    answer.set_result(Reply(0, check=lines))
+
+
+# Checks a bench.toml that will replace the present one during a recording -------------------------
+
+
+def configured(old: Bench, text: str) -> Bench:
+    """Return the bench of a new bench.toml, with the present buses and DBC.
+
+    Raises OrderError if it cannot be used, or needs another bus or DBC.
+    """
+    try:
+        bench = parse_bench(text, "bench.toml", Path(), old.dbc_text)
+        bench_mapping(bench, bench_codec(bench))
+        before = parse_bench(old.text, "bench.toml", Path(), old.dbc_text)
+    except InputError as error:
+        raise OrderError(str(error)) from error
+    # The present buses may come from the command line, so the two files are compared.
+    if bench.buses != before.buses:
+        raise OrderError("bench.toml names other buses: end the recorder and start it with them")
+    if bench.dbc_name != before.dbc_name:
+        raise OrderError("bench.toml names another DBC: end the recorder and start it with it")
+    return replace(bench, buses=old.buses, dbc_name=old.dbc_name, origin=old.origin)

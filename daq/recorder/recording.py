@@ -8,8 +8,9 @@ A failure after the journal loses no frame: the event `consumer_failed` reports 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 from dbc import Codec
 from dbc.finding import Finding, Severity
@@ -22,26 +23,79 @@ from ..bus.source import HopLosses, LinkFacts
 from ..clocks import Now
 from ..control.messages import DiskStatus, LeftOut, Live, Phase, Status, StorageStatus
 from ..control.orders import Acknowledge, Arm, Choose, Configure, LeaveOut, Order, Pause
-from ..runlog.entries import verdict_entry
-from ..runlog.fold import advance
-from ..runlog.runlog import Change, Code, RunLog, parse_label
+from ..errors import printable
+from ..runlog.run_log import Change, Code, RunLog, advance, parse_label, verdict_entry
 from ..runs import Event, Losses
-from ..samples import health, trigger
-from ..samples.bench_mapping import bench_mapping
+from ..samples import converter as health
+from ..samples import trigger as trigger
 from ..samples.mapping import mapped_block
+from ..samples.trigger import bench_mapping
 from ..verdict import RunMeasure
 from ..verdict.words import finding
-from . import run_loop
-from .bench_checks import configured
-from .fault_barrier import FaultBarrier
-from .frame_store import FrameStore
-from .judging import UNJUDGED, Judge
-from .live import LiveRing
-from .orders import OrderError, checked_arm, order_event
-from .proposal import Compared, compared, left_out_event, proposed
-from .recent import RecentFrames
-from .run_loop import LoopState, Surroundings
-from .status import Counts, counts_of
+from . import status as run_loop
+from .judging import UNJUDGED, Judge, RecentFrames
+from .live import Compared, LiveRing, compared, left_out_event, proposed
+from .orders import OrderError, checked_arm, configured, order_event
+from .readers import FrameStore
+from .status import Counts, LoopState, Surroundings, counts_of
+
+# Runs the frame consumers; one that fails is reported and never stops the recording ---------------
+
+CONSUMER_FAILED = "consumer_failed"
+REPORT_S = 1.0
+"""Time, s, between two events for a consumer that keeps failing."""
+FORGOTTEN_S = 5.0
+"""Time, s, without a failure after which a consumer counts as working again."""
+
+_T = TypeVar("_T")
+
+
+class FaultBarrier:
+    """Runs consumers and keeps their failures."""
+
+    def __init__(self) -> None:
+        self._failed: dict[str, tuple[float, str]] = {}
+        self._failures: dict[str, int] = {}
+        self._reported_s: dict[str, float] = {}
+
+    def run(self, name: str, now: Now, consumer: Callable[[], object]) -> None:
+        """Run a consumer that may fail."""
+        self.value(name, now, None, consumer)
+
+    def value(self, name: str, now: Now, otherwise: _T, consumer: Callable[[], _T]) -> _T:
+        """Return the result of a consumer, or `otherwise` if it fails."""
+        try:
+            return consumer()
+        except Exception as error:  # any exception: the frames are stored, the recording continues
+            self._failed[name] = (now.monotonic_s, printable(repr(error)))
+            self._failures[name] = self._failures.get(name, 0) + 1
+            return otherwise
+
+    def failed(self, now: Now) -> Mapping[str, str]:
+        """Return the failing consumers, with reasons."""
+        return {
+            name: text
+            for name, (failed_s, text) in self._failed.items()
+            if now.monotonic_s - failed_s < FORGOTTEN_S
+        }
+
+    def events(self, now: Now, t_ns: int) -> tuple[Event, ...]:
+        """Return the due events: one per second for each failing consumer, with a count."""
+        due = [
+            name
+            for name in self._failures
+            if now.monotonic_s - self._reported_s.get(name, float("-inf")) >= REPORT_S
+        ]
+        self._reported_s.update(dict.fromkeys(due, now.monotonic_s))
+        return tuple(
+            Event(
+                t_ns, CONSUMER_FAILED, self._failures.pop(name), f"{name}: {self._failed[name][1]}"
+            )
+            for name in due
+        )
+
+
+# The recording ------------------------------------------------------------------------------------
 
 RESTAMPED = "restamped"
 

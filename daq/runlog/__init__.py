@@ -1,6 +1,5 @@
 """Keeps the log of runs: events of recording, judging, overriding and undoing, and their fold."""
 
-from .fold import fold
-from .runlog import LoggedRun, LoggedStatus
+from .run_log import LoggedRun, LoggedStatus, fold
 
 __all__ = ["LoggedRun", "LoggedStatus", "fold"]

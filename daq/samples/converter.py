@@ -6,10 +6,20 @@ disagree about the same samples.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from operator import add, attrgetter
+from types import MappingProxyType
+
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.layout import MessageLayout
+from dbc.samples import DecodeCounts, Decoded
+
 from ..channels import TIME_DERIVATIVE, Quantity
+from ..runs import Losses
+from .clock import counter_steps
 
 STEEP_STEPS = 4.5
 """Number of converter steps by which a signal must jump into a flat top and out of it: a parabola
@@ -77,3 +87,175 @@ def is_fine(quantity: Quantity, unit: str, step: float) -> bool:
     signal.
     """
     return TIME_DERIVATIVE.get(quantity, 0) > 0 and step < FINE_STEP[unit]
+
+
+# Finds the longest time for which a channel held one value while the vehicle moved ----------------
+#
+# The verdict on a run and the identification use the same rule, so that the desk does not leave
+# out a run that the bench has accepted.
+
+FROZEN_S = 0.2
+"""Time, s, after which a constant channel counts as frozen: two periods of the wheels, too long for
+a saturated top."""
+_MOVING_S = 0.5  # after this time, a coarse sensor may stay at one step of its converter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hold:
+    """Longest hold of one value by one channel in one run."""
+
+    time_s: NDArray[np.float64]
+    value: NDArray[np.float64]
+    """`time_s`, `value`: samples of the channel, (n,)."""
+    rest_s: float
+    start_s: float
+    """`rest_s`, `start_s`: end of the rest before the bump and start of the decay, s."""
+    first: int
+    last: int
+    """`first`, `last`: its first and last sample."""
+    held_s: float
+    """Its length, s; 0 if none begins in the first half second of the decay or reaches into it."""
+
+    @property
+    def rest_rate(self) -> float:
+        """Share of samples at rest that differ from the one before; NaN if there are too few."""
+        return share_changed(self.value[self.time_s < self.rest_s])
+
+    @property
+    def decay_rate(self) -> float:
+        """The same share in the decay."""
+        return share_changed(self.value[self.time_s >= self.start_s])
+
+    @property
+    def constant(self) -> bool:
+        """True if the channel has one value in the whole run."""
+        return not (self.value != self.value[0]).any()
+
+    def is_frozen(self, changes: float) -> bool:
+        """Return whether the hold is too long to be chance.
+
+        `changes`: share of samples at which the channel changes when it is healthy, 0..1; NaN if it
+        is unknown.
+        """
+        return self.held_s >= FROZEN_S and is_stuck(self.last - self.first + 1, changes)
+
+
+def longest_hold(
+    time_s: NDArray[np.float64], value: NDArray[np.float64], rest_s: float, start_s: float
+) -> Hold:
+    """Return the longest hold of a channel in a run.
+
+    `time_s`, `value`: its samples, (n,) float64, n at least 1.  `rest_s`, `start_s`: end of the
+    rest before the bump and start of the decay, on the axis of `time_s`.
+    """
+    last = np.flatnonzero(np.diff(value, append=np.nan) != 0.0)
+    first = np.concatenate([[0], last[:-1] + 1])
+    within = (time_s[last] > start_s) & (time_s[first] < start_s + _MOVING_S)
+    length_s = np.where(within, time_s[last] - time_s[first], 0.0)
+    k = int(length_s.argmax())
+    return Hold(time_s, value, rest_s, start_s, int(first[k]), int(last[k]), float(length_s[k]))
+
+
+# Counts the frames that did not become samples, as a pure fold over decoded blocks ----------------
+#
+# Frames with a wrong checksum have no reliable counter: they are counted as `crc_bad`, and because
+# the next good counter then skips them, they are subtracted from the missing frames.  A repeated
+# counter means a repeated frame, not a loss.  A counter that jumps further than the time allows
+# means that the sensor restarted: the losses are then not known and not counted (`restarts` counts
+# these cases).
+
+NOTHING = DecodeCounts(0, 0, 0, 0, 0)
+_COUNT_NAMES = tuple(each.name for each in fields(DecodeCounts))
+_COUNTS = attrgetter(*_COUNT_NAMES)
+_LOSSES = attrgetter(*(each.name for each in fields(Losses)))
+
+
+@dataclass(frozen=True, slots=True)
+class CounterHealth:
+    """History of one message's counter."""
+
+    last: int
+    """Last reliable counter value."""
+    t_ns: int
+    """Arrival time of that frame, ns."""
+    late_s: float = 0.0
+    """Delay of that frame, s (`daq.samples.clock`)."""
+    unreadable: int = 0
+    """Number of frames with a wrong checksum since then."""
+    received: int = 0
+    """Number of frames with a good counter."""
+    missing: int = 0
+    """Number of frames that were sent and did not arrive."""
+    restarts: int = 0
+    """Number of restarts of the sensor."""
+
+
+@dataclass(frozen=True, slots=True)
+class HealthState:
+    """State of the fold; the default is the initial state."""
+
+    counters: Mapping[str, CounterHealth] = field(default_factory=lambda: MappingProxyType({}))
+    """Counters of the received messages that have one."""
+    counts: DecodeCounts = NOTHING
+    """Total numbers of frames that could not be decoded."""
+
+    @property
+    def losses(self) -> Losses:
+        """Totals so far, without losses before decoding."""
+        missing = sum(counter.missing for counter in self.counters.values())
+        counts = zip(_COUNT_NAMES, _COUNTS(self.counts), strict=True)
+        return Losses(counter_gaps=missing, **dict(counts))
+
+
+def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Decoded) -> HealthState:
+    """Return the state after one decoded block.
+
+    `messages`: the codec's messages.  `state`: result of the previous call; `HealthState()` at
+    first.  `decoded`: the block, frames in order of arrival.
+    """
+    counters = dict(state.counters)
+    for message in messages:
+        name = f"{message.name}.{message.counter.signal}" if message.counter else ""
+        if name in decoded.samples and len(decoded.samples[name].t_ns):
+            counters[message.name] = _count(message, counters.get(message.name), decoded)
+    total = map(add, _COUNTS(state.counts), _COUNTS(decoded.counts))
+    return HealthState(MappingProxyType(counters), DecodeCounts(*total))
+
+
+def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decoded) -> CounterHealth:
+    assert message.counter is not None  # ensured by the caller
+    samples = decoded[f"{message.name}.{message.counter.signal}"]
+    good = samples.usable
+    unreadable = len(good) - int(np.count_nonzero(good))
+    if unreadable == len(good):
+        return (
+            replace(before, unreadable=before.unreadable + unreadable)
+            if before
+            else (CounterHealth(-1, 0))
+        )
+    value = samples.value[good].astype(np.int64)
+    t_ns = samples.t_ns[good]
+    if before is None or before.last < 0:
+        health = CounterHealth(int(value[0]), int(t_ns[0]))
+        unreadable -= int(np.argmax(good))
+    else:
+        health = before
+        value = np.concatenate([[before.last], value])
+        t_ns = np.concatenate([[before.t_ns], t_ns])
+    steps = counter_steps(value, message.counter.modulus, t_ns, message.cycle_s, health.late_s)
+    trailing = int(np.argmax(good[::-1]))
+    passed = health.unreadable + unreadable - trailing
+    return CounterHealth(
+        last=int(value[-1]),
+        t_ns=int(t_ns[-1]),
+        late_s=steps.late_s,
+        unreadable=trailing,
+        received=health.received + int(np.count_nonzero(good)),
+        missing=health.missing + max(steps.missing - passed, 0),
+        restarts=health.restarts + int(np.count_nonzero(steps.restarted)),
+    )
+
+
+def losses_added(first: Losses, second: Losses) -> Losses:
+    """Return the sum of losses counted at different hops."""
+    return Losses(*map(add, _LOSSES(first), _LOSSES(second)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
@@ -13,10 +13,18 @@ from dbc.layout import MessageLayout, SignalLayout
 from dbc.samples import Decoded, Samples
 from dbc.units import SiUnit, to_si
 
-from ..channels import LARGEST, SI_UNITS, Channel, Quantity
+from ..channels import LARGEST, SI_UNITS, Channel, Quantity, message_of, signal_of
 from ..errors import InputError
-from ..signal_names import message_of, signal_of
-from .blocks import SampleBlock
+
+# Defines the form in which samples of several channels are passed on ------------------------------
+
+Column = tuple[NDArray[np.int64], NDArray[np.float64]]
+"""Time stamps, ns, and values, SI, of one channel, each of shape (n,)."""
+SampleBlock = Mapping[str, Column]
+"""The columns of some channels, by channel name."""
+
+
+# The mapping --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

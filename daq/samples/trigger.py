@@ -20,11 +20,16 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc import Codec
+
 from ..bench.bench_tables import TriggerConfig
-from ..bench.procedure import Method
+from ..bench.campaign import Method
+from ..bench.config import Bench
+from ..bench.toml_file import channel_line
 from ..channels import Channel, Quantity
+from ..errors import InputError
 from ..runs import Event
-from .blocks import Column, SampleBlock
+from .mapping import Column, MappedChannel, SampleBlock, map_channels
 
 BUMP = "bump"
 RUN_END = "run_end"
@@ -247,3 +252,37 @@ def _excursion(
     if not len(fresh):
         return after, None, 0.0
     return after, int(before_ns[fresh[0]]), float(deviation[fresh[0]])
+
+
+# Maps the channels of a bench to the signals of its DBC, and finds those that trigger -------------
+
+
+def mapped_channels(bench: Bench, codec: Codec) -> tuple[MappedChannel, ...]:
+    """Return the bench's channels, mapped to the signals of its DBC.
+
+    Raises InputError, with the file and line, if a channel contradicts the DBC.
+    """
+    mapped: list[MappedChannel] = []
+    for channel in bench.channels:
+        try:
+            mapped += map_channels([channel], codec.messages, bench.dbc_name)
+        except InputError as error:
+            line = channel_line(bench.text, channel.name)
+            where = f"{bench.where}:{line}" if line else bench.where
+            raise InputError(where, f"{error.where}: {error.what}", error.advice) from error
+    return tuple(mapped)
+
+
+def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...], frozenset[str]]:
+    """Return the bench's channels, and the names of those that trigger.
+
+    Raises InputError if a channel contradicts the DBC, or no channel can trigger.
+    """
+    # All channels are mapped although only some trigger, so that errors are found before the first
+    # bump and not after the last.
+    mapped = mapped_channels(bench, codec)
+    triggers = frozenset(c.name for c in trigger_channels(bench.channels, bench.procedure.method))
+    if not triggers:
+        what, advice = "has no channel that can trigger", "add a hub or a body acceleration"
+        raise InputError("bench.toml", what, advice)
+    return mapped, triggers

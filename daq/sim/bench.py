@@ -13,16 +13,15 @@ import numpy as np
 
 from dbc import Codec, FrameBatch
 
-from ..bench.campaign import Step
+from ..bench.campaign import Method, Step
 from ..bench.config import Bench
-from ..bench.procedure import Method
 from ..bumps import BUMPS
 from ..bus.source import SourceLosses
 from ..channels import Channel
 from ..check.push_test import ORDER
 from ..control.messages import Phase, Status
 from ..errors import BusError
-from ..runlog.runlog import Remark
+from ..runlog.run_log import Remark
 from ..runs import BASELINE, Excitation
 from ..samples.trigger import trigger_channels
 from ..vehicle import Corner

@@ -15,9 +15,8 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from ..bench.config import Bench
-from ..channels import ON_BODY, Channel, Quantity
+from ..channels import ON_BODY, Channel, Quantity, message_of
 from ..errors import InputError
-from ..signal_names import message_of
 from ..vehicle import (
     FORD_GRANADA,
     PARAMETER_NAMES,

@@ -13,10 +13,9 @@ from dbc import Codec, FrameBatch, FrameFlag, MessageLayout
 
 from ..bench.campaign import Step
 from ..bench.config import Bench, BusConfig
-from ..channels import Channel
+from ..channels import Channel, message_of, signal_of
 from ..errors import InputError
 from ..runs import BASELINE, Excitation
-from ..signal_names import message_of, signal_of
 from .car import ClockTruth, SimulatedCar, Truth, truth
 from .elements import Array
 from .engine import Plant

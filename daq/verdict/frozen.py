@@ -10,7 +10,7 @@ import numpy as np
 from dbc.finding import Finding
 
 from ..bench.config import Bench
-from ..samples.hold import FROZEN_S, Hold, longest_hold
+from ..samples.converter import FROZEN_S, Hold, longest_hold
 from .window import ANGULAR, BEFORE_S, RunWindow, Trace, kin
 from .words import finding
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from dbc.finding import Finding
 
+from ..bench.campaign import Method
 from ..bench.config import Bench
-from ..bench.procedure import Method
 from ..channels import Channel, Quantity
-from ..samples.blocks import SampleBlock
+from ..samples.mapping import SampleBlock
 from ..samples.trigger import trigger_channels
 from .window import RunWindow, Trace, kin, traces
 from .words import finding

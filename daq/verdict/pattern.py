@@ -8,8 +8,8 @@ import numpy as np
 
 from dbc.finding import Finding
 
+from ..bench.campaign import Method
 from ..bench.config import Bench
-from ..bench.procedure import Method
 from ..bumps import BUMPS, Wheels, kinds_of, mirror_images
 from ..channels import Quantity
 from ..runs import Excitation

@@ -12,10 +12,9 @@ from dbc.finding import Finding
 from dbc.words import counted, plural
 
 from ..bench.config import Bench
-from ..channels import Channel, Quantity
+from ..channels import Channel, Quantity, message_of
+from ..samples.clock import FASTEST
 from ..samples.converter import flat_tops
-from ..samples.counter import FASTEST
-from ..signal_names import message_of
 from ..silence import STALE_S, WHEEL_MOTION_S, Silence, longest_gap_s, longest_silence
 from .window import RunWindow, Trace
 from .words import finding

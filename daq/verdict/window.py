@@ -14,7 +14,7 @@ from dbc.frames import read_only
 from ..bumps import Wheels
 from ..channels import Channel, Quantity
 from ..runs import Losses
-from ..samples.blocks import SampleBlock
+from ..samples.mapping import SampleBlock
 
 BEFORE_S = 0.03
 """Time directly before the trigger that is left out of the rest, s: a slow bump begins below the

@@ -10,7 +10,7 @@ import numpy as np
 from daq.channels import Channel, Quantity
 from daq.median import median
 from daq.runs import Run, RunStatus
-from daq.samples.hold import FROZEN_S, Hold, longest_hold
+from daq.samples.converter import FROZEN_S, Hold, longest_hold
 from daq.sessions import Session
 from daq.silence import Silence, longest_silence
 

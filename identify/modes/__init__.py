@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from dbc.lazy import lazy
 
 if TYPE_CHECKING:
+    from .modal_model import MODE_NAMES as MODE_NAMES
     from .modal_model import modes_of as modes_of
-    from .mode_names import MODE_NAMES as MODE_NAMES
 else:
     __all__, __dir__, __getattr__ = lazy(__name__)

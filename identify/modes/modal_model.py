@@ -19,7 +19,7 @@ from daq.channels import TIME_DERIVATIVE, Channel
 from daq.html_tables import html_table
 from daq.vehicle import DOF, VehicleGeometry
 from dbc.errors import InputError
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays, read_only
 
 from ..model.low_pass import low_pass_of
 from ..model.matrices import N_DOF, motion_row
@@ -272,3 +272,181 @@ def _std(value: float) -> str:
 
 def _degrees(entry: complex) -> float:
     return degrees(phase(entry)) + 0.0 if abs(entry) > 1e-9 else 0.0
+
+
+# Pairs the entries of two lists, each at most once, with the largest sum of values ----------------
+
+
+def best_pairs(worth: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows and columns of the pairs with the largest sum, (min(n, m),) each.
+
+    `worth`: value of each pair, (n, m).
+    """
+    if worth.size and len(worth) <= worth.shape[1]:
+        columns = np.argmax(worth, axis=1)
+        # Where no two rows want the same column, nothing can be worth more.
+        if len(set(columns.tolist())) == len(columns):
+            return np.arange(len(worth)), columns
+    from scipy.optimize import linear_sum_assignment  # a third of a second to import
+
+    rows, columns = linear_sum_assignment(worth, maximize=True)
+    return rows, columns
+
+
+# Names for the modes of a vehicle by what moves in them -------------------------------------------
+
+MODE_NAMES = (
+    "body bounce",
+    "body pitch",
+    "body roll",
+    "front wheels symmetric",
+    "front wheels antisymmetric",
+    "rear wheels symmetric",
+    "rear wheels antisymmetric",
+)
+"""Names of the modes of a vehicle of seven degrees of freedom."""
+
+
+def mode_names(model: ModalModel, geometry: VehicleGeometry) -> tuple[str, ...]:
+    """Name each mode by the motion that has the largest share in it.
+
+    The body counts by the motion of its four corners, the wheels by their own motion: body pitch is
+    the pitch angle times half the wheelbase, body roll the roll angle times the half width.  Bounce
+    and pitch are mixed in most vehicles, so two modes may have the same largest share; names are
+    assigned so that no two modes have the same one and the sum of the named shares is largest.
+
+    Parameters
+    ----------
+    model : ModalModel
+        Displacement shapes (7, m), order `daq.vehicle.DOF`.
+    geometry : VehicleGeometry
+        Of the vehicle.
+
+    Returns
+    -------
+    tuple of str
+        One of `MODE_NAMES` for each mode, ``"further mode"`` for those beyond seven.
+    """
+    z, theta, phi, A, B, C, D = model.shapes
+    wheelbase = geometry.a + geometry.b
+    half_width = (geometry.t_f + geometry.t_r) / 2.0
+    motions = np.stack(
+        [
+            2.0 * z,
+            theta * wheelbase,
+            2.0 * phi * half_width,
+            (A + B) / np.sqrt(2.0),
+            (A - B) / np.sqrt(2.0),
+            (C + D) / np.sqrt(2.0),
+            (C - D) / np.sqrt(2.0),
+        ]
+    )
+    share = np.abs(motions) ** 2
+    share /= share.sum(axis=0)
+    names = ["further mode"] * len(model)
+    for motion, mode in zip(*best_pairs(share), strict=True):
+        names[mode] = MODE_NAMES[motion]
+    return tuple(names)
+
+
+# Pairs the modes of a vehicle with those of the same vehicle with added mass ----------------------
+#
+# They are paired by shape, never by frequency: the mass lowers nearly equal frequencies by
+# different amounts, and modes change places.
+
+
+@dataclass(frozen=True, slots=True)
+class Pairing:
+    """Modes of two mass states, paired."""
+
+    baseline: NDArray[np.intp]
+    added: NDArray[np.intp]
+    """Indices of the paired modes in either model, the baseline's ascending."""
+    mac: NDArray[np.float64]
+    """MAC of each pair, 0 to 1, shape (k,)."""
+    margin: NDArray[np.float64]
+    """MAC of the pair less the largest MAC of either mode with any third, shape (k,)."""
+    swapped: tuple[tuple[int, int], ...]
+    """Pairs of baseline modes whose partners are in the opposite order of frequency."""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, "baseline", "added", "mac", "margin")
+
+
+def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
+    """Pair the modes of two mass states so that the sum of their MAC is largest.
+
+    `baseline` and `added`: modes with shapes in the same channels; if one has more modes, some have
+    no partner.  Raises InputError if the shapes are of different channels.
+    """
+    if len(baseline.shapes) != len(added.shapes):
+        raise InputError(
+            "pairing of modes",
+            f"shapes of {len(baseline.shapes)} and of {len(added.shapes)} channels",
+            "identify both mass states from the same channels",
+        )
+    likeness = mac(baseline.shapes, added.shapes)
+    rows, columns = best_pairs(likeness)
+    chosen = likeness[rows, columns]
+    rivals = likeness.copy()
+    rivals[rows, columns] = 0.0
+    rival = np.maximum(
+        rivals.max(axis=1, initial=0.0)[rows], rivals.max(axis=0, initial=0.0)[columns]
+    )
+    swapped = tuple(
+        (int(rows[i]), int(rows[j]))
+        for i in range(len(rows))
+        for j in range(i + 1, len(rows))
+        if columns[i] > columns[j]
+    )
+    return Pairing(rows, columns, chosen, chosen - rival, swapped)
+
+
+# Finds copies: poles that a fit keeps separate although they are one mode -------------------------
+#
+# A mode whose frequency differs a little from record to record (another hammer, another
+# temperature) is fitted better by two adjacent poles than by one, and by far more than noise would
+# explain.  Both poles have its shape.  Two modes that nearly coincide differ in shape.
+
+_NEAR = 0.02
+"""Distance of two poles, relative to their size, within which they may be one mode."""
+_ALIKE = 0.98
+"""MAC above which two shapes count as one; two random shapes in three channels exceed it in 1 of
+100."""
+
+
+def originals(
+    poles: NDArray[np.complex128],
+    shapes: NDArray[np.complex128],
+    amplitudes: NDArray[np.complex128] | None = None,
+) -> NDArray[np.intp]:
+    """Return the numbers of the modes without copies of others, in their order.
+
+    Of several poles that are one mode the strongest stays.  With one channel there is no shape, and
+    no pole is called a copy.
+
+    Parameters
+    ----------
+    poles : (m,) complex128
+        rad/s.
+    shapes : (n_channels, m) complex128
+        All channels scaled alike.
+    amplitudes : (n_runs, m) complex128 or None
+        Amplitude of each mode at the start of each run; None if they are not known yet, which
+        leaves the pole of the lowest damping.
+    """
+    m = len(poles)
+    if m < 2 or len(shapes) < 2:
+        return np.arange(m)
+    energy = np.sum(np.abs(shapes) ** 2, axis=0) if amplitudes is not None else np.ones(m)
+    if amplitudes is not None:
+        energy = energy * np.sum(np.abs(amplitudes) ** 2, axis=0)
+    energy = energy / np.maximum(np.abs(poles.real), np.finfo(float).tiny)
+    size = np.abs(poles)
+    near = np.abs(poles[:, None] - poles) < _NEAR * np.maximum(size[:, None], size)
+    same = near & (mac(shapes, shapes) > _ALIKE) & (poles.imag > 0.0)[:, None] & (poles.imag > 0.0)
+    kept: list[int] = []
+    for mode in np.argsort(-energy, kind="stable").tolist():
+        if not any(same[mode, other] for other in kept):
+            kept.append(mode)
+    return np.sort(np.array(kept, dtype=np.intp))

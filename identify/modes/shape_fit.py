@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.chi_squared import exceeded_by_chance
-from .needed import least_left
-from .waves import real_block
+from .waves import least_left, real_block
 
 _FALSE_ALARM = 1e-3
 SWEEPS = 10

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import freeze_arrays
 
-from ..model import exponential_sums
+from ..model import exponential_sums, exponentials
 from ..model.exponential_sums import Series, series_of
 
 
@@ -184,3 +185,188 @@ def real_gradient(
     """Return products of a family with residuals, (..., 2 p); `products` sums f times them."""
     product = coefficients * products
     return np.concatenate([product.real, -product.imag], axis=-1)
+
+
+# Bounds that make a fit of most sets of modes unnecessary -----------------------------------------
+#
+# A mode has one shape in all runs.  With an amplitude that is free in every channel of every run,
+# modes explain at least as much.  So the likelihood of free amplitudes without a mode is an upper
+# bound for any fit without this mode.
+
+_ROUNDING = 1e-12
+"""Share of the samples' power below which a loss cannot be distinguished from rounding."""
+
+
+def likelihood_at_most(
+    blocks: Sequence[Block], poles: NDArray[np.complex128], n_channels: int
+) -> NDArray[np.float64]:
+    """Return an upper bound of the likelihood without each of some poles, (m,).
+
+    It is twice the logarithm, without constants, as `LikelyModes.log_likelihood`.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        The samples; no channel of zeros.
+    poles : (m,) complex128
+        rad/s, imaginary parts of at least zero.
+    n_channels : int
+        Channels of the samples.
+    """
+    count = np.zeros(n_channels)
+    least = np.zeros((n_channels, len(poles)))
+    turning = poles.imag > 0.0
+    for block in blocks:
+        wave = exponentials.waves(block.time_s, poles)
+        if block.free_level:
+            wave -= wave.mean(axis=0)
+        np.add.at(count, block.channel, len(block.time_s))
+        np.add.at(least, block.channel, least_left(wave, turning, block.deviations).T)
+    floor = np.finfo(float).tiny
+    return np.asarray(-np.sum(count * np.log(np.maximum(least.T, floor) / count), axis=1))
+
+
+def least_left(
+    wave: NDArray[np.complex128], turning: NDArray[np.bool_], samples: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the least squares that remain of some series without each wave, (m, k).
+
+    Parameters
+    ----------
+    wave : (n, m) complex128
+        The exponentials.
+    turning : (m,) bool
+        True for poles of a conjugate pair; the others are real.
+    samples : (n, k) float64
+        The series.
+    """
+    m, pairs = len(turning), np.flatnonzero(turning)
+    # Columns of each mode; a real pole has a column of zeros for its imaginary part.
+    mine = np.column_stack([np.arange(m), np.full(m, m + len(pairs))])
+    mine[pairs, 1] = m + np.arange(len(pairs))
+    basis, triangle = np.linalg.qr(np.hstack([wave.real, wave.imag[:, pairs]]))
+    within = basis.T @ samples
+    inverse = np.vstack([np.linalg.pinv(triangle), np.zeros(len(triangle))])
+    found = (inverse @ within)[mine]  # (m, 2, k)
+    covariance = inverse @ inverse.T
+    left = np.sum((samples - basis @ within) ** 2, axis=0)
+    own = np.linalg.pinv(covariance[mine[:, :, None], mine[:, None]])
+    lost = np.sum(found * (own @ found), axis=1)
+    power = np.sum(samples**2, axis=0)
+    return np.asarray(left + np.maximum(lost, 0.0) * (1.0 - 1e-6) - _ROUNDING * power)
+
+
+# Products of the derivatives of a modal model, summed over the samples of each block --------------
+#
+# Series that are sampled alike share their exponentials: their sums over the samples are the same,
+# and only the shapes and amplitudes before them differ.  With these taken out of the sums, the
+# work for a run is elementwise in the modes.
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Products:
+    """All series at one point of the poles, one row for each block of each run."""
+
+    first: NDArray[np.intp]
+    """First row of each run, shape (n_runs,); the rows are in the order of the runs."""
+    run: NDArray[np.intp]
+    """Run of each row, shape (n,)."""
+    weight: _Real
+    """Inverse variance of each series, zero where the row has none, shape (n, n_channels)."""
+    mixed: _Complex
+    plain: _Complex
+    """`mixed`, `plain`: sums of ``conj(f) g`` and of ``f g`` of the functions ``exp(pole t)`` and
+    ``t exp(pole t)`` over the samples of a row, shape (n, 2 m, 2 m)."""
+
+    def run_run(self, shapes: _Complex) -> _Real:
+        """Return the products of amplitudes with each other, (n_runs, 2 m, 2 m)."""
+        mixed, plain = self._of(0, 0)
+        across, along = self._pairs(shapes)
+        return real_block(self._by_run(across * mixed), self._by_run(along * plain))
+
+    def pole_run(self, shapes: _Complex, amplitudes: _Complex) -> _Real:
+        """Return the products of poles with amplitudes, (n_runs, 2 m, 2 m)."""
+        mixed, plain = self._of(1, 0)
+        across, along = self._pairs(shapes)
+        q = amplitudes[self.run, :, None]
+        first, second = q.conj() * across * mixed, q * along * plain
+        return real_block(self._by_run(first), self._by_run(second))
+
+    def pole_pole(self, shapes: _Complex, amplitudes: _Complex) -> _Real:
+        """Return the products of poles with each other, (2 m, 2 m)."""
+        mixed, plain = self._of(1, 1)
+        across, along = self._pairs(shapes)
+        left, right = amplitudes[self.run, :, None], amplitudes[self.run, None]
+        first = np.sum(left.conj() * right * across * mixed, axis=0)
+        return real_block(first, np.sum(left * right * along * plain, axis=0))
+
+    def shape_shape(self, member: _Real, sign: _Real, amplitudes: _Complex) -> _Real:
+        """Return the products of each owner's entries with each other, (n_owners, 2 m, 2 m).
+
+        `member` and `sign` as in `with_shapes`.
+        """
+        mixed, plain = self._of(0, 0)
+        m = sign.shape[1]
+        left, right = amplitudes[self.run, :, None], amplitudes[self.run, None]
+        pairs = (sign[:, :, None] * sign[:, None]).reshape(len(sign), -1)
+        own = self._owned(member, pairs)  # (n_owners, n, m m)
+        first = np.einsum("gnp,np->gp", own, (left.conj() * right * mixed).reshape(-1, m * m))
+        second = np.einsum("gnp,np->gp", own, (left * right * plain).reshape(-1, m * m))
+        return real_block(first.reshape(-1, m, m), second.reshape(-1, m, m))
+
+    def with_shapes(
+        self, member: _Real, sign: _Real, shapes: _Complex, amplitudes: _Complex
+    ) -> tuple[_Real, _Real]:
+        """Return the products of each owner's entries with poles and with amplitudes.
+
+        Parameters
+        ----------
+        member : (n_owners, n_channels) float64
+            1 where a channel takes its entries from an owner.
+        sign : (n_channels, m) float64
+            Sign with which it takes them.
+        shapes : (n_channels, m) complex128
+        amplitudes : (n_runs, m) complex128
+
+        Returns
+        -------
+        (n_owners, 2 m, 2 m) and (n_owners, n_runs, 2 m, 2 m) float64
+        """
+        m = shapes.shape[1]
+        pairs = (sign[:, :, None] * shapes[:, None]).reshape(len(shapes), -1)
+        own = self._owned(member, pairs).reshape(len(member), -1, m, m)
+        left, right = amplitudes[self.run, :, None], amplitudes[self.run, None]
+        across, along = left.conj() * own, left * own
+        mixed, plain = self._of(0, 0)
+        by_runs = real_block(
+            np.add.reduceat(across * mixed, self.first, axis=1),
+            np.add.reduceat(along * plain, self.first, axis=1),
+        )
+        mixed, plain = self._of(0, 1)
+        first = np.sum(across * (right * mixed), axis=1)
+        return real_block(first, np.sum(along * (right * plain), axis=1)), by_runs
+
+    def _of(self, left: int, right: int) -> tuple[_Complex, _Complex]:
+        """Return the products of exp (0) or t exp (1) with exp or t exp."""
+        m = self.mixed.shape[1] // 2
+        where = slice(None), slice(m * left, m * (left + 1)), slice(m * right, m * (right + 1))
+        return self.mixed[where], self.plain[where]
+
+    def _pairs(self, shapes: _Complex) -> tuple[_Complex, _Complex]:
+        """Return each row's weighted sums over channels of ``conj(s_i) s_j`` and ``s_i s_j``."""
+        m = shapes.shape[1]
+        left, right = shapes[:, :, None], shapes[:, None]
+        across = self.weight @ (left.conj() * right).reshape(len(shapes), -1)
+        along = self.weight @ (left * right).reshape(len(shapes), -1)
+        return across.reshape(-1, m, m), along.reshape(-1, m, m)
+
+    def _owned(self, member: _Real, pairs: NDArray[Any]) -> NDArray[Any]:
+        """Return weighted sums of pairs, (n_channels, k), over each owner's channels and row."""
+        each = member[:, None] * self.weight
+        return np.asarray((each.reshape(-1, each.shape[-1]) @ pairs).reshape(*each.shape[:2], -1))
+
+    def _by_run(self, rows: _Complex) -> _Complex:
+        return np.add.reduceat(rows, self.first, axis=0)

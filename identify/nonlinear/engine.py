@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from ..decays.decay import FreeDecay
 from ..fit.likelihood import FACTS, PRIORS, Residuals
 from ..fit.varpro import NormalBlock
+from .car import elements
 from .fit import inverse
-from .level import POLISH
-from .path import InitialState
-from .problem import Normal, Point, Problem, normal, point
-from .run import run_of
-from .unknowns import elements
+from .path import POLISH, InitialState
+from .problem import Normal, Point, Problem, normal, point, run_of
 
 _OWN_STEPS = 4
 """Gauss-Newton steps for the initial states of runs at other unknowns: they are nearly linear."""

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .level import USUAL, Grade
-from .path import InitialState
-from .problem import Normal, Point, Problem, normal, point
-from .run import Block
+from .path import USUAL, Grade, InitialState
+from .problem import Block, Normal, Point, Problem, normal, point
 
 _RANK = 1e-13
 """Share of the strongest direction below which one counts as not observed."""

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from dbc.frames import freeze_arrays
 
-from ..elements.damper import knee
-from ..elements.friction import sliding_share, sliding_share_by_fall, sliding_share_by_surplus
+from ..elements.laws import knee, sliding_share, sliding_share_by_fall, sliding_share_by_surplus
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, Estimate
 from .car import F_C, FALL, GAP, KNEE_M_S, KNEES, SURPLUS, C, Car
 from .path import travel_speeds
 
 if TYPE_CHECKING:
-    from .fit import Optimum  # loads Numba, which a reader of results does not need
+    from .fit import Optimum
 
 _AXLES = ("front", "rear")
 _POINTS = 61
@@ -228,3 +227,62 @@ def _curve(
     both = slope + share[:, None] * d_friction + np.sign(speed)[:, None] * friction * d_share
     total_std = np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", both, covariance, both), 0.0))
     return DamperCurve(speed, force, std, force + share * friction, total_std)
+
+
+# Reduces a damper curve to a few numbers: its force at standard speeds ----------------------------
+
+STANDARD_SPEEDS_M_S = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)
+"""Speeds of the wheel relative to the body at which tables of dampers state forces, compression
+positive, m/s."""
+_SIZE_N = 50.0
+"""Smallest force that matters, N: a damper may have nearly none at a low speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedForce:
+    """Force of one corner at one speed."""
+
+    speed_m_s: float
+    """Speed, compression positive, m/s."""
+    damper: Estimate
+    """Force of the damper alone, N."""
+    total: Estimate
+    """Force with friction, N: right whatever the law of the friction is."""
+
+
+def forces_at_speeds(curve: DamperCurve) -> tuple[SpeedForce, ...]:
+    """Return the force at each standard speed that occurred."""
+    speed = curve.speed_m_s
+    return tuple(
+        SpeedForce(
+            v,
+            _at(v, speed, curve.force_n, curve.std_n),
+            _at(v, speed, curve.total_n, curve.total_std_n),
+        )
+        for v in STANDARD_SPEEDS_M_S
+        if speed[0] <= v <= speed[-1]
+    )
+
+
+def force_quantities(forces: Forces) -> dict[str, Estimate]:
+    """Return every element, and the force at each standard speed, by axle and name.
+
+    Names are `front friction`, `rear damper +0.10 m/s`, and `rear corner +0.10 m/s` for damper and
+    friction together.
+    """
+    found: dict[str, Estimate] = {}
+    for one in forces.axles:
+        for name, e in one.values.items():
+            found[f"{one.axle} {name.replace('_', ' ')}"] = e
+        for at in forces_at_speeds(one.damper):
+            found[f"{one.axle} damper {at.speed_m_s:+.2f} m/s"] = at.damper
+            found[f"{one.axle} corner {at.speed_m_s:+.2f} m/s"] = at.total
+    return found
+
+
+def _at(
+    v: float, speed: NDArray[np.float64], force: NDArray[np.float64], std: NDArray[np.float64]
+) -> Estimate:
+    value, sigma = float(np.interp(v, speed, force)), float(np.interp(v, speed, std))
+    half = COVERAGE_95 * sigma
+    return Estimate(value, sigma, value - half, value + half, "N", _SIZE_N)

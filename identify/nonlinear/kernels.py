@@ -5,11 +5,25 @@ The formulas are those of `identify.elements`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ..elements import bar, damper, friction, hinge, mount, spring, stop, tyre
+from ..elements import laws as bar
+from ..elements import laws as damper
+from ..elements import laws as friction
+from ..elements import laws as hinge
+from ..elements import laws as mount
+from ..elements import laws as spring
+from ..elements import laws as stop
+from ..elements import laws as tyre
 from .car import (
     BETA,
     C_T,
@@ -33,8 +47,50 @@ from .car import (
     C,
     X,
     Y,
-)  # fmt: skip
-from .compiled import LOOSE, kernel
+)
+
+# Makes machine code of the kernels (Numba), and keeps it for the processes to come ----------------
+#
+# Numba takes what it has stored for a function as good while the file of that function stays as it
+# is.  But the code of a kernel also contains the formulas, constants and kernels of other files.
+# So the name by which a kernel is stored has the hash of them all.
+
+LOOSE = {"reassoc", "contract", "arcp", "nsz"}
+"""Rearrangements that the compiler may make; NaN must stay NaN."""
+
+_HERE = Path(__file__).parent
+_FILES = ("car", "columns", "kernels")
+SOURCES = (
+    *sorted((_HERE.parent / "elements").glob("*.py")),
+    *(_HERE / f"{name}.py" for name in _FILES),
+)
+"""All files of which the machine code of a kernel may contain something."""
+_HASH = sha256(b"".join(source.read_bytes() for source in SOURCES)).hexdigest()[:16]
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Return a function as machine code; it is made at the first call, or read where it is stored.
+
+    Where no folder can be written, it is not stored.
+    """
+    function.__qualname__ += f"_{_HASH}"
+    compiled = njit(error_model="numpy", fastmath=LOOSE, nogil=True)(function)
+    with suppress(RuntimeError):  # neither beside the sources nor in the user's cache
+        compiled.enable_caching()
+        _forget_others(compiled.stats.cache_path)
+    return compiled
+
+
+@cache
+def _forget_others(folder: str) -> None:
+    """Remove what is stored of other versions of the sources."""
+    for stored in Path(folder).glob("*.nb[ic]"):
+        if _HASH not in stored.name:
+            with suppress(OSError):  # it may be another user's, or removed by another process
+                stored.unlink()
+
+
+# The kernels --------------------------------------------------------------------------------------
 
 for _module in (hinge, spring, stop, bar, damper, friction, tyre, mount):
     for _name, _formula in vars(_module).items():
@@ -238,3 +294,95 @@ def filter_pole(values, h, times, pole, residue, weights, out):
                     + c * first[j] + d * end[j]
                 )  # fmt: skip
             n += 1
+
+
+# Columns of the tangents side by side, for machine code (Numba): reading, summing, writing --------
+#
+# Columns are stored in blocks of `LANES`, one row of the state after the other: the distances
+# between rows are then constants, from which the compiler knows that rows do not overlap.
+
+LANES = 88
+"""Columns in a block: an odd number of cache lines, so that rows do not evict each other."""
+
+
+@njit(forceinline=True)
+def read7(block, row, j):
+    """Return seven rows of a column."""
+    k = row * LANES + j
+    return (
+        block[k], block[k + LANES], block[k + 2 * LANES], block[k + 3 * LANES],
+        block[k + 4 * LANES], block[k + 5 * LANES], block[k + 6 * LANES],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def read4(block, row, j):
+    """Return four rows of a column."""
+    k = row * LANES + j
+    return block[k], block[k + LANES], block[k + 2 * LANES], block[k + 3 * LANES]
+
+
+@njit(forceinline=True)
+def plus7(a, h, b):
+    """Return `a + h b`."""
+    return (
+        a[0] + h * b[0], a[1] + h * b[1], a[2] + h * b[2], a[3] + h * b[3],
+        a[4] + h * b[4], a[5] + h * b[5], a[6] + h * b[6],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def plus4(a, h, b):
+    """Return `a + h b`."""
+    return a[0] + h * b[0], a[1] + h * b[1], a[2] + h * b[2], a[3] + h * b[3]
+
+
+@njit(forceinline=True)
+def corner_slopes(s, i):
+    """Return the slopes that act at a corner."""
+    return (
+        s[i, 0], s[i, 1], s[i, 2], s[i, 3], s[i, 4], s[i, 5], s[i, 6],
+        s[i, 7], s[i, 8], s[i, 9], s[i, 10], s[i, 11], s[i, 12],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def node_slopes(s):
+    """Return the slopes at the four corners, and the inverse of the body's mass."""
+    body = s[4, 0], s[4, 1], s[4, 2], s[4, 3], s[4, 4], s[4, 5]
+    return corner_slopes(s, 0), corner_slopes(s, 1), corner_slopes(s, 2), corner_slopes(s, 3), body
+
+
+@njit(forceinline=True)
+def mean7(a, b, c, d):
+    """Return six times the mean of the four stages."""
+    return (
+        a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1],
+        a[2] + 2.0 * (b[2] + c[2]) + d[2], a[3] + 2.0 * (b[3] + c[3]) + d[3],
+        a[4] + 2.0 * (b[4] + c[4]) + d[4], a[5] + 2.0 * (b[5] + c[5]) + d[5],
+        a[6] + 2.0 * (b[6] + c[6]) + d[6],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def mean4(a, b, c, d):
+    """Return six times the mean of the four stages."""
+    return (
+        a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1],
+        a[2] + 2.0 * (b[2] + c[2]) + d[2], a[3] + 2.0 * (b[3] + c[3]) + d[3],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def write7(out, row, j, a):
+    """Write seven rows of a column."""
+    k = row * LANES + j
+    out[k], out[k + LANES], out[k + 2 * LANES], out[k + 3 * LANES] = a[0], a[1], a[2], a[3]
+    out[k + 4 * LANES], out[k + 5 * LANES], out[k + 6 * LANES] = a[4], a[5], a[6]
+
+
+@njit(forceinline=True)
+def write4(out, row, j, a):
+    """Write four rows of a column."""
+    k = row * LANES + j
+    out[k], out[k + LANES], out[k + 2 * LANES], out[k + 3 * LANES] = a[0], a[1], a[2], a[3]

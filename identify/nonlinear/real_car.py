@@ -17,15 +17,13 @@ from ..fit.estimation import Estimation, basin, floored, rough_noise
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import Fit
 from .begin import is_impossible, scaled_to_vehicle
-from .car import Model
+from .car import KNOTS, Model
 from .engine import NonlinearEngine, residuals_of
 from .fit import Optimum, inverse
 from .forces import ElementChoice, Forces, axle_forces, element_estimates
-from .groups import GROUPS
-from .release import Attempt, release
-from .run import run_of
-from .sandwich import scatter, widened
-from .unknowns import KNOTS
+from .problem import run_of
+from .release import GROUPS, Attempt, release
+from .score import scatter, widened
 
 _CLEAN_SIGMAS = 2.0
 """Excess of chi2/n, in standard deviations, above which intervals follow the scores' scatter."""

@@ -5,17 +5,22 @@ next steps: run, bump, rate, sensor, weight, fact; ``compare_campaigns(plan)`` g
 of other campaigns as a whole.
 """
 
-from .design import TYPICAL_NOISE, Plan, Runs, Sensor, full_vector, sensor, sensors_of
-from .expected_elements import (
+from .design import (
+    TYPICAL_NOISE,
     USUAL_ELEMENTS,
     ExpectedElements,
+    Plan,
+    Runs,
+    Sensor,
     element_label,
+    full_vector,
     identified_elements,
+    sensor,
+    sensors_of,
     typical_elements,
 )
 from .information import KnownRuns
-from .outlook import Outlook, vague
-from .ranking import Advice, NextStep, advise, compare_campaigns, outlook
+from .outlook import Advice, NextStep, Outlook, advise, compare_campaigns, outlook, vague
 
 __all__ = [
     "TYPICAL_NOISE",

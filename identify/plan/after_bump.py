@@ -12,13 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..elements.bar import bar_force
-from ..elements.friction import friction_rate, sliding_share
-from ..elements.hinge import hinge
-from ..elements.mount import mount_misfit, mount_slope
-from ..elements.spring import spring_force
-from ..elements.stop import stop_force
-from ..elements.tyre import tyre_force, tyre_load, tyre_push
+from ..elements.laws import (
+    bar_force,
+    friction_rate,
+    hinge,
+    mount_misfit,
+    mount_slope,
+    sliding_share,
+    spring_force,
+    stop_force,
+    tyre_force,
+    tyre_load,
+    tyre_push,
+)
 from ..nonlinear.car import (
     BETA,
     C_T,
@@ -44,8 +50,7 @@ from ..nonlinear.car import (
     X,
     Y,
 )  # fmt: skip
-from ..nonlinear.level import PATH, USUAL, Level
-from ..nonlinear.path import STATES, InitialState, first_state, step_of
+from ..nonlinear.path import PATH, STATES, USUAL, InitialState, Level, first_state, step_of
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +10,90 @@ from numpy.typing import NDArray
 
 from daq.vehicle import parameter_unit
 
+from ..elements.laws import knee, secant_share
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate
 from ..fit.varpro import pseudo_inverse
-from .element_outlook import DamperPoint, damper_points, element_estimates
-from .information import Fisher
+from ..nonlinear.car import KNEE_M_S
+from .candidates import Candidate, campaigns, candidates
+from .design import Plan
+from .information import Fisher, KnownRuns
 
+# Expected precision of a real car's elements: friction, damper curves, mounts, stops --------------
+
+SPEEDS_M_S = (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)
+"""Speeds at which the uncertainty of a damper curve is stated, m/s, compression positive: those of
+usual tables that bumps of 50 mm reach."""
 _FLOOR = 1e-13  # of the largest eigenvalue: rounding
+
+
+@dataclass(frozen=True, slots=True)
+class DamperPoint:
+    """A point of a damper curve."""
+
+    axle: str
+    """front or rear."""
+    speed_m_s: float
+    """Speed, compression positive, m/s."""
+    force_n: float
+    """Expected force, N."""
+    std_n: float
+    """Standard deviation that the campaign will leave, N."""
+
+
+def element_estimates(fisher: Fisher) -> Mapping[str, Estimate]:
+    """Return the expected interval of each unknown of the elements except the dampers' knees."""
+    if fisher.elements is None:
+        return {}
+    first = len(fisher.information) - len(fisher.elements.members)
+    std = np.sqrt(np.diag(_covariance(fisher.information)))[first:].tolist()
+    result = {}
+    for e, value, unknown in zip(fisher.elements.members, fisher.elements.values, std, strict=True):
+        if not e.name.startswith("h_"):
+            sd = unknown * (abs(value) if e.logarithmic else e.scale)
+            half = COVERAGE_95 * sd
+            result[e.name] = Estimate(value, sd, value - half, value + half, e.unit)
+    return result
+
+
+def damper_points(fisher: Fisher) -> tuple[DamperPoint, ...]:
+    """Return the expected uncertainty of the damper curves at `SPEEDS_M_S`."""
+    if fisher.elements is None:
+        return ()
+    covariance = _covariance(fisher.information)
+    first = len(fisher.information) - len(fisher.elements.members)
+    places = {e.name: first + i for i, e in enumerate(fisher.elements.members)}
+    known = dict(zip(places, fisher.elements.values, strict=True))
+    scales = {e.name: e.scale for e in fisher.elements.members}
+    values = dict(zip(fisher.box.names, fisher.box.values(fisher.eta).tolist(), strict=True))
+    result = []
+    for axle, word in (("f", "front"), ("r", "rear")):
+        name = next(n for n in fisher.box.parameters if n.startswith(f"c_s{axle}"))
+        for speed in SPEEDS_M_S:
+            slope = np.zeros(len(covariance))
+            force = values[name] * speed
+            slope[fisher.box.parameters.index(name)] = force  # of its logarithm
+            for j, knot in enumerate(fisher.elements.knots):
+                h = f"h_{axle}{j + 1}"
+                if h in places:
+                    bend = knee(speed, knot, KNEE_M_S) - secant_share(knot, KNEE_M_S) * speed
+                    force += known[h] * float(bend)
+                    slope[places[h]] = scales[h] * float(bend)
+            std = float(np.sqrt(slope @ covariance @ slope))
+            result.append(DamperPoint(word, speed, force, std))
+    return tuple(result)
+
+
+def _covariance(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Invert the information; a direction without information has a large variance, not zero."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    values = np.maximum(values, _FLOOR * max(float(values[-1]), 1e-300))
+    return np.asarray((vectors / values) @ vectors.T * np.outer(scale, scale))
+
+
+# The outlook --------------------------------------------------------------------------------------
+
 _OPEN = 1.0  # standard deviation of a logarithm (or of a unit) in an undetermined direction
 
 
@@ -42,7 +119,7 @@ class Outlook:
     """Number of independent combinations of parameters that are undetermined."""
     elements: Mapping[str, Estimate]
     """Friction, mounts, stops and further unknowns of a real car, by the names of
-    `identify.nonlinear.unknowns`; the damper's knees are in `dampers`."""
+    `identify.nonlinear.car`; the damper's knees are in `dampers`."""
     dampers: tuple[DamperPoint, ...]
     """Points of the damper curves of a real car."""
 
@@ -126,3 +203,111 @@ def _of_parameters(fisher: Fisher) -> NDArray[np.float64]:
         return H
     mixed = H[n:, :n]
     return np.asarray(H[:n, :n] - mixed.T @ pseudo_inverse(H[n:, n:]) @ mixed)
+
+
+# The planner's answers: the expected intervals of a plan, and the best next steps -----------------
+
+Progress = Callable[[float, str], None]
+"""Receives the share of the work that is done, 0..1, and the next step."""
+MOST_STEPS = 12
+_MOST_ADVICE = 3
+_NOTICEABLE = 0.995  # of worst times mean; a step that leaves more is not worth its line
+
+
+@dataclass(frozen=True, slots=True)
+class NextStep:
+    """A possible next step, and its effect."""
+
+    action: str
+    """Instruction to the operator."""
+    outlook: Outlook
+    """Expected intervals with this step done."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """Result of the planner."""
+
+    outlook: Outlook
+    """Expected intervals of the plan as it is."""
+    steps: tuple[NextStep, ...]
+    """At most a dozen next steps, each added alone to the plan, the most useful first."""
+    remedies: tuple[str, ...]
+    """Steps that together determine what the plan leaves undetermined; empty if nothing is."""
+
+
+def _ignore(*_: object) -> None:
+    """Ignore the progress."""
+
+
+def outlook(plan: Plan) -> Outlook:
+    """Return the expected interval of every parameter of a plan."""
+    return expected(KnownRuns().fisher(plan))
+
+
+def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = None) -> Advice:
+    """Return the expected intervals of a plan, and the steps that would improve them most.
+
+    Steps that determine more come first; among equal ones, that with the smallest product of worst
+    and mean interval.
+
+    `plan`: the campaign.  `progress`: receives the share of the work that is done, 0..1, and the
+    next step.  `known`: keeps computed runs for several questions.
+    """
+    known = known or KnownRuns()
+    progress(0.0, "driving over the bumps")
+    known.prepare((plan, *(candidate.plan for candidate in candidates(plan))))
+    now = expected(known.fisher(plan))
+    progress(0.6, "next steps")
+    ranked = _ranked(plan, known)
+    steps = tuple(NextStep(c.action, o) for c, o in ranked if _helps(o, now))
+    return Advice(now, steps[:MOST_STEPS], _remedies(now, ranked, known))
+
+
+def compare_campaigns(
+    plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = None
+) -> tuple[NextStep, ...]:
+    """Return whole campaigns that could be held instead of a plan, the shortest first.
+
+    Parameters are those of `advise`.
+    """
+    known = known or KnownRuns()
+    others = campaigns(plan)
+    progress(0.0, "other campaigns")
+    known.prepare(other.plan for other in others)
+    found = []
+    for i, other in enumerate(others):
+        progress(0.7 + 0.3 * i / len(others), other.action)
+        found.append(NextStep(other.action, expected(known.fisher(other.plan))))
+    return tuple(found)
+
+
+def _ranked(plan: Plan, known: KnownRuns) -> list[tuple[Candidate, Outlook]]:
+    judged = [(c, expected(known.fisher(c.plan))) for c in candidates(plan)]
+    return sorted(judged, key=lambda pair: _rank(pair[1]))
+
+
+def _rank(outlook: Outlook) -> tuple[int, int, float]:
+    return outlook.open_directions, len(outlook.undetermined), outlook.worst * outlook.mean
+
+
+def _helps(after: Outlook, now: Outlook) -> bool:
+    if now.undetermined:  # first things first
+        return _rank(after)[:2] < _rank(now)[:2]
+    return after.worst * after.mean < _NOTICEABLE * now.worst * now.mean
+
+
+def _remedies(
+    now: Outlook, ranked: list[tuple[Candidate, Outlook]], known: KnownRuns
+) -> tuple[str, ...]:
+    """Return the best step, and the best after it, until everything is determined."""
+    actions: list[str] = []
+    while now.undetermined and len(actions) < _MOST_ADVICE:
+        best, after = ranked[0]
+        if not _helps(after, now):
+            break
+        actions.append(best.action)
+        now = after
+        if now.undetermined:
+            ranked = _ranked(best.plan, known)
+    return tuple(actions)

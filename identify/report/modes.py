@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..document import Document, SensedModeEntry
 from ..fit.uncertainty import ModeEstimate
 from ..identification import Identification
-from ..modes.stabilisation import StabilisationDiagram
+from ..modes.state_variable_method import StabilisationDiagram
 from ..numbers import NOT_DETERMINED, rounded, with_half
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table, cited
 from .cars import shape_of

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 
 from ..model.matrices import delta_mass, physical_model
-from ..modes.modal_model import modes_of
-from ..modes.pairing import pair_modes
-from ..paper.physical_matrices import physical_matrices, state_matrix_of
-from ..paper.sequential import sequential_vehicle
+from ..modes.modal_model import modes_of, pair_modes
+from ..paper.closed_form import physical_matrices, sequential_vehicle, state_matrix_of
 from .campaign import PAPER_ADDED_MASS
 from .result import Column, Curve, CurvePanel, Study, percent
 from .tables import vehicle_of_geometry

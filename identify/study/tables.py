@@ -29,8 +29,7 @@ from ..model.response import Bump, Response, exact_response, wilson_response
 from ..modes.modal_model import ModalModel, displacement_shapes
 from ..modes.mode_selection import identify_modes
 from ..modes.state_variable_method import Delays, delay_space, poles_of_rank
-from ..paper.physical_matrices import physical_matrices, state_matrix_of
-from ..paper.sequential import sequential_vehicle
+from ..paper.closed_form import physical_matrices, sequential_vehicle, state_matrix_of
 from .campaign import BUMP, PAPER_ADDED_MASS, PAPER_CASES, RECORD_S, Campaign, records_of
 from .low_pass import PASS_HZ, filtered, taps
 from .noise import outcome

@@ -26,8 +26,7 @@ from ..decays.onset import onset_s
 from ..fit.estimation import Estimation, linearised_at
 from ..fit.varpro import Evaluated, LinearPart, over_two, pseudo_inverse
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
-from ..modes.modal_model import modes_of
-from ..modes.mode_names import mode_names
+from ..modes.modal_model import mode_names, modes_of
 from .finding import listed
 
 SNR_LIMIT_DB = 20.0

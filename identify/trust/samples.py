@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from daq.median import median
 from daq.runs import Run, SampleGroup
-from daq.samples.converter import flat_tops
-from daq.samples.hold import FROZEN_S
+from daq.samples.converter import FROZEN_S, flat_tops
 from daq.sessions import Session
 from daq.silence import WHEEL_MOTION_S, longest_gap_s
 from dbc.finding import Finding, Severity

@@ -20,9 +20,9 @@ from scipy.optimize import linear_sum_assignment
 from daq.runs import BASELINE
 from daq.vehicle import FORD_GRANADA
 from identify.model.matrices import physical_model
-from identify.modes.era import realised_modes
 from identify.modes.modal_model import ModalModel, mac, modes_of
 from identify.modes.mode_selection import identify_modes
+from identify.modes.state_variable_method import realised_modes
 
 from ..identify.bumps import paper_records
 from ..identify.modal_bound import unstructured_bound

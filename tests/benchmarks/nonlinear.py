@@ -9,9 +9,8 @@ import numpy as np
 
 from identify.nonlinear import integrator
 from identify.nonlinear.car import car
-from identify.nonlinear.level import PATH, USUAL
-from identify.nonlinear.path import InitialState
-from identify.nonlinear.tangent import acting, plan_of, start_of
+from identify.nonlinear.integrator import acting, plan_of, start_of
+from identify.nonlinear.path import PATH, USUAL, InitialState
 
 from ..identify.nonlinear.cars import model_of, moving, rich
 from ..identify.nonlinear.truth import BASELINE

@@ -41,7 +41,7 @@ from daq.journal.writer import JournalWriter
 from daq.recorder.recorder import Recorder
 from daq.recorder.recording import Recording
 from daq.runs import Event
-from daq.samples.health import HealthState, advance
+from daq.samples.converter import HealthState, advance
 from daq.samples.mapping import MappedChannel, map_channels
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames

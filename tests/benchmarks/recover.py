@@ -23,8 +23,7 @@ from daq.bus.source import HopLosses
 from daq.derive.build_session import derive
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
-from daq.runlog.entries import verdict_entry
-from daq.runlog.runlog import Code
+from daq.runlog.run_log import Code, verdict_entry
 from daq.runs import Event
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames

@@ -23,7 +23,7 @@ from daq.channels import Channel
 from daq.sessions import Session
 from daq.vehicle import Vehicle
 from identify.identification import Identification
-from identify.nonlinear.groups import BY_NAME
+from identify.nonlinear.release import BY_NAME
 from identify.pipeline import identify
 
 from ..identify.nonlinear.truth import (

@@ -9,8 +9,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from daq.journal.disk_space import Room
-from daq.journal.segment import JournalFile
+from daq.journal.segment import JournalFile, Room
 
 
 class QuickFile(FileIO):

@@ -13,9 +13,8 @@ import numpy as np
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.disk_space import Room, room_on
 from daq.journal.reader import read_journal
-from daq.journal.segment import JournalFile, SyncedFile
+from daq.journal.segment import JournalFile, Room, SyncedFile, room_on
 from daq.journal.writer import JournalWriter
 
 from .crash_disk import SmallDisk

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 import daq
-from daq.journal import backlog
+from daq.journal import segment as backlog
 from daq.journal.segment import JournalFile
 from tui.cli import run
 

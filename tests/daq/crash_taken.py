@@ -15,7 +15,7 @@ import numpy as np
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.folder import segments_in
-from daq.journal.gaps import FILE_GONE
+from daq.journal.format import FILE_GONE
 from daq.journal.reader import read_journal
 from daq.journal.segment import JournalFile
 from daq.journal.writer import JournalWriter

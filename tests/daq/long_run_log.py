@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from daq.runlog.entries import verdict_entry
-from daq.runlog.fold import fold
-from daq.runlog.runlog import Code, RunLog
+from daq.runlog.run_log import Code, RunLog, fold, verdict_entry
 from daq.runs import Event
 from dbc.finding import Finding, Severity
 

@@ -35,7 +35,7 @@ from daq.journal.folder import segments_in
 from daq.recorder import recorder as engine_module
 from daq.recorder.readers import PieceQueue
 from daq.recorder.recorder import Recorder
-from daq.runlog.runlog import LoggedStatus
+from daq.runlog.run_log import LoggedStatus
 
 from .soak_bus import TirelessBench, one_bump
 

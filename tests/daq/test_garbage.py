@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from daq.control.messages import Live, Status
-from daq.garbage import loaded_is_kept
-from daq.recorder.recorder import Recorder
+from daq.recorder.recorder import Recorder, loaded_is_kept
 
 from .recorder_run import Script, sources
 from .small_campaign import small_bench

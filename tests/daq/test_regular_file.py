@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from daq.errors import InputError
-from daq.regular_file import is_regular, open_regular
+from daq.files import is_regular, open_regular
 
 
 def _socket(path: Path) -> None:

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import pytest
 
 from daq.remarks import notes_of, overrides_of
-from daq.runlog.runlog import Override, Remark
+from daq.runlog.run_log import Override, Remark
 
 
 def test_notes_and_overrides_are_given_with_their_names() -> None:

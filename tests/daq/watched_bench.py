@@ -18,7 +18,7 @@ from daq.bus.source import HopLosses, LinkFacts, SourceLosses
 from daq.clocks import Now
 from daq.control.messages import Alarm, BusState, DiskStatus
 from daq.runs import Event
-from daq.samples.health import HealthState, advance
+from daq.samples.converter import HealthState, advance
 from daq.samples.mapping import MappedChannel, map_channels
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec
 

@@ -16,7 +16,7 @@ from typer.exceptions import TyperException
 from typer.main import get_command
 
 from daq.alarms import EXPLAINED
-from daq.bench.procedure import Method
+from daq.bench.campaign import Method
 from daq.session import write_session
 from daq.verdict import WORDS
 from tui.cli import GROUPS, app, run

@@ -10,7 +10,7 @@ from daq.control.address import control_address
 from daq.control.client import Client
 from daq.control.messages import Phase, Status
 from daq.control.orders import Hello, Pause
-from daq.runlog.runlog import LoggedStatus
+from daq.runlog.run_log import LoggedStatus
 from tui.terminal.state.feed import Lost, News, RecorderFeed, Role
 
 from .bench_terminal import PATIENCE_S, DemoBench, PtyTerminal, demo_bench, seat, terminal_on

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from daq.arrays import ArrayRun, session_from_arrays
 from daq.bench.config import load_bench
-from daq.channels import Channel
+from daq.channels import Channel, message_of
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import Session
-from daq.signal_names import message_of
 from daq.sim.car import NOISE, SensorFault, SensorTruth, SimulatedCar, Spread, spoilt
 from daq.sim.elements import NONE, Friction, Imperfections
 from daq.sim.engine import Plant

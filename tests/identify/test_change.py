@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, Structure, Vehicle
-from identify.change import Change, _chosen, change_of
-from identify.common_structure import with_common_structure
+from identify.change import Change, _chosen, change_of, with_common_structure
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.joint import Model, differences, likelihood_at, likelihood_at_optimum

@@ -18,7 +18,7 @@ from daq.vehicle import (
     Structure,
 )
 from identify import Estimate, Identification, Judgement
-from identify.common_structure import with_common_structure
+from identify.change import with_common_structure
 from identify.compare import compare
 from identify.fit.estimation import Estimation
 from identify.nonlinear.forces import ElementChoice, Forces

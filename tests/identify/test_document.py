@@ -13,11 +13,10 @@ import numpy as np
 from daq.strict_json import strict
 from dbc.finding import Finding, Severity
 from identify import Document, Estimate, Identification, Judgement, ModalModel, PhysicalModel
-from identify.document import EstimateEntry, survival_lines
+from identify.document import EstimateEntry, software_sha256, survival_lines
 from identify.document_html import document_html
 from identify.fit.uncertainty import Correlation, ModeEstimate
-from identify.modes.pairing import Pairing
-from identify.software import software_sha256
+from identify.modes.modal_model import Pairing
 from identify.trust.finding import Loss, Survival
 
 KEYS = (

@@ -18,7 +18,7 @@ from identify.batch import document_row
 from identify.document import LossEntry, survival_lines, unit_text
 from identify.document_html import document_html
 from identify.fit.uncertainty import Correlation, ModeEstimate
-from identify.modes.stabilisation import StabilisationDiagram
+from identify.modes.state_variable_method import StabilisationDiagram
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
 
 from .artists import upright

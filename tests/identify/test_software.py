@@ -5,7 +5,7 @@ from __future__ import annotations
 from hashlib import sha256
 from pathlib import Path
 
-from identify.software import hash_of, software_sha256
+from identify.document import hash_of, software_sha256
 
 
 def test_it_is_over_names_sizes_and_contents_in_order(tmp_path: Path) -> None:

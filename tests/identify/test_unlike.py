@@ -10,7 +10,7 @@ import pytest
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner, Fact, VehicleGeometry
 from identify import Identification, Judgement
-from identify.unlike import stated_unlike
+from identify.compare import stated_unlike
 
 BODY = Channel("acc", Quantity.BODY_ACCELERATION, x_m=1.2, y_m=0.4)
 HUB = Channel("hub", Quantity.HUB_ACCELERATION, corner=Corner.FRONT_LEFT)

@@ -15,10 +15,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from daq.channels import Channel
+from daq.channels import Channel, message_of
 from daq.runs import BASELINE, Excitation, Run, RunStatus, SampleGroup
 from daq.sessions import Session
-from daq.signal_names import message_of
 from daq.sim.car import SensorTruth, SimulatedCar, Truth, draw
 from daq.sim.elements import Array
 from daq.sim.engine import Plant

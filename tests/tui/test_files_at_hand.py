@@ -13,7 +13,7 @@ import pytest
 import daq
 from daq.control import Phase
 from daq.control.messages import Due, Status
-from daq.runlog.runlog import Remark
+from daq.runlog.run_log import Remark
 from dbc import FrameBatch, shipped_dbc
 from tui.cli import run
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import daq
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin
 from daq.bus.source import HopLosses
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter

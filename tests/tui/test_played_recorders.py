@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from daq import write_session
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin
 from tui.cli import run
 from tui.invocation import invoke
 from tui.recorders import demo, replay

@@ -12,8 +12,8 @@ from typing import Any, cast
 import pytest
 
 from daq import write_session
+from daq.bench.campaign import Origin
 from daq.bench.config import default_bench_text
-from daq.bench.origin import Origin
 from daq.control.messages import Alarm, SessionState, SessionStatus, Setup
 from daq.errors import InputError
 from daq.runs import Losses, RunStatus

@@ -11,7 +11,7 @@ from scipy.io import loadmat
 
 from daq import read_session
 from daq.bench.config import bench_codec, load_bench
-from daq.signal_names import sensor_of_signal
+from daq.channels import sensor_of_signal
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch

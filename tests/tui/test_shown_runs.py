@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import daq
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin
 from daq.control.messages import Phase, SessionState, SessionStatus, Status
 from dbc.finding import Finding, Severity
 from identify import Judgement

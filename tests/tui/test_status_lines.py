@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from daq.bench.campaign import Step
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin, Step
 from daq.control.messages import (
     Alarm,
     Due,
@@ -16,7 +15,7 @@ from daq.control.messages import (
     StorageStatus,
     Tally,
 )
-from daq.runlog.runlog import LoggedRun, LoggedStatus
+from daq.runlog.run_log import LoggedRun, LoggedStatus
 from daq.runs import Excitation, Losses
 from tui.recorders.lines import farewell, news, progress_words, status_lines
 

@@ -13,7 +13,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin
 from daq.control.client import OrderRefusedError, RecorderGoneError
 from daq.control.messages import Reply, Setup, Status
 from daq.control.orders import AskStatus, Order

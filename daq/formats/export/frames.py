@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.words import counted
 
-from ...bench.origin import Origin
+from ...bench.campaign import Origin
 from ...errors import InputError
 from ...sessions import Session
 

@@ -19,8 +19,7 @@ from daq.bench.config import BusConfig
 from daq.bus.link import Link
 from daq.bus.slcan import SlcanSource
 from daq.bus.socketcan import FrameBuffers, SocketCanSource
-from daq.bus.source import FrameSource, SourceLosses
-from daq.bus.steady_clock import SteadyClock
+from daq.bus.source import FrameSource, SourceLosses, SteadyClock
 from dbc import FrameBatch
 
 from ..sick_bus import Device, opener

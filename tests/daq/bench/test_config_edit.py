@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daq.bench.campaign import Method
 from daq.bench.config import Bench, default_bench_text, parse_bench
 from daq.bench.edit import with_campaign, with_channel, with_facts, with_vehicle, with_weights
-from daq.bench.procedure import Method
 from daq.errors import InputError
 from daq.runs import Excitation
 from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure

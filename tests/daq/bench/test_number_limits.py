@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from daq.bench.campaign import Method
 from daq.bench.channel_map import load_channel_map
 from daq.bench.config import Bench, load_bench, parse_bench
 from daq.bench.edit import with_campaign
-from daq.bench.procedure import Method
 from daq.errors import InputError
 from daq.runs import Excitation
 from daq.vehicle import Corner, HubWeight

@@ -3,7 +3,7 @@ from types import MappingProxyType
 
 import pytest
 
-from daq.bench.procedure import Method, Procedure, instruction, sketch
+from daq.bench.campaign import Method, Procedure, instruction, sketch
 from daq.runs import Excitation
 
 EVERY = list(product(Method, Excitation))

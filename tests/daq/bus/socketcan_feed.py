@@ -11,7 +11,7 @@ import numpy as np
 from can.interfaces.socketcan.socketcan import build_can_frame
 
 from daq.bus.socketcan import SocketCanSource
-from daq.bus.steady_clock import SteadyClock
+from daq.bus.source import SteadyClock
 from dbc.frames import FrameBatch
 
 NOW_NS = 1_800_000_000_123_456_789

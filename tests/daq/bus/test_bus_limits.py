@@ -9,7 +9,7 @@ from contextlib import suppress
 import can
 import pytest
 
-from daq.bus.datagrams import enlarge_buffer, keep_to_own_group
+from daq.bus.source import enlarge_buffer, keep_to_own_group
 from daq.errors import BusError
 from dbc import FrameBatch
 

@@ -8,8 +8,8 @@ from contextlib import suppress
 from typing import Any
 
 from daq.bench.config import BusConfig
-from daq.bus.datagrams import SocketDrops
 from daq.bus.interfaces import open_bus, open_source
+from daq.bus.source import SocketDrops
 
 from ...multicast import own_group
 

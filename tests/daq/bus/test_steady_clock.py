@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daq.bus.socketcan import SocketCanSource
-from daq.bus.steady_clock import SteadyClock
+from daq.bus.source import SteadyClock
 
 S = 1_000_000_000
 START_NS = 1_800_000_000 * S

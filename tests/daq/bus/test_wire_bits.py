@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.bus.columns import wire_bits
+from daq.bus.interfaces import wire_bits
 from dbc import FrameBatch, FrameFlag
 
 FD = FrameFlag.FD

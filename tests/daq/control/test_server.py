@@ -17,13 +17,13 @@ from pathlib import Path
 import pytest
 import zmq
 
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin
 from daq.control.address import Address, control_address, is_running
 from daq.control.client import Client, OrderRefusedError, RecorderGoneError
 from daq.control.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status, setup_of
 from daq.control.orders import Arm, AskBench, AskSetup, AskStatus, Mark, Order, Pause
 from daq.control.server import MAX_REQUEST_BYTES, Server
-from daq.runlog.runlog import LoggedRun
+from daq.runlog.run_log import LoggedRun
 from daq.runs import BASELINE, Excitation
 
 from ..a_status import a_status

@@ -18,8 +18,7 @@ from daq.errors import InputError
 from daq.journal.contents import HopCounts
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
-from daq.runlog.entries import entry, verdict_entry
-from daq.runlog.runlog import Code
+from daq.runlog.run_log import Code, entry, verdict_entry
 from daq.runs import Event, Excitation, Run, RunStatus
 from daq.session import read_session
 from daq.sessions import Session

@@ -17,8 +17,7 @@ from daq.derive.build_session import Derived, derive
 from daq.errors import InputError
 from daq.journal.format import JournalHead, head_record
 from daq.journal.writer import JournalWriter
-from daq.runlog.entries import entry, verdict_entry
-from daq.runlog.runlog import Code
+from daq.runlog.run_log import Code, entry, verdict_entry
 from daq.runs import Event
 
 from ..small_campaign import PERIOD_S, START_NS, blocks, bumps, small_bench, small_codec

@@ -9,14 +9,11 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.built import note_built
-from daq.journal.disk_space import Room
-from daq.journal.folder import recordings
-from daq.journal.format import JournalHead, head_record
-from daq.journal.names import receipt_path
+from daq.journal.folder import note_built, recordings
+from daq.journal.format import JournalHead, head_record, receipt_path
 from daq.journal.reader import read_journal
 from daq.journal.retention import Retention
-from daq.journal.segment import Segment
+from daq.journal.segment import Room, Segment
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 

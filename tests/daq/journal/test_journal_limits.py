@@ -12,18 +12,29 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.backlog import Backlog
-from daq.journal.built import built_recordings, built_revision, is_outdated, note_built
 from daq.journal.contents import HopCounts, JournalLoss
-from daq.journal.disk_space import DiskWatch, Room, low_text, taken_away, too_little
-from daq.journal.folder import _grouped, next_segment, segments_in
-from daq.journal.format import FRAMES_TOPIC, JournalHead
-from daq.journal.gaps import Gap, gap_event, parse_gap
-from daq.journal.names import segment_number
+from daq.journal.folder import (
+    SegmentInfo,
+    _grouped,
+    built_recordings,
+    built_revision,
+    is_outdated,
+    next_segment,
+    note_built,
+    segments_in,
+)
+from daq.journal.format import FRAMES_TOPIC, Gap, JournalHead, gap_event, parse_gap, segment_number
 from daq.journal.retention import Retention, expendable, parting_events
-from daq.journal.scan import SegmentInfo
-from daq.journal.segment import Block
-from daq.journal.write_ledger import WriteLedger
+from daq.journal.segment import (
+    Backlog,
+    Block,
+    DiskWatch,
+    Room,
+    WriteLedger,
+    low_text,
+    taken_away,
+    too_little,
+)
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 

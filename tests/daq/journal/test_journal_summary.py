@@ -9,14 +9,12 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal import scan as journal_scan
-from daq.journal.folder import last_recording, state_of
+from daq.journal import folder as journal_scan
+from daq.journal.folder import last_recording, scan, state_of
 from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
-from daq.journal.records import SegmentFile
-from daq.journal.scan import scan
+from daq.journal.records import SegmentFile, Summary, read_summary
 from daq.journal.segment_reader import SegmentReader
-from daq.journal.summary import Summary, read_summary
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 

@@ -16,16 +16,22 @@ from daq.bus.source import HopLosses
 from daq.errors import InputError
 from daq.journal.folder import recordings_of, scanned
 from daq.journal.format import (
+    DISK_GAP,
+    FILE_GONE,
+    RETENTION,
+    Gap,
     JournalHead,
     check_frames,
+    gap_event,
     head_record,
+    overlap,
     pack_events,
     pack_frames,
+    parse_gap,
     parse_head,
     unpack_events,
     unpack_frames,
 )
-from daq.journal.gaps import DISK_GAP, FILE_GONE, RETENTION, Gap, gap_event, overlap, parse_gap
 from daq.journal.records import (
     MAGIC,
     SegmentFile,

@@ -12,10 +12,9 @@ import pytest
 from daq.bench.config import RecorderConfig, load_bench, parse_bench
 from daq.bus.source import HopLosses
 from daq.derive.build_session import derive
-from daq.journal.folder import last_recording, seal_left_open, segments_in
+from daq.journal.folder import last_recording, scan, seal_left_open, segments_in
 from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
-from daq.journal.scan import scan
 from daq.journal.writer import JournalWriter
 
 from ..crash_derive import journal_of_runs

@@ -15,9 +15,9 @@ from mcap.writer import CompressionType, Writer
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.disk_space import Room
 from daq.journal.folder import last_recording, recordings, segments_in
 from daq.journal.format import PROFILE, JournalHead, pack_events, pack_frames, unpack_events
+from daq.journal.segment import Room
 from daq.journal.segment_reader import SegmentReader
 from daq.journal.writer import JournalWriter
 from daq.runs import Event

@@ -6,12 +6,18 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.built import built_recordings, note_built
-from daq.journal.folder import last_recording, recordings, segments_in
+from daq.journal.folder import (
+    SegmentInfo,
+    built_recordings,
+    last_recording,
+    note_built,
+    recordings,
+    scan,
+    segments_in,
+)
 from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
 from daq.journal.retention import expendable, oldest
-from daq.journal.scan import SegmentInfo, scan
 from daq.journal.writer import JournalError, JournalWriter
 from daq.runs import Event
 

@@ -9,8 +9,7 @@ import pytest
 
 from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.journal.built import built_revision, note_built
-from daq.journal.folder import segments_in
+from daq.journal.folder import built_revision, note_built, segments_in
 from daq.journal.records import Kind, SegmentFile
 from daq.journal.segment_reader import SegmentReader
 from daq.journal.writer import JournalWriter

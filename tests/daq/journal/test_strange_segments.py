@@ -16,10 +16,9 @@ from mcap.writer import CompressionType, Writer
 
 from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.journal.folder import last_recording, recordings_of, segments_in
+from daq.journal.folder import last_recording, recordings_of, scan, segments_in
 from daq.journal.format import BENCH_NAME, DBC_NAME, HEAD_RECORD, PROFILE, head_record
 from daq.journal.reader import read_journal
-from daq.journal.scan import scan
 from daq.journal.writer import JournalWriter
 
 from ..crash_disk import QuickFile

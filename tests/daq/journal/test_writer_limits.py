@@ -11,12 +11,10 @@ import pytest
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.contents import JournalLoss
-from daq.journal.disk_space import Room
-from daq.journal.folder import last_recording, recordings, segments_in
-from daq.journal.format import JournalHead, pack_frames
-from daq.journal.gaps import Gap, gap_event
+from daq.journal.folder import last_recording, recordings, scan, segments_in
+from daq.journal.format import Gap, JournalHead, gap_event, pack_frames
 from daq.journal.reader import read_journal
-from daq.journal.scan import scan
+from daq.journal.segment import Room
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from daq.bench.campaign import Procedure
 from daq.bench.config import Bench
-from daq.bench.procedure import Procedure
 from daq.recorder import judging
 from daq.verdict import RunMeasure
 

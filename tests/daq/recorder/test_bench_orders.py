@@ -8,13 +8,11 @@ from dataclasses import replace
 
 import pytest
 
+from daq.bench.campaign import Origin
 from daq.bench.config import BusConfig, default_bench_text, load_bench
-from daq.bench.origin import Origin
 from daq.check import CheckReport
 from daq.control.messages import CheckItem, Reply
-from daq.recorder.bench_checks import configured
-from daq.recorder.checking import Checks
-from daq.recorder.orders import OrderError
+from daq.recorder.orders import Checks, OrderError, configured
 from dbc import FrameBatch
 from dbc.finding import Finding, Severity
 
@@ -60,7 +58,7 @@ def test_four_checks_may_wait_and_each_gets_its_lines(monkeypatch: pytest.Monkey
         assert go_on.wait(60.0)
         return CheckReport(1.0, 2, (line,))
 
-    monkeypatch.setattr("daq.recorder.checking.check_bench", checked)
+    monkeypatch.setattr("daq.recorder.orders.check_bench", checked)
     checks = Checks()
     answers: list[Future[Reply]] = [Future() for _ in range(5)]
     for answer in answers[:4]:
@@ -79,7 +77,7 @@ def test_a_check_that_fails_is_answered_with_its_error(monkeypatch: pytest.Monke
     def failing(*_: object) -> CheckReport:
         raise ValueError("odd")
 
-    monkeypatch.setattr("daq.recorder.checking.check_bench", failing)
+    monkeypatch.setattr("daq.recorder.orders.check_bench", failing)
     checks, answer = Checks(), Future[Reply]()
     checks.begin(load_bench(None), FrameBatch.empty(), answer)
     with pytest.raises(ValueError, match="odd"):

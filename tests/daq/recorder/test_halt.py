@@ -12,9 +12,8 @@ import pytest
 from daq.bench.config import BusConfig
 from daq.bus.link import Link
 from daq.bus.source import SourceLosses
-from daq.recorder.readers import DRAIN_S, PieceQueue, Reader
+from daq.recorder.readers import DRAIN_S, PieceQueue, Reader, StorageWatch
 from daq.recorder.recorder import HALT_S
-from daq.recorder.storage_watch import StorageWatch
 from dbc import FrameBatch
 
 from ..crash_frames import block

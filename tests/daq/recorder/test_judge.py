@@ -12,9 +12,9 @@ from daq.bench.campaign import Step
 from daq.bench.config import Bench
 from daq.recorder import judging
 from daq.recorder.judging import Judge
-from daq.runlog.runlog import LoggedRun, LoggedStatus, RunLog
+from daq.runlog.run_log import LoggedRun, LoggedStatus, RunLog
 from daq.runs import BASELINE, Excitation, Losses
-from daq.samples.blocks import SampleBlock
+from daq.samples.mapping import SampleBlock
 from daq.verdict import RunMeasure, RunWindow
 from dbc import Codec
 from dbc.finding import Finding, Severity

@@ -19,7 +19,7 @@ from daq.control.messages import Alarm, Status, StorageStatus
 from daq.control.monitoring import write_figures
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalWriter
-from daq.recorder.storage_watch import StorageWatch
+from daq.recorder.readers import StorageWatch
 from dbc import Codec, FrameBatch
 from tui.recorders.daemon import Lifetime, _Daemon
 from tui.recorders.lines import status_lines

@@ -24,9 +24,8 @@ from daq.control.orders import (
     Undo,
     Until,
 )
-from daq.recorder.order_queue import OrderQueue
-from daq.recorder.orders import OrderError, checked_arm, order_event
-from daq.runlog.runlog import Change, LoggedRun, LoggedStatus, RunLog
+from daq.recorder.orders import OrderError, OrderQueue, checked_arm, order_event
+from daq.runlog.run_log import Change, LoggedRun, LoggedStatus, RunLog
 from daq.runs import BASELINE, Event, Excitation
 
 from ..small_campaign import small_bench

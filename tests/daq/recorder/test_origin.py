@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
+from daq.bench.campaign import Origin
 from daq.bench.config import Bench
-from daq.bench.origin import Origin
 from daq.derive.build_session import derive
 from daq.journal.folder import last_recording, segments_in
 from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
-from daq.recorder.bench_checks import configured
 from daq.recorder.open_recording import resumable
+from daq.recorder.orders import configured
 from daq.session import read_session
 from identify.report.content import _title
 

@@ -9,8 +9,7 @@ import pytest
 from daq.bench.config import Bench
 from daq.control.messages import SessionState, Status
 from daq.control.orders import Arm, Build, Mark, Note, Reject, Start, Undo, Until
-from daq.runlog.fold import fold
-from daq.runlog.runlog import Code
+from daq.runlog.run_log import Code, fold
 from daq.runs import Event
 from dbc import Codec
 

@@ -15,9 +15,7 @@ from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
 from daq.recorder.orders import OrderError
 from daq.recorder.recording import Recording
-from daq.runlog.entries import verdict_entry
-from daq.runlog.fold import fold
-from daq.runlog.runlog import Code, LoggedStatus
+from daq.runlog.run_log import Code, LoggedStatus, fold, verdict_entry
 from daq.runs import Event
 from daq.vehicle import Corner
 from daq.verdict import RunMeasure
@@ -105,7 +103,7 @@ def test_only_the_kind_that_has_changed_is_compared_again(
         compared.append(list(measures))
         return left_out(channels, bump_s, measures, planned)
 
-    monkeypatch.setattr("daq.recorder.proposal.left_out", noted)
+    monkeypatch.setattr("daq.recorder.live.left_out", noted)
     bounces, rolls = LABELS[:4], LABELS[4:]
     both = status_of(recording).proposed
     assert compared == [bounces, rolls]

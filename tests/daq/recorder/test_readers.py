@@ -9,8 +9,7 @@ import pytest
 from daq.bench.config import BusConfig
 from daq.bus.link import Link
 from daq.bus.source import HopLosses, SourceLosses
-from daq.recorder.readers import Piece, PieceQueue, Reader, Readers
-from daq.recorder.storage_watch import StorageWatch
+from daq.recorder.readers import Piece, PieceQueue, Reader, Readers, StorageWatch
 from dbc import FrameBatch
 
 from ..crash_frames import block

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from daq.recorder.recent import RecentLosses, RecentSamples
+from daq.recorder.judging import RecentLosses, RecentSamples
 from daq.runs import Losses
 
 S = 1_000_000_000

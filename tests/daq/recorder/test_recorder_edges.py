@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from daq.bench.config import Bench, BusConfig
 from daq.bus.link import Link
-from daq.bus.source import SourceLosses
-from daq.bus.steady_clock import STEADY_CLOCK
+from daq.bus.source import STEADY_CLOCK, SourceLosses
 from daq.control.messages import Phase, SessionState
 from daq.control.orders import (
     Arm,
@@ -31,7 +30,7 @@ from daq.control.orders import (
 from daq.journal.folder import last_recording, recordings, segments_in
 from daq.journal.reader import read_journal
 from daq.journal.segment import SyncedFile
-from daq.recorder import checking
+from daq.recorder import orders as checking
 from daq.recorder.derivation import Derivation
 from daq.recorder.orders import OrderError
 from daq.recorder.readers import PieceQueue, Readers

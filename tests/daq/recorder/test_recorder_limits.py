@@ -15,12 +15,11 @@ from daq.clocks import Now
 from daq.control.messages import Reply
 from daq.control.orders import Pause
 from daq.recorder.derivation import Derivation
-from daq.recorder.fault_barrier import FaultBarrier
+from daq.recorder.judging import RecentFrames, RecentLosses, RecentSamples
 from daq.recorder.live import LiveRing
-from daq.recorder.order_queue import OrderQueue
-from daq.recorder.orders import OrderError
+from daq.recorder.orders import OrderError, OrderQueue
 from daq.recorder.readers import Piece, PieceQueue
-from daq.recorder.recent import RecentFrames, RecentLosses, RecentSamples
+from daq.recorder.recording import FaultBarrier
 from daq.runs import Losses
 from dbc.frames import FrameBatch
 

@@ -21,7 +21,7 @@ from daq.control.orders import (
     Until,
 )
 from daq.journal.segment import SyncedFile
-from daq.runlog.runlog import LoggedStatus
+from daq.runlog.run_log import LoggedStatus
 from dbc import Codec, FrameBatch
 
 from ..quick_bench import Gated, quick, stored

@@ -23,8 +23,7 @@ from daq.journal.reader import read_journal
 from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import judging
 from daq.recorder.recording import Recording
-from daq.runlog.fold import fold
-from daq.runlog.runlog import LoggedStatus
+from daq.runlog.run_log import LoggedStatus, fold
 from daq.runs import Event, Losses
 from dbc import Codec, FrameBatch, FrameFlag
 

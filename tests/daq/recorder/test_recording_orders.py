@@ -30,8 +30,7 @@ from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
 from daq.recorder.orders import OrderError, checked_arm
 from daq.recorder.recording import Recording
-from daq.runlog.fold import fold
-from daq.runlog.runlog import LoggedRun, LoggedStatus, RunLog
+from daq.runlog.run_log import LoggedRun, LoggedStatus, RunLog, fold
 from daq.runs import ADDED, BASELINE, Excitation
 from dbc import Codec
 

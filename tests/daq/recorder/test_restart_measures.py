@@ -9,19 +9,17 @@ from shutil import copytree
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Campaign
+from daq.bench.campaign import Campaign, Procedure
 from daq.bench.config import bench_codec, load_bench
-from daq.bench.procedure import Procedure
 from daq.bus.source import HopLosses
 from daq.clocks import Now
 from daq.control.orders import Arm, Until
 from daq.journal.folder import last_recording
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
-from daq.recorder.judging import is_accepted, is_only_unlike
+from daq.recorder.judging import is_accepted, is_only_unlike, recall
 from daq.recorder.recording import Recording
-from daq.recorder.restart_measures import recall
-from daq.runlog.runlog import LoggedRun, LoggedStatus
+from daq.runlog.run_log import LoggedRun, LoggedStatus
 from daq.runs import BASELINE, Excitation
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames

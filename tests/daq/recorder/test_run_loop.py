@@ -9,11 +9,9 @@ import pytest
 from daq.bench.campaign import Campaign
 from daq.control.messages import Phase
 from daq.control.orders import Until
-from daq.recorder import run_loop
-from daq.recorder.run_loop import LoopState, Surroundings
-from daq.runlog.entries import entry, verdict_entry
-from daq.runlog.fold import advance
-from daq.runlog.runlog import Code, RunLog, next_step
+from daq.recorder import status as run_loop
+from daq.recorder.status import LoopState, Surroundings
+from daq.runlog.run_log import Code, RunLog, advance, entry, next_step, verdict_entry
 from daq.runs import Event, Excitation
 from dbc.finding import Finding, Severity
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
+from daq.bench.campaign import Origin
 from daq.bench.config import Bench
-from daq.bench.origin import Origin
 from daq.bus.source import HopLosses
 from daq.clocks import Now
 from daq.recorder.recording import Recording
 from daq.recorder.status import counts_of
-from daq.runlog.runlog import Change, LoggedRun, LoggedStatus, Override, Remark, RunLog
+from daq.runlog.run_log import Change, LoggedRun, LoggedStatus, Override, Remark, RunLog
 from daq.runs import BASELINE, Excitation
 from dbc import Codec, FrameBatch
 

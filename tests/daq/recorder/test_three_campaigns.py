@@ -24,7 +24,7 @@ from daq.control.client import Client
 from daq.control.messages import SessionState, Status
 from daq.control.orders import Arm, AskStatus, Start
 from daq.journal.folder import recordings
-from daq.journal.names import segment_number
+from daq.journal.format import segment_number
 from daq.journal.reader import read_journal
 from dbc import Codec, FrameBatch
 from tui.commands.recover import recover

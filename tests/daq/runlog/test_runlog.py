@@ -12,9 +12,16 @@ from daq.bench.config import Bench
 from daq.control.messages import STATUS
 from daq.control.orders import Accept, Mark, Note, OverrideWarning, Reject
 from daq.recorder.orders import order_event
-from daq.runlog.entries import entry, verdict_entry
-from daq.runlog.fold import fold
-from daq.runlog.runlog import Code, LoggedStatus, RunLog, next_step, parse_label
+from daq.runlog.run_log import (
+    Code,
+    LoggedStatus,
+    RunLog,
+    entry,
+    fold,
+    next_step,
+    parse_label,
+    verdict_entry,
+)
 from daq.runs import Event, Excitation
 from dbc.finding import Finding, Severity
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from daq.runlog.stored_finding import finding_record, read_finding
+from daq.runlog.run_log import finding_record, read_finding
 from dbc.finding import Finding, Severity
 
 RECORD = {

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.samples.counter import counter_steps
+from daq.samples.clock import counter_steps
 
 
 def _ns(t_ms: NDArray[np.float64]) -> NDArray[np.int64]:

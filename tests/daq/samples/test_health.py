@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from daq.runs import Losses
-from daq.samples.health import HealthState, advance, losses_added
+from daq.samples.converter import HealthState, advance, losses_added
 from dbc.frames import FrameBatch, FrameFlag
 
 from ..small_campaign import START_NS, blocks, small_codec

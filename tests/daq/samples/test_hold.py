@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.samples.hold import Hold, longest_hold
+from daq.samples.converter import Hold, longest_hold
 
 T_S = np.arange(2000) / 1000.0
 """A run of 2 s at 1 kHz: at rest until 0.3 s, the decay from 0.5 s on."""

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from daq.samples.groups import group_names
-from daq.samples.sample_sets import bind, bind_counted
+from daq.samples.groups import bind, bind_counted, group_names
 from dbc.samples import Samples
 
 MS = 1_000_000

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.samples.clock import stamped_times
-from daq.samples.sample_sets import bind
+from daq.samples.groups import bind
 
 CYCLE_S = 0.01
 

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 import identify
-from daq.bench.campaign import Campaign
+from daq.bench.campaign import Campaign, Method
 from daq.bench.config import Bench, bench_codec, load_bench
-from daq.bench.procedure import Method
 from daq.check import propose_sensors
 from daq.clocks import Now
 from daq.control.messages import Due, Phase, Status
@@ -23,9 +22,9 @@ from daq.derive.build_samples import build_session
 from daq.errors import BusError
 from daq.journal.contents import HopCounts
 from daq.recorder.recording import Recording
-from daq.runlog.runlog import LoggedStatus, Remark
+from daq.runlog.run_log import LoggedStatus, Remark
 from daq.runs import BASELINE, Excitation
-from daq.samples.health import HealthState, advance
+from daq.samples.converter import HealthState, advance
 from daq.sim import bench as simulated
 from daq.sim.bench import PIECE_S, PUSHES_S, Fault, SimulatedBench, push_frames
 from daq.sim.car import SimulatedCar

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Step
-from daq.bench.procedure import Method
+from daq.bench.campaign import Method, Step
 from daq.bumps import Wheels
 from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.bench.campaign import Step
+from daq.bench.campaign import Method, Step
 from daq.bench.config import Bench, load_bench
-from daq.bench.procedure import Method
 from daq.bumps import Wheels
 from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.bench.procedure import Method
+from daq.bench.campaign import Method
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner, VehicleGeometry
 from daq.verdict import RunWindow, peak_left

@@ -8,9 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Step
+from daq.bench.campaign import Method, Step
 from daq.bench.config import Bench
-from daq.bench.procedure import Method
 from daq.runs import BASELINE, Excitation
 from daq.samples.trigger import TriggerState, advance, trigger_channels
 from daq.sim.motion import PUSHED_S, Moving, dropped, pushed_down

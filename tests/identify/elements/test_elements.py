@@ -7,25 +7,30 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from identify.elements.bar import bar_force
-from identify.elements.damper import knee, knee_slope, secant_share
-from identify.elements.friction import (
+from identify.elements.laws import (
+    bar_force,
     friction_rate,
     friction_rate_by_length,
     friction_rate_by_limit,
     friction_rate_by_share,
     friction_rate_by_speed,
+    hinge,
+    hinge_slope,
+    knee,
+    knee_slope,
+    mount_misfit,
+    mount_slope,
     rounded_speed,
+    secant_share,
     sliding_share,
     sliding_share_by_fall,
     sliding_share_by_speed,
     sliding_share_by_surplus,
-)
-from identify.elements.hinge import hinge, hinge_slope
-from identify.elements.mount import mount_misfit, mount_slope
-from identify.elements.spring import spring_force, spring_stiffness
-from identify.elements.stop import stop_by_rate, stop_force, stop_stiffness
-from identify.elements.tyre import (
+    spring_force,
+    spring_stiffness,
+    stop_by_rate,
+    stop_force,
+    stop_stiffness,
     tyre_contact,
     tyre_force,
     tyre_grip,
@@ -34,7 +39,7 @@ from identify.elements.tyre import (
     tyre_push,
     tyre_push_by_load,
 )
-from identify.nonlinear.level import PATH
+from identify.nonlinear.path import PATH
 
 STEP = 1e-6
 

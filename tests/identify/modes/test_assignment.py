@@ -6,7 +6,7 @@ from itertools import permutations
 
 import numpy as np
 
-from identify.modes.assignment import best_pairs
+from identify.modes.modal_model import best_pairs
 
 
 def test_no_other_pairs_are_worth_more() -> None:

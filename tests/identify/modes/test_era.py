@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from identify.modes.era import realised_modes
 from identify.modes.modal_model import mac
-from identify.modes.stabilisation import stabilisation_diagram
+from identify.modes.state_variable_method import realised_modes, stabilisation_diagram
 
 from ..structures import (
     chain_poles,

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from identify.modes.modal_likelihood import most_likely_modes
+from identify.modes.modal_likelihood import Ties, gathered, most_likely_modes
 from identify.modes.modal_model import modes_of
-from identify.modes.normal_equations import Ties, gathered
-from identify.modes.stabilisation import stabilisation_diagram
-from identify.modes.state_variable_method import Delays, delay_space
+from identify.modes.state_variable_method import Delays, delay_space, stabilisation_diagram
 from identify.modes.waves import even_blocks
 
 from ..structures import free_decay, oscillators

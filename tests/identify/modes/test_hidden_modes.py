@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from identify.modes import order_selection
-from identify.modes.modal_likelihood import LikelyModes
-from identify.modes.normal_equations import Ties, gathered
-from identify.modes.order_selection import likely_modes
+from identify.modes import mode_selection as order_selection
+from identify.modes.modal_likelihood import LikelyModes, Ties, gathered
+from identify.modes.mode_selection import likely_modes
 from identify.modes.waves import Block
 
 from ..structures import free_decay, oscillators

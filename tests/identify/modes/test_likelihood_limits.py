@@ -7,12 +7,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from identify.modes.arrow import System, solve
-from identify.modes.modal_likelihood import likelihood_near, most_likely_modes
-from identify.modes.needed import least_left, likelihood_at_most
-from identify.modes.normal_equations import Point, Ties, gathered, problem_of
-from identify.modes.order_selection import likely_modes
-from identify.modes.waves import Block
+from identify.modes.modal_likelihood import (
+    Point,
+    System,
+    Ties,
+    gathered,
+    likelihood_near,
+    most_likely_modes,
+    problem_of,
+    solve,
+)
+from identify.modes.mode_selection import likely_modes
+from identify.modes.waves import Block, least_left, likelihood_at_most
 
 from ..structures import free_decay, oscillators
 

@@ -7,19 +7,18 @@ import pytest
 from scipy.special import chdtri
 
 from daq.channels import Channel, Quantity
-from identify.modes.modal_model import ModalModel, mpc
+from identify.modes.modal_model import ModalModel, mpc, pair_modes
 from identify.modes.mode_selection import clean_modes, vibrates
-from identify.modes.pairing import pair_modes
 from identify.modes.shape_fit import gain_by_noise, project
-from identify.modes.stabilisation import seen_in
 from identify.modes.state_variable_method import (
     Delays,
     DelaySpace,
     checked_records,
     delay_space,
     layouts,
+    seen_in,
 )
-from identify.modes.symmetry import mirror_of
+from identify.modes.vehicle_modes import mirror_of
 
 from ..structures import free_decay, oscillators
 

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from identify.modes.copies import originals
-from identify.modes.modal_likelihood import likelihood_near
-from identify.modes.modal_model import ModalModel
+from identify.modes.modal_likelihood import Ties, gathered, likelihood_near
+from identify.modes.modal_model import ModalModel, originals
 from identify.modes.mode_selection import identify_modes
-from identify.modes.needed import likelihood_at_most
-from identify.modes.normal_equations import Ties, gathered
-from identify.modes.waves import even_blocks
+from identify.modes.waves import even_blocks, likelihood_at_most
 
 from ..structures import CLOSE_PAIR_HZ, struck_frame
 

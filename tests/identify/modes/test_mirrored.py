@@ -12,7 +12,7 @@ from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.modes import vehicle_modes as module
-from identify.modes.copies import originals
+from identify.modes.modal_model import originals
 from identify.modes.vehicle_modes import SensedModes, sensed_modes
 
 from ..structures import oscillators

@@ -12,10 +12,9 @@ from scipy.optimize import linear_sum_assignment
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import FORD_GRANADA
 from identify.model.matrices import physical_model
-from identify.modes.modal_likelihood import most_likely_modes
+from identify.modes.modal_likelihood import Ties, gathered, most_likely_modes
 from identify.modes.modal_model import ModalModel, mac, modes_of
 from identify.modes.mode_selection import identify_modes
-from identify.modes.normal_equations import Ties, gathered
 from identify.modes.vehicle_modes import sensed_modes
 from identify.modes.waves import Block
 

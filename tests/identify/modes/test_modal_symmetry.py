@@ -7,7 +7,7 @@ import pytest
 
 from daq.channels import Channel, Quantity, paper_channels
 from daq.vehicle import Corner
-from identify.modes.symmetry import mirror_of
+from identify.modes.vehicle_modes import mirror_of
 
 
 def body(name: str, x_m: float, y_m: float) -> Channel:

@@ -7,8 +7,7 @@ import pytest
 
 from daq.vehicle import FORD_GRANADA, VehicleGeometry
 from identify.model.matrices import physical_model
-from identify.modes.modal_model import ModalModel, modes_of
-from identify.modes.mode_names import MODE_NAMES, mode_names
+from identify.modes.modal_model import MODE_NAMES, ModalModel, mode_names, modes_of
 
 GEOMETRY = FORD_GRANADA.geometry
 BASELINE = physical_model(FORD_GRANADA)

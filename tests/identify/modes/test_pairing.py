@@ -12,9 +12,13 @@ from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
 from dbc.errors import InputError
 from identify.model.matrices import physical_model
-from identify.modes.modal_model import ModalModel, displacement_shapes, modes_of
-from identify.modes.mode_names import mode_names
-from identify.modes.pairing import pair_modes
+from identify.modes.modal_model import (
+    ModalModel,
+    displacement_shapes,
+    mode_names,
+    modes_of,
+    pair_modes,
+)
 from identify.modes.vehicle_modes import sensed_modes
 
 from ..bumps import CASES, paper_records

@@ -9,23 +9,24 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from identify.modes import stabilisation
-from identify.modes.arrow import unit_scale
-from identify.modes.era import realised_modes, standing_out
-from identify.modes.modal_likelihood import LikelyModes
+from identify.modes import state_variable_method as stabilisation
+from identify.modes.modal_likelihood import LikelyModes, Ties, unit_scale
 from identify.modes.modal_model import ModalModel
 from identify.modes.mode_selection import _numerical_rank, _worth_trying
-from identify.modes.normal_equations import Ties
 from identify.modes.shape_fit import ModalFit, project, without_each
-from identify.modes.stabilisation import Poles, StabilisationDiagram, diagram_of
 from identify.modes.state_variable_method import (
     Delays,
     DelaySpace,
+    Poles,
+    StabilisationDiagram,
     _highest_frequency_hz,
     _products,
     _running_mean,
     delay_space,
+    diagram_of,
     layouts,
+    realised_modes,
+    standing_out,
 )
 from identify.modes.waves import Block, even_blocks
 

@@ -7,16 +7,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from identify.modes.arrow import System
 from identify.modes.modal_likelihood import (
+    Point,
+    Problem,
+    System,
+    Ties,
+    gathered,
     likelihood_near,
     more_likely_modes,
     most_likely_modes,
 )
-from identify.modes.needed import likelihood_at_most
-from identify.modes.normal_equations import Point, Problem, Ties, gathered
-from identify.modes.order_selection import likely_modes
-from identify.modes.waves import Block, laid_out, waves
+from identify.modes.mode_selection import likely_modes
+from identify.modes.waves import Block, laid_out, likelihood_at_most, waves
 
 from ..structures import free_decay, oscillators
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from daq.channels import Channel, Quantity
 from identify.decays.decay import ChannelGroup, FreeDecay, Record, Recording
 from identify.modes.mode_selection import regression_modes
-from identify.modes.stabilisation import StabilisationDiagram
+from identify.modes.state_variable_method import StabilisationDiagram
 from identify.modes.vehicle_modes import vehicle_diagram
 
 from ..structures import free_decay, oscillators

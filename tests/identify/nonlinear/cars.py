@@ -11,9 +11,8 @@ from daq.vehicle import FORD_GRANADA, MassState, Structure
 from identify.decays.decay import ChannelGroup, Record
 from identify.fit.grey_box import GreyBox
 from identify.model.matrices import SYMMETRIC
-from identify.nonlinear.car import Model
+from identify.nonlinear.car import KNOTS, Model
 from identify.nonlinear.path import InitialState
-from identify.nonlinear.unknowns import KNOTS
 
 from .truth import ADDED, BASELINE
 

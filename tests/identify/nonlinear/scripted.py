@@ -15,10 +15,9 @@ from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
 from identify.decays.decay import ChannelGroup
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.car import Model
-from identify.nonlinear.level import ROUGH, Grade
+from identify.nonlinear.car import KNOTS, Model
+from identify.nonlinear.path import ROUGH, Grade
 from identify.nonlinear.release import Attempt, release
-from identify.nonlinear.unknowns import KNOTS
 
 from .cars import RICH, bent
 from .truth import ADDED, BASELINE
@@ -115,7 +114,7 @@ def play(
 
     monkeypatch.setattr("identify.nonlinear.release.fit", script.fit)
     monkeypatch.setattr("identify.nonlinear.release.gain_of", gain_of)
-    monkeypatch.setattr("identify.nonlinear.stops.gain_of", gain_of)
+    monkeypatch.setattr("identify.nonlinear.score.gain_of", gain_of)
     monkeypatch.setattr(
         "identify.nonlinear.release.initial_states_of",
         lambda model, eta, decays, sigma: tuple(f"own {i}" for i in range(len(decays))),

@@ -11,14 +11,10 @@ from numpy.typing import NDArray
 from daq.vehicle import AddedMass, MassState
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.car import Model
-from identify.nonlinear.common_scale import all_scaled, at_likely_scale, scaled
-from identify.nonlinear.level import USUAL
-from identify.nonlinear.path import InitialState
-from identify.nonlinear.priors import weak_priors
-from identify.nonlinear.problem import Problem, point
-from identify.nonlinear.run import run_of
-from identify.nonlinear.unknowns import KNOTS
+from identify.nonlinear.begin import all_scaled, at_likely_scale, scaled, weak_priors
+from identify.nonlinear.car import KNOTS, Model
+from identify.nonlinear.path import USUAL, InitialState
+from identify.nonlinear.problem import Problem, point, run_of
 
 from .cars import RICH, moving, rich
 from .truth import BASELINE, NOISE, WEIGHTS, channels

@@ -13,14 +13,11 @@ from daq.vehicle import Fact, FactQuantity
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, PRIORS
-from identify.nonlinear.car import Model
+from identify.nonlinear.car import KNOTS, Model
 from identify.nonlinear.engine import NonlinearEngine, residuals_of
 from identify.nonlinear.fit import inverse, reduced
-from identify.nonlinear.level import POLISH
-from identify.nonlinear.path import InitialState
-from identify.nonlinear.problem import Point, Problem, normal, point
-from identify.nonlinear.run import run_of
-from identify.nonlinear.unknowns import KNOTS
+from identify.nonlinear.path import POLISH, InitialState
+from identify.nonlinear.problem import Point, Problem, normal, point, run_of
 
 from .cars import RICH, bent, moving
 from .truth import BASELINE, NOISE, channels

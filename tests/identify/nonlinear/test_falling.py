@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from identify.elements.damper import knee
-from identify.nonlinear.falling import too_flat
+from identify.elements.laws import knee
+from identify.nonlinear.problem import too_flat
 
 from .cars import bent, model_of
 

@@ -11,8 +11,7 @@ import pytest
 
 from identify.nonlinear.fit import _is_settled, _Step, _step, inverse, unit_size
 from identify.nonlinear.path import InitialState
-from identify.nonlinear.problem import Normal
-from identify.nonlinear.run import Block
+from identify.nonlinear.problem import Block, Normal
 
 N_OWN, N_SHARED = 18, 3
 FREE = np.full(N_SHARED, np.inf)

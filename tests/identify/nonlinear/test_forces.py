@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import Estimate
-from identify.nonlinear.car import Car, Model, car
+from identify.nonlinear.car import KNOTS, Car, Model, car
 from identify.nonlinear.forces import AxleForces, axle_forces, element_estimates, element_in_words
-from identify.nonlinear.unknowns import KNOTS
 
 from .cars import RICH, bent, model_of
 from .truth import BASELINE

@@ -8,10 +8,9 @@ import pytest
 from daq.bench.bench_tables import StructureTable
 from daq.vehicle import ELEMENTS, Fact
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.car import K_S, K_T, MASS, STATIC, Model, X, Y, car
-from identify.nonlinear.groups import BY_NAME, GROUPS, STAGES
-from identify.nonlinear.priors import weak_priors
-from identify.nonlinear.unknowns import KNOTS
+from identify.nonlinear.begin import weak_priors
+from identify.nonlinear.car import K_S, K_T, KNOTS, MASS, STATIC, Model, X, Y, car
+from identify.nonlinear.release import BY_NAME, GROUPS, STAGES
 
 from .cars import RICH, bent, granada, model_of
 from .truth import BASELINE

@@ -7,15 +7,22 @@ import pytest
 
 from identify.nonlinear import integrator
 from identify.nonlinear.car import MOUNT, RATIO, Car, car
-from identify.nonlinear.level import PATH, POLISH, USUAL
-from identify.nonlinear.path import InitialState, Path, damper_curve, travel_speeds
-from identify.nonlinear.tangent import (
+from identify.nonlinear.integrator import (
     Plan,
     SampledChannels,
     acting,
     plan_of,
     sampled_channels,
     start_of,
+)
+from identify.nonlinear.path import (
+    PATH,
+    POLISH,
+    USUAL,
+    InitialState,
+    Path,
+    damper_curve,
+    travel_speeds,
 )
 
 from .cars import model_of, moving, rich

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from identify.fit.uncertainty import Estimate
-from identify.nonlinear.at_speeds import force_quantities, forces_at_speeds
-from identify.nonlinear.forces import AxleForces, DamperCurve, Forces
-from identify.nonlinear.level import PATH, POLISH, ROUGH, USUAL, Grade, Level
+from identify.nonlinear.forces import (
+    AxleForces,
+    DamperCurve,
+    Forces,
+    force_quantities,
+    forces_at_speeds,
+)
+from identify.nonlinear.path import PATH, POLISH, ROUGH, USUAL, Grade, Level
 
 
 @pytest.mark.parametrize(

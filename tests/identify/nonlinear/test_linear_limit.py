@@ -11,15 +11,12 @@ from identify.decays.decay import FreeDecay
 from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import fit as linear_fit
-from identify.nonlinear.begin import initial_states_of
-from identify.nonlinear.car import Model
+from identify.nonlinear.begin import initial_states_of, weak_priors
+from identify.nonlinear.car import KNOTS, Model
 from identify.nonlinear.fit import fit, inverse
-from identify.nonlinear.groups import positions
-from identify.nonlinear.level import POLISH
-from identify.nonlinear.priors import weak_priors
-from identify.nonlinear.problem import Problem
-from identify.nonlinear.run import run_of
-from identify.nonlinear.unknowns import KNOTS
+from identify.nonlinear.path import POLISH
+from identify.nonlinear.problem import Problem, run_of
+from identify.nonlinear.release import positions
 
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 

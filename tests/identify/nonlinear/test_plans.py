@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.car import Car, Model, car
-from identify.nonlinear.level import PATH, POLISH, ROUGH, USUAL, Grade
-from identify.nonlinear.path import InitialState, Path, step_of
-from identify.nonlinear.problem import Normal, Problem, normal, point
-from identify.nonlinear.run import run_of
-from identify.nonlinear.tangent import plan_of
-from identify.nonlinear.unknowns import KNOTS
+from identify.nonlinear.car import KNOTS, Car, Model, car
+from identify.nonlinear.integrator import plan_of
+from identify.nonlinear.path import PATH, POLISH, ROUGH, USUAL, Grade, InitialState, Path, step_of
+from identify.nonlinear.problem import Normal, Problem, normal, point, run_of
 
 from .cars import RICH, bent, model_of, moving
 from .truth import BASELINE, NOISE, channels

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.begin import position_at_rest
+from identify.nonlinear.begin import position_at_rest, weak_priors
 from identify.nonlinear.car import (
     BETA,
     C_T,
@@ -20,6 +20,7 @@ from identify.nonlinear.car import (
     K_A,
     K_B,
     KNEES,
+    KNOTS,
     LENGTH,
     MASS,
     MOUNT,
@@ -32,11 +33,10 @@ from identify.nonlinear.car import (
     X,
     Y,
     car,
+    elements,
 )
-from identify.nonlinear.groups import BY_NAME, positions
 from identify.nonlinear.path import InitialState, Sampled, hermite, travel_speeds
-from identify.nonlinear.priors import weak_priors
-from identify.nonlinear.unknowns import KNOTS, elements
+from identify.nonlinear.release import BY_NAME, positions
 
 from .cars import RICH, bent, model_of
 from .truth import BASELINE

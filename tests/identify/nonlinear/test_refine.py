@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from identify.elements.damper import knee
-from identify.nonlinear.falling import too_flat
-from identify.nonlinear.priors import weak_priors
-from identify.nonlinear.problem import Problem
-from identify.nonlinear.refine import refined
-from identify.nonlinear.unknowns import KNOTS
+from identify.elements.laws import knee
+from identify.nonlinear.begin import refined, weak_priors
+from identify.nonlinear.car import KNOTS
+from identify.nonlinear.problem import Problem, too_flat
 
 from .cars import bent, model_of
 

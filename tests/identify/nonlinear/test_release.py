@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from identify.nonlinear.level import POLISH, ROUGH
-from identify.nonlinear.unknowns import KNOTS
+from identify.nonlinear.car import KNOTS
+from identify.nonlinear.path import POLISH, ROUGH
 
 from .scripted import Script, attempt, of
 

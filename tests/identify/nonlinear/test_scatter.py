@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 from identify.model.low_pass import low_pass_of
-from identify.nonlinear.at_speeds import forces_at_speeds
-from identify.nonlinear.forces import DamperCurve
+from identify.nonlinear.forces import DamperCurve, forces_at_speeds
 from identify.nonlinear.integrator import filtered
-from identify.nonlinear.sandwich import scatter, widened
+from identify.nonlinear.score import scatter, widened
 
 
 def scores(times_s: list[float], sizes: list[float]) -> tuple[Any, Any]:

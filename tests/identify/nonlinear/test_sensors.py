@@ -12,11 +12,9 @@ from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.car import Model
-from identify.nonlinear.level import POLISH
-from identify.nonlinear.problem import Point, Problem, normal, point
-from identify.nonlinear.run import run_of
-from identify.nonlinear.unknowns import KNOTS
+from identify.nonlinear.car import KNOTS, Model
+from identify.nonlinear.path import POLISH
+from identify.nonlinear.problem import Point, Problem, normal, point, run_of
 
 from .cars import RICH, bent, moving
 from .truth import BASELINE

@@ -14,10 +14,9 @@ from daq.vehicle import Structure
 from identify.decays.decay import Recording
 from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.car import Model
+from identify.nonlinear.car import KNOTS, Model
+from identify.nonlinear.problem import run_of
 from identify.nonlinear.release import Attempt, release
-from identify.nonlinear.run import run_of
-from identify.nonlinear.unknowns import KNOTS
 from identify.pipeline import identify
 from identify.trust.finding import Verdict
 from tests.simulated.fleet import fleet_car

@@ -7,7 +7,7 @@ from threading import Barrier
 
 import pytest
 
-from identify.nonlinear import threads
+from identify.nonlinear import integrator as threads
 
 
 def test_runs_are_evaluated_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -31,7 +31,7 @@ def test_an_error_of_a_run_is_raised() -> None:
 FORKS = """
 import os, threading, time
 os.cpu_count = lambda: 2
-from identify.nonlinear.threads import for_each_run
+from identify.nonlinear.integrator import for_each_run
 meet = threading.Barrier(2)
 for_each_run(lambda _: meet.wait(), (1, 2))  # both threads exist
 time.sleep(0.2)  # and have nothing to do

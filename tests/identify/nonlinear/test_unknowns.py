@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from identify.nonlinear.car import KNOTS, elements
 from identify.nonlinear.problem import Problem
-from identify.nonlinear.unknowns import KNOTS, elements
 
 from .cars import model_of
 

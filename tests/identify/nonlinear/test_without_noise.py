@@ -14,16 +14,12 @@ from daq.vehicle import FORD_GRANADA
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
 from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.begin import initial_states_of
-from identify.nonlinear.car import Model
+from identify.nonlinear.begin import initial_states_of, weak_priors
+from identify.nonlinear.car import KNOTS, Model
 from identify.nonlinear.fit import _Step, fit, inverse
-from identify.nonlinear.groups import positions
-from identify.nonlinear.level import USUAL
-from identify.nonlinear.path import InitialState
-from identify.nonlinear.priors import weak_priors
-from identify.nonlinear.problem import Normal, Problem, point
-from identify.nonlinear.run import run_of
-from identify.nonlinear.unknowns import KNOTS
+from identify.nonlinear.path import USUAL, InitialState
+from identify.nonlinear.problem import Normal, Problem, point, run_of
+from identify.nonlinear.release import positions
 from identify.pipeline import identify
 from tests.simulated.fleet import fleet_car
 

@@ -9,8 +9,7 @@ from scipy import optimize
 
 from daq.vehicle import FORD_GRANADA
 from identify.model.matrices import PhysicalModel, physical_model
-from identify.paper.least_squares import least_squares
-from identify.paper.sequential import sequential_vehicle
+from identify.paper.closed_form import least_squares, sequential_vehicle
 
 Array = NDArray[np.float64]
 TIME = np.linspace(0.0, 3.0, 40)

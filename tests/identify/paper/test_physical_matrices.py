@@ -12,7 +12,7 @@ from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, 
 from dbc.errors import InputError
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
 from identify.modes.modal_model import ModalModel, modes_of
-from identify.paper.physical_matrices import (
+from identify.paper.closed_form import (
     ClosedForm,
     damping_matrices,
     identify_parameters,

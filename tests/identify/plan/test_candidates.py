@@ -22,8 +22,7 @@ from daq.vehicle import (
 )
 from identify.model.response import Bump
 from identify.plan import ExpectedElements, Plan, Runs, sensors_of
-from identify.plan.campaigns import campaigns
-from identify.plan.candidates import candidates
+from identify.plan.candidates import campaigns, candidates
 
 BARE = MassState(BASELINE)
 A, B = FORD_GRANADA.a, FORD_GRANADA.b

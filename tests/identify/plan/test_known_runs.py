@@ -30,7 +30,7 @@ from identify.plan import (
     sensors_of,
     typical_elements,
 )
-from identify.plan.real_car import RealCar
+from identify.plan.information import RealCar
 
 SENSORS = (
     Channel("z", Quantity.BODY_ACCELERATION, at_cg=True),

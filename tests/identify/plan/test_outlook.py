@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from daq.vehicle import FORD_GRANADA, Structure
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import Estimate
-from identify.nonlinear.unknowns import elements
-from identify.plan.element_outlook import damper_points, element_estimates
-from identify.plan.expected_elements import typical_elements
-from identify.plan.information import Fisher
-from identify.plan.outlook import Outlook, expected, vague
-from identify.plan.real_car import ElementUnknowns
+from identify.nonlinear.car import elements
+from identify.plan.design import typical_elements
+from identify.plan.information import ElementUnknowns, Fisher
+from identify.plan.outlook import Outlook, damper_points, element_estimates, expected, vague
 
 from ..nonlinear.cars import granada
 from ..nonlinear.truth import BASELINE

@@ -27,7 +27,7 @@ from identify.plan import (
     typical_elements,
 )
 from identify.plan.after_bump import Driven, after_bump
-from identify.plan.expected_elements import unknowns_with
+from identify.plan.design import unknowns_with
 
 from ..nonlinear import truth
 from ..nonlinear.cars import granada, model_of

@@ -7,10 +7,9 @@ from dataclasses import replace
 from daq import session_from_arrays
 from daq.sessions import Session
 from identify import Identification, Judgement
-from identify.document import Document
+from identify.document import Document, software_sha256
 from identify.report.blocks import Cell, Section, Source, Table
 from identify.report.session import REFUSED, certificate_section, marked
-from identify.software import software_sha256
 
 SOURCE = Source("car.h5", "ab" * 32, "1.2", {}, "2026-11-22", "A. Engineer", "B. Head")
 

@@ -12,8 +12,8 @@ import pytest
 
 from identify import Document, Estimate, Identification, Judgement, ModalModel
 from identify.fit.uncertainty import Correlation, ModeEstimate
-from identify.modes.pairing import Pairing
-from identify.modes.stabilisation import StabilisationDiagram
+from identify.modes.modal_model import Pairing
+from identify.modes.state_variable_method import StabilisationDiagram
 from identify.report.blocks import Gallery, MovingCars
 from identify.report.evidence import (
     closed_form_section,

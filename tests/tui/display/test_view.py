@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin
 from daq.control.messages import Alarm, Phase
 from daq.control.orders import Arm, Pause, Reject
 from daq.runs import Excitation

@@ -54,9 +54,7 @@ from daq.control.orders import (
     Stop,
     Undo,
 )
-from daq.runlog.entries import entry, verdict_entry
-from daq.runlog.fold import advance
-from daq.runlog.runlog import Code, LoggedStatus, RunLog, next_step
+from daq.runlog.run_log import Code, LoggedStatus, RunLog, advance, entry, next_step, verdict_entry
 from daq.runs import Event, Excitation, Losses
 from dbc.finding import Finding, Severity
 from tui.terminal.state.feed import News, Role

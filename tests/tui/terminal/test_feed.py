@@ -12,7 +12,7 @@ from typing import NoReturn
 import pytest
 from filelock import FileLock
 
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin
 from daq.control.client import RecorderGoneError
 from daq.control.messages import Reply, Setup
 from daq.control.orders import AskSetup, Order

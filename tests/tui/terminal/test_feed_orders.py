@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import pytest
 
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin
 from daq.control.client import OrderRefusedError, RecorderGoneError
 from daq.control.messages import Reply, Setup, Status
 from daq.control.orders import Arm, AskCheck, AskSetup, Hello, Order

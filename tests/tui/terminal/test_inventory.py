@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daq.bench.campaign import Method
 from daq.bench.config import default_bench_text, load_bench
 from daq.bench.edit import with_campaign, with_weights
-from daq.bench.procedure import Method
 from daq.check.push_test import PushResult
 from daq.control.messages import BusState, BusStatus, CheckItem, DiskStatus
 from daq.runs import Excitation

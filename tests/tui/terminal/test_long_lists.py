@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from daq.control.orders import Note
-from daq.runlog.runlog import LoggedStatus
+from daq.runlog.run_log import LoggedStatus
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.widgets.lists import Journal, RunList, TallyList, clock_time, run_figures
 

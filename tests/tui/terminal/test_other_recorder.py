@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin
 from daq.control.messages import Setup
 from daq.control.orders import ShutDown, Stop
 from tui.cli import run

@@ -9,8 +9,7 @@ import pytest
 
 from daq.control.messages import Lane, Live, Phase
 from daq.control.orders import Arm
-from daq.runlog.entries import entry
-from daq.runlog.runlog import Code
+from daq.runlog.run_log import Code, entry
 from daq.runs import Excitation
 from tui.terminal.state.banner import banner
 from tui.terminal.state.feed import Lost

@@ -8,7 +8,7 @@ from typing import Any
 
 from textual.content import Content
 
-from daq.bench.origin import Origin
+from daq.bench.campaign import Origin
 from daq.control.messages import BusState, BusStatus
 from daq.runs import Losses
 from tui.terminal.state.feed import STARTING, Lost

@@ -1,0 +1,448 @@
+"""Defines the log of a recording's runs, with the verdicts on each.
+
+Nothing is ever deleted: a rejected run is a run with a status, an undone verdict is one more event.
+The log is made from the events of the journal by `daq.runlog.run_log`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from math import isfinite
+from typing import Annotated, Any
+
+from pydantic import PlainSerializer, PlainValidator
+
+from dbc.finding import Finding, Severity
+
+from ..bench.campaign import Campaign, Step
+from ..runs import Event, Excitation
+
+# Converts a finding to the form of journals, session files and status messages, and back ----------
+
+
+def finding_record(finding: Finding) -> dict[str, Any]:
+    """Return a finding as a JSON object; a figure that is not finite becomes 0."""
+    return {
+        "code": finding.code,
+        "passed": finding.passed,
+        "subject": finding.subject,
+        "value": finding.value if isfinite(finding.value) else 0.0,
+        "limit": finding.limit if isfinite(finding.limit) else 0.0,
+        "unit": finding.unit,
+        "text": finding.text,
+        "advice": finding.advice,
+    }
+
+
+def read_finding(record: Mapping[str, Any]) -> Finding:
+    """Return the finding of a JSON object.
+
+    Raises KeyError or TypeError or ValueError if it is not such an object.
+    """
+    return Finding(
+        code=str(record["code"]),
+        severity=Severity.NOTE if record["passed"] else Severity.ERROR,
+        text=str(record["text"]),
+        subject=str(record["subject"]),
+        advice=str(record["advice"]),
+        value=float(record["value"]),
+        limit=float(record["limit"]),
+        unit=str(record["unit"]),
+    )
+
+
+def _validated(value: object) -> Finding:
+    if isinstance(value, Finding):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValueError("a finding is an object")
+    try:
+        return read_finding(value)
+    except (KeyError, TypeError) as error:
+        raise ValueError("not the record of a finding") from error
+
+
+StoredFinding = Annotated[Finding, PlainValidator(_validated), PlainSerializer(finding_record)]
+"""A finding in a message between recorder and terminal."""
+
+
+# The runlog ---------------------------------------------------------------------------------------
+
+
+class Code(StrEnum):
+    """Codes of the events from which the log is made; the text of most is JSON (`entry`)."""
+
+    BUMP = "bump"
+    """Text: the label of the run."""
+    RUN_END = "run_end"
+    VERDICT = "verdict"
+    """The recorder's verdict: `label`, `accepted`, `findings`."""
+    ACCEPT = "accept"
+    """A person's verdict: `label`, `by`, `reason`."""
+    REJECT = "reject"
+    LEAVE_OUT = "leave_out"
+    """A person rejects several runs at once: `reasons` by label, `by`."""
+    UNDO = "undo"
+    REDO = "redo"
+    CHOOSE = "choose"
+    """`mass_state`, `excitation`."""
+    NOTE = "note"
+    """`text`, `label`, `by`."""
+    MARK = "mark"
+    OVERRIDE = "override"
+    """`subject`, `reason`, `by`."""
+    BENCH = "bench"
+    """Text: a new bench.toml in full; the last one applies to the whole recording."""
+    RESUMED = "resumed"
+    """A restarted recorder continues the recording; an open run is cut."""
+
+
+class LoggedStatus(StrEnum):
+    """Status of a run."""
+
+    OPEN = "open"
+    """It is being recorded."""
+    ACCEPTED = "accepted"
+    REJECTED = "rejected"
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedRun:
+    """A run in the log."""
+
+    label: str
+    """Label, unique in the recording: `repeat` counts attempts, accepted or not."""
+    mass_state: str
+    excitation: Excitation
+    repeat: int
+    t_ns: int
+    """Time stamp of the bump, ns."""
+    status: LoggedStatus = LoggedStatus.OPEN
+    findings: tuple[StoredFinding, ...] = ()
+    """The recorder's verdict; empty while it is open."""
+    by: str = ""
+    """The person who decided last; empty if the recorder did."""
+    reason: str = ""
+    """That person's reason."""
+
+    @property
+    def failed(self) -> StoredFinding | None:
+        """The first finding that did not pass; None if all did."""
+        return next((finding for finding in self.findings if not finding.passed), None)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """The reasons of its rejection, in words; empty if it is not rejected."""
+        if self.status is not LoggedStatus.REJECTED:
+            return ()
+        if self.by:
+            return (f"rejected by {self.by}" + (f": {self.reason}" if self.reason else ""),)
+        return tuple(f.text for f in self.findings if not f.passed)
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """A note or a mark."""
+
+    t_ns: int
+    text: str
+    label: str = ""
+    """Label of its run; empty if it belongs to no run."""
+    by: str = ""
+    revision: int = 0
+    """Revision of the log when it was made."""
+
+
+@dataclass(frozen=True, slots=True)
+class Override:
+    """A warning of the bench check for which a person has taken responsibility."""
+
+    t_ns: int
+    subject: str
+    reason: str
+    by: str
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A change of a verdict: the run before and after it."""
+
+    before: LoggedRun
+    after: LoggedRun
+    joined: bool = False
+    """True if it is undone and redone together with the previous change."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunLog:
+    """The state of the fold; the default is the empty log."""
+
+    runs: tuple[LoggedRun, ...] = ()
+    """Runs, in order of their bumps."""
+    done: tuple[Change, ...] = ()
+    """Verdicts that can be undone, the next one last."""
+    undone: tuple[Change, ...] = ()
+    """Verdicts that can be redone, the next one last."""
+    chosen: tuple[str, Excitation] | None = None
+    """Mass state and excitation that a person has chosen for the next run."""
+    notes: tuple[Remark, ...] = ()
+    overrides: tuple[Override, ...] = ()
+    bench_text: str = ""
+    """The last bench.toml in an event; empty if there is none."""
+    revision: int = 0
+    """Number of changes of the content of the session file; notes and marks do not count."""
+
+    def run(self, label: str) -> LoggedRun | None:
+        """Return the run of a label; None if there is none."""
+        return next((run for run in self.runs if run.label == label), None)
+
+    @property
+    def open(self) -> LoggedRun | None:
+        """The run that is being recorded; None if there is none."""
+        return next((run for run in self.runs if run.status is LoggedStatus.OPEN), None)
+
+    def of(self, mass_state: str, excitation: Excitation) -> tuple[LoggedRun, ...]:
+        """Return the runs of one mass state and excitation."""
+        return tuple(
+            run for run in self.runs if (run.mass_state, run.excitation) == (mass_state, excitation)
+        )
+
+    def accepted(self, mass_state: str, excitation: Excitation) -> int:
+        """Return the number of accepted runs of one mass state and excitation."""
+        kind = self.of(mass_state, excitation)
+        return sum(run.status is LoggedStatus.ACCEPTED for run in kind)
+
+
+def weights_change(log: RunLog, step: Step) -> bool:
+    """Return True if a step is of another mass state than the last run."""
+    return bool(log.runs) and log.runs[-1].mass_state != step.mass_state
+
+
+def next_step(campaign: Campaign, log: RunLog) -> Step | None:
+    """Return the next step of a campaign; None when every planned run is accepted.
+
+    The repeat of the step counts attempts, so every attempt has its own label.
+    """
+    kinds = list(dict.fromkeys((s.mass_state, s.excitation) for s in campaign.steps))
+    wanted = [kind for kind in kinds if log.accepted(*kind) < campaign.repeats]
+    if log.open is not None:
+        kind = (log.open.mass_state, log.open.excitation)
+        return Step(*kind, log.open.repeat)
+    if log.chosen is not None:
+        wanted.insert(0, log.chosen)
+    if not wanted:
+        return None
+    attempts = (run.repeat for run in log.of(*wanted[0]))
+    return Step(*wanted[0], 1 + max(attempts, default=0))
+
+
+def parse_label(label: str) -> Step | None:
+    """Return the step of a label like `baseline_bounce_1`; None if it is not a label."""
+    state, _, rest = label.partition("_")
+    kind, _, number = rest.rpartition("_")
+    if kind not in set(Excitation) or not number.isdecimal():
+        return None
+    return Step(state, Excitation(kind), int(number))
+
+
+# Makes the run log as a fold over the events of the journal ---------------------------------------
+#
+# The events are the only source.  The recorder, a restarted recorder and the session builder all
+# make the log with this fold, so they cannot disagree.
+
+
+def fold(events: Iterable[Event], log: RunLog | None = None) -> RunLog:
+    """Return the log after these events."""
+    log = log or RunLog()
+    for event in events:
+        log = advance(log, event)
+    return log
+
+
+def advance(log: RunLog, event: Event) -> RunLog:
+    """Return the log after one event.
+
+    Other events, and events that cannot be read, change nothing: a journal of another version must
+    not stop a recovery.
+    """
+    after = _advanced(log, event)
+    content = (log.runs, log.bench_text, log.overrides)
+    if content == (after.runs, after.bench_text, after.overrides):
+        return after
+    return replace(after, revision=log.revision + 1)
+
+
+def _advanced(log: RunLog, event: Event) -> RunLog:
+    match event.code:
+        case Code.BUMP:
+            return _bumped(log, event)
+        case Code.BENCH:
+            return replace(log, bench_text=event.text)
+        case Code.MARK:
+            mark = Remark(event.t_ns, event.text, revision=log.revision)
+            return replace(log, notes=(*log.notes, mark))
+        case Code.UNDO:
+            return _stepped_back(log)
+        case Code.REDO:
+            return _stepped_forth(log)
+        case Code.RESUMED:
+            return _cut(log)
+        case (
+            Code.VERDICT
+            | Code.ACCEPT
+            | Code.REJECT
+            | Code.LEAVE_OUT
+            | Code.CHOOSE
+            | Code.NOTE
+            | Code.OVERRIDE
+        ):
+            try:
+                body = json.loads(event.text)
+                return _entered(log, Code(event.code), event.t_ns, body)
+            except (ValueError, KeyError, TypeError):
+                return log
+    return log
+
+
+def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> RunLog:
+    if code is Code.CHOOSE:
+        return replace(log, chosen=(body["mass_state"], Excitation(body["excitation"])))
+    if code is Code.NOTE:
+        about, by = body.get("label", ""), body.get("by", "")
+        note = Remark(t_ns, body["text"], about, by, log.revision)
+        return replace(log, notes=(*log.notes, note))
+    if code is Code.OVERRIDE:
+        override = Override(t_ns, body["subject"], body["reason"], body["by"])
+        return replace(log, overrides=(*log.overrides, override))
+    if code is Code.LEAVE_OUT:
+        return _all_left_out(log, body["reasons"], body["by"])
+    run = log.run(body["label"])
+    if run is None:
+        return log
+    if code is Code.VERDICT:
+        findings = tuple(read_finding(record) for record in body["findings"])
+        status = LoggedStatus.ACCEPTED if body["accepted"] else LoggedStatus.REJECTED
+        return _judged(log, run, status, findings)
+    status = LoggedStatus.ACCEPTED if code is Code.ACCEPT else LoggedStatus.REJECTED
+    return _decided(log, run, replace(run, status=status, by=body["by"], reason=body["reason"]))
+
+
+def _bumped(log: RunLog, event: Event) -> RunLog:
+    step = parse_label(event.text)
+    if step is None or log.run(event.text) is not None:
+        return log
+    run = LoggedRun(event.text, step.mass_state, step.excitation, step.repeat, event.t_ns)
+    chosen = None if log.chosen == (step.mass_state, step.excitation) else log.chosen
+    return replace(log, runs=(*log.runs, run), chosen=chosen)
+
+
+def _all_left_out(log: RunLog, reasons: Mapping[str, str], by: str) -> RunLog:
+    """Return the log with several runs rejected as one decision."""
+    known = {run.label: run for run in log.runs}
+    changes: list[Change] = []
+    for label, reason in reasons.items():
+        run = known.get(label)
+        if run is not None and run.status is LoggedStatus.ACCEPTED:
+            after = replace(run, status=LoggedStatus.REJECTED, by=by, reason=reason)
+            changes.append(Change(run, after, joined=bool(changes)))
+    return _changed(log, changes) if changes else log
+
+
+def _decided(log: RunLog, before: LoggedRun, after: LoggedRun) -> RunLog:
+    return _changed(log, [Change(before, after)])
+
+
+def _changed(log: RunLog, changes: Sequence[Change]) -> RunLog:
+    runs = _replaced(log, [change.after for change in changes])
+    return replace(log, runs=runs, done=(*log.done, *changes), undone=())
+
+
+def _judged(
+    log: RunLog, run: LoggedRun, status: LoggedStatus, findings: tuple[Finding, ...]
+) -> RunLog:
+    """Return the log after the recorder's verdict."""
+    if run.status is LoggedStatus.OPEN:
+        return _decided(log, run, replace(run, status=status, findings=findings))
+    # A person was faster: the recorder's verdict counts if that person's verdict is undone.
+    beneath = replace(run, status=status, findings=findings, by="", reason="")
+
+    def known(one: LoggedRun) -> LoggedRun:
+        if one.label != run.label:
+            return one
+        return beneath if one.status is LoggedStatus.OPEN else replace(one, findings=findings)
+
+    def all_known(changes: Iterable[Change]) -> tuple[Change, ...]:
+        return tuple(Change(known(each.before), known(each.after), each.joined) for each in changes)
+
+    runs = tuple(known(one) for one in log.runs)
+    return replace(log, runs=runs, done=all_known(log.done), undone=all_known(log.undone))
+
+
+def _stepped_back(log: RunLog) -> RunLog:
+    if not log.done:
+        return log
+    first = len(log.done) - 1
+    while first and log.done[first].joined:
+        first -= 1
+    back = [_reversible(change) for change in reversed(log.done[first:])]
+    runs = _replaced(log, [change.before for change in back])
+    return replace(log, runs=runs, done=log.done[:first], undone=(*log.undone, *back))
+
+
+def _reversible(change: Change) -> Change:
+    """Return a change with what its run is once it is undone.
+
+    A run that has ended cannot be open again: undoing gives the other verdict.  A run that a person
+    rejected while it was recorded is open again until the recorder judges it.
+    """
+    if change.before.status is not LoggedStatus.OPEN or change.after.by:
+        return change
+    accepted = change.after.status is LoggedStatus.ACCEPTED
+    other = LoggedStatus.REJECTED if accepted else LoggedStatus.ACCEPTED
+    return replace(change, before=replace(change.after, status=other, by="undo", reason=""))
+
+
+def _stepped_forth(log: RunLog) -> RunLog:
+    if not log.undone:
+        return log
+    first = len(log.undone) - 1
+    while first and log.undone[first - 1].joined:
+        first -= 1
+    forth = log.undone[first:][::-1]
+    runs = _replaced(log, [change.after for change in forth])
+    return replace(log, runs=runs, done=(*log.done, *forth), undone=log.undone[:first])
+
+
+def _cut(log: RunLog) -> RunLog:
+    text = "cut: the recorder was stopped in mid-run"
+    finding = Finding("cut", Severity.ERROR, text, advice="bump again")
+    rejected = (each.after for each in log.done if each.before.status is LoggedStatus.OPEN)
+    unjudged = {run.label for run in rejected if run.by}
+    for run in log.runs:
+        if run.status is LoggedStatus.OPEN or run.label in unjudged:
+            log = _judged(log, run, LoggedStatus.REJECTED, (finding,))
+    return log
+
+
+def _replaced(log: RunLog, changed: Iterable[LoggedRun]) -> tuple[LoggedRun, ...]:
+    """Return the runs of a log with those of the same labels in place of them."""
+    latest = {run.label: run for run in changed}
+    return tuple(latest.get(run.label, run) for run in log.runs)
+
+
+# Makes the events from which the run log is folded ------------------------------------------------
+
+
+def entry(code: Code, t_ns: int, **body: Any) -> Event:
+    """Return an event with a JSON text."""
+    return Event(t_ns, code, 0.0, json.dumps(body, sort_keys=True))
+
+
+def verdict_entry(t_ns: int, label: str, findings: Iterable[Finding]) -> Event:
+    """Return the event of the recorder's verdict on a run."""
+    found = [finding_record(finding) for finding in findings]
+    accepted = all(record["passed"] for record in found)
+    return entry(Code.VERDICT, t_ns, label=label, accepted=accepted, findings=found)
