@@ -1,11 +1,15 @@
 """What bench.toml may say of channels and messages; every mistake is one line."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from daq.bench.config import bench_codec, parse_bench
+from daq.bench.bench_tables import campaign_limits
+from daq.bench.config import bench_codec, load_bench, parse_bench
+from daq.bench.toml_file import line_of
 from daq.errors import InputError
 from daq.samples.mapping import map_channels
 from daq.session import read_session, write_session
@@ -205,3 +209,183 @@ def test_what_is_known_of_a_sensor_goes_into_the_session(tmp_path: Path) -> None
     (channel,) = read_session(tmp_path / "s.h5").channels
     assert (channel.serial_number, channel.calibrated) == ("A-17", "2026-03-01")
     assert channel.signal_unit == "g"
+
+
+# A mistake in bench.toml is named with its line and the nearest name that there is ----------------
+
+TEXT = """\
+[campaign]
+repeats = 2
+
+[[weight]]
+mass_kg = 20.0
+x_m = -1.0
+y_m = 0.0
+
+[[weight]]
+mass_kg = 10.0
+hub = "FL"
+
+[vehicle.geometry]
+a = 1.2
+"""
+
+
+@pytest.mark.parametrize(
+    ("loc", "line"),
+    [
+        (("campaign", "repeats"), 2),
+        (("campaign", "absent"), 1),
+        (("weight", 0, "x_m"), 6),
+        (("weight", 1, "hub"), 11),
+        (("weight", 1, "absent"), 9),
+        (("weight", 2), 0),
+        (("vehicle", "geometry", "a"), 14),
+        (("vehicle", "geometry", "GeometryTable", "a"), 14),
+        (("absent",), 0),
+        (("weight",), 4),
+    ],
+)
+def test_line(loc: tuple[str | int, ...], line: int) -> None:
+    assert line_of(TEXT, loc) == line
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "[campaign]\nrepeat = 1\n",
+            "b.toml:2: unknown key campaign.repeat"
+            " (remove it or correct its name; did you mean repeats?)",
+        ),
+        (
+            "\n[campain]\n",
+            "b.toml:2: unknown key campain (remove it or correct its name; did you mean campaign?)",
+        ),
+        (
+            "[campaign]\nrepeats = 2\nexcitations = [\n  'bounce', 'pich',\n]\n",
+            "did you mean pitch?)",
+        ),
+        ("[campaign]\nrepeats = 'two'\n", "b.toml:2: campaign.repeats: must be a valid integer ("),
+        (
+            "\n[[weigh]]\nmass_kg = 1.0\n[[weigh]]\n",
+            "b.toml:2: unknown key weigh (remove it or correct its name; did you mean weight?)",
+        ),
+        (
+            "[[weight]]\nhub = 'FL'\nmass_kgg = 1.0\n",
+            "b.toml:3: unknown key weight.0.mass_kgg"
+            " (remove it or correct its name; did you mean mass_kg?)",
+        ),
+        ("[[weight]]\nhub = 'FL'\n", "b.toml:1: weight.0.mass_kg is missing (state it)"),
+        (
+            "[bus]\nchanel = 'can0'\n",
+            "b.toml:2: unknown key bus.chanel"
+            " (remove it or correct its name; did you mean channel?)",
+        ),
+        (
+            "[campaign]\nhub = 'FL'\n",  # a key of another table
+            "b.toml:2: unknown key campaign.hub (remove it: it has no meaning here)",
+        ),
+        ("[bus]\nchannel =\n", "b.toml:2: is not TOML: Invalid value, column 10 (correct"),
+    ],
+)
+def test_the_line_and_the_nearest_name_are_said(text: str, said: str) -> None:
+    with pytest.raises(InputError) as reported:
+        parse_bench(text, "b.toml", Path())
+    assert said in str(reported.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        ('\ndbc = "gone.dbc"', 2, "dbc: {}/gone.dbc: No such file or directory"),
+        ('dbc = "folder"', 1, "dbc: {}/folder: not a file"),
+        ('dbc = "layout:nix"', 1, "dbc: layout:nix: there is no such layout"),
+        (
+            '[[sensor]]\nname = "a"\ndbc = "a.dbc"\n\n[[sensor]]\nname = "b"\ndbc = "gone.dbc"',
+            7,
+            "sensor.1.dbc: {}/gone.dbc: No such file or directory",
+        ),
+        (
+            '[[sensor]]\nname = "a"\nlayout = "nix"',
+            3,
+            "sensor.0.layout: layout:nix: there is no such layout",
+        ),
+        (
+            '[[sensor]]\nname = "a"\ndbc = "layout:nix"',
+            3,
+            "sensor.0.dbc: layout:nix: there is no such layout",
+        ),
+    ],
+)
+def test_a_file_that_the_bench_names_and_that_cannot_be_read_is_named_with_its_line(
+    tmp_path: Path, text: str, line: int, said: str
+) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "a.dbc").write_text('VERSION ""\n', "ascii")
+    bench = tmp_path / "my.toml"
+    bench.write_text(text, "ascii")
+    with pytest.raises(InputError) as caught:
+        load_bench(bench)
+    assert str(caught.value).startswith(f"{bench}:{line}: {said.format(tmp_path)} (")
+
+
+# Numbers of bench.toml have a lowest and a highest: most of what lies beyond is a wrong unit ------
+
+
+@pytest.mark.parametrize(
+    ("key", "accepted", "refused", "limits"),
+    [
+        ("repeats", ("1", "100"), ("0", "101"), (1.0, 100.0, False)),
+        ("bump_height_mm", ("0.001", "0.5", "200.0"), ("0.0", "200.1"), (0.0, 200.0, True)),
+        ("accept_after_s", ("0.0", "60.0"), ("-0.01", "60.1"), (0.0, 60.0, False)),
+    ],
+)
+def test_numbers_of_a_campaign_have_a_lowest_and_a_highest(
+    key: str,
+    accepted: tuple[str, ...],
+    refused: tuple[str, ...],
+    limits: tuple[float, float, bool],
+) -> None:
+    for number in accepted:
+        parse_bench(f"[campaign]\n{key} = {number}\n", "bench.toml", Path())
+    for number in refused:
+        with pytest.raises(InputError, match=key):
+            parse_bench(f"[campaign]\n{key} = {number}\n", "bench.toml", Path())
+    assert campaign_limits(key) == limits
+
+
+WEIGHT = "[[weight]]\nmass_kg = {}\nx_m = {}\ny_m = {}\n"
+CHANNEL_OF_CAMPAIGN_LIMITS = (
+    '[[channel]]\nname = "a"\nsignal = "IMU_Accel.acc_z"\nquantity = "unused"\n'
+)
+GEOMETRY = "[vehicle.geometry]\na_m = {}\nb_m = 1.5\nt_f_m = 0.7\nt_r_m = 0.7\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "accepted", "refused"),
+    [
+        ("[campaign]\nbump_s = {}\n", ("0.001", "10.0"), ("0.0", "10.1")),
+        ("[trigger]\nlevel = {}\n", ("0.001", "1000.0"), ("0.0", "1001.0")),
+        (WEIGHT.format("{}", 0, 0), ("0.001", "10000.0"), ("0.0", "10001.0")),
+        (WEIGHT.format(30, "{}", 0), ("-20.0", "20.0"), ("-20.1", "1250.0")),
+        (WEIGHT.format(30, 0, "{}"), ("-20.0", "20.0"), ("-20.1", "20.1")),
+        (WEIGHT.format(30, 0, 0) + "height_m = {}\n", ("-20.0", "20.0"), ("-20.1", "20.1")),
+        (WEIGHT.format(30, 0, 0) + "position_sigma_m = {}\n", ("0.0", "1.0"), ("-0.1", "5.0")),
+        (CHANNEL_OF_CAMPAIGN_LIMITS + "x_m = {}\n", ("-20.0", "20.0"), ("-20.1", "20.1")),
+        (CHANNEL_OF_CAMPAIGN_LIMITS + "y_m = {}\n", ("-20.0", "20.0"), ("-20.1", "20.1")),
+        (CHANNEL_OF_CAMPAIGN_LIMITS + "position_sigma_m = {}\n", ("0.0", "1.0"), ("-0.1", "1.1")),
+        (CHANNEL_OF_CAMPAIGN_LIMITS + "delay_s = {}\n", ("-1.0", "1.0"), ("-1.1", "2.5")),
+        (CHANNEL_OF_CAMPAIGN_LIMITS + "delay_sigma_s = {}\n", ("0.0", "1.0"), ("-0.1", "1.1")),
+        (GEOMETRY, ("0.1", "20.0"), ("0.0", "1250.0")),
+    ],
+)
+def test_a_number_in_the_wrong_unit_is_refused(
+    text: str, accepted: tuple[str, str], refused: tuple[str, str]
+) -> None:
+    key = text.partition(" = {}")[0].splitlines()[-1]
+    for number in accepted:
+        parse_bench(text.format(number), "bench.toml", Path())
+    for number in refused:
+        with pytest.raises(InputError, match=key):
+            parse_bench(text.format(number), "bench.toml", Path())

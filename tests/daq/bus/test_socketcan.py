@@ -1,16 +1,30 @@
+"""SocketCAN read in blocks, its control messages, faults and drops."""
+
 from __future__ import annotations
 
+import errno
+import os
 import socket
+import threading
 import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from can.interfaces.socketcan import constants
 from can.interfaces.socketcan.socketcan import dissect_can_frame
 
+from daq.bench.config import BusConfig
 from daq.bus import socketcan
-from daq.bus.source import BLOCK_FRAMES
+from daq.bus.interfaces import open_bus, open_source
+from daq.bus.socketcan import FrameBuffers, SocketCanSource, frame_columns, read_control
+from daq.bus.source import BLOCK_FRAMES, SocketDrops
+from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 
+from ...multicast import own_group
 from .socketcan_feed import NOW_NS, Feed, frame, mixed_frames
 
 
@@ -165,3 +179,274 @@ def test_the_drop_counter_has_32_bits_and_may_be_behind(
         feed.read()
         counts.append(feed.source.losses().dropped)
     assert counts == [0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_FFF0, 2**32 + 5, 2**32 + 5]
+
+
+# SocketCAN: interfaces that go down or away, silence, closing, and opening ------------------------
+
+
+class FaultyBuffers(FrameBuffers):
+    """Buffers that meet the faults of a script before they receive."""
+
+    faults: list[int]
+    calls: int
+
+    def receive(self, descriptor: int) -> int:
+        type(self).calls += 1
+        if self.faults and (code := self.faults.pop(0)):
+            raise OSError(code, os.strerror(code))
+        return super().receive(descriptor)
+
+
+@pytest.fixture
+def faulty(monkeypatch: pytest.MonkeyPatch, feed: Feed) -> Feed:
+    FaultyBuffers.faults, FaultyBuffers.calls = [], 0
+    feed.source._buffers = FaultyBuffers(BLOCK_FRAMES)
+    return feed
+
+
+def test_an_interface_that_was_taken_down_is_reported_and_read_on(faulty: Feed) -> None:
+    FaultyBuffers.faults = [errno.ENETDOWN]
+    assert len(faulty.read()) == 0
+    assert faulty.source.interface_down
+    assert len(faulty.read()) == 0
+    assert faulty.source.interface_down
+    faulty.send(frame(5))
+    assert list(faulty.read().can_id) == [5]
+    assert not faulty.source.interface_down
+
+
+@pytest.mark.parametrize("waiting", [1, 4, 5])
+def test_frames_that_waited_when_it_was_taken_down_are_no_sign_of_life(
+    faulty: Feed, monkeypatch: pytest.MonkeyPatch, waiting: int
+) -> None:
+    """The kernel returns the fault first, and only then the frames that came before it."""
+    monkeypatch.setattr(socketcan, "BLOCK_FRAMES", 2)
+    faulty.source._buffers = FaultyBuffers(2)
+    faulty.send(*map(frame, range(1, waiting + 1)))
+    FaultyBuffers.faults = [errno.ENETDOWN]
+    assert list(faulty.read_all().can_id) == list(range(1, waiting + 1))
+    assert faulty.source.interface_down
+    faulty.send(frame(9))
+    assert list(faulty.read().can_id) == [9]
+    assert not faulty.source.interface_down
+
+
+@pytest.mark.parametrize("code", [errno.ENODEV, errno.EBADF, errno.ENXIO])
+def test_an_interface_that_has_gone_hands_out_its_last_frames_first(
+    faulty: Feed, code: int
+) -> None:
+    faulty.send(frame(1), frame(2))
+    FaultyBuffers.faults = [code]
+    assert list(faulty.read().can_id) == [1, 2]
+    for _ in range(2):
+        with pytest.raises(BusError, match=r"fed 0: has gone: .*start again") as caught:
+            faulty.read()
+        assert os.strerror(code) in str(caught.value)
+
+
+def test_silence_is_waited_for_in_the_kernel(faulty: Feed) -> None:
+    began_s = time.monotonic()
+    for _ in range(3):
+        assert len(faulty.read(0.1)) == 0
+    assert time.monotonic() - began_s >= 0.3
+    assert FaultyBuffers.calls == 3
+
+
+def test_closing_wakes_a_thread_that_is_reading(feed: Feed) -> None:
+    got: list[int] = []
+    reader = threading.Thread(target=lambda: got.append(len(feed.read(60.0))), daemon=True)
+    reader.start()
+    while not feed.source._reading.locked():
+        assert reader.is_alive()
+    feed.source.close()
+    reader.join(10.0)
+    assert got == [0]
+    with pytest.raises(BusError, match="closed"):
+        feed.read()
+    assert feed.receiving.fileno() == -1
+
+
+def test_closing_twice_releases_everything_once(feed: Feed) -> None:
+    feed.source.close()
+    before = open_descriptors()
+    feed.source.close()
+    assert open_descriptors() == before
+
+
+def open_descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+class CanSocket(socket.socket):
+    """Takes the options of a CAN socket, though the kernel may have none."""
+
+    asked: dict[tuple[int, ...], object]
+    bound: object
+
+    def __init__(self, family: int, kind: int, protocol: int) -> None:
+        assert (family, kind & 0xF, protocol) == (29, 3, 1)  # AF_CAN, SOCK_RAW, CAN_RAW
+        type(self).asked = {}
+        super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def setsockopt(self, *option: Any) -> None:
+        *which, value = option
+        self.asked[tuple(which)] = value
+        if which[0] == socket.SOL_SOCKET:
+            super().setsockopt(*option)
+
+    def bind(self, address: object) -> None:
+        if address != ("can0",):
+            raise OSError(errno.ENODEV, "No such device")
+        type(self).bound = address
+
+
+def test_opening_asks_for_fd_and_all_error_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket, "socket", CanSocket)
+    source = open_source(BusConfig("socketcan", "can0", 500_000), 1)
+    assert isinstance(source, SocketCanSource)
+    source.close()
+    assert source.name == "socketcan can0"
+    assert CanSocket.bound == ("can0",)
+    assert CanSocket.asked[101, 2] == 0x1FFFFFFF  # CAN_RAW_ERR_FILTER
+    assert CanSocket.asked[101, 5] == 1  # CAN_RAW_FD_FRAMES
+    assert CanSocket.asked[1, 40] == 1  # SO_RXQ_OVFL
+
+
+def test_an_interface_that_is_not_there_leaves_nothing_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(socket, "socket", CanSocket)
+    before = open_descriptors()
+    with pytest.raises(BusError, match=r"can9: cannot be opened: .*No such device.*ip link"):
+        open_source(BusConfig("socketcan", "can9", 500_000), 1)
+    assert open_descriptors() == before
+
+
+def test_all_interfaces_at_once_cannot_be_distinguished() -> None:
+    with pytest.raises(BusError, match="names no interface"):
+        open_source(BusConfig("socketcan", "", 500_000), 1)
+
+
+# Stamps and counters that the kernel adds to frames, and which frames it echoes -------------------
+
+
+def control(*messages: tuple[int, int, bytes]) -> tuple[bytes, int]:
+    """Return a control buffer as the kernel fills it, and how many bytes it says it used."""
+    out = b""
+    for level, kind, data in messages:
+        out += (16 + len(data)).to_bytes(8, "little")
+        out += level.to_bytes(4, "little") + kind.to_bytes(4, "little") + data
+        out += bytes(-len(out) % 8)
+    return out.ljust(64, b"\xee")[:64], min(len(out), 64)
+
+
+def timespec(seconds: int, nanoseconds: int) -> bytes:
+    return seconds.to_bytes(8, "little") + nanoseconds.to_bytes(8, "little")
+
+
+def test_stamps_and_the_newest_counter_are_found() -> None:
+    stamp = (1, 35, timespec(1_800_000_000, 5))
+    buffers = [
+        control(stamp),
+        control(stamp, (1, 40, b"\1\0\0\0")),
+        control(stamp, (1, 40, b"\2\0\0\x80")),
+        control(stamp),
+        control(),
+        control((1, 35, timespec(7, 7)[:9])),  # too short for a stamp
+        control((41, 35, timespec(7, 7))),  # of another level
+    ]
+    words = np.array([np.frombuffer(data, np.int64) for data, _ in buffers])
+    used = np.array([used for _, used in buffers], np.uintp)
+    t_ns, dropped = read_control(words, used)
+    assert list(t_ns) == [1_800_000_000 * 10**9 + 5] * 4 + [0, 0, 0]
+    assert dropped == 0x8000_0002
+    assert read_control(words[:1], used[:1])[1] is None
+
+
+@pytest.mark.parametrize(("can_id", "is_frame"), [(0x7FF, True), (0x800, False), (0xFFE, False)])
+def test_echoes_are_marked_and_what_cannot_be_a_frame_is_left_out(
+    can_id: int, is_frame: bool
+) -> None:
+    buffers = FrameBuffers(4)
+    buffers.frames["can_id"], buffers.frames["length"] = [0x123, 0x123, 0x123, can_id], 8
+    buffers.headers["size"] = 16
+    buffers.headers["flags"] = [0, socket.MSG_DONTROUTE, socket.MSG_TRUNC, 0]
+    batch, good = frame_columns(buffers, 4, np.arange(4), 0)
+    assert list(good) == [True, True, False, is_frame]
+    assert list(batch.flags[:2]) == [0, FrameFlag.TRANSMITTED]
+    assert list(batch.can_id) == [0x123, 0x123, can_id][: 2 + is_frame]
+
+
+# Datagrams that found no room in the buffer of a socket -------------------------------------------
+
+GROUP = own_group(76)
+
+
+def test_what_was_sent_and_not_received_was_dropped() -> None:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reader,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        reader.bind(("127.0.0.1", 0))
+        reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        reader.setblocking(False)
+        drops = SocketDrops(reader.fileno)
+        assert drops.count() == 0
+        for n in range(500):
+            sender.sendto(n.to_bytes(2, "little"), reader.getsockname())
+        received = _emptied(reader)
+        assert 0 < received < 500
+        assert drops.count() == 500 - received
+        again = SocketDrops(reader.fileno)  # a bus that is opened again counts from there
+        assert again.count() == 0
+    assert drops.count() == 500 - received  # closed
+
+
+def test_a_bus_without_a_socket_drops_nothing() -> None:
+    def no_descriptor() -> int:
+        raise NotImplementedError
+
+    assert SocketDrops(no_descriptor).count() == 0
+    near, far = os.pipe()
+    lowest = _lowest_free(near)
+    assert SocketDrops(lambda: near).count() == 0
+    assert _lowest_free(near) == lowest  # nothing of it is left open
+    os.close(near)
+    os.close(far)
+
+
+def test_the_losses_of_udp_multicast_are_the_kernels() -> None:
+    config = BusConfig("udp_multicast", GROUP, 1_000_000)
+    source: Any = open_source(config, 0)
+    try:
+        bus: Any = open_bus(config)
+        with bus, socket.socket(fileno=os.dup(source._bus.fileno())) as twin:
+            for option in (socket.SO_RCVBUF, 33):  # small, also if it was made large by force
+                twin.setsockopt(socket.SOL_SOCKET, option, 4096)
+            for _ in range(200):
+                bus._multicast.send(b"\xc1" * 400)  # each is one datagram, and garbled
+        before = -1
+        while source.losses().garbled > before:
+            before = source.losses().garbled
+            assert not len(source.read(0.05))
+        losses = source.losses()
+        assert losses.dropped > 0
+        assert losses.dropped + losses.garbled == 200
+    finally:
+        source.close()
+
+
+def _emptied(reader: socket.socket) -> int:
+    """Receive what a socket holds; return the number of datagrams."""
+    received = 0
+    with suppress(BlockingIOError):
+        while reader.recv(16):
+            received += 1
+    return received
+
+
+def _lowest_free(descriptor: int) -> int:
+    """Return the number that the next descriptor will have."""
+    free = os.dup(descriptor)
+    os.close(free)
+    return free

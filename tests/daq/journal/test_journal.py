@@ -1,6 +1,9 @@
+"""The journal: written, crashed, cut and read back."""
+
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
@@ -15,12 +18,24 @@ from mcap.stream_reader import StreamReader
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.errors import InputError
+from daq.journal.folder import built_revision, note_built, segments_in
 from daq.journal.format import JournalHead, check_frames, pack_events, pack_frames, unpack_events
 from daq.journal.reader import JournalReader, read_journal
+from daq.journal.records import Kind, SegmentFile
 from daq.journal.segment import SyncedFile
+from daq.journal.segment_reader import SegmentReader
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 from dbc.frames import FrameBatch
+
+from ..crash_derive import journal_of_runs, kill_derive
+from ..crash_disk import QuickFile
+from ..crash_faults import KINDS, faults
+from ..crash_frames import HEAD as HEAD_OF_CRASH_FRAMES
+from ..crash_frames import block as block_of_crash_frames
+from ..crash_full import mounted_disk, run_full, small_disk
+from ..crash_images import images
+from ..crash_taken import TAKINGS, read_only, take_away
 
 HEAD = JournalHead("[bus]\n# µ\n", 'VERSION ""\n', "bumpbench test", 1_800_000_000_000_000_000, 77)
 
@@ -297,3 +312,114 @@ def test_any_mcap_tool_can_read_what_the_journal_writes(tmp_path: Path) -> None:
     assert kinds.count("Message") == 2
     assert kinds.count("Attachment") == 4  # each text twice
     assert kinds[-1] == "Footer"
+
+
+# The campaigns of `make crash`, short -------------------------------------------------------------
+
+
+def test_a_crash_image_loses_nothing_that_was_acknowledged(tmp_path: Path) -> None:
+    assert images(tmp_path, 300, seed=12) > 0
+
+
+def test_an_operation_that_fails_loses_nothing_and_is_reported(tmp_path: Path) -> None:
+    operations = [*range(1, 24, 2), *range(30, 201, 34)]
+    assert faults(tmp_path, operations) == len(KINDS) * len(operations)
+
+
+@pytest.mark.parametrize("reserve", [0.0, 100_000.0])
+def test_a_full_disk_costs_only_what_it_says(tmp_path: Path, reserve: float) -> None:
+    full = run_full(small_disk(tmp_path / "full", 1_234_567), reserve, full_s=90.0)
+    assert full.dropped > 0
+    assert full.alarm_s <= 1.0
+    assert full.resumed_s <= 5.0
+    assert full.grown_bytes < 50_000_000
+
+
+def test_a_mounted_disk_that_is_full_costs_nothing_while_memory_holds(tmp_path: Path) -> None:
+    with mounted_disk(tmp_path / "mounted", 800_000) as mounted:
+        disk = mounted or small_disk(tmp_path / "full", 800_000)
+        assert run_full(disk, 0.0, full_s=5.0).dropped == 0
+
+
+@pytest.mark.parametrize("how", TAKINGS.values(), ids=TAKINGS)
+def test_what_is_taken_away_is_reported(tmp_path: Path, how: Callable[[Path], object]) -> None:
+    assert take_away(tmp_path / "journal", how) <= 2.0
+
+
+def test_a_disk_that_turns_read_only_is_waited_for(tmp_path: Path) -> None:
+    read_only(tmp_path / "journal")
+
+
+def test_a_derivation_that_is_killed_leaves_a_whole_file_or_none(tmp_path: Path) -> None:
+    segments = journal_of_runs(tmp_path / "journal", 100_000)
+    assert len(segments) > 1
+    done = kill_derive(tmp_path, segments, 2)
+    assert done.writing >= 1
+    assert done.absent >= 1, "what is being written has not its final name"
+
+
+# Segment files: a disk that fails, files of other programs, files that are closed; their notes ----
+
+
+def _segment(folder: Path) -> Path:
+    with JournalWriter(folder, HEAD_OF_CRASH_FRAMES, LIMITS, QuickFile) as writer:
+        writer.append(block_of_crash_frames(0, 100), HopLosses())
+    return segments_in(folder)[-1]
+
+
+def _open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def _of_another_program(path: Path) -> Path:
+    """Write the head of an MCAP file with the profile of ROS 2."""
+    texts = b"".join(struct.pack("<I", len(text)) + text for text in (b"ros2", b"other"))
+    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 0x01, len(texts)) + texts)
+    return path
+
+
+def test_the_records_have_the_kinds_of_the_mcap_specification(tmp_path: Path) -> None:
+    with SegmentFile(_segment(tmp_path)) as file:
+        kinds = [record.kind for record in file.records()]
+    assert kinds[0] == 0x01  # header
+    assert 0x04 in kinds  # channel
+    assert 0x05 in kinds  # message
+    assert (Kind.HEADER, Kind.CHUNK, Kind.ATTACHMENT) == (0x01, 0x06, 0x09)
+    assert (Kind.METADATA, Kind.DATA_END) == (0x0C, 0x0F)
+
+
+def test_a_disk_that_fails_ends_the_records_with_its_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> bytes:
+        raise OSError(5, "Input/output error")
+
+    with SegmentFile(_segment(tmp_path)) as file:
+        monkeypatch.setattr("daq.journal.records.os.lseek", fail)
+        assert list(file.records()) == []
+        assert file.why_stopped == "cannot be read (Input/output error)"
+
+
+def test_a_file_is_closed_behind_its_block(tmp_path: Path) -> None:
+    path = _segment(tmp_path)
+    before = _open_files()
+    with SegmentFile(path):
+        assert _open_files() == before + 1
+    assert _open_files() == before
+
+
+def test_a_file_of_another_program_is_refused_and_closed(tmp_path: Path) -> None:
+    path = _of_another_program(tmp_path / "other.mcap")
+    before = _open_files()
+    with pytest.raises(InputError, match="MCAP file of another program"):
+        SegmentReader(path)
+    assert _open_files() == before
+
+
+def test_a_recording_is_not_built_once_its_session_file_is_gone(tmp_path: Path) -> None:
+    session = tmp_path / "session_0001.h5"
+    session.write_bytes(b"12345")
+    note_built(tmp_path, "open", 0, session)
+    assert built_revision(tmp_path, "open") == 0
+    session.unlink()
+    assert built_revision(tmp_path, "open") is None

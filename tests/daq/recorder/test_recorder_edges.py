@@ -6,15 +6,18 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import zmq
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench, BusConfig
 from daq.bus.link import Link
-from daq.bus.source import STEADY_CLOCK, SourceLosses
-from daq.control.messages import Phase, SessionState
+from daq.bus.source import STEADY_CLOCK, HopLosses, SourceLosses
+from daq.control.address import Address, control_address
+from daq.control.messages import STATUS, Live, Phase, SessionState, Status
 from daq.control.orders import (
     Arm,
     AskCheck,
@@ -27,24 +30,29 @@ from daq.control.orders import (
     Undo,
     Until,
 )
+from daq.control.server import Server
 from daq.journal.folder import last_recording, recordings, segments_in
 from daq.journal.reader import read_journal
 from daq.journal.segment import SyncedFile
+from daq.journal.writer import JournalWriter
 from daq.recorder import orders as checking
+from daq.recorder import recorder
 from daq.recorder.derivation import Derivation
 from daq.recorder.orders import OrderError
 from daq.recorder.readers import PieceQueue, Readers
+from daq.recorder.recording import Recording
+from daq.runs import Event
 from daq.session import read_session
 from dbc import Codec, FrameBatch
 from tui.recorders.lines import status_lines
 
-from ..crash_frames import block
+from ..crash_frames import block, numbers
 from ..quick_bench import CAN0, CAN1, Gated, quick, stored
 from ..recorder_run import ENDED, PATIENCE_S, Running, Script, sources
-from ..small_campaign import LABELS, blocks, bumps
+from ..small_campaign import LABELS, PLANNED, blocks, bumps
+from .stepped import LINK, armed, look, now, runs_of
 
 __all__ = ["quick"]
-
 
 FIRST_BUMP, SECOND_BUMP = slice(0, 1200), slice(1200, 2400)
 
@@ -398,3 +406,145 @@ def test_a_reader_left_behind_puts_nothing_in_any_more() -> None:
     thread.join(PATIENCE_S)
     assert readers.take(1000) == []
     assert readers.hops().queue_dropped == 0
+
+
+# While no client watches, blocks are stored as often as ever, and looked at a third as often ------
+
+
+def test_several_blocks_are_looked_at_as_one(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = armed(quick, codec, journal)
+    events: list[Event] = []
+    for k, piece in enumerate(blocks(bumps(codec, 4))):
+        recording.store(piece, HopLosses())
+        assert len(recording.recent(10.0)) == min(100 * (k + 1), 10_000)  # the check sees it
+        if k % 3 == 2:
+            events += look(recording, now(piece), [LINK])
+    assert runs_of(events) == PLANNED
+    assert [e.code for e in look(recording, now(piece), [LINK]) if "alarm" not in e.code] == []
+
+
+def test_stamps_of_another_epoch_are_reported_by_the_next_look(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = armed(quick, codec, journal)
+    empty = FrameBatch.empty()
+    recording.store(empty, HopLosses(restamped=5))
+    recording.store(empty, HopLosses(restamped=9))
+    (event,) = (e for e in look(recording, now(), [LINK]) if e.code == "restamped")
+    assert event.value == 9
+
+
+def calls(patch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list to which each store and each look of any recording is added."""
+    made: list[str] = []
+    store, look = Recording.store, Recording.look
+
+    def stores(self: Recording, batch: FrameBatch, hops: HopLosses) -> None:
+        made.append("s")
+        store(self, batch, hops)
+
+    def looks(self: Recording, *given: Any) -> tuple[Event, ...]:
+        made.append("l")
+        return look(self, *given)
+
+    patch.setattr(Recording, "store", stores)
+    patch.setattr(Recording, "look", looks)
+    return made
+
+
+def test_every_block_is_looked_at_while_somebody_watches_and_else_every_third(
+    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, watched = calls(monkeypatch), threading.Event()
+    frames = bumps(codec, 6)
+    script = Script(blocks(frames, 10), pause_s=0.01)
+    with Running(quick, tmp_path, sources(script), watched.is_set) as running:
+        running.until(lambda s: "sssl" in "".join(made))
+        running.until(lambda s: made.count("l") >= 10)
+        assert "sssss" not in "".join(made)
+        watched.set()
+        begun = len(made) + 2  # the cycle that is under way may have asked before
+        running.until(lambda s: len(made) > begun + 20)
+        assert "ss" not in "".join(made[begun:])
+        running.until(lambda s: s.disk.recorded_frames == len(frames))
+    assert np.array_equal(stored(tmp_path).frames.t_ns, frames.t_ns)
+
+
+def test_an_order_is_carried_out_on_what_was_stored_until_then(
+    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = calls(monkeypatch)
+    monkeypatch.setattr(recorder, "UNWATCHED_S", 1000.0)
+    script = Script(blocks(bumps(codec, 10), 10), pause_s=0.01)
+    with Running(quick, tmp_path, sources(script), lambda: False) as running:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while made.count("s") < 5:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+        assert "".join(made).lstrip("s").startswith("ls")  # one look at the start
+        assert made.count("l") == 1
+        status = running.order(Mark("seen")).status
+        assert made.count("l") == 2
+        assert status is not None
+        assert status.buses[0].frames > running.published[0].buses[0].frames
+
+
+# Fifty viewers and one that never reads cost a recorder no frame, and each sees a small status ----
+
+VIEWERS, BLOCKS, FRAMES = 50, 60, 500
+
+
+class Served(Running):
+    """A recorder whose statuses are published as by the command."""
+
+    server: Server
+
+    def _publish(self, status: Status, live: Live | None) -> None:
+        self.server.publish(status, live)
+        super()._publish(status, live)
+
+
+def viewer(
+    context: zmq.Context[zmq.Socket[bytes]], address: Address, held: int = 100
+) -> zmq.Socket[bytes]:
+    end = context.socket(zmq.SUB)
+    end.linger = 0
+    end.rcvhwm = held
+    end.connect(address.news)
+    end.subscribe(b"status")
+    return end
+
+
+def test_fifty_viewers_and_a_dead_one_cost_no_frame(tmp_path: Path, quick: Bench) -> None:
+    sent = [block(k * FRAMES, FRAMES) for k in range(BLOCKS)]
+    script = Script(sent, pause_s=0.02)
+    running = Served(quick, tmp_path, sources(script))
+    address = control_address(tmp_path)
+    running.server = Server(running.recorder.submit, address)
+    with zmq.Context() as context:
+        dead = viewer(context, address, held=1)  # it never reads
+        viewers = [viewer(context, address) for _ in range(VIEWERS)]
+        try:
+            with running:
+                seen = dict.fromkeys(viewers, 0)
+                deadline_s = time.monotonic() + PATIENCE_S
+                while min(seen.values()) < BLOCKS * FRAMES:
+                    assert time.monotonic() < deadline_s
+                    for end in viewers:
+                        message = b""
+                        while end.poll(0):
+                            message = b"".join(end.recv_multipart()[1:])
+                        if message:
+                            status = STATUS.validate_json(message)
+                            seen[end] = status.disk.recorded_frames
+                    time.sleep(0.05)
+                last = running.last
+        finally:
+            for end in (dead, *viewers):
+                end.close()
+            running.server.close()
+    assert last.losses.queue_dropped == last.losses.bus_dropped == 0
+    stored = numbers(read_journal(segments_in(tmp_path / "journal")).frames)
+    assert np.array_equal(stored, np.arange(BLOCKS * FRAMES))

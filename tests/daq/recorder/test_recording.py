@@ -3,31 +3,50 @@
 from __future__ import annotations
 
 import json
+import logging
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from daq.bench.campaign import Origin
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses
 from daq.channels import Quantity
 from daq.clocks import Now
 from daq.control.messages import Phase
-from daq.control.orders import (
-    Arm,
-    Pause,
-    Until,
-)
+from daq.control.orders import Arm, Pause, Until
+from daq.derive.build_session import derive
 from daq.errors import InputError
+from daq.journal.folder import last_recording, segments_in
+from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import judging
+from daq.recorder.open_recording import resumable
+from daq.recorder.orders import configured
 from daq.recorder.recording import Recording
-from daq.runlog.run_log import LoggedStatus, fold
-from daq.runs import Event, Losses
+from daq.recorder.status import counts_of
+from daq.runlog.run_log import Change, LoggedRun, LoggedStatus, Override, Remark, RunLog, fold
+from daq.runs import BASELINE, Event, Excitation, Losses
+from daq.session import read_session
 from dbc import Codec, FrameBatch, FrameFlag
+from identify.report.content import _title
 
-from ..small_campaign import CAMPAIGN, LABELS, PERIOD_S, PLANNED, START_NS, blocks, bumps
+from ..crash_disk import QuickFile
+from ..long_run_log import long_run_log
+from ..small_campaign import (
+    CAMPAIGN,
+    LABELS,
+    PERIOD_S,
+    PLANNED,
+    START_NS,
+    blocks,
+    bumps,
+    small_bench,
+)
 from .stepped import LINK, armed, feed, now, runs_of, status_of, step
 
 
@@ -303,3 +322,124 @@ def test_frames_that_a_pause_cost_after_a_run_are_not_lost_from_it(
     assert recording.losses.counter_gaps > 1_000
     (lost,) = (f for f in recording.run_log.runs[0].findings if f.code == "lost_frames")
     assert lost.passed, lost.text
+
+
+# A simulated or replayed recording is distinguished from a measurement, from journal to report ----
+
+
+def _recorded(folder: Path, bench: Bench) -> tuple[Path, ...]:
+    head = JournalHead(
+        bench.text, bench.dbc_text, "test", START_NS, 0, "ab" * 16, origin=bench.origin
+    )
+    with JournalWriter(folder, head, create=QuickFile) as writer:
+        writer.append_events([])
+    return segments_in(folder)
+
+
+@pytest.mark.parametrize(
+    ("origin", "title"),
+    [
+        (Origin.REAL, "small"),
+        (Origin.SIMULATED, "small (simulated, not measured)"),
+        (Origin.REPLAYED, "small (replayed, not measured)"),
+    ],
+)
+def test_it_is_in_journal_session_and_report(tmp_path: Path, origin: Origin, title: str) -> None:
+    bench = replace(small_bench(), origin=origin)
+    segments = _recorded(tmp_path / "journal", bench)
+    assert read_journal(segments).head.origin == origin
+    derive(segments, tmp_path / "s.h5")
+    session = read_session(tmp_path / "s.h5")
+    assert session.provenance["origin"] == origin
+    named = replace(session, vehicle=replace(session.vehicle, name="small"))
+    assert _title(named) == title
+
+
+def test_a_simulated_recording_is_not_gone_on_with_from_a_bus(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = small_bench()
+    simulated = replace(bench, origin=Origin.SIMULATED)
+    _recorded(tmp_path, simulated)
+    assert last_recording(tmp_path) is not None
+    with caplog.at_level(logging.WARNING):
+        assert resumable(tmp_path, bench) == (
+            "the last recording was not ended and cannot be resumed (its frames are simulated, not"
+            " real): a new one is begun"
+        )
+    assert "its frames are simulated, not real" in caplog.text
+    found = resumable(tmp_path, simulated)
+    assert not isinstance(found, str)
+    assert found[1].origin is Origin.SIMULATED
+
+
+def test_a_new_bench_in_mid_recording_keeps_its_origin() -> None:
+    simulated = replace(small_bench(), origin=Origin.SIMULATED)
+    assert configured(simulated, simulated.text + "\n").origin is Origin.SIMULATED
+
+
+# What is counted in a run log, also in one that is weeks long -------------------------------------
+
+BENCH: Bench = replace(small_bench(), origin=Origin.SIMULATED)
+RUN = LoggedRun("baseline_bounce_1", BASELINE, Excitation.BOUNCE, 1, 5, LoggedStatus.REJECTED)
+GOOD = replace(RUN, label="baseline_bounce_2", repeat=2, status=LoggedStatus.ACCEPTED)
+LOG = RunLog(
+    (RUN, GOOD), (Change(GOOD, RUN),), (Change(RUN, GOOD),), None, (Remark(1, "wet"),),
+    (Override(1, "bus", "known", "Bob"),), "", 17,
+)  # fmt: skip
+
+
+def test_kinds_beyond_the_campaign_are_counted_behind_it(bench: Bench) -> None:
+    counts = counts_of(bench, RunLog())
+    assert counts.due is not None
+    assert counts.due.step.label == "baseline_bounce_1"
+    counts = counts_of(bench, long_run_log(20))
+    bounce = counts.tallies[0]
+    assert (bounce.mass_state, bounce.excitation) == ("baseline", Excitation.BOUNCE)
+    assert (bounce.accepted, bounce.rejected) == (18, 2)
+    assert counts.due is not None
+    assert counts.due.step.excitation is not Excitation.BOUNCE
+
+
+def test_a_turn_with_thousands_of_runs_counts_them_only_when_they_change(
+    bench: Bench, codec: Codec
+) -> None:
+    def turns_s(run_log: RunLog) -> float:
+        recording = Recording(bench, codec, _Nowhere(), run_log)
+        recording.status(Now(0, 0.0))
+        begun_s = time.process_time()
+        for k in range(100):
+            step(recording, FrameBatch.empty(), HopLosses(), Now(k, 0.1 * k))
+            recording.status(Now(k, 0.1 * k))
+        return time.process_time() - begun_s
+
+    few, many = long_run_log(20), long_run_log(2000)
+    few_s = min(turns_s(few) for _ in range(3))
+    many_s = min(turns_s(many) for _ in range(3))
+    assert many_s < 3 * few_s
+
+
+def test_what_is_due_comes_with_its_counts() -> None:
+    counts = counts_of(BENCH, LOG)
+    assert counts.due is not None
+    assert counts.due.step.label == "baseline_roll_1"
+    assert (counts.due.accepted, counts.due.planned, counts.due.rejected) == (0, 1, 0)
+    first, *others = counts.tallies
+    assert (first.accepted, first.planned, first.rejected) == (1, 1, 1)
+    assert all((t.accepted, t.planned, t.rejected) == (0, 1, 0) for t in others)
+    beyond = replace(RUN, label="baseline_warp_1", excitation=Excitation.WARP)
+    last = counts_of(BENCH, RunLog((beyond,))).tallies[-1]
+    assert (last.excitation, last.planned, last.rejected) == (Excitation.WARP, 0, 1)
+    kinds = [(step.mass_state, step.excitation, step.label) for step in BENCH.campaign.steps]
+    done = tuple(
+        LoggedRun(label, state, kind, 1, 5, LoggedStatus.ACCEPTED) for state, kind, label in kinds
+    )
+    complete = counts_of(BENCH, RunLog(done))
+    assert complete.due is None
+    assert [tally.accepted for tally in complete.tallies] == [1] * 4
+
+
+class _Nowhere:
+    def append(self, frames: FrameBatch, losses: HopLosses) -> None: ...
+
+    def append_events(self, events: object) -> None: ...

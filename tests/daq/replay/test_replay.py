@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import can
 import numpy as np
 import pytest
 
-from daq.errors import BusError
-from daq.replay import replay
-from daq.replay.replay import play
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses, SourceLosses
+from daq.errors import BusError, InputError
+from daq.journal.format import JournalHead
+from daq.journal.writer import JournalWriter
+from daq.replay import recorded_source, replay
+from daq.replay.recorded_source import RecordedSource, whole_frames
+from daq.replay.replay import play, recorded_frames
+from daq.sessions import Session
 from dbc import FrameBatch, FrameFlag
 
 from ..formats.mixed import batch_of, mixed
+from ..small_session import small_session
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -185,3 +193,221 @@ def test_every_receiver_of_a_virtual_bus_has_messages_of_its_own() -> None:
             assert message.arbitration_id == batch.can_id[i]
             assert bytes(message.data) == batch.data[i, : batch.length[i]].tobytes()
             assert message.is_rx == (number > 0)
+
+
+# Sending frames: gaps, steps back, several buses and patience, each limit on both sides -----------
+
+
+def _at(times_s: list[float]) -> FrameBatch:
+    batch = frames(len(times_s))
+    return replace(batch, t_ns=np.array([START_NS + round(t * 1e9) for t in times_s]))
+
+
+@pytest.mark.parametrize(
+    ("times_s", "passed_s"),
+    [
+        ([0.0, 9.9], 9.9),
+        ([0.0, 10.1], 0.0),  # what lies between two runs is skipped
+        ([0.0, 10.1, 11.0], 0.9),
+        ([0.0, 5.0, 4.1, 5.2], 5.2),  # a step back within a second is disorder
+        ([0.0, 5.0, 3.9, 5.2], 6.3),  # a longer one is another log
+        ([0.0, 9.0, 18.0], 18.0),
+    ],
+)
+def test_how_long_a_recording_takes(
+    clock: FalseTime, times_s: list[float], passed_s: float
+) -> None:
+    list(play([_at(times_s)], Wire(clock), 1.0))
+    assert clock.now_s - 100.0 == pytest.approx(passed_s, abs=1e-3)
+
+
+def test_a_frame_goes_to_the_bus_of_its_number_or_to_the_first(clock: FalseTime) -> None:
+    wires = [Wire(clock), Wire(clock), Wire(clock)]
+    batch = replace(frames(5), bus=np.array([0, 2, 1, 3, 255], np.uint8))
+    assert list(play([batch], wires[0], None, *wires[1:])) == [5]
+    sent = [[message.arbitration_id for _, message in wire.sent] for wire in wires]
+    assert sent == [[0x100, 0x18DA0003, 0x104], [0x102], [0x18DA0001]]
+
+
+@pytest.mark.parametrize(("refusals", "taken"), [(12, True), (13, False)])
+def test_a_bus_has_two_seconds_to_take_a_frame(
+    clock: FalseTime, refusals: int, taken: bool
+) -> None:
+    # Pauses of 0.5 ms, 1 ms, 2 ms ...: twelve of them are 2.0475 s, eleven 1.0235 s.
+    wire = Wire(clock, refusals=refusals)
+    if taken:
+        assert list(play([frames(1)], wire, None)) == [1]
+    else:
+        with pytest.raises(BusError):
+            list(play([frames(1)], wire, None))
+    assert sum(clock.slept_s) == pytest.approx(2.0475)
+
+
+def test_a_frame_that_a_bus_can_never_take_ends_it_at_once(clock: FalseTime) -> None:
+    wire = Wire(clock, refusals=1, error=ValueError("no CAN FD"))
+    with pytest.raises(BusError, match="no CAN FD"):
+        list(play([frames(1)], wire, None))
+    assert not clock.slept_s
+
+
+def test_patience_begins_anew_with_each_frame(clock: FalseTime) -> None:
+    class Moody(Wire):
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
+            super().send(msg, timeout)
+            self.refusals = 3
+
+    list(play([frames(2)], Moody(clock, refusals=3), None))
+    assert clock.slept_s == pytest.approx([0.0005, 0.001, 0.002] * 2)
+
+
+def test_progress_is_reported_each_256_frames(clock: FalseTime) -> None:
+    assert list(play([frames(257), frames(256)], Wire(clock), None)) == [256, 257, 513]
+
+
+# A recording played as a bus: when each frame comes, by a false clock, and which are played -------
+
+S = 1_000_000_000
+START_NS_OF_RECORDED_SOURCE = 1_800_000_000 * S
+
+
+@pytest.fixture
+def clock_of_recorded_source(monkeypatch: pytest.MonkeyPatch) -> FalseTime:
+    false = FalseTime()
+    monkeypatch.setattr(recorded_source, "time", false)
+    return false
+
+
+def _frames(times_s: list[float], bus: list[int] | None = None) -> FrameBatch:
+    n = len(times_s)
+    return FrameBatch(
+        np.array([START_NS_OF_RECORDED_SOURCE + round(t * S) for t in times_s], np.int64),
+        np.arange(n, dtype=np.uint32),
+        np.zeros(n, np.uint16),
+        np.array(bus or [0] * n, np.uint8),
+        np.zeros(n, np.uint8),
+        np.zeros((n, 8), np.uint8),
+    )
+
+
+def test_time_stamps_keep_their_distances_and_long_gaps_become_three_seconds(
+    clock_of_recorded_source: FalseTime,
+) -> None:
+    source = RecordedSource(_frames([5, 6, 8.9, 11.9, 15, 14, 14.5]), 0, 1.0, 7 * S)
+    assert not source.done
+    clock_of_recorded_source.now_s += 20
+    frames = source.read(0.0)
+    seconds = [0, 1, 3.9, 6.9, 9.9, 9.9, 10.4]
+    assert frames.t_ns.tolist() == [7 * S + round(t * S) for t in seconds]
+    assert frames.can_id.tolist() == list(range(7))
+    assert source.done
+    assert source.losses() == SourceLosses()
+    assert source.name == "recording"
+
+
+def test_frames_of_other_buses_take_their_time_and_are_left_out(
+    clock_of_recorded_source: FalseTime,
+) -> None:
+    source = RecordedSource(_frames([0, 2, 4, 5], [1, 0, 1, 0]), 0, 1.0, 0)
+    clock_of_recorded_source.now_s += 20
+    assert source.read(0.0).t_ns.tolist() == [2 * S, 5 * S]
+
+
+@pytest.mark.parametrize(("speed", "second_s"), [(1.0, 0.5), (2.0, 0.25), (0.5, 1.0)])
+def test_the_first_frame_comes_after_a_second_and_the_others_at_their_speed(
+    clock_of_recorded_source: FalseTime, speed: float, second_s: float
+) -> None:
+    source = RecordedSource(_frames([0, 0.5]), 0, speed, 0)
+    assert source.read(10.0).can_id.tolist() == [0]
+    assert source.read(10.0).can_id.tolist() == [1]
+    assert clock_of_recorded_source.slept_s == pytest.approx([1.0, second_s], abs=1e-3)
+
+
+def test_nobody_waits_longer_than_asked_or_shorter_than_it_takes_to_gather(
+    clock_of_recorded_source: FalseTime,
+) -> None:
+    source = RecordedSource(_frames([0, 0.001, 0.5]), 0, 1.0, 0)
+    assert len(source.read(0.3)) == 0
+    assert source.read(9.0).can_id.tolist() == [0]
+    assert source.read(9.0).can_id.tolist() == [1]
+    assert len(source.read(0.25)) == 0
+    assert source.read(9.0).can_id.tolist() == [2]
+    assert len(source.read(0.125)) == 0
+    slept = [0.3, 0.7, 0.01, 0.25, 0.239, 0.125]
+    assert clock_of_recorded_source.slept_s == pytest.approx(slept, abs=1e-3)
+
+
+def test_a_block_has_no_more_than_2048_frames(clock_of_recorded_source: FalseTime) -> None:
+    source = RecordedSource(_frames([0.0] * 3000), 0, 1.0, 0)
+    clock_of_recorded_source.now_s += 2
+    assert [len(source.read(0.0)) for _ in range(3)] == [2048, 952, 0]
+
+
+def _session(*spans: tuple[float, float]) -> Session:
+    """Return a session with a run of each span, a frame each tenth of a second."""
+    runs = []
+    for number, (first_s, last_s) in enumerate(spans, start=1):
+        times = np.arange(round(10 * first_s), round(10 * last_s) + 1) / 10
+        run = small_session().runs[0]
+        t0_ns = START_NS_OF_RECORDED_SOURCE + round(first_s * S)
+        runs.append(replace(run, repeat=number, t0_ns=t0_ns, frames=_frames(times.tolist())))
+    return replace(small_session(), runs=tuple(runs))
+
+
+def _seconds(frames: FrameBatch) -> list[float]:
+    return [round((t - START_NS_OF_RECORDED_SOURCE) / S, 3) for t in frames.t_ns.tolist()]
+
+
+def test_frames_of_runs_that_overlap_come_once_and_in_order() -> None:
+    session = _session((5.0, 5.4), (1.0, 1.3), (1.2, 1.5), (1.3, 1.4))
+    parts = [_seconds(part) for part in recorded_frames(session)]
+    assert parts == [[1.0, 1.1, 1.2, 1.3], [1.4, 1.5], [5.0, 5.1, 5.2, 5.3, 5.4]]
+
+
+def test_a_run_without_frames_is_passed_over() -> None:
+    session = _session((1.0, 1.1), (3.0, 3.1))
+    empty = replace(
+        session.runs[0], frames=FrameBatch.empty(), t0_ns=START_NS_OF_RECORDED_SOURCE + 2 * S
+    )
+    mixed = replace(session, runs=(*session.runs, empty))
+    assert [len(part) for part in recorded_frames(mixed)] == [2, 2]
+
+
+def _journal(
+    folder: Path, times_s: list[float], began_ns: int = START_NS_OF_RECORDED_SOURCE
+) -> None:
+    head = JournalHead("", "", "test", began_ns, 0)
+    limits = RecorderConfig(reserve_bytes=0.0)
+    with JournalWriter(folder, head, limits) as journal:
+        for time_s in times_s:
+            journal.append(_frames([time_s]), HopLosses())
+
+
+def test_the_frames_around_the_runs_are_played_too(tmp_path: Path) -> None:
+    _journal(tmp_path / "journal", [0.5, 2.9, 3.1, 5.0, 5.1, 6.0, 7.0, 7.1, 9.0, 9.2])
+    session = _session((5.0, 5.1), (7.0, 7.1))
+    found = _seconds(whole_frames(session, tmp_path / "car.h5"))
+    assert found == [3.1, 5.0, 5.1, 6.0, 7.0, 7.1, 9.0]
+
+
+@pytest.mark.parametrize("times_s", [[], [5.0], [5.0, 90.0]])
+def test_a_session_whose_journal_has_less_than_it_cannot_be_played_alone(
+    tmp_path: Path, times_s: list[float]
+) -> None:
+    if times_s:
+        _journal(tmp_path / "journal", times_s)
+    with pytest.raises(InputError, match=r"car\.h5"):
+        whole_frames(_session((5.0, 5.1)), tmp_path / "car.h5")
+
+
+def test_the_journal_is_the_recording_that_has_the_runs(tmp_path: Path) -> None:
+    for began, times in enumerate(([5.0], [4.0, 5.0, 5.1], [5.0, 5.1, 6.0, 6.1])):
+        _journal(tmp_path / "journal", times, START_NS_OF_RECORDED_SOURCE + began)
+    found = _seconds(whole_frames(_session((5.0, 5.1)), tmp_path / "car.h5"))
+    assert found == [4.0, 5.0, 5.1]
+
+
+def test_a_session_without_frames_cannot_be_played(tmp_path: Path) -> None:
+    _journal(tmp_path / "journal", [5.0])
+    session = small_session(FrameBatch.empty())
+    with pytest.raises(InputError, match="cannot be replayed alone"):
+        whole_frames(session, tmp_path / "car.h5")

@@ -11,14 +11,27 @@ from numpy.typing import NDArray
 from daq.bench.config import load_bench
 from daq.channels import SI_UNITS, Channel, Quantity
 from daq.runs import BASELINE, Excitation, Losses, Run, RunStatus, SampleGroup
-from daq.samples.converter import flat_tops, is_fine, is_stuck, share_changed
+from daq.samples.clock import counter_steps
+from daq.samples.converter import (
+    HealthState,
+    Hold,
+    advance,
+    flat_tops,
+    is_fine,
+    is_stuck,
+    longest_hold,
+    losses_added,
+    share_changed,
+)
 from daq.sessions import Session
 from daq.vehicle import Corner
 from daq.verdict.traffic import overload
 from daq.verdict.window import RunWindow, traces
-from dbc.frames import FrameBatch
+from dbc.frames import FrameBatch, FrameFlag
 from identify.decays.usable import usable
 from identify.trust.samples import sample_findings
+
+from ..small_campaign import START_NS, blocks, small_codec
 
 RATE_HZ = 1000.0
 STEP = 0.01
@@ -172,3 +185,265 @@ def at_desk(value: Array, t_ns: NDArray[np.int64]) -> tuple[object, ...]:
     session = Session(bench.vehicle, (HUB,), bench.mass_states, (run,), {})
     found = sample_findings(session, usable(session).records)
     return tuple(one for one in found if one.code == "saturation")
+
+
+#  -------------------------------------------------------------------------------------------------
+
+
+def _ns(t_ms: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.rint(t_ms * 1e6).astype(np.int64)
+
+
+@pytest.mark.parametrize("modulus", [16, 256])
+def test_lost_frames_are_counted_over_whole_turns(modulus: int) -> None:
+    rng = np.random.default_rng(1)
+    k = np.flatnonzero(rng.random(20_000) > 0.3)
+    k = k[(k < 5000) | (k > 9000)]
+    steps = counter_steps(k % modulus, modulus, _ns(k + 0.3 * rng.random(len(k))), 1e-3)
+    np.testing.assert_array_equal(steps.step, np.diff(k))
+    assert steps.missing == k[-1] - k[0] + 1 - len(k)
+
+
+@pytest.mark.parametrize("stall_ms", [20, 300, 900])
+def test_a_backlog_that_arrives_at_once_is_no_loss(stall_ms: int) -> None:
+    k = np.arange(3000)
+    arrival = np.where((k > 1000) & (k < 1000 + stall_ms), 1000.0 + stall_ms, k)
+    steps = counter_steps(k % 256, 256, _ns(arrival), 1e-3)
+    assert steps.missing == 0
+    assert not steps.restarted.any()
+    assert steps.late_s < 1e-3
+
+
+def test_frames_lost_within_a_backlog_are_counted() -> None:
+    k = np.delete(np.arange(3000), np.arange(1200, 1240))
+    arrival = np.where((k > 1000) & (k < 1300), 1300.0, k)
+    steps = counter_steps(k % 256, 256, _ns(arrival), 1e-3)
+    assert steps.missing == 40
+    assert not steps.restarted.any()
+
+
+def test_a_restart_is_no_loss_of_what_the_counter_skips() -> None:
+    counter = np.concatenate([np.arange(100), np.arange(100)])
+    steps = counter_steps(counter, 256, _ns(np.arange(200.0)), 1e-3)
+    np.testing.assert_array_equal(np.flatnonzero(steps.restarted), [99])
+    np.testing.assert_array_equal(steps.step, np.ones(199))
+    assert steps.missing == 0
+
+
+@pytest.mark.parametrize("pause_s", [2.6, 3.3, 11.0, 128.0, 256.0, 257.0])
+def test_a_sender_that_paused_has_lost_nothing(pause_s: float) -> None:
+    """By the time alone it were 256 frames after 2.6 s, and 25,600 after 256 s."""
+    arrival = np.arange(200.0) * 10
+    arrival[100:] += pause_s * 1e3
+    steps = counter_steps(np.arange(200) % 256, 256, _ns(arrival), 0.01)
+    assert steps.missing == 0
+    np.testing.assert_array_equal(np.flatnonzero(steps.restarted), [99])
+    assert steps.late_s < 1e-9
+
+
+@pytest.mark.parametrize(("cycles", "missing"), [(97, 96), (113, 0)])
+def test_a_silence_of_a_second_is_a_pause(cycles: int, missing: int) -> None:
+    """At 100 Hz, with a counter of four bits: 0.97 s and 1.13 s are whole turns and one frame."""
+    arrival = np.arange(40.0) * 10
+    arrival[20:] += (cycles - 1) * 10
+    assert counter_steps(np.arange(40) % 16, 16, _ns(arrival), 0.01).missing == missing
+
+
+def test_repeated_frames_are_no_loss() -> None:
+    steps = counter_steps(np.array([3, 4, 4, 5]), 256, _ns(np.array([0, 1, 1.2, 2])), 1e-3)
+    np.testing.assert_array_equal(steps.step, [1, 0, 1])
+    assert steps.missing == 0
+
+
+def test_without_a_cycle_the_counter_is_taken_at_its_word() -> None:
+    steps = counter_steps(np.array([250, 255, 3]), 256, _ns(np.array([0.0, 1, 9000])), None)
+    np.testing.assert_array_equal(steps.step, [5, 4])
+    assert steps.missing == 7
+
+
+@pytest.mark.parametrize(
+    ("counter", "late_s"),
+    [
+        (np.arange(21), 0.02),
+        (np.delete(np.arange(22), 5), 0.0195),
+        (np.concatenate([np.arange(11), np.arange(10)]), 0.02),
+    ],
+    ids=["whole", "one lost", "a restart"],
+)
+def test_a_delay_is_carried_over_and_forgotten_by_a_twentieth(
+    counter: NDArray[np.int64], late_s: float
+) -> None:
+    """The first of the frames is 3 cycles late; 20 (21) cycles later one of them is forgotten."""
+    sent = np.arange(21) + (np.arange(21) >= 5) * (counter[5] == 6)
+    steps = counter_steps(counter, 256, _ns(sent * 10.0), 0.01, 0.03)
+    assert steps.late_s == pytest.approx(late_s)
+
+
+#  -------------------------------------------------------------------------------------------------
+
+CODEC = small_codec()
+
+
+def _frames(n: int) -> FrameBatch:
+    """Two messages in turn, 1 ms each; what else a bus carries is added by the tests."""
+    front, rear = CODEC.message("HUB_Front"), CODEC.message("HUB_Rear")
+    data = np.empty((2 * n, 8), np.uint8)
+    zeros = np.zeros(n)
+    data[0::2] = CODEC.encode("HUB_Front", {"acc_fl": zeros}, counter_start=200)
+    data[1::2] = CODEC.encode("HUB_Rear", {"acc_rl": zeros})
+    return FrameBatch(
+        START_NS + np.arange(2 * n) * 500_000,
+        np.tile(np.array([front.can_id, rear.can_id], np.uint32), n),
+        np.zeros(2 * n, np.uint16),
+        np.zeros(2 * n, np.uint8),
+        np.full(2 * n, 6, np.uint8),
+        data,
+    )
+
+
+def _health(frames: FrameBatch, size: int) -> HealthState:
+    state = HealthState()
+    for block in blocks(frames, size):
+        state = advance(CODEC.messages, state, CODEC.decode(block))
+    return state
+
+
+@pytest.mark.parametrize("size", [1, 7, 200, 10_000])
+def test_lost_frames_are_counted_whatever_the_blocks(size: int) -> None:
+    frames = _frames(1500)
+    lost = np.zeros(len(frames), bool)
+    lost[[100, 101, 102, 777]] = True
+    lost[1200:1400] = True
+    state = _health(frames.select(~lost), size)
+    assert state.losses == Losses(counter_gaps=204)
+    assert state.counters["HUB_Front"].missing == 2 + 100
+    assert state.counters["HUB_Rear"].missing == 2 + 100
+    received = sum(counter.received for counter in state.counters.values())
+    assert received == len(frames) - 204
+
+
+@pytest.mark.parametrize("size", [1, 50, 10_000])
+def test_garbled_frames_are_counted_once(size: int) -> None:
+    frames = _frames(500)
+    data = frames.data.copy()
+    data[[0, 1, 300, 302, 304, 999], 0] ^= 0x10
+    garbled = FrameBatch(frames.t_ns, frames.can_id, frames.flags, frames.bus, frames.length, data)
+    assert _health(garbled, size).losses == Losses(crc_bad=6)
+    lost = np.arange(len(frames)) == 306
+    assert _health(garbled.select(~lost), size).losses == Losses(crc_bad=6, counter_gaps=1)
+
+
+def test_what_is_not_decoded_is_counted_by_kind() -> None:
+    frames = _frames(100)
+    flags, ids, length = frames.flags.copy(), frames.can_id.copy(), frames.length.copy()
+    flags[[0, 2]] = FrameFlag.ERROR
+    flags[4] = FrameFlag.REMOTE
+    ids[[1, 3, 5]] = 0x7AB
+    length[195] = 2
+    batch = FrameBatch(frames.t_ns, ids, flags, frames.bus, length, frames.data)
+    found = _health(batch, 10).losses
+    assert (found.error_frames, found.remote_frames, found.unknown_id) == (2, 1, 3)
+    assert found.wrong_length == 1
+
+
+def test_a_frame_of_wrong_length_with_a_bad_checksum_is_counted_once() -> None:
+    wide = np.zeros((100, 64), np.uint8)
+    wide[:, :12] = 0x7F  # HUB_Front has 6 bytes, as issued; FD frames of 12 with its identifier
+    n = np.arange(100)
+    fd = np.full(100, FrameFlag.FD, np.uint16)
+    front = CODEC.message("HUB_Front").can_id
+    bus, length = np.zeros(100, np.uint8), np.full(100, 12, np.uint8)
+    batch = FrameBatch(n, np.full(100, front, np.uint32), fd, bus, length, wide)
+    losses = _health(batch, 10).losses
+    assert (losses.crc_bad, losses.wrong_length, losses.measured) == (0, 100, 100)
+    assert losses.words == "100 frames unusable"
+
+
+def test_a_restart_of_a_sensor_is_reported_and_not_taken_for_loss() -> None:
+    first, second = _frames(300), _frames(300)
+    later = FrameBatch(
+        second.t_ns + 300_000_000,
+        second.can_id,
+        second.flags,
+        second.bus,
+        second.length,
+        second.data,
+    )
+    state = _health(FrameBatch.concatenate([first, later]), 100)
+    assert state.losses.counter_gaps == 0
+    assert {name: c.restarts for name, c in state.counters.items()} == {
+        "HUB_Front": 1,
+        "HUB_Rear": 1,
+    }
+
+
+def test_losses_are_added_field_by_field() -> None:
+    one, other = Losses(*range(1, 10)), Losses(*range(10, 100, 10))
+    both = losses_added(one, other)
+    assert both == Losses(11, 22, 33, 44, 55, 66, 77, 88, 99)
+
+
+# The longest hold of a value in a run, and when it is too long to be chance -----------------------
+
+T_S_OF_HOLD = np.arange(2000) / 1000.0
+"""A run of 2 s at 1 kHz: at rest until 0.3 s, the decay from 0.5 s on."""
+
+
+def held(begin_s: float, end_s: float) -> Hold:
+    """Return the longest hold of a channel that changes in each sample but between two times."""
+    value = np.arange(2000.0)
+    first, last = np.searchsorted(T_S_OF_HOLD, [begin_s - 1e-9, end_s + 1e-9])
+    value[first:last] = value[first]
+    return longest_hold(T_S_OF_HOLD, value, 0.3, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("begin_s", "end_s", "held_s"),
+    [
+        (0.6, 0.7, 0.1),
+        (0.999, 1.4, 0.401),  # it begins within half a second after the start of the decay
+        (1.001, 1.4, 0.0),
+        (0.1, 0.499, 0.0),  # it is over before the decay
+        (0.1, 0.502, 0.402),
+    ],
+)
+def test_a_hold_counts_if_it_begins_early_in_the_decay_or_reaches_into_it(
+    begin_s: float, end_s: float, held_s: float
+) -> None:
+    found = held(begin_s, end_s)
+    assert found.held_s == pytest.approx(held_s)
+    assert not found.constant
+    if held_s:
+        assert found.last - found.first == round(1000 * held_s)
+
+
+def test_rates_are_those_of_the_rest_and_of_the_decay_and_not_of_the_bump() -> None:
+    value = np.zeros(2000)
+    value[:300:3] = 1.0  # 200 of 299 differences
+    value[300:500] = np.arange(200)
+    value[500:] = np.arange(1500) // 10  # one of ten
+    found = longest_hold(T_S_OF_HOLD, value, 0.3, 0.5)
+    assert found.rest_rate == pytest.approx(2 / 3, abs=0.01)
+    assert found.decay_rate == pytest.approx(0.1, abs=0.001)
+    assert (found.last - found.first, found.constant) == (9, False)
+
+
+def test_a_constant_channel_is_held_for_the_whole_run() -> None:
+    found = longest_hold(T_S_OF_HOLD, np.full(2000, 3.0), 0.3, 0.5)
+    assert (found.first, found.last, found.constant) == (0, 1999, True)
+    assert found.held_s == pytest.approx(1.999)
+    assert (found.rest_rate, found.decay_rate) == (0.0, 0.0)
+
+
+def test_a_hold_is_frozen_from_a_fifth_of_a_second_and_20_expected_changes_on() -> None:
+    time_s = np.arange(80) / 200.0
+    value = np.arange(80.0)
+    value[30:70] = 0.0  # 40 samples, 0.195 s
+    short = longest_hold(time_s, value, 0.1, 0.12)
+    assert short.held_s == pytest.approx(0.195)
+    assert not short.is_frozen(1.0)
+    long = longest_hold(time_s * 1.03, value, 0.1, 0.12)
+    assert long.held_s == pytest.approx(0.201, abs=0.001)
+    assert long.is_frozen(0.5)
+    assert not long.is_frozen(0.49)
+    assert not long.is_frozen(np.nan)

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+from itertools import permutations
 from typing import Any
 
 import numpy as np
 import pytest
 
 from daq.channels import Channel, Quantity, paper_channels
-from daq.vehicle import FORD_GRANADA, Corner
+from daq.runs import ADDED as ADDED_STATE
+from daq.runs import BASELINE as BASELINE_STATE
+from daq.runs import Excitation
+from daq.vehicle import FORD_GRANADA, Corner, VehicleGeometry
 from dbc.errors import InputError
 from identify.model.matrices import physical_model
-from identify.modes.modal_model import ModalModel, displacement_shapes, mac, modes_of, mpc
+from identify.modes.modal_model import (
+    MODE_NAMES,
+    ModalModel,
+    best_pairs,
+    displacement_shapes,
+    mac,
+    mode_names,
+    modes_of,
+    mpc,
+    pair_modes,
+)
+from identify.modes.vehicle_modes import sensed_modes
+
+from ..bumps import CASES, paper_records
 
 TRUTH = modes_of(physical_model(FORD_GRANADA).A)
 GEOMETRY = FORD_GRANADA.geometry
@@ -136,3 +153,168 @@ def test_modes_are_complex_numbers_of_double_precision_whatever_they_are_made_of
     model = ModalModel(poles, shapes)
     assert (model.poles.dtype.name, model.shapes.dtype.name) == ("complex128", "complex128")
     assert model.shapes[0].tolist() == pytest.approx([0.5, 1.0 / 3.0], rel=1e-15)
+
+
+# Names of modes by content ------------------------------------------------------------------------
+
+BASELINE = physical_model(FORD_GRANADA)
+ADDED = BASELINE.with_mass(np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]))
+
+
+def test_the_modes_of_the_granada_have_the_names_of_the_reference() -> None:
+    assert mode_names(modes_of(BASELINE.A), GEOMETRY) == (
+        "body bounce",
+        "body pitch",
+        "body roll",
+        "rear wheels antisymmetric",
+        "rear wheels symmetric",
+        "front wheels antisymmetric",
+        "front wheels symmetric",
+    )
+
+
+def test_the_swap_shows_in_the_names() -> None:
+    names = mode_names(modes_of(ADDED.A), GEOMETRY)
+    assert names[3:5] == ("rear wheels symmetric", "rear wheels antisymmetric")
+    assert sorted(names) == sorted(MODE_NAMES)
+
+
+def test_pure_motions_and_one_mode_too_many() -> None:
+    shapes = np.zeros((7, 8), dtype=complex)
+    shapes[0, 0] = shapes[1, 1] = shapes[2, 2] = 1j
+    for number, (left, right) in enumerate([(3, 4), (5, 6)]):
+        shapes[left, 3 + 2 * number : 5 + 2 * number] = 1.0
+        shapes[right, 3 + 2 * number : 5 + 2 * number] = [1.0, -1.0]
+    shapes[:, 7] = 0.1
+    poles = np.asarray(-1.0 + 1j * np.arange(1.0, 9.0), dtype=np.complex128)
+    assert mode_names(ModalModel(poles, shapes), GEOMETRY) == (*MODE_NAMES, "further mode")
+
+
+@pytest.mark.parametrize(
+    ("wheels", "name"), [(0.55, "body bounce"), (0.58, "front wheels symmetric")]
+)
+def test_two_wheels_count_by_the_root_of_their_squares_and_the_body_by_its_corners(
+    wheels: float, name: str
+) -> None:
+    """Four corners at 0.4 have the norm 0.8; two wheels have it at 0.8 / sqrt(2) = 0.566 each."""
+    shape = np.array([0.4, 0.0, 0.0, wheels, wheels, 0.0, 0.0], dtype=complex)
+    model = ModalModel(np.array([-1.0 + 10.0j]), shape[:, None])
+    assert mode_names(model, GEOMETRY) == (name,)
+
+
+UNEQUAL = VehicleGeometry(1.0, 2.0, 0.6, 0.8)
+
+
+@pytest.mark.parametrize(
+    ("entries", "border", "name"),
+    [
+        ((0, 1, 0, 0, 0, 0, 0), 2.0 / 3.0, "body pitch"),
+        ((0, 0, 1, 0, 0, 0, 0), 1.0 / 0.7, "body roll"),
+        ((0, 0, 0, 1, 1, 0, 0), 2.0**0.5, "front wheels symmetric"),
+        ((0, 0, 0, 1, -1, 0, 0), 2.0**0.5, "front wheels antisymmetric"),
+        ((0, 0, 0, 0, 0, 1, 1), 2.0**0.5, "rear wheels symmetric"),
+        ((0, 0, 0, 0, 0, 1, -1), 2.0**0.5, "rear wheels antisymmetric"),
+    ],
+)
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_a_motion_names_a_mode_where_it_is_larger_than_the_bounce(
+    entries: tuple[float, ...], border: float, name: str, share: float
+) -> None:
+    """Beside a bounce of 1, whose four corners have the norm 2.
+
+    Pitch by the wheelbase of 3 m, roll by twice the mean half track of 0.7 m, two wheels by
+    sqrt(2).
+    """
+    shape = np.array([share * border * entry for entry in entries], dtype=complex)
+    shape[0] += 1.0
+    model = ModalModel(np.array([-1.0 + 10.0j]), shape[:, None])
+    assert mode_names(model, UNEQUAL) == (name if share > 1.0 else "body bounce",)
+
+
+# Pairing of modes by shape ------------------------------------------------------------------------
+
+
+def test_the_swapped_wheel_modes_are_paired_by_shape() -> None:
+    pairing = pair_modes(modes_of(BASELINE.A), modes_of(ADDED.A))
+    assert list(pairing.baseline) == [0, 1, 2, 3, 4, 5, 6]
+    assert list(pairing.added) == [0, 1, 2, 4, 3, 5, 6]  # reference: 4 and 5 change places
+    assert pairing.swapped == ((3, 4),)
+    assert pairing.mac.min() > 0.995
+    assert pairing.margin.min() > 0.8
+
+
+def test_symmetric_modes_stay_symmetric_through_the_pairing() -> None:
+    pairing = pair_modes(modes_of(BASELINE.A), modes_of(ADDED.A))
+    for model, order in ((BASELINE, pairing.baseline), (ADDED, pairing.added)):
+        shapes = modes_of(model.A).shapes[:, order]
+        roll = np.abs(shapes[5] - shapes[6]) > np.abs(shapes[5] + shapes[6])
+        assert list(roll) == [False, False, True, True, False, True, False]
+
+
+def test_a_mode_without_partner_stays_alone() -> None:
+    modes = modes_of(BASELINE.A)
+    fewer = ModalModel(modes.poles[[0, 2, 6]], modes.shapes[:, [0, 2, 6]])
+    pairing = pair_modes(modes, fewer)
+    assert list(pairing.baseline) == [0, 2, 6]
+    assert list(pairing.added) == [0, 1, 2]
+    assert pairing.swapped == ()
+
+
+def test_shapes_of_different_channels_are_refused() -> None:
+    modes = modes_of(BASELINE.A)
+    with pytest.raises(InputError, match="7 and of 6 channels"):
+        pair_modes(modes, ModalModel(modes.poles, modes.shapes[:6]))
+
+
+def test_the_swapped_pair_is_matched_from_clean_and_from_noisy_decays() -> None:
+    for noise_db, seeds in ((200.0, 1), (30.0, 2)):
+        for seed in range(seeds):
+            records = paper_records(200.0, noise_db, seed, (*CASES, Excitation.WARP))
+            models = []
+            for state in (BASELINE_STATE, ADDED_STATE):
+                mine = [record for record in records if record.mass_state == state]
+                sensed = sensed_modes(mine, [record.decay(0.3 + 1e-9) for record in mine])
+                models.append(sensed.model)
+            names = [
+                mode_names(
+                    displacement_shapes(model, paper_channels(), FORD_GRANADA.geometry),
+                    FORD_GRANADA.geometry,
+                )
+                for model in models
+            ]
+            pairing = pair_modes(*models)
+            assert len(pairing.baseline) == 7
+            for light, heavy in zip(pairing.baseline, pairing.added, strict=True):
+                assert names[0][light] == names[1][heavy]
+            assert pairing.margin.min() > 0.7
+            if noise_db > 100.0:
+                assert pairing.swapped == ((3, 4),)
+
+
+def test_without_modes_there_is_nothing_to_pair_and_a_pairing_cannot_be_changed() -> None:
+    modes = modes_of(BASELINE.A)
+    none = ModalModel(np.zeros(0, complex), np.zeros((7, 0), complex))
+    for pairing in (pair_modes(modes, none), pair_modes(none, modes), pair_modes(none, none)):
+        assert (len(pairing.mac), len(pairing.margin), pairing.swapped) == (0, 0, ())
+    whole = pair_modes(modes, modes)
+    for array in (whole.baseline, whole.added, whole.mac, whole.margin):
+        assert not array.flags.writeable
+
+
+# Pairs that are worth most, whether or not two rows want the same column --------------------------
+
+
+def test_no_other_pairs_are_worth_more() -> None:
+    rng = np.random.default_rng(3)
+    for shape in [(4, 4)] * 20 + [(3, 5), (5, 3)]:
+        worth = rng.random(shape)
+        rows, columns = best_pairs(worth)
+        wide = worth if shape[0] <= shape[1] else worth.T
+        orders = permutations(range(wide.shape[1]), len(wide))
+        best = max(sum(row[j] for row, j in zip(wide, order, strict=True)) for order in orders)
+        assert len(set(rows.tolist())) == len(set(columns.tolist())) == min(shape)
+        assert np.isclose(worth[rows, columns].sum(), best)
+
+
+def test_without_modes_there_are_no_pairs() -> None:
+    assert len(best_pairs(np.zeros((0, 3)))[0]) == 0

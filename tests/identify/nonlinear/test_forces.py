@@ -10,12 +10,26 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from daq.bench.bench_tables import StructureTable
+from daq.vehicle import ELEMENTS, Fact
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import Estimate
-from identify.nonlinear.car import KNOTS, Car, Model, car
-from identify.nonlinear.forces import AxleForces, axle_forces, element_estimates, element_in_words
+from identify.nonlinear.begin import weak_priors
+from identify.nonlinear.car import K_S, K_T, KNOTS, MASS, STATIC, Car, Model, X, Y, car
+from identify.nonlinear.forces import (
+    AxleForces,
+    DamperCurve,
+    Forces,
+    axle_forces,
+    element_estimates,
+    element_in_words,
+    force_quantities,
+    forces_at_speeds,
+)
+from identify.nonlinear.path import PATH, POLISH, ROUGH, USUAL, Grade, Level
+from identify.nonlinear.release import BY_NAME, GROUPS, STAGES
 
-from .cars import RICH, bent, model_of
+from .cars import RICH, bent, granada, model_of
 from .truth import BASELINE
 
 MODEL = model_of(knots="K1")
@@ -236,3 +250,187 @@ def test_a_mount_that_is_hardly_seen_is_at_least_so_stiff() -> None:
     open_end = replace(seen, low=-1e-9)
     front, _ = forces(one, {"s_mf": open_end}, np.eye(1), SPEEDS)
     assert front.values["mount"].high == np.inf
+
+
+# The elements that a bench may force or forbid are those that the fit knows -----------------------
+
+
+def test_bench_file_vehicle_and_fit_know_the_same_elements() -> None:
+    names = {group.name for group in GROUPS}
+    assert names == set(ELEMENTS)
+    assert names == set(StructureTable.model_fields) - {"symmetric"}
+    released = {name for stage in STAGES for name in stage}
+    assert released | {"damper_mounts", "static_friction"} == names
+
+
+def test_an_element_that_is_not_stated_is_left_to_the_data() -> None:
+    assert StructureTable().decided == {}
+    stated = StructureTable(friction=False, anti_roll_bars=True)
+    assert stated.decided == {"anti_roll_bars": True, "friction": False}
+
+
+def test_unequal_corners_differ_by_their_share_left_and_right() -> None:
+    model = model_of()
+    eta = bent(model, dk_sf=0.2, dk_tr=-0.1, dm_uf=0.3)
+    one = car(model, eta, BASELINE, np.array([model.names.index("dk_sf")]))
+    assert one.corner[:, K_S] == pytest.approx([1.02 * 17e3, 0.98 * 17e3, 22e3, 22e3])
+    assert one.corner[:, K_T] == pytest.approx([192e3, 192e3, 0.99 * 192e3, 1.01 * 192e3])
+    assert one.corner[:, MASS] == pytest.approx([1.03 * 40.5, 0.97 * 40.5, 45.4, 45.4])
+    assert one.d_corner[:, K_S, 0] == pytest.approx([1.7e3, -1.7e3, 0.0, 0.0])
+
+
+def test_a_heavier_wheel_weighs_on_the_scales() -> None:
+    names = ("corner_fl_kg", "corner_fr_kg", "corner_rl_kg", "corner_rr_kg")
+    facts = tuple(Fact(name, 0.0, 1.0) for name in names)
+    model = Model(GreyBox((), (BASELINE,), None, RICH, facts), KNOTS["K3"])
+    even, _ = model.fact_misfits(bent(model))
+    uneven, slopes = model.fact_misfits(bent(model, dm_uf=0.3, dm_ur=-0.5))
+    # Units of 0.1: 3 % of 40.5 kg more on the front left, 5 % of 45.4 kg less on the rear left.
+    np.testing.assert_allclose(even - uneven, [1.215, -1.215, -2.27, 2.27], rtol=1e-9)
+    np.testing.assert_allclose(
+        slopes[:, model.names.index("dm_uf")], [4.05, -4.05, 0.0, 0.0], rtol=1e-9
+    )
+
+
+def test_wheels_that_lift_show_the_cross_weight_without_scales() -> None:
+    """A free four-legged table: two opposite wheels carry more, and nothing turns it over."""
+    model = Model(GreyBox((), (BASELINE,), None, RICH, lifts=True), KNOTS["K3"])
+    place = model.names.index("cross weight")
+    even, crossed = bent(model), bent(model)
+    crossed[place] = 0.4
+    before, after = (car(model, eta, BASELINE, np.array([place])) for eta in (even, crossed))
+    more = after.corner[:, STATIC] - before.corner[:, STATIC]
+    assert more[0] == pytest.approx(4.0 * 9.80665)
+    assert more[1] == pytest.approx(-more[0])
+    assert [more.sum(), more @ after.corner[:, X], more @ after.corner[:, Y]] == pytest.approx(
+        [0.0, 0.0, 0.0], abs=1e-9
+    )
+    assert after.d_corner[:, STATIC, 0] * 0.4 == pytest.approx(more)
+    _, prior = weak_priors(model, even)
+    body_kg = granada()[0]
+    assert prior[place] * 10.0 == pytest.approx(0.1 * body_kg / 4.0)
+    assert "cross weight" not in model_of().names
+
+
+def test_an_element_may_show_on_one_axle_alone() -> None:
+    parts = BY_NAME["tyre_damping"].parts(("c_tf", "c_tr"))
+    assert parts == (("c_tf", "c_tr"), ("c_tf",), ("c_tr",))
+    knees = BY_NAME["damper_knees"].parts(("h_f1", "h_f3", "h_r1"))
+    assert knees == (("h_f1", "h_f3", "h_r1"),)
+    assert BY_NAME["cg_offset"].members(model_of()) == ("y_s",)
+
+
+def test_what_cannot_be_negative_is_absent_below_zero() -> None:
+    """Bars of a solid axle, a spring that softens and differences of sides may be negative."""
+    assert {group.name for group in GROUPS if group.positive} == {
+        "friction", "static_friction", "damper_mounts", "tyre_damping", "progressive_tyres",
+        "bump_stops",
+    }  # fmt: skip
+
+
+# Steps and roundings of each stage of a fit, and forces at the speeds of tables -------------------
+
+
+@pytest.mark.parametrize(
+    ("grade", "path_ms", "between_ms", "mounted_ms", "fine_ms", "filter_ms"),
+    [
+        (ROUGH, 0.625, 2.5, 1.25, 1.25, 2.5),
+        (USUAL, 0.3125, 2.5, 1.25, 0.625, 2.5),
+        (POLISH, 0.25, 0.5, 0.5, 0.5, 1.0),
+    ],
+)
+def test_steps_of_path_and_tangents(
+    grade: Grade,
+    path_ms: float,
+    between_ms: float,
+    mounted_ms: float,
+    fine_ms: float,
+    filter_ms: float,
+) -> None:
+    """The fastest wheels turn once in 80 ms; the middle of a tangent's step is a node of a path."""
+    assert 1e3 * grade.step_s == pytest.approx(path_ms)
+    for steps, step_ms in (
+        (grade.tangent_steps, between_ms),
+        (grade.mounted_steps, mounted_ms),
+        (grade.fine_steps, fine_ms),
+    ):
+        assert 1e3 * steps * grade.step_s == pytest.approx(step_ms)
+        assert steps % 2 == 0
+    assert grade.tangent_steps % grade.fine_steps == grade.mounted_steps % grade.fine_steps == 0
+    assert 1e3 * grade.filter_s == pytest.approx(filter_ms)
+
+
+@pytest.mark.parametrize(
+    ("level", "knee_mm_s", "turn_mm_s", "lag_ms", "loss_ms", "stop_mm", "load_n"),
+    [
+        (PATH, 0.5, 0.01, 0.02, 0.12, 0.05, 20.0),  # beside 1 m/s, 0.5 mm, 25 mm and 3 kN
+        (ROUGH.path, 4.0, 0.5, 0.25, 0.25, 0.1, 60.0),
+        (ROUGH.coarse, 10.0, 3.0, 1.2, 0.5, 0.5, 200.0),
+        (ROUGH.fine, 5.0, 1.0, 0.5, 0.5, 0.2, 100.0),
+        (USUAL.coarse, 10.0, 3.0, 1.2, 0.5, 0.5, 200.0),
+        (USUAL.fine, 2.0, 0.5, 0.02, 0.25, 0.1, 60.0),
+        (POLISH.coarse, 2.0, 0.3, 0.1, 0.2, 0.1, 60.0),
+    ],
+)
+def test_corners_of_the_laws_are_rounded_no_more_than_the_stage_may(
+    level: Level,
+    knee_mm_s: float,
+    turn_mm_s: float,
+    lag_ms: float,
+    loss_ms: float,
+    stop_mm: float,
+    load_n: float,
+) -> None:
+    found = [1e3 * level.knee_m_s, 1e3 * level.turn_m_s, 1e3 * level.lag_s, 1e3 * level.loss_s]
+    assert found == pytest.approx([knee_mm_s, turn_mm_s, lag_ms, loss_ms])
+    assert 1e3 * level.stop_m == pytest.approx(stop_mm)
+    assert level.load_n == load_n
+
+
+def test_a_path_is_exact_from_the_usual_fit_on_and_a_polish_knows_one_rounding() -> None:
+    assert (USUAL.path, POLISH.path) == (PATH, PATH)
+    assert POLISH.fine == POLISH.coarse
+
+
+def curve(low: float, high: float) -> DamperCurve:
+    speed = np.linspace(low, high, round((high - low) / 0.01) + 1)
+    return DamperCurve(
+        speed, 1000.0 * speed, np.full(len(speed), 5.0), 1100.0 * speed, np.full(len(speed), 8.0)
+    )
+
+
+def test_tables_of_dampers_have_four_speeds_each_way() -> None:
+    found = [one.speed_m_s for one in forces_at_speeds(curve(-0.45, 0.45))]
+    assert found == [-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4]
+    ends = [one.speed_m_s for one in forces_at_speeds(curve(-0.4, 0.2))]
+    assert ends == pytest.approx([-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2])
+
+
+def test_every_force_has_a_name_of_axle_and_element() -> None:
+    friction = Estimate(50.0, 2.0, 46.0, 54.0, "N")
+    front = AxleForces("front", curve(-0.07, 0.12), {"pre_sliding_length": friction}, ())
+    rear = AxleForces("rear", curve(-0.01, 0.06), {"friction": friction}, ())
+    found = force_quantities(Forces((front, rear), ()))
+    assert list(found) == [
+        "front pre sliding length",
+        "front damper -0.05 m/s", "front corner -0.05 m/s",
+        "front damper +0.05 m/s", "front corner +0.05 m/s",
+        "front damper +0.10 m/s", "front corner +0.10 m/s",
+        "rear friction",
+        "rear damper +0.05 m/s", "rear corner +0.05 m/s",
+    ]  # fmt: skip
+    assert found["rear friction"] is friction
+    assert found["front damper +0.10 m/s"].value == pytest.approx(100.0)
+    assert found["front corner +0.10 m/s"].value == pytest.approx(110.0)
+
+
+@pytest.mark.parametrize(("std_n", "determined"), [(12.0, True), (60.0, False)])
+def test_a_force_is_determined_beside_fifty_newtons_where_it_is_small(
+    std_n: float, determined: bool
+) -> None:
+    """A damper may have nearly none at a low speed: 5 N at 5 cm/s."""
+    speed = np.linspace(-0.1, 0.1, 21)
+    small = DamperCurve(speed, 100.0 * speed, np.full(21, std_n), 100.0 * speed, np.full(21, std_n))
+    (found,) = (one.damper for one in forces_at_speeds(small) if one.speed_m_s == 0.05)
+    assert found.size == 50.0
+    assert found.determined is determined

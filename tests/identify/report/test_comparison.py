@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import nan
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from identify import Identification, Judgement
+from dbc.finding import Finding, Severity
+from identify import Estimate, Identification, Judgement
+from identify.change import Change, NamedChange
 from identify.compare import Comparison, compare
 from identify.fit.estimation import Estimation
-from identify.fit.uncertainty import estimates
-from identify.report.blocks import Gallery, Table
-from identify.report.comparison import comparison_sections
+from identify.fit.uncertainty import ModeEstimate, estimates
+from identify.report.blocks import Gallery, Section, Table
+from identify.report.comparison import change_table, comparison_sections, unchanged_line
 from identify.report.decays import overlay_drawing, overlay_gallery
 from identify.report.figure import figure_of
 from identify.report.html import comparison_html
 
 from ..changes import session
-from .pages import drawn
+from .pages import at, drawn, picture, sources, tables, texts
 
 
 def held(fits: list[Estimation]) -> Comparison:
@@ -132,3 +135,288 @@ def test_a_sensor_whose_zero_lies_elsewhere_is_drawn_over_the_other(
 
 def test_sessions_without_a_run_in_common_have_no_gallery(fits: list[Estimation]) -> None:
     assert overlay_gallery([], []) is None
+
+
+# The page of a comparison against sessions made by hand: cells, figures, words of the change ------
+
+
+def estimate(value: float, std: float, unit: str) -> Estimate:
+    half = 1.959963984540054 * std
+    return Estimate(value, std, value - half, value + half, unit)
+
+
+def session_of_comparison_page(
+    m_s: float, k_sf: float, hertz: float, lost: bool = False
+) -> Identification:
+    parameters = {"m_s": estimate(m_s, 3.0, "kg"), "k_sf": estimate(k_sf, 40.0, "N/m")}
+    parameters["t_f"] = estimate(0.7, 9.0 if lost else 0.0, "m")
+    findings = (Finding("wide", Severity.WARNING, "wide"),) if lost else ()
+    mode = ModeEstimate(estimate(hertz, 0.01, "Hz"), estimate(0.25, 0.01, "1"))
+    return Identification(
+        Judgement(findings, 1.0), {}, parameters=parameters,
+        modes={"baseline": (mode,)}, mode_names={"baseline": ("body bounce",)},
+    )  # fmt: skip
+
+
+def two() -> Comparison:
+    return compare(
+        ["before", "after"],
+        [
+            session_of_comparison_page(1000, -20000, 1.2),
+            session_of_comparison_page(1004, -20500, 1.2),
+        ],
+    )
+
+
+def first(comparison: Comparison) -> Section:
+    return comparison_sections(comparison)[0]
+
+
+def test_each_difference_stands_with_both_values_and_its_interval() -> None:
+    """Its deviation is 3 or 40 times the root of two; z is 4 / 4.24 and -500 / 56.6."""
+    comparison = two()
+    found = tables(first(comparison))
+    parameters = found["Parameters: after minus before"]
+    assert parameters.columns == (
+        "", "#first", "#this", "#difference", "#±", "#z", "at 95 %", "unit",
+    )  # fmt: skip
+    assert texts(parameters) == [
+        ["m_s", "1,000.0", "1,004.0", "+4.0", "8.3", "+0.94", "· within chance", "kg"],
+        ["k_sf", "-20,000", "-20,500", "-500", "110", "-8.84", "✓ differs", "N/m"],
+    ]
+    assert sources(parameters)[1] == [
+        "parameters/1/name", "parameters/1/estimates/0", "parameters/1/estimates/1",
+        "parameters/1/differences/0", "parameters/1/differences/0",
+        "parameters/1/differences/0/z", "", "",
+    ]  # fmt: skip
+    modes = found["Modes: after minus before"]
+    assert texts(modes) == [
+        ["baseline: body bounce, frequency", "1.200", "1.200", "+0.000", "0.028", "+0.00",
+         "· within chance", "Hz"],
+        ["baseline: body bounce, damping ratio", "0.250", "0.250", "+0.000", "0.028", "+0.00",
+         "· within chance", ""],
+    ]  # fmt: skip
+    assert sources(modes)[0][0] == "modes/0/name"
+    document = comparison.document()
+    for source in sources(parameters)[0] + sources(modes)[1]:
+        assert not source or at(document, source) is not None
+    assert "Forces (damper; corner: with friction): after minus before" not in found
+
+
+def test_the_figure_of_the_differences_is_in_per_cent_of_the_first_size() -> None:
+    """A negative value of 20,000 that falls by 500 falls by 2.5 % of its size."""
+    shown = picture(first(two()), "differences_1")
+    assert shown.title == "after minus before"
+    names, percent, half_percent, significant = drawn(shown)
+    assert names == ("m_s", "k_sf")
+    assert percent.tolist() == pytest.approx([0.4, -2.5])
+    root = 1.959963984540054 * 2.0**0.5
+    assert half_percent.tolist() == pytest.approx([0.3 * root, 0.2 * root], rel=1e-6)
+    assert significant.tolist() == [False, True]
+
+
+def test_sessions_are_numbered_and_a_verdict_that_is_not_ok_is_remarked() -> None:
+    good = session_of_comparison_page(1000, 1000, 1.2)
+    refused = session_of_comparison_page(1000, 1000, 1.2, lost=True)
+    fine, lost = two(), compare(["a", "b"], [good, refused])
+    sessions = tables(first(fine))["Sessions"]
+    assert texts(sessions) == [["1", "before", "ok"], ["2", "after", "ok"]]
+    assert sessions.note == ""
+    found = tables(first(lost))
+    assert texts(found["Sessions"]) == [["1", "a", "ok"], ["2", "b", "doubtful"]]
+    assert found["Sessions"].note == (
+        "Where a verdict is not ok, neither intervals nor significances hold."
+    )
+    title = "Not compared: a session does not determine it"
+    assert texts(found[title]) == [["t_f", "not determined"]]
+    assert title not in tables(first(fine))
+
+
+def test_what_all_sessions_state_alike_is_listed() -> None:
+    comparison = replace(two(), common=("total_mass_kg = 1700 ± 1", "weight 1"))
+    found = tables(first(comparison))["Stated alike in all sessions: errors in common"]
+    assert texts(found) == [["total_mass_kg = 1700 ± 1", ""], ["weight 1", ""]]
+
+
+def test_two_sessions_have_no_trend_and_three_have_one() -> None:
+    assert [one.key for one in comparison_sections(two())] == ["differences"]
+    three = compare(
+        ["a", "b", "c"],
+        [
+            session_of_comparison_page(1000, 20000, 1.2),
+            session_of_comparison_page(1030, 20000, 1.3),
+            session_of_comparison_page(1060, 20000, 1.2),
+        ],
+    )
+    differences, trend = comparison_sections(three)
+    titles = [block.title for block in differences.blocks if isinstance(block, Table)]
+    assert titles == [
+        "Sessions", "Parameters: b minus a", "Modes: b minus a", "Parameters: c minus a",
+        "Modes: c minus a",
+    ]  # fmt: skip
+    assert [one.key for one in differences.pictures] == ["differences_1", "differences_2"]
+    _, percent, *_ = drawn(picture(differences, "differences_2"))
+    assert percent.tolist() == pytest.approx([6.0, 0.0])
+    table, gallery = trend.blocks
+    assert isinstance(table, Table)
+    assert isinstance(gallery, Gallery)
+    # Equal weights: the deviation of the slope is 3 / sqrt(2) kg, chi2 = 2 * 30² / 3² = 200.
+    assert texts(table)[:3] == [
+        ["m_s", "+30.0 ± 4.2", "kg", "✓ drifts", "200.0 / 2", "✓ varies"],
+        ["k_sf", "+0 ± 55", "N/m", "· none", "0.0 / 2", "· constant"],
+        # 0.1 Hz off in the middle: 6 / 9 of (0.1 / 0.01)².
+        [
+            "baseline: body bounce, frequency",
+            "+0.000 ± 0.014",
+            "Hz",
+            "· none",
+            "66.7 / 2",
+            "✓ varies",
+        ],
+    ]
+    assert sources(table)[0] == ["", "parameters/0/trend", "", "", "parameters/0/trend/chi2", ""]
+    assert sources(table)[2][1] == "modes/0/trend"
+    assert [one.key for one in gallery.pictures] == [
+        "trend_parameters_0", "trend_parameters_1", "trend_modes_0", "trend_modes_1",
+    ]  # fmt: skip
+    first_trend = gallery.pictures[0]
+    assert first_trend.title == "m_s"
+    values, half, slope, unit = drawn(first_trend)
+    assert values.tolist() == [1000.0, 1030.0, 1060.0]
+    np.testing.assert_allclose(half, [5.879891953620162] * 3)
+    assert slope == pytest.approx(30.0)
+    assert unit == "kg"
+
+
+def test_the_first_24_trends_are_drawn_and_all_are_listed() -> None:
+    names = [f"p{i}" for i in range(25)]
+    results = [
+        Identification(
+            Judgement((), 1.0), {}, parameters={n: estimate(9.0, 1.0, "kg") for n in names}
+        )
+        for _ in range(3)
+    ]
+    _, trend = comparison_sections(compare(["a", "b", "c"], results))
+    assert [one.title for one in trend.pictures] == names[:24]
+    (table,) = tables(trend).values()
+    assert len(table.rows) == 25
+
+
+def change(
+    kind: str, *steps: tuple[float, float, float], outcome: str = "parameters", unit: str = "N/m"
+) -> Change:
+    """Return a change by steps of (value, std, share)."""
+    changes = tuple(estimate(value, std, unit) for value, std, _ in steps)
+    shares = tuple(share for *_, share in steps)
+    one = NamedChange("k_sf", kind, changes, shares, 1e-5, ())
+    return Change(outcome, (one,), 50.0, 10, 1e-6, 8.04, 9, 0.53)
+
+
+def shown(made: Change) -> Table:
+    return change_table(made, replace(two(), change=made).document())
+
+
+def test_a_change_stands_with_its_interval_share_and_chance() -> None:
+    made = change("differs", (200.0, 10.0, 0.01))
+    table = shown(made)
+    assert table.columns == (
+        "what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance",
+    )  # fmt: skip
+    assert texts(table) == [
+        ["k_sf", "differs", "+200", "180", "220", "N/m", "+1.000 %", "1e-05"],
+    ]
+    here = "change/named/0/changes/0"
+    assert sources(table) == [
+        ["", "", here, here, here, "", "change/named/0/shares/0", "change/named/0/p"]
+    ]
+    assert table.note == (
+        "Test that all else is unchanged: chi2 8.0 on 9 degrees of freedom, chance 0.53."
+    )  # fmt: skip
+    assert made.sentence == "Changed: k_sf (+1.000 ± 0.098 %); all else is unchanged."
+
+
+def test_each_further_session_of_a_jump_has_a_row_and_others_may_stand_in_its_place() -> None:
+    made = change("varies", (-200.0, 10.0, -0.01), (50.0, 10.0, nan))
+    made = replace(made, named=(replace(made.named[0], instead=("k_sr", "k_tf")),))
+    rows = texts(shown(made))
+    name = "k_sf, or instead k_sr, or instead k_tf"
+    assert [row[0] for row in rows] == [f"{name}, session 2", f"{name}, session 3"]
+    assert [row[2] for row in rows] == ["-200", "+50"]
+    assert [row[6] for row in rows] == ["-1.000 %", ""]
+    assert made.sentence == (
+        "Changed: k_sf (-1.000 ± 0.098 %, +50 ± 20 N/m from the first), or instead k_sr or "
+        "k_tf (these runs do not separate them); all else is unchanged."
+    )
+
+
+@pytest.mark.parametrize(
+    ("made", "sentence"),
+    [
+        (change("drifts", (2.0, 0.1, 0.02)), "k_sf (+2.00 ± 0.20 % a session)"),
+        (change("differs", (0.0, 0.1, 0.02)), "k_sf (+2.00 %)"),
+        (change("differs", (0.5, 0.1, nan), unit="1"), "k_sf (+0.50 ± 0.20)"),
+        (
+            change("varies", *[(1.0, 0.1, 0.01)] * 3),
+            "k_sf (+1.00 ± 0.20 %, +1.00 ± 0.20 %, +1.00 ± 0.20 % from the first)",
+        ),
+        (
+            change("varies", *[(1.0, 0.1, 0.01)] * 4),
+            "k_sf (+1.00 ± 0.20 %, +1.00 ± 0.20 %, +1.00 ± 0.20 % .. from the first)",
+        ),
+    ],
+)
+def test_a_change_is_said_in_a_line(made: Change, sentence: str) -> None:
+    assert made.sentence == f"Changed: {sentence}; all else is unchanged."
+
+
+@pytest.mark.parametrize(
+    ("outcome", "sentence", "line"),
+    [
+        (
+            "nothing",
+            "Nothing differs beyond chance.",
+            "Test that everything is unchanged: chi2 0.0 on 0 degrees of freedom, chance 1.",
+        ),
+        (
+            "other",
+            "Something changed, and it is none of the parameters alone: look for friction, a "
+            "sensor, the load, or more than three parameters at once.",
+            "Test that everything is unchanged: chi2 0.0 on 0 degrees of freedom, chance 1.",
+        ),
+        (
+            "not compared",
+            "The sessions are not described by the same parameters: no joint fit.",
+            "Each quantity is compared by itself.",
+        ),
+    ],
+)
+def test_where_nothing_is_named_one_row_says_so(outcome: str, sentence: str, line: str) -> None:
+    made = Change(outcome)
+    assert (made.sentence, unchanged_line(made)) == (sentence, line)
+    assert texts(shown(made)) == [[sentence, ""]]
+
+
+def test_elements_that_some_lack_are_no_part_of_the_test() -> None:
+    apart = Change("nothing", apart=("friction",))
+    assert unchanged_line(apart).startswith(
+        "Test that everything that all sessions have is unchanged"
+    )
+    named = replace(change("differs", (200.0, 10.0, 0.01)), apart=("friction", "mounts"))
+    assert unchanged_line(named).startswith("Test that all else that all sessions have is")
+    assert named.sentence == (
+        "Changed: k_sf (+1.000 ± 0.098 %). Some of the sessions need friction, mounts, others do "
+        "not: this has changed."
+    )
+
+
+@pytest.mark.parametrize(
+    ("p", "text"), [(0.0512, "0.051"), (1e-9, "1e-09"), (0.99e-9, "below 1e-09")]
+)
+def test_a_chance_below_any_that_matters_is_no_number(p: float, text: str) -> None:
+    made = change("differs", (200.0, 10.0, 0.01))
+    made = replace(made, named=(replace(made.named[0], p=p),))
+    assert texts(shown(made))[0][7] == text
+
+
+def test_a_change_from_nothing_has_no_digits_of_an_interval() -> None:
+    assert texts(shown(change("differs", (0.0, 10.0, 0.01))))[0][6] == "+1.0000 %"

@@ -1,21 +1,38 @@
 """What is drawn: thinned curves, cars that move as their mode, PDF sheets."""
 
+from __future__ import annotations
+
+import re
+from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
 import numpy as np
+import pytest
 from matplotlib.patches import Rectangle
 
+from daq import session_from_arrays
+from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
-from identify.report.blocks import Table
+from identify import Identification, Judgement
+from identify.document import Document, software_sha256
+from identify.fit.cross_validation import leave_one_out
+from identify.fit.likelihood import fit, residuals
+from identify.report.blocks import Cell, Section, Source, Table
 from identify.report.cars import at_rest, moving_car, outline, shape_of
 from identify.report.decays import envelope
 from identify.report.evidence import correlation_drawing
 from identify.report.figure import figure_of, png_of, svg_of
+from identify.report.html import html_of
 from identify.report.parameters import intervals_drawing
 from identify.report.pdf import pdf_of
+from identify.report.session import REFUSED, certificate_section, marked
+from tui.jobs.outcome_of import outcome_of
+from tui.result import print_identification
+from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.state.outcome_text import matrix_lines, parameter_lines
 
-from .sessions import hostile, reported
+from .sessions import estimated, hostile, made, reported
 
 
 def test_no_spike_is_hidden() -> None:
@@ -147,3 +164,138 @@ def tagged(node: Any) -> list[Any]:
         if isinstance(element, dict) and "/S" in element:
             found += [element, *tagged(element)]
     return found
+
+
+# The certificate: what a result is cited by, and how a refused one is marked ----------------------
+
+SOURCE = Source("car.h5", "ab" * 32, "1.2", {}, "2026-11-22", "A. Engineer", "B. Head")
+
+
+def _rows(session: Session, document: Document) -> dict[str, dict[str, str]]:
+    section = certificate_section(session, document, SOURCE)
+    return {
+        block.title: {row[0].text: row[1].text for row in block.rows}
+        for block in section.blocks
+        if isinstance(block, Table)
+    }
+
+
+def test_it_cites_session_software_and_persons() -> None:
+    why = '[{"subject": "hub_fl", "reason": "cable taped", "by": "AE"}]'
+    stated = {"uuid": "one", "origin": "simulated", "overrides": why}
+    session = replace(session_from_arrays([]), provenance=stated)
+    document = Identification(Judgement((), 1.0), session.provenance).document()
+    tables = _rows(session, document)
+    assert tables["Result"]["data"] == "simulated, not measured"
+    assert tables["Result"]["session"] == "one"
+    assert tables["Result"]["recorded"] == "not stated"
+    assert tables["Result"]["sha256 of the file"] == "ab" * 32
+    assert tables["Result"]["software"] == "bumpbench 1.2"
+    assert tables["Result"]["sha256 of the software"] == software_sha256()
+    assert tables["Result"]["report issued"] == "2026-11-22"
+    assert tables["Signed"] == {"operator": "A. Engineer", "approved by": "B. Head"}
+    assert tables["What was overridden, and why"] == {"warning overridden": "hub_fl"}
+
+
+def test_where_nothing_was_overridden_there_is_no_such_table() -> None:
+    session = session_from_arrays([])
+    tables = _rows(session, Identification(Judgement((), 1.0), {}).document())
+    assert list(tables) == ["Result", "Signed", "Sensors"]
+    assert tables["Result"]["data"] == "measured"
+
+
+def test_every_row_of_a_refused_result_is_marked() -> None:
+    table = Table("Parameters", ("", "#value"), ((Cell("m_s"), Cell("1,380")),))
+    (block,) = marked(Section("parameters", "Parameters", "", (table,))).blocks
+    assert isinstance(block, Table)
+    assert [cell.text for cell in block.rows[0]] == ["m_s", "1,380", REFUSED]
+    assert len(block.columns) == 3
+
+
+# A run left out is predicted down to the noise by a linear car, and by no other -------------------
+
+
+def test_a_linear_car_predicts_every_run() -> None:
+    estimation = estimated("linear")
+    predictions = leave_one_out(estimation)
+    assert [p.label for p in predictions] == [r.label for r in estimation.records]
+    assert all(p.at_noise for p in predictions)
+    assert all(abs(p.predicted - 1.0) < 0.1 for p in predictions)
+    assert all(abs(p.moved) < 5.0 for p in predictions)
+
+
+def test_a_car_with_friction_does_not() -> None:
+    estimation = estimated("friction")
+    predictions = leave_one_out(estimation)
+    assert not any(p.at_noise for p in predictions)
+    assert min(p.predicted for p in predictions) > 1.3
+
+
+def test_one_step_is_what_a_fit_without_the_run_gives() -> None:
+    e = estimated("friction")  # where it is hardest: the run pulls by more than the noise
+    decay, *others = e.decays
+    without = fit(e.box, tuple(others), e.sigma, e.fit.eta)
+    (left,) = residuals(e.box, (decay,), e.sigma, without.eta)
+    squares = sum(float(v @ v) / e.noise[name] ** 2 for name, v in left.values.items())
+    refitted = squares / sum(left.freedom.values())
+    predicted = leave_one_out(e)[0]
+    assert predicted.label == decay.label
+    assert abs(predicted.predicted - refitted) < 0.01 * refitted
+    assert predicted.predicted > predicted.fitted
+
+
+def test_the_odd_run_is_the_one_that_is_not_predicted() -> None:
+    estimation = estimated("hot_damper")
+    predictions = leave_one_out(estimation)
+    excess = np.array([p.predicted - p.fitted for p in predictions])
+    assert predictions[int(np.argmax(excess))].label == "baseline_bounce_2"
+
+
+# A session without roll runs: no number stands where the data determine none, in any form ---------
+
+GLYPHS = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
+LOST = ("I_xx", "t_f", "t_r")
+
+
+def test_the_page_has_words_in_the_place_of_numbers() -> None:
+    page = html_of(reported("no_roll"))
+    for name in LOST:
+        row = re.search(rf"<tr>\s*<t[dh][^>]*>{name}</t[dh]>.*?</tr>", page, re.DOTALL)
+        assert row is not None
+        assert "not determined" in row[0]
+        assert "%" not in row[0]
+    assert "usable all the same" in page
+    assert "lost, not determined: I_xx, t_f, t_r" in page
+    assert "0 of 0 runs are predicted" in page
+    assert "nan" not in re.sub(r"<[^>]*>", " ", page).split()
+
+
+@pytest.mark.long
+def test_the_sheets_are_drawn_all_the_same() -> None:
+    assert pdf_of(reported("no_roll")).startswith(b"%PDF")
+
+
+def test_no_run_is_predicted_by_others_that_do_not_determine_the_car() -> None:
+    _, result = made("no_roll")
+    assert result.estimation is not None
+    predictions = leave_one_out(result.estimation)
+    assert len(predictions) == 4
+    assert all(np.isnan(p.predicted) for p in predictions)
+
+
+def test_the_terminal_says_so_and_what_is_known_keeps_its_number(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    session, result = made("no_roll")
+    print_identification(result.document(), {})
+    printed = capsys.readouterr().out
+    (t_f,) = (line for line in printed.splitlines() if line.startswith("t_f "))
+    assert t_f.split()[:3] == ["t_f", "not", "determined"]
+    assert ".." not in t_f
+    (m_s,) = (line for line in printed.splitlines() if line.startswith("m_s "))
+    assert "1,3" in m_s
+    outcome = outcome_of("car.h5", session, result)
+    lines = parameter_lines(outcome.parameters, "parameter", GLYPHS, 110)
+    assert sum("not determined" in line for line in lines) == 3
+    (only,) = matrix_lines(outcome.states, 110)
+    assert "not determined" in only

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.errors import InputError
 from identify.model.matrices import physical_model
+from identify.study.campaign import Campaign
+from identify.study.drawing import svg
 from identify.study.low_pass import fig9_study, filtered, taps
+from identify.study.noise import Outcome, noise_study
 from identify.study.paper_figures import MASS_ERRORS, fig2_study, fig8_study, mass_error_study
-from identify.study.result import CurvePanel, Study
-from identify.study.tables import vehicle_of_geometry
+from identify.study.result import CurvePanel, DotPanel, Study
+from identify.study.tables import Attempt, table3_study, vehicle_of_geometry
 
 # Table 2: what the paper's simulation adds to every figure.
 WILSON = {"a": -0.141, "b": -0.130, "k_sr": -0.078, "c_sf": -0.103}
@@ -187,3 +193,55 @@ def test_a_study_has_a_cell_for_every_column() -> None:
     study = fig2_study()
     with pytest.raises(ValueError, match="cells"):
         Study(study.title, study.columns, ((1.0,),), (), ())
+
+
+# Figures as SVG: documents that parse, with words that can be read --------------------------------
+
+NAN = np.full(11, np.nan)
+TEXT = "{http://www.w3.org/2000/svg}text"
+
+
+def _noise(n: int) -> Study:
+    outcomes = [Outcome(np.full(15, float(i)), np.ones(15), 1.0, True) for i in range(n)]
+    return noise_study(Campaign(), np.ones(15), outcomes)
+
+
+def _table3() -> Study:
+    return table3_study(Campaign(), [Attempt(NAN, np.full(11, 30.0), np.full(11, 0.3))])
+
+
+def _texts(document: str) -> list[ElementTree.Element]:
+    return list(ElementTree.fromstring(document).iter(TEXT))
+
+
+@pytest.mark.parametrize(
+    "study",
+    [
+        fig2_study,
+        lambda: mass_error_study("fig3"),
+        fig8_study,
+        lambda: fig9_study(1000.0, 30.0, 1),
+        lambda: _noise(3),
+        lambda: _noise(0),
+        _table3,
+    ],
+    ids=["fig2", "fig3", "fig8", "fig9", "noise", "noise of nothing", "table3"],
+)
+def test_every_word_of_a_study_is_in_its_figure(study: Callable[[], Study]) -> None:
+    result = study()
+    words = {"".join(element.itertext()) for element in _texts(svg(result))}
+    named = " ".join(words)
+    for row in result.panels:
+        for panel in row:
+            assert {panel.title, panel.x_label} <= words
+            match panel:
+                case CurvePanel():
+                    assert panel.y_label in words
+                    assert all(curve.label in named for curve in panel.curves)
+                case DotPanel():
+                    assert set(panel.items) <= words
+                    assert {series.label for series in panel.series} <= words
+
+
+def test_the_same_study_draws_the_same_bytes() -> None:
+    assert svg(fig2_study()) == svg(fig2_study())

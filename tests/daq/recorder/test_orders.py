@@ -1,0 +1,457 @@
+"""Orders of a person as events of the run log, and those that make no sense now."""
+
+from __future__ import annotations
+
+import json
+import threading
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.bench.campaign import Origin, Step
+from daq.bench.config import Bench, BusConfig, bench_codec, default_bench_text, load_bench
+from daq.bumps import Wheels
+from daq.bus.source import HopLosses
+from daq.check import CheckReport
+from daq.control.messages import CheckItem, Phase, Reply
+from daq.control.orders import (
+    Accept,
+    Acknowledge,
+    Arm,
+    Choose,
+    Configure,
+    LeaveOut,
+    Mark,
+    Note,
+    Order,
+    OverrideWarning,
+    Pause,
+    Redo,
+    Reject,
+    Undo,
+    Until,
+)
+from daq.journal.reader import read_journal
+from daq.journal.writer import JournalWriter
+from daq.recorder.orders import Checks, OrderError, OrderQueue, checked_arm, configured, order_event
+from daq.recorder.recording import Recording
+from daq.runlog.run_log import Change, Code, LoggedRun, LoggedStatus, RunLog, fold, verdict_entry
+from daq.runs import ADDED, BASELINE, Event, Excitation
+from daq.vehicle import Corner
+from daq.verdict import RunMeasure
+from daq.verdict.consistent import left_out
+from dbc import Codec, FrameBatch
+from dbc.finding import Finding, Severity
+
+from ..small_campaign import blocks, bumps, small_bench
+from .stepped import LINK, armed, feed, now, status_of, step
+
+BENCH: Bench = small_bench()
+FIRST = LoggedRun("baseline_roll_1", BASELINE, Excitation.ROLL, 1, 5, LoggedStatus.ACCEPTED)
+LAST = replace(FIRST, label="baseline_roll_2", repeat=2, status=LoggedStatus.REJECTED)
+OPEN = replace(FIRST, label="baseline_roll_3", repeat=3, status=LoggedStatus.OPEN)
+CHANGE = Change(LAST, FIRST)
+
+
+def event(order: Order, *runs: LoggedRun, **facts: Any) -> Event | None:
+    return order_event(order, "Ann", 77, replace(RunLog(runs), **facts), BENCH)
+
+
+def said(found: Event | None) -> tuple[str, int, object]:
+    assert found is not None
+    return str(found.code), found.t_ns, json.loads(found.text)
+
+
+@pytest.mark.parametrize(
+    ("order", "runs", "why"),
+    [
+        (Accept(""), (FIRST, OPEN), "baseline_roll_3 is being recorded"),
+        (Accept("baseline_roll_3", "x"), (FIRST, OPEN), "baseline_roll_3 is being recorded"),
+        (Accept("", "x"), (LAST, FIRST), "baseline_roll_1 is already accepted"),
+        (Accept("baseline_roll_1", "x"), (FIRST, LAST), "baseline_roll_1 is already accepted"),
+        (Accept(""), (FIRST, LAST), "give the reason"),
+        (Accept(""), (), "no run yet"),
+        (Accept("other"), (FIRST,), "no run 'other'"),
+        (Reject(), (FIRST, LAST), "baseline_roll_2 is already rejected"),
+        (Choose(BASELINE, Excitation.ROLL), (FIRST, OPEN), "baseline_roll_3 is being recorded"),
+        (Choose("loaded", Excitation.ROLL), (), "not a mass state: baseline, added"),
+        (Note("x", "other"), (FIRST,), "no run 'other'"),
+        (Undo(), (FIRST,), "no verdict to undo"),
+        (Redo(), (FIRST,), "nothing to redo"),
+    ],
+)
+def test_what_makes_no_sense_now_is_refused(
+    order: Order, runs: tuple[LoggedRun, ...], why: str
+) -> None:
+    with pytest.raises(OrderError, match=why):
+        event(order, *runs)
+
+
+def test_orders_that_make_sense_are_events() -> None:
+    verdict = {"label": "baseline_roll_2", "by": "Ann", "reason": "mine"}
+    assert said(event(Accept("", "mine"), FIRST, LAST)) == ("accept", 77, verdict)
+    verdict = {"label": "baseline_roll_3", "by": "Ann", "reason": "foot"}
+    assert said(event(Reject(reason="foot"), LAST, OPEN, FIRST)) == ("reject", 77, verdict)
+    verdict = {"label": "baseline_roll_1", "by": "Ann", "reason": "foot"}
+    assert said(event(Reject("baseline_roll_1", "foot"), FIRST, OPEN)) == ("reject", 77, verdict)
+    chosen = {"mass_state": "added", "excitation": "warp"}
+    assert said(event(Choose("added", Excitation.WARP), FIRST)) == ("choose", 77, chosen)
+    note = {"text": "wet", "label": "", "by": "Ann"}
+    assert said(event(Note("wet"))) == ("note", 77, note)
+    override = {"subject": "bus", "reason": "known", "by": "Ann"}
+    assert said(event(OverrideWarning("bus", "known"))) == ("override", 77, override)
+    assert event(Undo(), FIRST, done=(CHANGE,)) == Event(77, "undo", text="Ann")
+    assert event(Redo(), FIRST, undone=(CHANGE,)) == Event(77, "redo", text="Ann")
+    assert event(Configure("x = 1")) == Event(77, "bench", text="x = 1")
+    assert event(Pause()) is None
+
+
+def test_texts_lose_their_control_characters_and_keep_their_lines() -> None:
+    found = event(Mark("a\x1b[2Jb\nc\x07"))
+    assert found is not None
+    first, second = found.text.split("\n")
+    assert first.startswith("a")
+    assert first.endswith("b")
+    assert second.startswith("c")
+    assert first.isprintable()
+    assert second.isprintable()
+    escaped = event(Mark("\x07" * 50))
+    assert escaped is not None
+    assert escaped.text == "\\x07" * 50  # none is cut off, though each is four characters
+
+
+def test_nothing_can_be_armed_where_no_run_is_due() -> None:
+    for until in Until:
+        with pytest.raises(OrderError, match="campaign is complete"):
+            checked_arm(Arm(until), None, RunLog())
+
+
+def test_orders_that_wait_are_cancelled_together() -> None:
+    orders = OrderQueue()
+    assert not orders.are_waiting
+    answers = [orders.put(Pause(), name) for name in ("Ann", "Ben")]
+    assert orders.are_waiting
+    orders.cancel()
+    assert [answer.cancelled() for answer in answers] == [True, True]
+    assert not orders.are_waiting
+    assert orders.take() is None
+
+
+# Another bench.toml within a recording, and bench checks that wait for each other -----------------
+
+TEXT = default_bench_text()
+OLD = replace(
+    load_bench(None),
+    text=TEXT,
+    buses=(BusConfig("slcan", "/dev/ttyACM0", 250_000),),  # as the command line says
+    dbc_name="the one in force",
+    origin=Origin.REPLAYED,
+)
+
+
+def test_another_bench_keeps_buses_dbc_and_origin_in_force() -> None:
+    text = TEXT.replace("repeats = 2", "repeats = 3")
+    assert text != TEXT
+    new = configured(OLD, text)
+    assert new.campaign.repeats == 3
+    assert new.text == text
+    assert (new.buses, new.dbc_name, new.origin) == (OLD.buses, OLD.dbc_name, OLD.origin)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (TEXT + "[campaign]\n", "bench.toml"),
+        ("x = 1\n" + TEXT, "unknown key x"),
+        (TEXT.replace("IMU_Accel.acc_z", "IMU_Accel.acc_q"), "no signal"),
+        (TEXT.replace("[bus]", '[bus]\nname = "other"'), "other buses"),
+        (TEXT.replace('dbc = ""', 'dbc = "other.dbc"'), "another DBC"),
+    ],
+)
+def test_a_bench_that_cannot_go_on_is_refused(text: str, why: str) -> None:
+    with pytest.raises(OrderError, match=why):
+        configured(OLD, text)
+
+
+def test_four_checks_may_wait_and_each_gets_its_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on = threading.Event()
+    line = Finding("rate", Severity.WARNING, "slow", "message M", "set it", figures={"hz": 5.0})
+
+    def checked(*_: object) -> CheckReport:
+        assert go_on.wait(60.0)
+        return CheckReport(1.0, 2, (line,))
+
+    monkeypatch.setattr("daq.recorder.orders.check_bench", checked)
+    checks = Checks()
+    answers: list[Future[Reply]] = [Future() for _ in range(5)]
+    for answer in answers[:4]:
+        checks.begin(load_bench(None), FrameBatch.empty(), answer)
+    with pytest.raises(OrderError, match="other checks"):
+        checks.begin(load_bench(None), FrameBatch.empty(), answers[4])
+    go_on.set()
+    item = CheckItem("WARN", "message M", "slow", "set it", {"hz": 5.0})
+    assert [answer.result(60.0).check for answer in answers[:4]] == [(item,)] * 4
+    checks.begin(load_bench(None), FrameBatch.empty(), answers[4])  # those before are done
+    assert answers[4].result(60.0).check == (item,)
+    checks.close()
+
+
+def test_a_check_that_fails_is_answered_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(*_: object) -> CheckReport:
+        raise ValueError("odd")
+
+    monkeypatch.setattr("daq.recorder.orders.check_bench", failing)
+    checks, answer = Checks(), Future[Reply]()
+    checks.begin(load_bench(None), FrameBatch.empty(), answer)
+    with pytest.raises(ValueError, match="odd"):
+        answer.result(60.0)
+    checks.close()
+
+
+# Orders to a recording, and a bench.toml that changes within it -----------------------------------
+
+
+def test_weights_that_change_are_asked_for_when_the_run_is_armed() -> None:
+    first = Step(BASELINE, Excitation.ROLL, 1)
+    done = RunLog(runs=(LoggedRun("baseline_roll_1", BASELINE, Excitation.ROLL, 1, 0),))
+    loaded = Step(ADDED, Excitation.BOUNCE, 1)
+    checked_arm(Arm(), first, RunLog())
+    checked_arm(Arm(), replace(first, repeat=2), done)
+    for order in (Arm(), Arm(Until.RUN, "baseline")):
+        with pytest.raises(OrderError, match=r'weights on[?].* arm with "mass_state": "added"'):
+            checked_arm(order, loaded, done)
+    checked_arm(Arm(mass_state="added"), loaded, done)
+    checked_arm(Arm(Until.COMPLETE), loaded, done)
+    back = RunLog(runs=(LoggedRun("added_roll_1", ADDED, Excitation.ROLL, 1, 0),))
+    with pytest.raises(OrderError, match=r'weights off[?].* arm with "mass_state": "baseline"'):
+        checked_arm(Arm(), first, back)
+
+
+def test_a_recording_is_not_armed_before_the_weights_are_said_to_be_on(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    runs = tuple(
+        LoggedRun(f"baseline_{kind}_1", BASELINE, kind, 1, 0, LoggedStatus.ACCEPTED)
+        for kind in quick.campaign.excitations
+    )
+    recording = Recording(quick, codec, journal, RunLog(runs))
+    with pytest.raises(OrderError, match="weights on"):
+        recording.carry_out(Arm(), "Ann", now())
+    assert status_of(recording).phase is Phase.IDLE
+    recording.carry_out(Arm(mass_state=ADDED), "Ann", now())
+    assert status_of(recording).phase is Phase.WAITING
+
+
+def test_orders_are_written_down_and_those_that_make_no_sense_refused(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = armed(quick, codec, journal)
+    for order, why in (
+        (Undo(), "no verdict to undo"),
+        (Redo(), "nothing to redo"),
+        (Reject(), "no run yet"),
+        (Accept("baseline_bounce_1"), "no run 'baseline_bounce_1'"),
+        (Choose("loaded", Excitation.ROLL), "'loaded' is not a mass state"),
+        (Note("x", "y"), "no run 'y'"),
+    ):
+        with pytest.raises(OrderError, match=why):
+            recording.carry_out(order, "Ann", now())
+    frames = bumps(codec, 1)
+    feed(recording, blocks(frames.select(slice(0, 700))))
+    with pytest.raises(OrderError, match="is being recorded"):
+        recording.carry_out(Configure(quick.text), "Ann", now())
+    feed(recording, blocks(frames.select(slice(700, None))))
+    recording.carry_out(Reject(reason="foot"), "Ann", now())
+    with pytest.raises(OrderError, match="already rejected"):
+        recording.carry_out(Reject("baseline_bounce_1"), "Ann", now())
+    with pytest.raises(OrderError, match="give the reason"):
+        recording.carry_out(Accept("baseline_bounce_1"), "Ann", now())
+    recording.carry_out(Undo(), "Ann", now())
+    recording.carry_out(Redo(), "Ann", now())
+    recording.carry_out(Accept("baseline_bounce_1", "it was mine"), "Bob", now())
+    recording.carry_out(Mark("here"), "Bob", now())
+    recording.carry_out(Note("wet", "baseline_bounce_1"), "Bob", now())
+    recording.carry_out(OverrideWarning("bus", "known"), "Bob", now())
+    recording.carry_out(Acknowledge(), "Bob", now())
+    recording.carry_out(Choose("added", Excitation.WARP), "Bob", now())
+    status = status_of(recording)
+    assert status.due is not None
+    assert status.due.step.label == "added_warp_1"
+    assert [(note.text, note.label) for note in status.notes] == [
+        ("here", ""),
+        ("wet", "baseline_bounce_1"),
+    ]
+    assert [(one.subject, one.by) for one in status.overrides] == [("bus", "Bob")]
+    (run,) = status.runs
+    assert (run.status, run.by, run.reason) == (LoggedStatus.ACCEPTED, "Bob", "it was mine")
+    journal.close()
+    events = read_journal(journal.paths).events
+    assert fold(events) == recording.run_log
+    assert {e.t_ns for e in events if e.code == "mark"} == {int(frames.t_ns[-1])}
+
+
+def test_a_recording_armed_for_one_kind_waits_for_no_other(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = armed(quick, codec, journal, Until.EXCITATION)
+    phases = [status_of(recording).phase]
+    for order in (
+        Choose("baseline", Excitation.BOUNCE),
+        Choose("baseline", Excitation.ROLL),
+        Arm(Until.EXCITATION),
+        Pause(),
+    ):
+        recording.carry_out(order, "Ann", now())
+        phases.append(status_of(recording).phase)
+    assert phases == [Phase.WAITING, Phase.WAITING, Phase.IDLE, Phase.WAITING, Phase.PAUSED]
+    journal.close()
+    stored = [(e.code, e.text) for e in read_journal(journal.paths).events]
+    assert stored[-1] == ("pause", "Ann")
+    assert ("arm", "excitation Ann") in stored
+
+
+def test_bench_toml_may_change_within_a_recording(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = Recording(quick, codec, journal)
+    for changed, why in (
+        ("[[[", "is not TOML"),
+        (quick.text.replace("bitrate = 1000000", "bitrate = 500000"), "other buses"),
+        (quick.text.replace('dbc = ""', 'dbc = "my.dbc"'), "another DBC"),
+        (quick.text.replace("repeats = 2", "repeats = -2"), "repeats"),
+    ):
+        with pytest.raises(OrderError, match=why):
+            recording.carry_out(Configure(changed), "Ann", now())
+    assert recording.bench == quick
+    other = quick.text.replace('name = "Ford Granada"', 'name = "Other"')
+    recording.carry_out(Configure(other), "Ann", now())
+    assert status_of(recording).vehicle == "Other"
+    journal.close()
+    assert [(e.code, e.text) for e in read_journal(journal.paths).events] == [("bench", other)]
+
+
+def test_what_was_lost_before_bench_toml_changed_is_no_news(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = Recording(quick, codec, journal)
+    frames = bumps(codec, 1)
+    whole = frames.select(np.delete(np.arange(len(frames)), [50, 51]))
+    given, lost = blocks(whole), HopLosses(queue_dropped=9)
+    for block in given[: len(given) // 2]:
+        step(recording, block, lost, now(block), [LINK])
+    recording.carry_out(Configure(quick.text), "Ann", now())
+    status = [
+        event.text.partition(":")[0]
+        for block in given[len(given) // 2 :]
+        for event in step(recording, block, lost, now(block), [LINK])
+        if event.code == "alarm"
+    ]
+    assert not {"queue_dropped", "counter_gap HUB_Front"} & set(status), status
+    assert status_of(recording).buses[0].frames == len(whole)
+
+
+# Runs to spare: what is proposed to be left out, done by one order and undone by one --------------
+
+LABELS = [f"baseline_{kind}_{number}" for kind in ("bounce", "roll") for number in range(1, 5)]
+ODD = ("baseline_bounce_2", "baseline_roll_4")
+
+
+def _measure(level_m: float) -> RunMeasure:
+    wave = np.exp(-np.arange(70) / 30.0) * np.cos(np.arange(70) / 6.0)
+    return RunMeasure(
+        peaks={"travel_fl": 0.05},
+        waves={"travel_fl": 0.02 * wave},
+        levels={"travel_fl": level_m},
+    )
+
+
+@pytest.fixture
+def recording(bench: Bench, codec: Codec, journal: JournalWriter) -> Recording:
+    """Return a recording of four runs of two kinds, two planned; one of each stands lower."""
+    events = []
+    for label in LABELS:
+        events += [Event(1, Code.BUMP, 1.0, label), verdict_entry(2, label, [])]
+    journal.append_events(events)
+    recording = Recording(bench, codec, journal, fold(events))
+    recording.measures |= {x: _measure(0.190 if x in ODD else 0.2) for x in LABELS}
+    return recording
+
+
+def _accepted(recording: Recording) -> set[str]:
+    return {r.label for r in recording.run_log.runs if r.status is LoggedStatus.ACCEPTED}
+
+
+def test_one_order_leaves_all_out_and_one_takes_them_back(
+    recording: Recording, journal: JournalWriter
+) -> None:
+    proposed = status_of(recording).proposed
+    text = "travel_fl 10.0 mm lower before the bump"
+    assert [(run.label, run.text) for run in proposed] == [(label, text) for label in ODD]
+    recording.carry_out(LeaveOut(), "Ann", now())
+    assert _accepted(recording) == {*LABELS} - {*ODD}
+    left = recording.run_log.run(ODD[1])
+    assert left is not None
+    assert left.reasons == (f"rejected by Ann: unlike the others: {text}",)
+    assert status_of(recording).proposed == ()
+    with pytest.raises(OrderError, match="there is no proposal"):
+        recording.carry_out(LeaveOut(), "Ann", now())
+    recording.carry_out(Undo(), "Ann", now())
+    assert _accepted(recording) == {*LABELS}
+    assert status_of(recording).proposed == proposed
+    recording.carry_out(Redo(), "Ann", now())
+    assert _accepted(recording) == {*LABELS} - {*ODD}
+    journal.close()
+    assert fold(read_journal(journal.paths).events) == recording.run_log
+
+
+def test_a_run_that_a_person_has_accepted_is_not_proposed_again(recording: Recording) -> None:
+    recording.carry_out(LeaveOut(), "Ann", now())
+    recording.carry_out(Accept(ODD[0], "the floor is uneven"), "Ann", now())
+    assert status_of(recording).proposed == ()
+    recording.carry_out(Undo(), "Ann", now())
+    recording.carry_out(Undo(), "Ann", now())
+    assert len(status_of(recording).proposed) == 2
+
+
+def test_runs_of_the_other_side_are_compared_among_themselves(recording: Recording) -> None:
+    left, right = Wheels({Corner.FRONT_LEFT}), Wheels({Corner.FRONT_RIGHT})
+    for label in LABELS:
+        wheels = right if label in ODD else left
+        recording.measures[label] = replace(recording.measures[label], wheels=wheels)
+    assert status_of(recording).proposed == ()
+
+
+def test_only_the_kind_that_has_changed_is_compared_again(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The comparison of hundreds of runs takes a tenth of a second, in the writer's thread."""
+    compared: list[list[str]] = []
+
+    def noted(channels: Any, bump_s: float, measures: Any, planned: int) -> dict[str, str]:
+        compared.append(list(measures))
+        return left_out(channels, bump_s, measures, planned)
+
+    monkeypatch.setattr("daq.recorder.live.left_out", noted)
+    bounces, rolls = LABELS[:4], LABELS[4:]
+    both = status_of(recording).proposed
+    assert compared == [bounces, rolls]
+    recording.carry_out(Note("wet floor"), "Ann", now())
+    assert status_of(recording).proposed == both
+    assert len(compared) == 2
+    recording.carry_out(Reject(ODD[1], "slipped"), "Ann", now())
+    assert [run.label for run in status_of(recording).proposed] == [ODD[0]]
+    assert compared[2:] == [rolls[:3]]
+    recording.adopt(recording.bench, bench_codec(recording.bench))
+    assert [run.label for run in status_of(recording).proposed] == [ODD[0]]
+    assert compared[3:] == [bounces, rolls[:3]], "with another bench all are"
+
+
+def test_what_is_measured_after_a_restart_is_compared_then(recording: Recording) -> None:
+    measures = dict(recording.measures)
+    recording.measures.clear()
+    assert status_of(recording).proposed == ()
+    recording.measures |= measures
+    assert [run.label for run in status_of(recording).proposed] == list(ODD)
