@@ -29,7 +29,7 @@ from ..fit.likelihood import HOLD
 from .refit import AS_STATED, Cause, Refit, Trial, compared, ranked, refit, with_first_repeats
 
 ONE_WEIGHT = "an added weight is wrong"
-_FACTORS = (0.01, 0.1, 0.25, 0.5, 2.0, 4.0, 10.0, 100.0)
+_FACTORS = (0.1, 0.5, 2.0, 10.0)
 """Factors of a mass that are tried; the best is then fitted."""
 _LEAST, _MOST, _FAR_M = 0.7, 1.4, 0.2
 """Factors of a mass, and distance in m, within which an error is left to the corrections."""

@@ -74,6 +74,7 @@ def test_clocks_that_all_jump_soon_after_the_bump_are_named_by_what_fits_after_i
     assert "all sensors by about 0.1 s in 12 of 12 runs; from there" in found.quality.reasons[0]
 
 
+@pytest.mark.long
 def test_a_jump_that_a_later_start_leaves_out_is_a_late_start() -> None:
     found = by_gate(identify_parameters(all_jump(1.22)).quality.findings)
     assert "late_start" in found

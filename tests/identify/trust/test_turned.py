@@ -41,7 +41,7 @@ def straight() -> Session:
     return simulated_session(load_bench(None), 500)
 
 
-@pytest.mark.parametrize("angle_deg", [-2.0, 5.0])
+@pytest.mark.parametrize("angle_deg", [5.0, pytest.param(-2.0, marks=pytest.mark.long)])
 def test_the_angle_of_a_turned_imu_is_found(straight: Session, angle_deg: float) -> None:
     angle = np.radians(angle_deg)
     turned = replace(straight, runs=tuple(_turned(run, angle) for run in straight.runs))
