@@ -49,8 +49,9 @@ _CLOCK_STEP_S = 0.05
 """Largest difference between wall clock and monotonic clock, s, that is not taken as a step."""
 _CLOCK_SHOWN_S = 3.0
 _QUIET_S = 0.4
-"""Time without a good frame, s, from which a bus is quiet: it is shorter than the least timeout of
-a message, so that messages of a quiet bus are not named one by one."""
+"""Time without a good frame, s, from which a bus is quiet.  It is shorter than the least timeout of
+a message: until a second has passed, and the bus is silent by default, its messages are not named
+one by one."""
 _NOT_RECORDING_S = 0.9
 """Time, s, after which frames that arrive and are not stored raise an alarm.  A daemon's main
 thread has a cycle of a tenth of a second, so the alarm comes within one second."""
@@ -169,7 +170,7 @@ class Watch:
         names = [link.name for link in cycle.links]
         states = (BusState.OK, BusState.ERROR_PASSIVE)
         delivers = [
-            status.state in states and now_s - bus.good_s < _QUIET_S
+            status.state in states and not _QUIET_S <= now_s - bus.good_s < WINDOW_S
             for bus, status in zip(self._watches, self.buses, strict=True)
         ]
         expected = tuple(dict.fromkeys(m.message.name for m in mapped))

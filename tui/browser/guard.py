@@ -1,10 +1,10 @@
-"""Serves pages to those who have the link, and lets nobody else cost or end anything.
+"""Serves pages to those who have the link; other connections cost little and end nothing.
 
 Any program and any user of this machine can reach a port of 127.0.0.1, and any page in a browser
 can send requests to it.  The link has a random token in its path, which neither of them knows.  In
 addition, a request must name this server as its host, and come from this server's own page: a
 foreign name that is made to point at 127.0.0.1 reads nothing.  A connection that has not yet shown
-the token is one of at most `MOST_STRANGERS`, and is closed after `STRANGER_S`.
+the token is one of at most `MOST_UNPROVEN`, and is closed after `PROOF_S`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from contextlib import asynccontextmanager
 
 from aiohttp import hdrs, web
 
-MOST_STRANGERS = 64
+MOST_UNPROVEN = 64
 """Most connections without the token at a time: one more closes the oldest."""
-STRANGER_S = 5.0
+PROOF_S = 5.0
 """Time within which a connection must show the token, s."""
 _KEPT_S = 75.0
 """Time for which a page may keep a connection without a request, s."""
@@ -33,8 +33,8 @@ _HEADERS = {
 }
 """Headers of every answer: the address has the token, so a browser must neither keep nor pass it
 on."""
-_SILENT = logging.Logger("requests of strangers", logging.CRITICAL + 1)
-"""Nobody may read what this process writes, and anybody may send malformed requests."""
+_SILENT = logging.Logger("requests without the token", logging.CRITICAL + 1)
+"""Writes nothing: this process may have no reader, and every malformed request would be a line."""
 
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -64,7 +64,7 @@ class Guard:
         port = listening.getsockname()[1]
         self._host = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self._token = secrets.token_urlsafe(_TOKEN_BYTES)
-        self._strangers: dict[asyncio.BaseTransport | None, asyncio.TimerHandle] = {}
+        self._unproven: dict[asyncio.BaseTransport | None, asyncio.TimerHandle] = {}
         self.origin = f"http://{self._host}"
         """Scheme, host and port of the server."""
         self.prefix = f"/{self._token}"
@@ -111,14 +111,14 @@ class Guard:
             except OSError:  # it has gone again, or this process has no descriptor left
                 await asyncio.sleep(0.1)
                 continue
-            if len(self._strangers) >= MOST_STRANGERS:
-                self._dismiss(next(iter(self._strangers)))
-            self._strangers[transport] = loop.call_later(STRANGER_S, self._dismiss, transport)
+            if len(self._unproven) >= MOST_UNPROVEN:
+                self._dismiss(next(iter(self._unproven)))
+            self._unproven[transport] = loop.call_later(PROOF_S, self._dismiss, transport)
 
-    def _dismiss(self, stranger: asyncio.BaseTransport | None) -> None:
-        self._strangers.pop(stranger).cancel()
-        if isinstance(stranger, asyncio.WriteTransport):
-            stranger.abort()
+    def _dismiss(self, connection: asyncio.BaseTransport | None) -> None:
+        self._unproven.pop(connection).cancel()
+        if isinstance(connection, asyncio.WriteTransport):
+            connection.abort()
 
     @web.middleware
     async def _check(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
@@ -126,7 +126,7 @@ class Guard:
             refused = web.Response(status=403, text=f"refused: {refusal}\n")
             refused.force_close()
             return refused
-        if known := self._strangers.pop(request.transport, None):
+        if known := self._unproven.pop(request.transport, None):
             known.cancel()
         return await handler(request)
 

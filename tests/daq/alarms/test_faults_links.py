@@ -17,7 +17,6 @@ import pytest
 
 from daq.bench.config import BusConfig
 from daq.bus.link import Link
-from daq.bus.slcan import SlcanSource
 from daq.bus.socketcan import FrameBuffers, SocketCanSource
 from daq.bus.source import FrameSource, SourceLosses, SteadyClock
 from dbc import FrameBatch
@@ -199,91 +198,6 @@ def test_a_sick_backend_is_named_counted_and_well_again_and_the_other_bus_never_
     assert bench.state.buses[0].frames == buses.received[0]
     assert buses.codes("virtual 0") == []
     assert bench.state.sensors_alive == 6
-
-
-class SerialLine:
-    """A serial line into which a test types."""
-
-    def __init__(self) -> None:
-        self.text = b""
-        self.timeout = 0.0
-        self.gone = False
-
-    @property
-    def in_waiting(self) -> int:
-        return len(self.text)
-
-    def read(self, size: int) -> bytes:
-        if self.gone:
-            raise OSError(errno.EIO, "device reports readiness to read but returned no data")
-        piece, self.text = self.text[:size], self.text[size:]
-        return piece
-
-    def write(self, data: bytes) -> None:
-        if self.gone:
-            raise OSError(errno.EIO, "write failed")
-
-    def close(self) -> None:
-        pass
-
-
-GOOD_LINE = b"t70080011223344556677\r"
-GARBAGE = [
-    b"t7009001122334455667788\r",  # length code 9
-    b"t70080011\r",  # 2 bytes where 8 are stated
-    b"TFFFFFFFF0\r",  # an identifier of 32 bits
-    b"t7008\xff\xfe11223344556677\r",  # no text
-    b"d70091122\r",  # FD, cut short
-    b"hello\r",
-]
-
-
-def test_garbage_on_a_serial_line_is_counted_to_the_line_and_an_unplugged_adapter_comes_back() -> (
-    None
-):
-    lines: list[SerialLine] = []
-
-    def open_slcan(config: BusConfig, number: int) -> FrameSource:
-        if lines and lines[-1].gone:
-            raise FileNotFoundError(errno.ENOENT, "No such file or directory")
-        lines.append(SerialLine())
-        return SlcanSource(lines[-1], "slcan 1", config.bitrate, number, lambda: bench.t_ns)
-
-    buses = TwoBuses("slcan", open_slcan)
-    bench = buses.bench
-    buses.turn()
-    for _ in range(HEALTHY_TURNS):
-        lines[0].text += GOOD_LINE * 2
-        buses.turn()
-    for _ in range(FAULTY_TURNS):
-        lines[0].text += GOOD_LINE + b"".join(GARBAGE) + GOOD_LINE
-        buses.turn()
-    alarm = bench.alarm("garbled", "slcan 1")
-    assert alarm is not None
-    assert alarm.count == len(GARBAGE) * FAULTY_TURNS
-    assert buses.received[1] == 2 * (HEALTHY_TURNS + FAULTY_TURNS)
-    for _ in range(15):  # a line without end, for a while
-        lines[0].text += b"x" * 20_000
-        buses.turn()
-    lines[0].text += b"\r"
-    for _ in range(50):
-        lines[0].text += GOOD_LINE
-        buses.turn()
-    assert buses.codes("slcan 1") == ["unknown_id"]
-    assert buses.links[1].facts().losses.garbled == len(GARBAGE) * FAULTY_TURNS + 1
-
-    lines[0].gone = True
-    for _ in range(10):
-        buses.turn()
-    assert buses.codes("slcan 1")[0] == "disconnected"
-    lines[0].gone = False
-    for _ in range(50):
-        lines[-1].text += GOOD_LINE
-        buses.turn()
-    assert buses.codes("slcan 1") == ["unknown_id"]
-    assert len(lines) == 2
-    assert buses.links[1].facts().losses.garbled == len(GARBAGE) * FAULTY_TURNS + 1
-    assert buses.received[0] == 400 * (bench.turns - 1)
 
 
 class Buffers(FrameBuffers):

@@ -12,7 +12,7 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from tui.browser.guard import MOST_STRANGERS, Guard, listen
+from tui.browser.guard import MOST_UNPROVEN, Guard, listen
 from tui.browser.server import terminal_pages
 
 from .test_server import HOST, display
@@ -52,7 +52,7 @@ def test_two_thousand_connections_without_the_token_delay_and_end_nothing(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("tui.browser.guard.STRANGER_S", 1.0)
+    monkeypatch.setattr("tui.browser.guard.PROOF_S", 1.0)
 
     async def act() -> None:
         async with served(tmp_path) as guard:
@@ -84,7 +84,7 @@ def test_two_thousand_connections_without_the_token_delay_and_end_nothing(
                 stranger.close()
             strangers = [socket.create_connection((address, int(port))) for _ in range(100)]
             await asyncio.sleep(0.1)
-            assert len(list(Path("/proc/self/fd").iterdir())) <= descriptors + 100 + MOST_STRANGERS
+            assert len(list(Path("/proc/self/fd").iterdir())) <= descriptors + 100 + MOST_UNPROVEN
             for stranger in strangers:  # each is closed by the server, the last after its time
                 stranger.setblocking(False)
                 with suppress(ConnectionResetError):

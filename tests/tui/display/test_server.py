@@ -132,7 +132,7 @@ def test_what_is_served_asks_for_nothing_from_elsewhere(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("place", ["", "events", "app.js"])
-def test_strangers_are_refused(tmp_path: Path, place: str) -> None:
+def test_unproven_are_refused(tmp_path: Path, place: str) -> None:
     async def act() -> None:
         async with display(tmp_path) as page:
             link = page.guard.link
