@@ -30,11 +30,10 @@ RESERVED = {
         f"tui/terminal/{room}"
         for room in (
             "app",
-            "screens_app",
-            "background",
+            "context",
             "keyboard",
+            "look",
             "palette",
-            "themes",
             "screens/",
             "widgets/",
         )

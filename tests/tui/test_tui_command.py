@@ -19,10 +19,10 @@ from daq.control.messages import Reply, Setup, Status
 from daq.control.orders import AskStatus, Order
 from tui.browser import server
 from tui.cli import run
-from tui.terminal.screens.display_link import DisplayLinkScreen
-from tui.terminal.state.display_link import DisplayLink
+from tui.terminal.screens.dialogs import DisplayLinkScreen
 from tui.terminal.state.feed import RecorderFeed
 from tui.terminal.state.glyphs import GlyphSet
+from tui.terminal.state.words import DisplayLink
 
 from ..daq.a_status import a_status
 

@@ -35,8 +35,8 @@ from tui.jobs.lines import (
 from tui.jobs.outcome_of import without
 from tui.jobs.session_list import EntryState, SessionEntry, entry_line, found
 from tui.jobs.worker import lines_of
+from tui.terminal.screens.work import LongWork, after, work_text
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.long_work import LongWork, after, work_text
 
 from ..identify.stress import stress_session
 from .batches import refused_session

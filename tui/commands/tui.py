@@ -76,7 +76,7 @@ def tui(
 
     from ..display.start import display_beside_terminal
     from ..terminal.app import BenchApp
-    from ..terminal.screens.display_link import DisplayLinkScreen
+    from ..terminal.screens.dialogs import DisplayLinkScreen
     from ..terminal.state.feed import RecorderFeed
     from ..terminal.state.glyphs import choose_glyphs
     from ..terminal.state.signals import choices_path

@@ -20,8 +20,7 @@ from daq import InputError, Status
 from daq.control import AskBench, AskHistory, Live, OrderRefusedError
 
 from ..terminal.state.feed import Feed, Lost, News
-from ..terminal.state.lane_view import LaneSpec, lane_specs
-from ..terminal.state.lanes import Lanes
+from ..terminal.state.lanes import Lanes, LaneSpec, lane_specs
 from .view import view
 
 if TYPE_CHECKING:

@@ -16,10 +16,16 @@ from daq.control import Arm, Order, Pause, Phase, Reject
 from daq.errors import printable
 from daq.runlog import LoggedRun, LoggedStatus
 
+from ..terminal.state.campaign import (
+    BUSY,
+    cause_words,
+    changed_weights,
+    first_obstacle,
+    next_action,
+    weights_question,
+)
 from ..terminal.state.feed import Lost
-from ..terminal.state.next_action import BUSY, changed_weights, next_action, weights_question
-from ..terminal.state.obstacle import cause_words, first_obstacle
-from ..terminal.state.run_words import (
+from ..terminal.state.words import (
     COMPLETE,
     HANDS_OFF,
     PAUSED,

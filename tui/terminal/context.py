@@ -1,24 +1,93 @@
-"""Protocol of the app for its screens, widgets and palette: they import this, never the app."""
+"""What screens use of the app: its protocol, its messages, and work beside these."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Callable, Coroutine, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
+
+from textual.dom import DOMNode
+from textual.message import Message
+from textual.worker import WorkType
 
 from daq import Status
 from daq.control import Order, Reply
 
+from .state.campaign import BenchStep
+from .state.drafts import remove_draft, write_draft
 from .state.feed import Lost
 from .state.glyphs import Glyphs
 from .state.lanes import Lanes
 from .state.signals import Signals
-from .state.steps import BenchStep
 
 if TYPE_CHECKING:
     from daq import Bench
 
     from ..jobs.outcome import Outcome
+
+
+class StatusArrived(Message):
+    """A new status of the recorder."""
+
+    def __init__(self, status: Status) -> None:
+        self.status = status
+        super().__init__()
+
+
+class LiveArrived(Message):
+    """New samples are in `app.lanes`."""
+
+
+class RecorderLost(Message):
+    """The recorder does not answer; `app.lost` says what to do."""
+
+
+def begin(
+    node: DOMNode,
+    work: Callable[[], Coroutine[Any, Any, None]],
+    group: str = "default",
+    exclusive: bool = False,
+) -> None:
+    """Start work of a screen; `exclusive`: end the earlier work of the group.
+
+    The coroutine is created when the work begins, so it is not created for work that ends before.
+    """
+    made: WorkType[None] = work
+    node.run_worker(made, group=group, exclusive=exclusive)
+
+
+class DraftWriter:
+    """Writes one draft at a time; of the waiting drafts, only the newest.
+
+    A thread cannot be ended: two at once would write to one file, and the older could come last.
+
+    `path`: file of the draft.  `warn`: shows the operator why a draft could not be written, once
+    for each reason.
+    """
+
+    def __init__(self, path: Path, warn: Callable[[str], None]) -> None:
+        self._path, self._warn = path, warn
+        self._one_at_a_time = asyncio.Lock()
+        self._newest: Mapping[str, Any] | None = None
+        self._failure = ""
+
+    async def write(self, values: Mapping[str, Any]) -> None:
+        """Write a draft, unless a newer one or its removal was requested meanwhile."""
+        self._newest = values
+        async with self._one_at_a_time:
+            if self._newest is not values:
+                return
+            failure = await asyncio.to_thread(write_draft, self._path, values)
+        if failure and failure != self._failure:
+            self._warn(failure)
+        self._failure = failure
+
+    async def remove(self) -> None:
+        """Remove the draft, and those that wait to be written."""
+        self._newest = None
+        async with self._one_at_a_time:
+            await asyncio.to_thread(remove_draft, self._path)
 
 
 class BenchContext(Protocol):

@@ -12,7 +12,7 @@ from textual.command import DiscoveryHit, Hit, Hits, Provider
 from daq.control import Acknowledge, Build, Pause, Redo, Reject, ShutDown, Stop, Undo
 
 from .context import BenchContext
-from .state.steps import BenchStep
+from .state.campaign import BenchStep
 
 if TYPE_CHECKING:
     from daq.control import Order

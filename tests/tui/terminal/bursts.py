@@ -21,16 +21,12 @@ from textual.screen import ModalScreen
 from textual.widgets import TextArea
 
 from tui.terminal.app import BenchApp
-from tui.terminal.forms.fields import Field
-from tui.terminal.forms.vehicle_form import VEHICLE_FIELDS
-from tui.terminal.forms.weight_form import WEIGHT_FIELDS
 from tui.terminal.keyboard import KeyboardApp
-from tui.terminal.screens.dialogs import Question
-from tui.terminal.screens.note import NoteScreen
-from tui.terminal.screens.weight import WeightScreen
+from tui.terminal.screens.dialogs import NoteScreen, Question
+from tui.terminal.screens.vehicle import VEHICLE_FIELDS
+from tui.terminal.screens.weights import WEIGHT_FIELDS, WeightScreen
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.widgets.form import Form
-from tui.terminal.widgets.line import Line
+from tui.terminal.widgets.form import Field, Form, Line
 
 from .fake_recorder import FakeRecorder
 

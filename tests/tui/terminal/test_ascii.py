@@ -10,9 +10,9 @@ from rich.segment import Segment
 from textual.color import Color
 
 from tui.terminal.app import BenchApp
+from tui.terminal.look import PlainAscii
 from tui.terminal.screens.results import ResultsScreen
 from tui.terminal.state.glyphs import GlyphSet
-from tui.terminal.widgets.plain_ascii import PlainAscii
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder

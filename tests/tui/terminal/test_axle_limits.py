@@ -9,7 +9,7 @@ import pytest
 
 from daq.errors import InputError
 from tui.terminal.app import BenchApp
-from tui.terminal.forms.axle_limits import (
+from tui.terminal.screens.weights import (
     AxleLimits,
     axles_line,
     check_axles,

@@ -31,11 +31,10 @@ from tui.jobs.lines import (
 from tui.jobs.session_list import EntryState, SessionEntry
 from tui.terminal.app import BenchApp
 from tui.terminal.palette import commands
-from tui.terminal.screens import export, identify, report, sessions
+from tui.terminal.screens import sessions, work
 from tui.terminal.screens.base import BenchScreen
-from tui.terminal.screens.help import HelpScreen
-from tui.terminal.screens.report import ReportScreen
-from tui.terminal.state.help_pages import SCREEN_PAGES, page_of
+from tui.terminal.screens.help import SCREEN_PAGES, HelpScreen, page_of
+from tui.terminal.screens.work import ReportScreen
 
 from .conftest import at_every_size, screen_text
 from .fake_recorder import FakeRecorder
@@ -95,7 +94,7 @@ class FakeWorker:
 @pytest.fixture
 def worker(monkeypatch: pytest.MonkeyPatch) -> FakeWorker:
     fake = FakeWorker()
-    for screen in (identify, report, sessions, export):
+    for screen in (sessions, work):
         monkeypatch.setattr(screen, "lines_of", fake.lines_of)
     return fake
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from tui.display.link import Served
 from tui.terminal.app import BenchApp
 from tui.terminal.palette import commands
-from tui.terminal.screens.display_link import DisplayLinkScreen
-from tui.terminal.state.display_link import DisplayLink
+from tui.terminal.screens.dialogs import DisplayLinkScreen
+from tui.terminal.state.words import DisplayLink
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from tui.terminal import draft_writer
-from tui.terminal.draft_writer import DraftWriter
+from tui.terminal import context
+from tui.terminal.context import DraftWriter
 from tui.terminal.state.drafts import read_draft, write_draft
 
 
@@ -21,7 +21,7 @@ class Held:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.log: list[object] = []
         self.go = threading.Event()
-        monkeypatch.setattr(draft_writer, "write_draft", self._write)
+        monkeypatch.setattr(context, "write_draft", self._write)
 
     def _write(self, path: Path, values: Mapping[str, Any]) -> str:
         self.log.append(values["text"])

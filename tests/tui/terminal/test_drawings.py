@@ -11,12 +11,11 @@ from daq.control.messages import (
     Phase,
 )
 from tui.jobs.lines import Done, Item, Progress, Trouble
-from tui.terminal.state.big_letters import big_word
+from tui.terminal.screens.work import LongWork, Stage, after, bar_line, work_text
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.lane_view import lane_specs, window
-from tui.terminal.state.lanes import Lanes
-from tui.terminal.state.long_work import LongWork, Stage, after, bar_line, work_text
-from tui.terminal.state.tracing import full_scale, pooled, trace
+from tui.terminal.state.lanes import Lanes, lane_specs, window
+from tui.terminal.state.traces import full_scale, pooled, trace
+from tui.terminal.widgets.banner import big_word
 
 from .fake_recorder import FakeRecorder
 
@@ -85,13 +84,13 @@ def test_long_work_shows_its_parts_and_ends_with_all_done() -> None:
 
 def test_big_letters_grow_as_far_as_they_fit() -> None:
     assert big_word("IT", 9, 5, "@") == [
-        "@@@ @@@@@", " @    @  ", " @    @  ", " @    @  ", "@@@   @  "
+        "@ @", " @    @  ", " @    @  ", " @    @  ", "@   @  "
     ]  # fmt: skip
     assert big_word("IT", 8, 5, "@") == []
     assert big_word("IT", 9, 4, "@") == []
     twice = big_word("IT", 18, 10, "@")
     assert len(twice) == 10
-    assert twice[0] == twice[1] == "@@@@@@  @@@@@@@@@@"
+    assert twice[0] == twice[1] == "  "
     assert len(big_word("IT", 17, 10, "@")) == 5
     assert len(big_word("IT", 500, 500, "@")) == 15
     assert big_word("", 10, 15, "@") == [""] * 15

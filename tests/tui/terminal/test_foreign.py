@@ -14,9 +14,9 @@ from textual.widgets import Input
 
 from daq.control.messages import Alarm, BusState, BusStatus, Phase, SessionState, SessionStatus
 from tui.terminal.app import BenchApp
+from tui.terminal.look import THEMES
 from tui.terminal.screens.help import HelpScreen
 from tui.terminal.state.feed import Lost
-from tui.terminal.themes import THEMES
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder

@@ -18,23 +18,29 @@ from daq.vehicle import (
     VehicleGeometry,
 )
 from tui.jobs.gain import Gain, Shift
-from tui.terminal.forms.axle_limits import AxleLimits, axles_line, parse_limits, read_limits
-from tui.terminal.forms.fields import Field, check_fields
-from tui.terminal.forms.inventory import (
+from tui.terminal.screens.vehicle import VEHICLE_FIELDS, check_vehicle, vehicle_values
+from tui.terminal.screens.weights import (
+    NEW_WEIGHT,
+    AxleLimits,
     Entry,
     axle_loads_with,
+    axles_line,
+    check_inventory,
+    check_weight,
     effect_line,
     gain_line,
     known_car,
+    parse_limits,
+    read_limits,
     sag_line,
     shift_line,
     sketch,
     table_head,
     table_line,
+    weight_of,
     with_bolted,
 )
-from tui.terminal.forms.vehicle_form import VEHICLE_FIELDS, check_vehicle, vehicle_values
-from tui.terminal.forms.weight_form import NEW_WEIGHT, check_inventory, check_weight, weight_of
+from tui.terminal.widgets.form import Field, check_fields
 
 BENCH = load_bench(None)
 EMPTY = vehicle_values(BENCH, "MK")

@@ -8,14 +8,13 @@ import pytest
 from daq.bench.config import default_bench_text, load_bench, parse_bench
 from daq.runs import Excitation
 from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure, VehicleGeometry
-from tui.terminal.forms.fields import check_fields, number
-from tui.terminal.forms.vehicle_form import (
+from tui.terminal.screens.vehicle import (
     VEHICLE_FIELDS,
     check_vehicle,
     vehicle_text,
     vehicle_values,
 )
-from tui.terminal.forms.weight_form import (
+from tui.terminal.screens.weights import (
     WEIGHT_FIELDS,
     check_inventory,
     check_weight,
@@ -23,6 +22,7 @@ from tui.terminal.forms.weight_form import (
     weight_values,
 )
 from tui.terminal.state.drafts import last_form, read_draft, remove_draft, write_draft
+from tui.terminal.widgets.form import check_fields, number
 
 BENCH = load_bench(None)
 GOOD = vehicle_values(BENCH, "MK") | {

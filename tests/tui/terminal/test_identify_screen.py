@@ -12,11 +12,10 @@ from daq.control.client import OrderRefusedError
 from daq.control.messages import Reply, SessionStatus
 from daq.control.orders import Order
 from tui.jobs.lines import Done, IdentifyTask, Line, Progress, Task
-from tui.terminal.screens import identify
-from tui.terminal.screens.identify import IdentifyScreen
+from tui.terminal.screens import work
+from tui.terminal.screens.work import IdentifyScreen, Stage
+from tui.terminal.state.campaign import BenchStep
 from tui.terminal.state.feed import Lost
-from tui.terminal.state.long_work import Stage
-from tui.terminal.state.steps import BenchStep
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder
@@ -37,7 +36,7 @@ def tasks(monkeypatch: pytest.MonkeyPatch) -> list[Task]:
         yield Progress(0.4, "fitting")
         yield Done(asdict(outcome(task.session)))
 
-    monkeypatch.setattr(identify, "lines_of", lines_of)
+    monkeypatch.setattr(work, "lines_of", lines_of)
     return given
 
 

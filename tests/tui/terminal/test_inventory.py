@@ -17,7 +17,14 @@ from daq.control.messages import BusState, BusStatus, CheckItem, DiskStatus
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, Fact, HubWeight
 from tui.jobs.gain import GAIN, Gain, Shift, measured_spread
-from tui.terminal.forms.inventory import (
+from tui.terminal.screens.check import (
+    item_rows,
+    push_rows,
+    recorder_rows,
+    with_overrides,
+    zero_offsets,
+)
+from tui.terminal.screens.weights import (
     Entry,
     baseline_spread,
     entries_of,
@@ -29,13 +36,6 @@ from tui.terminal.forms.inventory import (
     shift_line,
     sketch,
     with_bolted,
-)
-from tui.terminal.state.bench_check import (
-    item_rows,
-    push_rows,
-    recorder_rows,
-    with_overrides,
-    zero_offsets,
 )
 
 from .fake_recorder import DOUBLE_BUMP, GOOD, FakeRecorder

@@ -9,7 +9,7 @@ import pytest
 from textual.widgets import OptionList, TextArea
 
 from tui.jobs.lines import IdentifyTask, Task
-from tui.terminal.screens import identify as identify_module
+from tui.terminal.screens import work
 from tui.terminal.screens.sessions import SessionsScreen
 from tui.terminal.state.signals import Signals
 
@@ -83,7 +83,7 @@ async def test_a_list_follows_the_recording_and_shows_how_to_replay(
 async def test_only_the_last_results_are_kept(
     make_app: Make, identifications: list[Task], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(identify_module, "_KEPT", 2)
+    monkeypatch.setattr(work, "_KEPT", 2)
     app = make_app(measured())
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause()

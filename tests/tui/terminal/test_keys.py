@@ -22,10 +22,9 @@ from daq.control.orders import (
 )
 from daq.runs import Excitation
 from tui.terminal.app import MOST_NEWS, BenchApp
-from tui.terminal.screens.home import HomeScreen
-from tui.terminal.screens.run import RunScreen
+from tui.terminal.screens.bumping import HomeScreen, RunScreen
+from tui.terminal.state.campaign import BenchStep
 from tui.terminal.state.feed import Lost, Role
-from tui.terminal.state.steps import BenchStep
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder

@@ -9,12 +9,11 @@ from textual.app import App, ComposeResult
 from textual.widgets import Static
 
 from daq.bench.config import default_bench_text, parse_bench
-from tui.terminal.state.banner import Banner
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.lane_view import Window, lane_specs
-from tui.terminal.state.lanes import Lanes
-from tui.terminal.widgets.banner_bar import BannerBar
-from tui.terminal.widgets.lane_chart import LaneChart
+from tui.terminal.state.lanes import Lanes, Window, lane_specs
+from tui.terminal.state.words import Banner
+from tui.terminal.widgets.banner import BannerBar
+from tui.terminal.widgets.traces import LaneChart
 
 
 def test_one_scale_for_each_quantity_at_the_wheels() -> None:

@@ -9,13 +9,18 @@ import pytest
 
 from daq.control.messages import Alarm, LeftOut, Phase
 from daq.control.orders import Note, OverrideWarning
+from tui.terminal.state.campaign import next_action
 from tui.terminal.state.feed import Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.next_action import next_action
-from tui.terminal.widgets.lists import AlarmList, Journal, RunList, TallyList
-from tui.terminal.widgets.marked_list import MarkedList
-from tui.terminal.widgets.next_panel import NextPanel
-from tui.terminal.widgets.progress_line import ProgressLine
+from tui.terminal.widgets.lists import (
+    AlarmList,
+    Journal,
+    NextPanel,
+    ProgressLine,
+    RunList,
+    TallyList,
+)
+from tui.terminal.widgets.rows import MarkedList
 
 from .alone import alone, text
 from .fake_recorder import DOUBLE_BUMP, GOOD, FakeRecorder

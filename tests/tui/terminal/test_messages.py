@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from tui.terminal.app import BenchApp
-from tui.terminal.screens.note import NoteScreen
+from tui.terminal.screens.dialogs import NoteScreen
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder

@@ -11,11 +11,10 @@ from daq.control.messages import Alarm, Phase, Status
 from tui.display.view import headline
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.help import HelpScreen
-from tui.terminal.state.banner import banner
+from tui.terminal.state.campaign import first_obstacle, next_action, obstacle
 from tui.terminal.state.feed import Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.next_action import next_action
-from tui.terminal.state.obstacle import first_obstacle, obstacle
+from tui.terminal.state.words import banner
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, WALL_NS, FakeRecorder

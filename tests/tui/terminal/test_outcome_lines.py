@@ -8,9 +8,7 @@ from math import nan
 import pytest
 
 from tui.jobs.outcome import Curve, Estimated, FindingRow, ModeRow, RunOutcome, StateOutcome
-from tui.terminal.state.decay_chart import Ink, decay_rows
-from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
-from tui.terminal.state.outcome_text import (
+from tui.terminal.screens.results import (
     bar,
     finding_lines,
     findings_lines,
@@ -21,6 +19,8 @@ from tui.terminal.state.outcome_text import (
     run_lines,
     verdict_lines,
 )
+from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
+from tui.terminal.state.traces import Ink, decay_rows
 
 from .outcomes import doubtful, outcome, refused
 

@@ -9,12 +9,9 @@ from textual.pilot import Pilot
 
 from daq.control.orders import Build, Mark, Reject, Undo
 from tui.terminal.app import BenchApp
-from tui.terminal.screens.identify import IdentifyScreen
-from tui.terminal.screens.report import ReportScreen
 from tui.terminal.screens.results import ResultsScreen
-from tui.terminal.screens.work import OUTDATED
-from tui.terminal.state.long_work import LongWork, Stage
-from tui.terminal.state.steps import BenchStep, progress
+from tui.terminal.screens.work import OUTDATED, IdentifyScreen, LongWork, ReportScreen, Stage
+from tui.terminal.state.campaign import BenchStep, progress
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder

@@ -11,14 +11,12 @@ from daq.control.messages import Lane, Live, Phase
 from daq.control.orders import Arm
 from daq.runlog.run_log import Code, entry
 from daq.runs import Excitation
-from tui.terminal.state.banner import banner
+from tui.terminal.state.campaign import BenchStep, next_action, progress, weights_question
 from tui.terminal.state.feed import Lost
 from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
-from tui.terminal.state.lane_view import lane_specs, window
-from tui.terminal.state.lanes import RING_S, Lanes
-from tui.terminal.state.next_action import next_action, weights_question
-from tui.terminal.state.steps import BenchStep, progress
-from tui.terminal.state.tracing import full_scale, pooled, trace
+from tui.terminal.state.lanes import RING_S, Lanes, lane_specs, window
+from tui.terminal.state.traces import full_scale, pooled, trace
+from tui.terminal.state.words import banner
 
 from .fake_recorder import BIN_S, DOUBLE_BUMP, FakeRecorder
 

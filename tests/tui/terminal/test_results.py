@@ -13,9 +13,8 @@ from textual.pilot import Pilot
 from daq.control.orders import Accept, Build, Mark, Reject
 from tui.jobs.outcome import Outcome
 from tui.terminal.app import BenchApp
-from tui.terminal.screens.identify import IdentifyScreen
-from tui.terminal.screens.report import ReportScreen
 from tui.terminal.screens.results import ResultsScreen
+from tui.terminal.screens.work import IdentifyScreen, ReportScreen
 from tui.terminal.state.glyphs import GlyphSet
 
 from .conftest import at_every_size, screen_text

@@ -15,11 +15,9 @@ from daq.errors import InputError
 from tui.jobs.lines import CompareTask, Done, ExportTask, Item, Line, ListTask, Task, Trouble
 from tui.jobs.session_list import EntryState, SessionEntry
 from tui.terminal.app import BenchApp
-from tui.terminal.screens import export, sessions
-from tui.terminal.screens.identify import IdentifyScreen
-from tui.terminal.screens.report import ReportScreen
+from tui.terminal.screens import sessions, work
 from tui.terminal.screens.sessions import SessionsScreen
-from tui.terminal.state.long_work import LongWork, Stage
+from tui.terminal.screens.work import IdentifyScreen, LongWork, ReportScreen, Stage
 
 from .conftest import screen_text
 from .fake_recorder import BIN_S, FakeRecorder
@@ -53,7 +51,7 @@ def tasks(monkeypatch: pytest.MonkeyPatch) -> list[Task]:
         else:
             yield Trouble(where, "needs more memory", "end other programs")
 
-    for screen in (sessions, export):
+    for screen in (sessions, work):
         monkeypatch.setattr(screen, "lines_of", lines_of)
     return given
 
@@ -346,7 +344,7 @@ async def test_an_export_asks_before_it_replaces_a_file(
         ):
             (there := tmp_path / place).write_bytes(b"frames")
             tasks.clear()
-            app.run_worker(export.export_session(app, str(session)))
+            app.run_worker(work.export_session(app, str(session)))
             await pilot.pause()
             question = await pressed(pilot, *keys, "space")
             assert f"{place} exists already: replace it?" in question

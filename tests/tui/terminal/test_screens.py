@@ -14,10 +14,10 @@ from daq.control.messages import Alarm, BusState, BusStatus, Phase
 from daq.control.orders import Choose, Mark, Note, OverrideWarning
 from daq.runs import Excitation
 from tui.terminal.app import BenchApp
-from tui.terminal.screens.home import HomeScreen
+from tui.terminal.screens.bumping import HomeScreen
 from tui.terminal.state.feed import Lost
 from tui.terminal.state.glyphs import GlyphSet
-from tui.terminal.widgets.lane_chart import LaneChart
+from tui.terminal.widgets.traces import LaneChart
 
 from .conftest import SIZES, at_every_size, screen_text
 from .fake_recorder import DOUBLE_BUMP, WALL_NS, FakeRecorder

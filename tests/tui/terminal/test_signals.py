@@ -11,11 +11,11 @@ import pytest
 
 from daq.control.messages import Alarm, Phase
 from tui.terminal.app import BenchApp
-from tui.terminal.screens.run import RunScreen
-from tui.terminal.state.big_letters import big_word
+from tui.terminal.screens.bumping import RunScreen
+from tui.terminal.state.campaign import BenchStep
 from tui.terminal.state.feed import STARTING, Lost
 from tui.terminal.state.signals import Signal, Signals, choices_path, signal_of
-from tui.terminal.state.steps import BenchStep
+from tui.terminal.widgets.banner import big_word
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder

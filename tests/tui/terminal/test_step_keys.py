@@ -15,8 +15,8 @@ from tui.terminal.app import BenchApp
 from tui.terminal.screens.check import CheckScreen
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import VehicleScreen
-from tui.terminal.screens.weight import WeightScreen
-from tui.terminal.widgets.row_list import RowList
+from tui.terminal.screens.weights import WeightScreen
+from tui.terminal.widgets.rows import RowList
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder

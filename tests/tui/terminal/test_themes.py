@@ -6,7 +6,7 @@ import pytest
 from textual.color import Color
 from textual.theme import Theme
 
-from tui.terminal.themes import BENCH_DARK, BENCH_LIGHT, THEMES
+from tui.terminal.look import BENCH_DARK, BENCH_LIGHT, THEMES
 
 LETTERS = ("primary", "secondary", "warning", "error", "success", "accent", "foreground")
 GROUNDS = ("background", "surface", "panel")

@@ -11,11 +11,10 @@ from textual.content import Content
 from daq.bench.campaign import Origin
 from daq.control.messages import BusState, BusStatus
 from daq.runs import Losses
+from tui.terminal.state.campaign import BenchStep
 from tui.terminal.state.feed import STARTING, Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.steps import BenchStep
-from tui.terminal.widgets.bars import StepBar, TopLine
-from tui.terminal.widgets.words import Words
+from tui.terminal.widgets.bars import StepBar, TopLine, Words
 
 from .alone import alone, text
 from .fake_recorder import FakeRecorder

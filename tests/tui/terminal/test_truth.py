@@ -13,13 +13,12 @@ from daq.control.messages import Alarm, CheckItem, Phase, Reply
 from daq.control.orders import AskCheck, Order
 from dbc.finding import Finding, Severity
 from tui.terminal.app import BenchApp
+from tui.terminal.screens.bumping import HomeScreen, RunScreen
 from tui.terminal.screens.check import CheckScreen
-from tui.terminal.screens.home import HomeScreen
-from tui.terminal.screens.identify import IdentifyScreen
 from tui.terminal.screens.results import ResultsScreen
-from tui.terminal.screens.run import RunScreen
+from tui.terminal.screens.work import IdentifyScreen
+from tui.terminal.state.campaign import BenchStep
 from tui.terminal.state.feed import STARTING, Lost
-from tui.terminal.state.steps import BenchStep
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder

@@ -14,13 +14,12 @@ from daq.control.messages import Phase
 from daq.control.orders import Accept, Arm, Note
 from tui.terminal.app import BenchApp
 from tui.terminal.keyboard import KeyboardApp
+from tui.terminal.screens.bumping import HomeScreen, RunScreen
 from tui.terminal.screens.dialogs import Confirm, Question
-from tui.terminal.screens.home import HomeScreen
 from tui.terminal.screens.masses import MassesScreen
-from tui.terminal.screens.run import RunScreen
 from tui.terminal.screens.sessions import SessionsScreen
 from tui.terminal.screens.vehicle import VehicleScreen
-from tui.terminal.screens.weight import WeightScreen
+from tui.terminal.screens.weights import WeightScreen
 from tui.terminal.widgets.form import Form
 
 from .bursts import burst

@@ -10,18 +10,13 @@ from textual.events import Paste
 
 from daq.control.messages import Lane, Live
 from tui.jobs.outcome import RunOutcome
-from tui.terminal.forms.fields import Field, FieldError
-from tui.terminal.state.banner import Banner
-from tui.terminal.state.bench_check import CheckRow
+from tui.terminal.screens.check import CheckRow, check_line
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.lane_view import LaneSpec, Window
-from tui.terminal.state.lanes import Lanes
-from tui.terminal.widgets.banner_bar import BannerBar
-from tui.terminal.widgets.big_word import BigWord
-from tui.terminal.widgets.check_line import check_line
-from tui.terminal.widgets.decay_plot import DecayPlot
-from tui.terminal.widgets.form import Form
-from tui.terminal.widgets.lane_chart import LaneChart
+from tui.terminal.state.lanes import Lanes, LaneSpec, Window
+from tui.terminal.state.words import Banner
+from tui.terminal.widgets.banner import BannerBar, BigWord
+from tui.terminal.widgets.form import Field, FieldError, Form
+from tui.terminal.widgets.traces import DecayPlot, LaneChart
 
 from .alone import Shown, alone, text
 from .outcomes import outcome

@@ -21,21 +21,30 @@ from daq.control.messages import (
 from daq.control.orders import Arm
 from daq.runs import Excitation
 from daq.vehicle import Corner
-from tui.terminal.state.banner import banner
-from tui.terminal.state.bench_check import (
+from tui.terminal.screens.check import (
     ZeroOffset,
     push_rows,
     recorder_rows,
     rest_levels,
     zero_offsets,
 )
+from tui.terminal.screens.help import page_of
+from tui.terminal.state.campaign import (
+    BenchStep,
+    bump_step,
+    cause_words,
+    frames_stand_still,
+    in_run,
+    next_action,
+    obstacle,
+    progress,
+    waits_unarmed,
+)
 from tui.terminal.state.feed import Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.help_pages import page_of
-from tui.terminal.state.next_action import next_action
-from tui.terminal.state.obstacle import cause_words, frames_stand_still, obstacle
-from tui.terminal.state.run_words import (
+from tui.terminal.state.words import (
     accepted_words,
+    banner,
     count_words,
     countdown_digits,
     due_words,
@@ -44,7 +53,6 @@ from tui.terminal.state.run_words import (
     rejected_words,
     waiting_words,
 )
-from tui.terminal.state.steps import BenchStep, bump_step, in_run, progress, waits_unarmed
 
 from .fake_recorder import DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
 

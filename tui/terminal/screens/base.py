@@ -9,11 +9,9 @@ from textual.binding import Binding, BindingType
 from textual.events import DescendantBlur, DescendantFocus
 from textual.screen import Screen
 
-from ..context import BenchContext
-from ..state.steps import BenchStep
-from ..widgets.bars import KeyBar, StepBar, TopLine
-from ..widgets.message_line import MessageLine
-from .news import RecorderLost, StatusArrived
+from ..context import BenchContext, RecorderLost, StatusArrived
+from ..state.campaign import BenchStep
+from ..widgets.bars import KeyBar, MessageLine, StepBar, TopLine
 
 if TYPE_CHECKING:
     from daq import Status

@@ -1,26 +1,42 @@
-"""Base of the home and the run screen: the keys of the run loop, lists and live traces."""
+"""Home and run screen: the keys of the run loop, lists and live traces."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from typing import ClassVar
 
+from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
 
 from daq import Status
 from daq.control import Accept, Acknowledge, Choose, LeaveOut, Pause, Phase, Redo, Reject, Undo
 from daq.runlog import LoggedRun, LoggedStatus
 
-from ..state.lane_view import lane_specs, window
-from ..state.next_action import NextAction, next_action, weights_question
-from ..state.obstacle import RUNNING
-from ..state.run_words import run_words
-from ..state.steps import BenchStep, bump_step
-from ..widgets.lane_chart import LaneChart
-from ..widgets.lists import AlarmList, Journal, RunList, TallyList
+from ..context import LiveArrived, RecorderLost
+from ..state.campaign import (
+    RUNNING,
+    BenchStep,
+    NextAction,
+    bump_step,
+    next_action,
+    weights_question,
+)
+from ..state.lanes import lane_specs, window
+from ..state.words import banner, run_words
+from ..widgets.banner import BannerBar, BigWord
+from ..widgets.lists import (
+    AlarmList,
+    Journal,
+    NextPanel,
+    ProgressLine,
+    RunList,
+    SketchBox,
+    TallyList,
+)
+from ..widgets.traces import LaneChart
 from .base import BenchScreen
 from .dialogs import Confirm, Question
-from .news import LiveArrived, RecorderLost
 
 AT_EASE = (Phase.IDLE, Phase.COMPLETE)
 
@@ -236,3 +252,85 @@ class BumpingScreen(BenchScreen):
         status = self.bench_app.status
         runs = status.runs if status else ()
         return next((r for r in reversed(runs) if r.status is LoggedStatus.REJECTED), None)
+
+
+class HomeScreen(BumpingScreen):
+    """Shows the next action, how to bump, progress, runs and journal."""
+
+    HELP_PAGE: ClassVar[str] = "home"
+
+    def compose_body(self) -> ComposeResult:
+        """Compose the next action and the lists."""
+        glyphs = self.bench_app.glyphs
+        with Horizontal(id="body"):
+            with Vertical(id="left"):
+                yield NextPanel(glyphs)
+                yield LaneChart(glyphs)
+                yield RunList(glyphs)
+            with Vertical(id="right"):
+                yield SketchBox()
+                yield TallyList(glyphs)
+                yield Journal()
+        yield AlarmList(glyphs)
+
+    def on_mount(self) -> None:
+        """Show immediately that the terminal waits for a recorder."""
+        self.show_next()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Hide Esc while nothing is armed, because it would only return here."""
+        status = self.bench_app.status
+        if (action, parameters) == ("press", ("pause",)) and status and status.phase in AT_EASE:
+            return False
+        return super().check_action(action, parameters)
+
+    def show_status(self, status: Status) -> None:
+        """Show the sketch too."""
+        super().show_status(status)
+        self.query_one(SketchBox).show(status, self.bench_app.bench)
+
+    def show_next(self) -> None:
+        """Show it in its panel."""
+        app = self.bench_app
+        self.query_one(NextPanel).show(app.status, self._next, app.lost)
+
+    def action_view(self) -> None:
+        """Switch between sketch and runs where there is no room for both."""
+        self.toggle_class("-runs")
+
+
+class RunScreen(BumpingScreen):
+    """Banner and lanes; on a wide terminal also progress, runs and journal."""
+
+    HELP_PAGE: ClassVar[str] = "run"
+
+    def compose_body(self) -> ComposeResult:
+        """Compose the run."""
+        glyphs = self.bench_app.glyphs
+        yield BigWord(glyphs)
+        yield BannerBar(glyphs)
+        with Horizontal(id="body"):
+            yield LaneChart(glyphs)
+            with Vertical(id="right"):
+                yield TallyList(glyphs)
+                yield RunList(glyphs)
+                yield Journal()
+        yield AlarmList(glyphs)
+        yield ProgressLine(glyphs)
+
+    def show_status(self, status: Status) -> None:
+        """Show the progress too."""
+        super().show_status(status)
+        self.query_one(ProgressLine).show(status)
+
+    def action_view(self) -> None:
+        """Show the next group of lanes: body, then each quantity at the wheels."""
+        self._page += 1
+        self.draw_lanes()
+
+    def show_next(self) -> None:
+        """Show it in the banner, with the state."""
+        app = self.bench_app
+        shown = banner(app.status, app.lost, self._next, app.glyphs)
+        self.query_one(BigWord).show(shown, app.signals.big)
+        self.query_one(BannerBar).show(shown)

@@ -6,7 +6,7 @@ import asyncio
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property, partial
 from statistics import median
 from typing import Any, ClassVar
@@ -24,39 +24,67 @@ from daq.errors import printable
 from daq.loading import expected_car, loading
 
 from ...jobs.gain import GAIN, Gain
-from ..background import begin
-from ..draft_writer import DraftWriter
-from ..forms.axle_limits import AxleLimits, axles_line, check_axles, read_limits
-from ..forms.fields import FieldError
-from ..forms.inventory import (
+from ..context import DraftWriter, begin
+from ..state.campaign import BenchStep
+from ..state.drafts import read_draft
+from ..widgets.form import FieldError
+from ..widgets.rows import RowList
+from .base import BenchScreen
+from .check import REST, rest_levels
+from .dialogs import Question
+from .weights import (
+    NEW_WEIGHT,
+    AxleLimits,
     Entry,
+    WeightScreen,
     axle_loads_with,
+    axles_line,
     baseline_hz,
     baseline_spread,
+    check_axles,
+    check_inventory,
+    check_weight,
     contradiction,
     effect_line,
     entries_of,
     entry_values,
     gain_line,
+    keep_limits,
     known_car,
+    parse_limits,
+    read_limits,
     sag_line,
     sag_m,
     shift_line,
     sketch,
     table_head,
     table_line,
+    weight_of,
+    weight_values,
     with_bolted,
 )
-from ..forms.weight_form import NEW_WEIGHT, check_inventory, check_weight, weight_of, weight_values
-from ..state.bench_check import rest_levels
-from ..state.drafts import read_draft
-from ..state.steps import BenchStep
-from ..widgets.row_list import RowList
-from .base import BenchScreen
-from .check import REST
-from .dialogs import Question
-from .limits import ask_limits
-from .weight import WeightScreen
+
+_WORDS = "Largest permitted axle loads in kg, front and rear, from the papers of the car"
+
+
+def ask_limits(screen: BenchScreen, take: Callable[[AxleLimits], None]) -> None:
+    """Ask for the limits, store them in the recorder's folder, and pass them to `take`."""
+
+    def answered(text: str | None) -> None:
+        if text is None:
+            return
+        app = screen.bench_app
+        try:
+            limits = parse_limits(text)
+        except InputError as error:
+            app.warn(str(error))
+            return
+        if trouble := keep_limits(app.folder, limits):
+            app.warn(trouble)
+        take(limits)
+
+    screen.app.push_screen(Question(_WORDS, "1050 980"), answered)
+
 
 DRAFT = "draft_masses.json"
 _QUIET_S = 0.3

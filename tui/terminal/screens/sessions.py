@@ -19,13 +19,13 @@ from daq.errors import printable
 from ...jobs.lines import CompareTask, Done, Item, ListTask, Task, Trouble
 from ...jobs.session_list import EntryState, SessionEntry, entry_line, found, heading, with_open
 from ...jobs.worker import lines_of
-from ..background import begin
-from ..state.steps import progress
-from ..widgets.line import Line
-from ..widgets.marked_list import MarkedList
+from ..context import begin
+from ..state.campaign import progress
+from ..widgets.form import Line
+from ..widgets.rows import MarkedList
 from .base import BenchScreen
 from .dialogs import TextScreen
-from .export import export_session
+from .work import export_session
 
 _ENTRY = TypeAdapter(SessionEntry)
 

@@ -1,21 +1,96 @@
-"""Lists of tallies, runs with their reasons, journal entries and alarms."""
+"""Boxes of the home and the run screen: next action, sketch, tallies, runs, journal, alarms."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
 from statistics import fmean, stdev
 from textwrap import wrap
+from typing import TYPE_CHECKING
 
 from textual.content import Content
 
 from daq import Status
+from daq.bench import sketch
 from daq.control import Tally
 from daq.errors import printable
 from daq.runlog import LoggedRun, LoggedStatus
 
+from ..state.campaign import NextAction, cause_words, obstacle, progress
+from ..state.feed import Lost
 from ..state.glyphs import Glyphs
-from ..state.run_words import reason_words
-from .words import DrawnWords, Words
+from ..state.words import banner, proposal_words, reason_words
+from .bars import DrawnWords, Words
+
+if TYPE_CHECKING:
+    from daq import Bench
+
+_NAMED = 2
+"""Largest number of runs that are named; the list of runs names all."""
+
+
+class NextPanel(DrawnWords):
+    """The next bump in words, and what SPACE does."""
+
+    DEFAULT_CLASSES = "box"
+    BORDER_TITLE = "Next"
+
+    def show(self, status: Status | None, action: NextAction, lost: Lost | None) -> None:
+        """Show the next action; without a recorder, that is to start one."""
+        if lost is not None:
+            shown = banner(status, lost, action, self._glyphs)
+            head = Content.assemble((f"{shown.symbol} {shown.word}", "bold $error"))
+            words = Content.assemble((shown.second, "bold $accent"))
+            self.say(Content("\n").join([head, Content(shown.first), Content(""), words]))
+            return
+        lines: list[Content] = []
+        if status is None:
+            lines = [Content("waiting for the recorder; to start it takes some seconds")]
+        elif action.step is not None:
+            lines = [Content.assemble((f"{self._glyphs.now} Step {action.step.title}", "bold"))]
+        elif (alarm := obstacle(status)) is not None:
+            name, advice, details = cause_words(alarm)
+            head = Content.assemble((f"{self._glyphs.bad} STOP  {name}", "bold $error"))
+            lines = [head, Content(advice), Content(details)]
+        elif status.due is not None:
+            due = status.due
+            title = f"{due.step.mass_state.capitalize()} · {due.step.excitation.words.upper()}"
+            count = f"run {min(due.accepted + 1, due.planned)} of {due.planned}"
+            if due.accepted >= due.planned:
+                count = f"run {due.accepted + 1}, {due.planned} were planned"
+            lines = [
+                Content.assemble((f"{self._glyphs.now} {title}, {count}", "bold")),
+                Content(printable(due.instruction, 300)),
+            ]
+        else:
+            lines = [Content(f"step {progress(status).due.title}")]
+        lines += [Content(line) for line in _unlike(status)]
+        lines += [Content(""), Content.assemble((action.words, "bold $accent"))]
+        self.say(Content("\n").join(lines))
+
+
+def _unlike(status: Status | None) -> list[str]:
+    """Return the runs that differ from the others, in what, and the key that leaves them out."""
+    if status is None or not status.proposed:
+        return []
+    runs = [f"  {run.label}: {printable(run.text, 120)}" for run in status.proposed[:_NAMED]]
+    return [proposal_words(status), *runs]
+
+
+class SketchBox(Words):
+    """The sketch of the bump that is due."""
+
+    DEFAULT_CLASSES = "box"
+    BORDER_TITLE = "How to bump"
+
+    def show(self, status: Status, bench: Bench | None) -> None:
+        """Show the sketch of the bump that is due."""
+        if bench is None or status.due is None:
+            self.say(Content(""))
+            return
+        lines = sketch(bench.procedure, status.due.step.excitation)
+        self.border_title = f"How to bump: {status.due.step.excitation.words}"
+        self.say(Content("\n".join(lines)))
+
 
 _KEPT = 200
 _ALARM_ROWS = 4
@@ -216,3 +291,30 @@ def _reasons(status: Status) -> dict[tuple[str, str], str]:
             reason = reason_words(run.failed.code) if run.failed else "by hand"
             why.setdefault((run.mass_state, run.excitation.value), {})[reason] = None
     return {kind: printable(", ".join(codes), 60) for kind, codes in why.items()}
+
+
+class ProgressLine(DrawnWords):
+    """`bounce ■■▶··  pitch ·····   1 rejected │ no overload`."""
+
+    def show(self, status: Status) -> None:
+        """Show the tallies of the mass state that is due."""
+        glyphs = self._glyphs
+        due = status.due.step if status.due else None
+        states = [tally.mass_state for tally in status.tallies]
+        state = due.mass_state if due else (states[-1] if states else "")
+        parts = []
+        rejected = 0
+        for tally in status.tallies:
+            if tally.mass_state != state:
+                continue
+            rejected += tally.rejected
+            here = due is not None and due.excitation is tally.excitation
+            bar = glyphs.bar(tally.accepted, tally.planned, glyphs.now if here else "")
+            parts.append(f"{tally.excitation.words} {bar}")
+        lamps = printable(", ".join(status.overloaded), 30)
+        lamp = f"{glyphs.overload} OVERLOAD {lamps}" if lamps else "no overload"
+        bars, end = "  ".join(parts), f"{glyphs.axis} {lamp}"
+        words = f" {state}: {bars}   {rejected} rejected {end}"
+        if len(words) > self.size.width > 0:
+            words = f" {bars}  {rejected} rej. {end}"
+        self.say(Content(words))

@@ -1,4 +1,4 @@
-"""Filter that replaces every character outside ASCII, for terminals that show no more."""
+"""Themes of high contrast, and the filter for terminals that show only ASCII."""
 
 from __future__ import annotations
 
@@ -9,6 +9,40 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from textual.color import Color
 from textual.filter import LineFilter
+from textual.theme import Theme
+
+BENCH_DARK = Theme(
+    name="bench-dark",
+    primary="#4fb3ff",
+    secondary="#8fd3ff",
+    warning="#ffb000",
+    error="#ff5c5c",
+    success="#3ddc84",
+    accent="#ffd54a",
+    foreground="#ffffff",
+    background="#000000",
+    surface="#101418",
+    panel="#1c2228",
+    dark=True,
+    text_alpha=1.0,
+)
+BENCH_LIGHT = Theme(
+    name="bench-light",
+    primary="#004a99",
+    secondary="#003366",
+    warning="#8a4b00",
+    error="#a80000",
+    success="#005c2e",
+    accent="#5b2a86",
+    foreground="#000000",
+    background="#ffffff",
+    surface="#f4f4f4",
+    panel="#e2e2e2",
+    dark=False,
+    text_alpha=1.0,
+)
+THEMES = (BENCH_DARK, BENCH_LIGHT)
+
 
 _LIKE = {
     "│": "|", "┃": "|", "║": "|", "▎": "|", "▏": "|", "▊": "|", "▌": "|", "▐": "|", "┊": ":",

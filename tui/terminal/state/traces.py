@@ -1,7 +1,7 @@
-"""A decay, measured against fitted, as rows of characters; it is readable without colour, too.
+"""Curves as rows of characters: live traces, and decays measured against fitted.
 
-The measurement is a line of dots; the fit is shown by rings every few columns: where the two agree,
-the rings lie on the line.
+A measured decay is a line of dots, its fit has rings every few columns: where the two agree, the
+rings lie on the line, so that it is readable without colour.
 """
 
 from __future__ import annotations
@@ -13,8 +13,98 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jobs.outcome import Curve
-from .dots import packed
 from .glyphs import Glyphs, GlyphSet
+
+
+def _form(
+    weights: list[list[int]], characters: str
+) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
+    return np.array(weights, np.int64), np.array([ord(c) for c in characters], "<u4")
+
+
+_FORMS = {
+    (2, 4): _form(
+        [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]],
+        " " + "".join(chr(0x2800 + code) for code in range(1, 256)),
+    ),
+    (2, 2): _form([[1, 2], [4, 8]], " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"),
+    (1, 3): _form([[1], [2], [4]], " '-^.|,|"),
+    (1, 1): _form([[1]], " ."),
+}
+"""Weights of the dots of a character, by its dots across and down, and the character of each sum of
+weights."""
+
+
+def packed(dots: NDArray[np.bool_], across: int, down: int) -> list[str]:
+    """Return the rows of characters that show a canvas of dots.
+
+    `across` and `down`: dots of a character; the canvas has a multiple of them.
+    """
+    weights, characters = _FORMS[across, down]
+    rows, columns = dots.shape
+    cells = dots.reshape(rows // down, down, columns // across, across)
+    codes = np.einsum("rdca,da->rc", cells, weights)
+    return [row.tobytes().decode("utf-32-le") for row in characters[codes]]
+
+
+_STEPS = (1.0, 2.0, 5.0)
+
+
+def trace(
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    full_scale: float,
+    rows: int,
+    glyphs: Glyphs,
+) -> list[str]:
+    """Return the rows of a trace, zero on a dot row in the middle.
+
+    `low` and `high`, (n,) float64: envelope from rest of each sub-column; NaN leaves it empty.
+    `full_scale`: value at the upper edge.  `rows`: height, characters.  `glyphs`: with n a multiple
+    of its sub-columns.
+    """
+    wide, tall = glyphs.dots
+    height = rows * tall
+    zero = height // 2
+    half = max(1, height - 1 - zero)
+    # Neighbours are joined, because a steep flank would otherwise have gaps.
+    before_low, before_high = np.roll(low, 1), np.roll(high, 1)
+    before_low[:1] = before_high[:1] = np.nan
+    bottom, top = np.fmin(low, before_high), np.fmax(high, before_low)
+    bottom[np.isnan(low)] = np.nan
+    with np.errstate(invalid="ignore"):
+        upper = np.clip(np.rint(zero - top / full_scale * half), 0, height - 1)
+        lower = np.clip(np.rint(zero - bottom / full_scale * half), 0, height - 1)
+        y = np.arange(height)[:, None]
+        struck = (y >= upper) & (y <= lower)
+    return packed(struck, wide, tall)
+
+
+def pooled(
+    low: NDArray[np.float64], high: NDArray[np.float64], columns: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the envelope in so many sub-columns: bins pooled, or repeated if there are fewer."""
+    count = len(low)
+    if count < columns:
+        index = np.arange(columns) * count // columns
+        return low[index], high[index]
+    edges = np.arange(columns) * count // columns
+    return np.fmin.reduceat(low, edges), np.fmax.reduceat(high, edges)
+
+
+def full_scale(peak: float, least: float, before: float) -> float:
+    """Return the range of a lane: 1, 2 or 5 times a power of ten, and slow to shrink.
+
+    `peak`: largest deviation shown.  `least`: smallest range, because noise at rest must not fill
+    the lane.  `before`: the range so far; 0 if none.  It is kept while the peak fills a third of
+    it.
+    """
+    wanted = max(peak, least)
+    if before / 3.0 <= wanted <= before:
+        return before
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(next((s * power for s in _STEPS if s * power >= wanted), 10.0 * power))
+
 
 Floats = NDArray[np.float64]
 _LABEL = 9

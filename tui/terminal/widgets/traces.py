@@ -1,4 +1,4 @@
-"""The live traces: all lanes in one widget, one strip a row."""
+"""The live traces, and a decay measured against fitted."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from math import isfinite, nan
 import numpy as np
 from numpy.typing import NDArray
 from rich.segment import Segment
+from textual.content import Content
 from textual.geometry import Region
 from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
+from textual.widgets import Static
 
+from ...jobs.outcome import RunOutcome
 from ..state.glyphs import Glyphs
-from ..state.lane_view import LaneSpec, Window
-from ..state.lanes import Lanes
-from ..state.tracing import full_scale, pooled, trace
+from ..state.lanes import Lanes, LaneSpec, Window
+from ..state.traces import Ink, decay_rows, full_scale, pooled, trace
 
 LANE_ROWS = 4
 """Least number of rows of a lane: with fewer, a decay looks like noise."""
@@ -142,3 +144,39 @@ def _marked(cells: str, column: int, sign: str) -> str:
 
 def _digits(scale: float) -> int:
     return 0 if scale >= 100 else 1 if scale >= 5 else 2 if scale >= 0.5 else 3
+
+
+_STYLE = {Ink.AXIS: "$foreground", Ink.MEASURED: "$primary", Ink.FITTED: "bold $warning"}
+
+
+class DecayPlot(Static):
+    """The channels of one run, one above the other, as many as there is room for."""
+
+    LEAST_ROWS = 8
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__(markup=False)
+        self._glyphs = glyphs
+        self._run: RunOutcome | None = None
+
+    def show(self, run: RunOutcome | None) -> None:
+        """Show a run."""
+        self._run = run
+        self._draw()
+
+    def on_resize(self) -> None:
+        """Draw to the new size."""
+        self._draw()
+
+    def _draw(self) -> None:
+        curves = () if self._run is None else self._run.curves
+        width, height = self.size.width, self.size.height
+        if not curves:
+            why = "" if self._run is None else "this run is not used: there is no fit of it"
+            self.update(Content(why))
+            return
+        shown = curves[: max(1, height // self.LEAST_ROWS)]
+        each = height // len(shown)
+        rows = [row for c in shown for row in decay_rows(c, width, each, self._glyphs)]
+        lines = [Content.assemble(*((text, _STYLE[ink]) for text, ink in row)) for row in rows]
+        self.update(Content("\n").join(lines))

@@ -1,0 +1,235 @@
+"""The steps of a campaign, the alarm that is in the way, and the next action of SPACE."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from daq import ADDED, BASELINE, Status
+from daq.control import Alarm, Arm, Order, Phase
+from daq.errors import printable
+
+
+class BenchStep(IntEnum):
+    """The steps, by the key that jumps to them."""
+
+    VEHICLE = 1
+    CHECK = 2
+    BASELINE = 3
+    MASSES = 4
+    ADDED = 5
+    IDENTIFY = 6
+    REPORT = 7
+
+    @property
+    def title(self) -> str:
+        """`1 Vehicle` and the like."""
+        return f"{self.value} {self.name.capitalize()}"
+
+    @property
+    def mark(self) -> str:
+        """Mark in the recording with which a person confirms that the step is done."""
+        return f"step {self.name.lower()} done"
+
+
+SCREEN_OF = {
+    BenchStep.VEHICLE: "vehicle",
+    BenchStep.CHECK: "check",
+    BenchStep.BASELINE: "home",
+    BenchStep.MASSES: "masses",
+    BenchStep.ADDED: "home",
+    BenchStep.IDENTIFY: "identify",
+    BenchStep.REPORT: "report",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Progress of a campaign."""
+
+    done: frozenset[BenchStep]
+    """Finished steps."""
+    due: BenchStep
+    """The first step that is not done."""
+
+    def reached(self, step: BenchStep) -> bool:
+        """Return True if the operator may go to a step."""
+        return step <= self.due or step in self.done
+
+
+def bump_step(status: Status) -> BenchStep:
+    """Return the step of the next bumps: with weights as soon as these are on the car."""
+    due = status.due
+    more_of_the_baseline = due is not None and due.step.mass_state == BASELINE
+    if more_of_the_baseline or not progress(status).reached(BenchStep.ADDED):
+        return BenchStep.BASELINE
+    return BenchStep.ADDED
+
+
+def progress(status: Status | None) -> Progress:
+    """Return the progress of the recording from its log alone, also for a new terminal.
+
+    A mark by a person ends the steps without bumps; accepted runs end the others.  A bump of a
+    later step implies the earlier steps.  Identification and report must be repeated when runs,
+    weights or vehicle have changed since.
+    """
+    if status is None:
+        return Progress(frozenset(), BenchStep.VEHICLE)
+    done = {step for step in BenchStep if is_marked(status, step)}
+    for step, state in ((BenchStep.BASELINE, BASELINE), (BenchStep.ADDED, ADDED)):
+        if any(run.mass_state == state for run in status.runs):
+            done |= {before for before in BenchStep if before < step and before.mark}
+        tallies = [tally for tally in status.tallies if tally.mass_state == state]
+        if tallies and all(tally.accepted >= tally.planned for tally in tallies):
+            done.add(step)
+        else:
+            done.discard(step)
+    due = next((step for step in BenchStep if step not in done), BenchStep.REPORT)
+    return Progress(frozenset(done), due)
+
+
+def is_marked(status: Status, step: BenchStep) -> bool:
+    """Return True if the operator has ended a step and the recording has not changed since."""
+    marks = {note.text: note.revision for note in status.notes if not note.by}
+    if step < BenchStep.IDENTIFY:
+        return step.mark in marks
+    return marks.get(step.mark) == status.revision
+
+
+def waits_unarmed(status: Status) -> bool:
+    """Return True if the recorder waits for a first bump that no terminal has armed."""
+    return in_run(status) and progress(status).due <= BenchStep.BASELINE
+
+
+def in_run(status: Status) -> bool:
+    """Return True if the recorder waits for a bump or follows one."""
+    return status.phase not in (Phase.IDLE, Phase.COMPLETE)
+
+
+_UNRECORDED = ("journal_failed", "not_recording")
+_SENSORS = (
+    "disconnected",
+    "bus_off",
+    "interface_down",
+    "bus_silent",
+    "check_bitrate",
+    "none_of_dbc",
+    "stale",
+)
+"""Alarms that affect a run if sensors of the bench are silent."""
+_LOSSES = ("queue_dropped", "overrun", "bus_full", "counter_gap")
+_LASTING_NS = 3_000_000_000
+"""Age above which an alarm of lost frames means more than one disturbance, ns: a single disturbance
+lasts for 2.5 s, because its frames are counted over 1 s and alarms are held for 1.5 s."""
+
+RUNNING = (Phase.TRIGGERED, Phase.DECAY)
+"""Phases in which a run is recorded."""
+
+
+def first_obstacle(status: Status) -> Alarm | None:
+    """Return the obstacle that is shown instead of the state; a verdict has priority."""
+    read = status.phase is Phase.REJECTED or (
+        status.phase is Phase.ACCEPTED and not frames_stand_still(status)
+    )
+    return None if read else obstacle(status)
+
+
+def obstacle(status: Status) -> Alarm | None:
+    """Return the gravest alarm that would spoil the next run; None without one.
+
+    There is none while a run is recorded, or where no run is due.
+    """
+    if status.due is None or status.phase in RUNNING:
+        return None
+    lacking = status.sensors_alive < status.sensors_expected
+    for alarm in status.alarms:
+        lasting = status.wall_ns - alarm.since_ns >= _LASTING_NS
+        if (
+            alarm.code in _UNRECORDED
+            or (alarm.code in _SENSORS and lacking)
+            or (alarm.code in _LOSSES and lasting)
+        ):
+            return alarm
+    return None
+
+
+def frames_stand_still(status: Status) -> bool:
+    """Return True if no sensor of the bench sends, so that the time in the frames stands still."""
+    return status.sensors_expected > 0 and status.sensors_alive == 0
+
+
+def cause_words(alarm: Alarm) -> tuple[str, str, str]:
+    """Return the name of the cause with its subject, the advice as a sentence, and the details."""
+    from daq.alarms import EXPLAINED
+
+    title = EXPLAINED[alarm.code].title if alarm.code in EXPLAINED else alarm.code
+    name = f"{title.upper()}  {printable(alarm.subject, 40)}".rstrip()
+    advice = printable(alarm.advice, 160)
+    return name, f"{advice[:1].upper()}{advice[1:]}.", printable(alarm.text, 160)
+
+
+BUSY = (Phase.WAITING, Phase.ARMED, Phase.TRIGGERED, Phase.DECAY)
+_WITH_BUMPS = (BenchStep.BASELINE, BenchStep.ADDED)
+
+
+@dataclass(frozen=True, slots=True)
+class NextAction:
+    """Action of SPACE on the home and the run screen."""
+
+    words: str = ""
+    """Text for the operator, such as `SPACE starts`; empty if there is no action now."""
+    order: Order | None = None
+    """Order to the recorder."""
+    step: BenchStep | None = None
+    """Step to go to instead of an order."""
+
+
+_LOOKS_ON = NextAction("C = take control")
+
+
+def next_action(status: Status | None, in_control: bool = True) -> NextAction:
+    """Return the next action; for a viewer, to take control before an order."""
+    action = _next_action(status)
+    return action if in_control or action.order is None else _LOOKS_ON
+
+
+def _next_action(status: Status | None) -> NextAction:
+    if status is None or status.phase in BUSY:
+        return NextAction()
+    due = progress(status).due
+    more = status.due is not None and status.due.accepted >= status.due.planned
+    if not more and due not in _WITH_BUMPS and status.phase not in (Phase.PAUSED, Phase.REJECTED):
+        return NextAction(f"SPACE = step {due.title}", step=due)
+    arm = Arm(mass_state=changed_weights(status))
+    match status.phase:
+        case Phase.PAUSED:
+            return NextAction("SPACE = go on", arm)
+        case Phase.REJECTED:
+            return NextAction("SPACE = again", arm)
+        case Phase.ACCEPTED if status.countdown_s is not None:
+            return NextAction("SPACE = now", arm)
+        case Phase.ACCEPTED:  # the boards must be moved: IDLE follows, and shows how
+            return NextAction()
+    if status.due is None:
+        return NextAction(f"SPACE = step {due.title}", step=due)
+    if more:
+        return NextAction(f"SPACE = one more {status.due.step.excitation.words}", arm)
+    return NextAction("SPACE starts", arm)
+
+
+def changed_weights(status: Status | None) -> str:
+    """Return the mass state of the next run if the last one was of another; else empty."""
+    if status is None or status.due is None or not status.runs:
+        return ""
+    state = status.due.step.mass_state
+    return state if status.runs[-1].mass_state != state else ""
+
+
+def weights_question(status: Status | None) -> str:
+    """Return the question that comes before the first run of another mass state; else empty."""
+    state = changed_weights(status)
+    if not state:
+        return ""
+    if state == BASELINE:
+        return "Weights off? The next run is of the car as it is (baseline)."
+    return f"Weights on? The next run is of the car with weights ({printable(state, 40)})."
