@@ -13,9 +13,7 @@ from tui.jobs.gain import measured_spread
 from tui.jobs.session_list import (
     EntryState,
     SessionEntry,
-    entry_line,
     found,
-    heading,
     report_of,
     sessions_in,
     size_text,
@@ -41,23 +39,6 @@ ENTRY = SessionEntry(
 )  # fmt: skip
 def test_sizes_are_for_people(size: int, text: str) -> None:
     assert size_text(size) == text
-
-
-def test_a_line_has_its_columns_under_their_heads() -> None:
-    head = "date              vehicle             state     runs rejected  note"
-    line = "2026-11-21 10:42  Granada           + ready       12        1  wet road"
-    assert heading(78).rstrip() == head
-    assert len(heading(78)) == 78
-    assert entry_line(ENTRY, "+", 78).rstrip() == line
-    assert entry_line(ENTRY, "+", 70) == line[:70].ljust(70)
-    assert entry_line(ENTRY, "+", 84)[18:].index("+") == 24, "a wider terminal, a longer name"
-    assert entry_line(ENTRY, "+", 200)[18:].index("+") == 30, "28 at most"
-    journal = replace(ENTRY, path="", vehicle="", accepted=0, rejected=0, note="")
-    assert entry_line(journal, "x", 78).split() == ["2026-11-21", "10:42", "journal", "x", "ready"]
-    cut = replace(journal, recording="r1")
-    assert entry_line(cut, "x", 78).split()[-2:] == ["0", "0"]
-    assert ENTRY.name == "session_0001.h5"
-    assert report_of(Path(ENTRY.path)) == Path("/b/granada/session_0001.html")
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,6 @@ from tui.jobs.lines import (
     task_text,
 )
 from tui.jobs.outcome_of import without
-from tui.jobs.session_list import EntryState, SessionEntry, entry_line, found
 from tui.jobs.worker import lines_of
 from tui.terminal.screens.work import LongWork, after, work_text
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
@@ -191,14 +190,3 @@ def test_the_list_shows_sessions_reports_and_bad_files(session: Path, tmp_path: 
     }
     assert entries[str(good)]["accepted"] == 6
     assert entries[str(good)]["vehicle"] == daq.read_session(session).vehicle.name
-
-
-@pytest.mark.parametrize("name", ["[/foo]", "[@click=app.quit]x[/]", "\x1b[2J", "日本語" * 20])
-def test_a_foreign_name_stays_text(name: str) -> None:
-    entry = SessionEntry("/b/s.h5", "/b", "2026-11-21 10:42", name, EntryState.READY, 3, 1, name)
-    line = entry_line(entry, " ", 100)
-    assert "\x1b" not in line
-    assert len(line) == 100
-    assert found(entry, "2026-11 ready")
-    assert found(replace(entry, folder="/b/granada-42"), "GRANADA ready")
-    assert not found(entry, "reported")

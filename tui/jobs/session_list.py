@@ -9,7 +9,6 @@ from enum import StrEnum
 from pathlib import Path
 
 from daq import InputError
-from daq.errors import printable
 
 _MOST = 1000
 _UNITS = 1024.0
@@ -144,29 +143,6 @@ def with_open(entry: SessionEntry, recording: str) -> SessionEntry:
     if entry.recording and entry.recording == recording:
         return replace(entry, state=EntryState.OPEN)
     return entry
-
-
-def heading(width: int) -> str:
-    """Return the heading of the entries."""
-    return _line(("date", "vehicle", "  state", "runs", "rejected", "note"), width)
-
-
-def entry_line(entry: SessionEntry, mark: str, width: int) -> str:
-    """Return an entry as one line of plain text of that width; nothing in it is markup."""
-    runs = str(entry.accepted + entry.rejected) if entry.vehicle or entry.recording else ""
-    state = f"{mark} {entry.state}"
-    vehicle, rejected = entry.vehicle or entry.name, str(entry.rejected) if runs else ""
-    return _line((entry.date, vehicle, state, runs, rejected, entry.note), width)
-
-
-def _line(cells: tuple[str, str, str, str, str, str], width: int) -> str:
-    date, vehicle, state, runs, rejected, note = cells
-    room = max(16, min(28, width - 62))
-    text = (
-        f"{printable(date, 16):<16}  {printable(vehicle, room):<{room}}  {state:<11}"
-        f"{runs:>5}{rejected:>9}  {printable(note)}"
-    )
-    return text[:width].ljust(width)
 
 
 def size_text(n_bytes: int) -> str:

@@ -84,13 +84,13 @@ def test_long_work_shows_its_parts_and_ends_with_all_done() -> None:
 
 def test_big_letters_grow_as_far_as_they_fit() -> None:
     assert big_word("IT", 9, 5, "@") == [
-        "@ @", " @    @  ", " @    @  ", " @    @  ", "@   @  "
+        "@@@ @@@@@", " @    @  ", " @    @  ", " @    @  ", "@@@   @  "
     ]  # fmt: skip
     assert big_word("IT", 8, 5, "@") == []
     assert big_word("IT", 9, 4, "@") == []
     twice = big_word("IT", 18, 10, "@")
     assert len(twice) == 10
-    assert twice[0] == twice[1] == "  "
+    assert twice[0] == twice[1] == "@@@@@@  @@@@@@@@@@"
     assert len(big_word("IT", 17, 10, "@")) == 5
     assert len(big_word("IT", 500, 500, "@")) == 15
     assert big_word("", 10, 15, "@") == [""] * 15

@@ -35,8 +35,6 @@ from tui.terminal.screens.weights import (
     sag_line,
     shift_line,
     sketch,
-    table_head,
-    table_line,
     weight_of,
     with_bolted,
 )
@@ -219,18 +217,6 @@ def test_the_axles_carry_the_car_and_the_weights() -> None:
     assert total == 1380.0
     assert axles == (910.0, 538.0)
     assert effect_line(load) == "body +60, hubs +8 kg, CG -12 +4 mm, Ixx +12 Iyy -4 kg m2"
-
-
-def test_the_table_of_weights_has_its_columns_under_their_heads() -> None:
-    body = Entry(BodyWeight(20.0, -2.76, 0.6, 0.1, 0.01), "M-08-long", True)
-    head = "  # bolted place serial      kg    ±     x     y height"
-    assert table_head() == head
-    assert table_line(1, body, "+", "x") == (
-        "  1 + yes  body  M-08-lo  20.00 0.01 -2.76 +0.60  +0.10"
-    )
-    hub = table_line(12, Entry(HubWeight(4.0, Corner.FRONT_LEFT, 0.25)), "+", "x")
-    assert hub == " 12 x NO   FL              4.00 0.25     on the hub"
-    assert len(hub) < len(head)
 
 
 def test_the_sketch_is_a_car_of_13_by_7_cells_with_its_hubs() -> None:

@@ -6,12 +6,13 @@ import json
 from pathlib import Path
 
 import pytest
-from textual.widgets import OptionList, TextArea
+from textual.widgets import TextArea
 
 from tui.jobs.lines import IdentifyTask, Task
 from tui.terminal.screens import work
 from tui.terminal.screens.sessions import SessionsScreen
 from tui.terminal.state.signals import Signals
+from tui.terminal.widgets.table import Table
 
 from .conftest import screen_text
 from .operated import Make, until
@@ -63,7 +64,7 @@ async def test_a_list_follows_the_recording_and_shows_how_to_replay(
         await pilot.pause()
         assert "● open" in state_of("10:42")
         await pressed(pilot, "end")
-        assert screen.query_one("#list", OptionList).highlighted == 4
+        assert screen.query_one(Table).cursor_row == 4
         assert "/b/s2.h5" in seen(app)
         said = await pressed(pilot, "v")
         assert "In a second terminal:" in said
@@ -75,7 +76,7 @@ async def test_a_list_follows_the_recording_and_shows_how_to_replay(
         await pressed(pilot, "escape", "s")
         assert front(app) is screen
         assert len(tasks) == read + 1, "after another screen the folder is read again"
-        assert screen.query_one("#list", OptionList).highlighted == 4, "the mark stays"
+        assert screen.query_one(Table).cursor_row == 4, "the mark stays"
         await pressed(pilot, "v", "escape")
         assert len(tasks) == read + 1, "after a dialog it is not"
 

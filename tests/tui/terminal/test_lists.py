@@ -20,7 +20,6 @@ from tui.terminal.widgets.lists import (
     RunList,
     TallyList,
 )
-from tui.terminal.widgets.rows import MarkedList
 
 from .alone import alone, text
 from .fake_recorder import DOUBLE_BUMP, GOOD, FakeRecorder
@@ -33,24 +32,6 @@ def recorder() -> FakeRecorder:
     made = FakeRecorder()
     made.mark("vehicle", "check")
     return made
-
-
-async def test_the_chosen_line_is_marked_by_a_character_too() -> None:
-    def lines() -> list[str]:
-        shown = [marked.get_option_at_index(i).prompt for i in range(marked.option_count)]
-        return [str(prompt) for prompt in shown]
-
-    marked = MarkedList(["one", "two", "three"])
-    async with alone(marked, 40, 6) as pilot:
-        assert lines() == [">one", " two", " three"]
-        await pilot.press("tab", "down")
-        assert lines() == [" one", ">two", " three"]
-        marked.show(["four", "[b]five"], 1)
-        assert lines() == [" four", ">[b]five"]
-        marked.show(["six"])
-        assert lines() == [">six"]
-        marked.show([])
-        assert (lines(), marked.highlighted) == ([], None)
 
 
 async def test_alarms_are_folded_and_the_last_ones_counted() -> None:

@@ -83,7 +83,7 @@ async def test_weights_are_added_changed_removed_and_undone(make_app: Make) -> N
         await pilot.press("delete", "delete", "u", "a")
         await pilot.press(*"W-1", "enter", *"2,5", "enter", "enter", "right", "ctrl+s")
         await pilot.pause()
-        assert "✗ NO   FL    W-1       2.50" in screen_text(app)
+        assert "✗ NO   FL    W-1     2.50" in screen_text(app)
         await pilot.press("b", "space")
         for _ in range(8):
             await pilot.press("space")

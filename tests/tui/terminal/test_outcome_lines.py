@@ -7,22 +7,18 @@ from math import nan
 
 import pytest
 
-from tui.jobs.outcome import Curve, Estimated, FindingRow, ModeRow, RunOutcome, StateOutcome
+from tui.jobs.outcome import Curve, Estimated, FindingRow
 from tui.terminal.screens.results import (
     bar,
     finding_lines,
     findings_lines,
     mark,
-    matrix_lines,
-    mode_lines,
-    parameter_lines,
-    run_lines,
     verdict_lines,
 )
 from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
 from tui.terminal.state.traces import Ink, decay_rows
 
-from .outcomes import doubtful, outcome, refused
+from .outcomes import doubtful, outcome
 
 BRAILLE = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
 BLOCKS = choose_glyphs(GlyphSet.BLOCKS, {}, "utf-8")
@@ -58,67 +54,6 @@ ROWS = (
     Estimated("a", "CG to front axle", "1.25", "", None, "", "m", ""),
     Estimated("t_f", "half width, front", "", "", nan, "", "m", ""),
 )
-
-
-def test_quantities_are_lines_of_80_columns() -> None:
-    assert parameter_lines(ROWS, "Parameters", ASCII, 80) == [
-        "Parameters                         value             95 % interval    bar ±2 %",
-        "m_s  sprung mass                   1,380 kg         1,358 .. 1,402 |----*----|",
-        "total mass                         1,552 kg         1,540 .. 1,564    |-*-|",
-        "a    CG to front axle               1.25 m                            given",
-        "t_f  half width, front                   m          not determined |----*----|",
-    ]
-
-
-def test_a_wide_terminal_shows_shares_and_what_they_rest_on() -> None:
-    lines = parameter_lines(ROWS, "Parameters", ASCII, 100)
-    assert lines[0].endswith("95 % interval        ±  bar ±2 %           rests mostly on")
-    assert parameter_lines(ROWS, "Parameters", ASCII, 110)[1].endswith(
-        "1,358 .. 1,402    2.0 %  |----*----|        bounce 40 %"
-    )
-    assert len(lines[1]) == 100, "cut at the edge"
-    assert len(parameter_lines(ROWS, "Parameters", ASCII, 99)[1]) == 78
-    assert parameter_lines((), "Derived", ASCII, 80)[0].endswith("bar ±0 %")
-
-
-def test_modes_are_numbered_with_intervals_and_without_where_not_determined() -> None:
-    modes = (
-        ModeRow("body bounce", "1.050", "0.002", "0.2600", "0.0016"),
-        ModeRow("body pitch", "not determined", "", "not determined", ""),
-    )
-    states = tuple(StateOutcome(name, modes, (), (), ()) for name in ("baseline", "added"))
-    lines = mode_lines(states, 80)
-    assert lines[:3] == [
-        "Mass state baseline                  Hz    ± 95 %   damping ratio    ± 95 %",
-        "  1 body bounce                   1.050     0.002          0.2600    0.0016",
-        "  2 body pitch                     not determined            not determined",
-    ]
-    assert lines[3] == ""
-    assert lines[4].startswith("Mass state added ")
-    assert len(lines) == 7
-    assert mode_lines(states, 40)[1] == "  1 body bounce                   1.050"[:40] + " "
-
-
-def test_matrices_are_written_with_as_few_digits_as_they_need() -> None:
-    row = (0.0, 1e-10, 9999.5, 10_000.4, 12.34567, -1e-8, -250_000.0)
-    state = StateOutcome("baseline", (), (row,) * 7, (row,) * 7, (row,) * 7)
-    lines = matrix_lines((state, state), 120)
-    assert lines[0] == (
-        "M baseline      heave    pitch     roll       FL       FR       RL       RR   kg, kg m²"
-    )
-    assert lines[1] == (
-        "     heave          0        0   9999.5   10,000   12.346   -1e-08 -250,000"
-    )
-    assert lines[7].startswith("        RR  ")
-    assert lines[8] == ""
-    assert [line[:10] for line in lines if line[:1] in "MCK" and line] == [
-        "M baseline", "C baseline", "K baseline"
-    ] * 2  # fmt: skip
-    assert len(lines) == 6 * 8 + 5
-    lost = replace(state, mass=())
-    (said,) = matrix_lines((state, lost), 60)
-    assert said.startswith("No matrices")
-    assert len(said) == 60
 
 
 def test_a_verdict_is_one_line_where_it_fits_and_two_where_not() -> None:
@@ -177,18 +112,6 @@ def test_the_page_of_findings_has_its_three_parts() -> None:
     assert good[2].startswith("✓ nothing was found")
     assert good[-1] == "  none"
     assert not any(line.startswith("Which parameters") for line in good)
-
-
-def test_a_run_says_what_became_of_it_and_how_well_it_is_explained() -> None:
-    run = RunOutcome("baseline_roll_1", "accepted", (), 1.016, ())
-    left = replace(run, label="added_roll_1", status="left out", chi2_per_n=nan)
-    assert run_lines([run, left], ASCII) == [
-        "+ baseline_roll_1  chi2/n 1.02",
-        "x added_roll_1     LEFT OUT",
-    ]
-    assert outcome().used == 12
-    assert doubtful().used == 11
-    assert refused().used == 0
 
 
 def drawn(curve: Curve, width: int, height: int, glyphs: Glyphs = ASCII) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
-from textual.widgets import OptionList, TextArea
+from textual.widgets import TextArea
 
 from daq.control.messages import Lane, Live, Phase, SessionState, SessionStatus
 from daq.control.orders import Arm, AskCheck, Build, Note, Pause, Redo, Undo
@@ -18,6 +18,7 @@ from tui.terminal.app import BenchApp
 from tui.terminal.screens import sessions, work
 from tui.terminal.screens.sessions import SessionsScreen
 from tui.terminal.screens.work import IdentifyScreen, LongWork, ReportScreen, Stage
+from tui.terminal.widgets.table import Table
 
 from .conftest import screen_text
 from .fake_recorder import BIN_S, FakeRecorder
@@ -99,7 +100,7 @@ async def test_trouble_of_a_worker_is_shown(make_app: Make, tasks: list[Task]) -
         said = screen_text(app)
         assert "now choose the second" in said
         (line,) = (line for line in said.splitlines() if "2026-11-19" in line)
-        assert line.split()[0] == ">1"
+        assert line.split()[0] == "1"
         await pressed(pilot, "c")
         assert "now choose the second" not in seen(app), "the same key takes it back"
         await pressed(pilot, "c", "up", "c")
@@ -124,7 +125,7 @@ async def test_a_search_is_left_by_escape_and_ended_by_enter(
         assert "/b/s1.h5 wet" in said
         assert "2026-11-19" not in said
         await pressed(pilot, "enter")
-        assert app.focused is screen.query_one("#list", OptionList)
+        assert app.focused is screen.query_one(Table)
         await pressed(pilot, "escape")
         assert "2026-11-19" in seen(app)
         assert "no session matches" in await pressed(pilot, "f", *"escort")
@@ -165,21 +166,21 @@ async def test_results_scroll_export_and_turn_their_pages(
         results.show_outcome(replace(outcome("/b/s1.h5"), dampers=("curve " * 40,) * 60))
         assert results.ready
         await pilot.pause()
-        scroll = results.query_one("#scroll")
+        scroll = results.query_one("Table#mck")
         for _ in range(2):
             await pressed(pilot, "tab")
-        assert "[M C K]" in seen(app)
+        assert "M baseline" in seen(app)
         await until(pilot, lambda: scroll.max_scroll_y > 4)
         for key, row in (("down", 2), ("down", 4), ("up", 2)):
             await pilot.press(key)
             await until(pilot, lambda row=row: scroll.scroll_y == row)
         await pressed(pilot, *["shift+tab"] * 3)
-        assert "[Dampers]" in seen(app)
+        assert " Dampers " in seen(app)
         assert "curve curve" in seen(app)
         await pressed(pilot, "p", "down", "down", "up")
-        runs = results.query_one("#runs", OptionList)
-        assert runs.highlighted == 1
-        assert "[Parameters]" in await pressed(pilot, "p")
+        runs = results.query_one("#runs", Table)
+        assert runs.cursor_row == 1
+        assert "95 % interval" in await pressed(pilot, "p")
         await pressed(pilot, "e", "space")
         await until(pilot, lambda: bool(tasks))
         assert tasks == [ExportTask("/b/s1.h5", "mf4")]

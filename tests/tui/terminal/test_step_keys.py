@@ -16,7 +16,7 @@ from tui.terminal.screens.check import CheckScreen
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import VehicleScreen
 from tui.terminal.screens.weights import WeightScreen
-from tui.terminal.widgets.rows import RowList
+from tui.terminal.widgets.table import Table
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder
@@ -42,7 +42,7 @@ def front(app: BenchApp) -> object:
 
 
 def cursor(app: BenchApp) -> int:
-    return app.screen.query_one(RowList).cursor
+    return app.screen.query_one(Table).cursor_row
 
 
 # Check ------------------------------------------------------------------------------------------

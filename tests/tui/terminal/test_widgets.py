@@ -10,7 +10,6 @@ from textual.events import Paste
 
 from daq.control.messages import Lane, Live
 from tui.jobs.outcome import RunOutcome
-from tui.terminal.screens.check import CheckRow, check_line
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.lanes import Lanes, LaneSpec, Window
 from tui.terminal.state.words import Banner
@@ -143,15 +142,6 @@ async def test_a_big_word_takes_a_third_of_the_height() -> None:
         assert len(text(low)) == 5
         low.show(replace(made, word="ACCEPTED"), True)
         assert not low.display
-
-
-def test_a_line_of_the_check_says_an_override_behind_its_text() -> None:
-    row = CheckRow("WARN", "channel a", "noise", "overridden: lift (MK)", True)
-    assert check_line(row, 12, ASCII).plain == (
-        "! WARN channel a     noise - overridden: lift (MK)"
-    )
-    plain = CheckRow("wait", "push RL", "rear LEFT", "push it")
-    assert check_line(plain, 9, ASCII).plain == ". wait push RL    rear LEFT"
 
 
 async def test_a_decay_is_drawn_as_often_as_eight_rows_fit() -> None:

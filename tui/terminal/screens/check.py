@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
@@ -21,9 +22,8 @@ from daq.errors import printable
 from ..context import LiveArrived
 from ..state.campaign import BenchStep
 from ..state.drafts import write_draft
-from ..state.glyphs import Glyphs
 from ..state.lanes import RING_S
-from ..widgets.rows import RowList
+from ..widgets.table import Cell, Table
 from .base import BenchScreen
 from .dialogs import Question
 
@@ -169,18 +169,8 @@ def with_overrides(rows: Sequence[CheckRow], overridden: Mapping[str, str]) -> l
     ]
 
 
-_STYLES = {OK: "$success", WARN: "bold $warning", FAIL: "bold $error", NOW: "bold $accent"}
-
-
-def check_line(row: CheckRow, width: int, glyphs: Glyphs) -> Content:
-    """Return a row as a line; its subject takes `width` cells."""
-    sign = {OK: glyphs.good, WARN: glyphs.warn, FAIL: glyphs.bad, NOW: glyphs.now}
-    state = f"{sign.get(row.state, glyphs.empty)} {row.state:<5}"
-    text = f"{printable(row.subject, 40):<{width}}  {printable(row.text, 200)}"
-    if row.overridden and row.advice:
-        text += f" - {printable(row.advice, 80)}"
-    return Content.assemble((state, _STYLES.get(row.state, "")), text)
-
+_INKS = {OK: "success", WARN: "warning", FAIL: "error", NOW: "accent"}
+"""Colours of the theme for the states, which are words and symbols first."""
 
 REST = "rest.json"
 """File in the recorder's folder: levels of the channels at rest, before any weight is added."""
@@ -236,7 +226,7 @@ class CheckScreen(BenchScreen):
 
     def compose_body(self) -> ComposeResult:
         """Compose the lines, and the explanation of the marked one."""
-        yield RowList()
+        yield Table("lines")
         yield Static(id="explained", classes="box")
 
     def on_mount(self) -> None:
@@ -307,16 +297,26 @@ class CheckScreen(BenchScreen):
         rows += push_rows(self._pushed, active, overridden, shows_push(app.bench.channels))
         rows.append(self._zero_row())
         marked, self._rows = self._marked, rows
-        lines = self.query_one(RowList)
-        width = max(len(row.subject) for row in rows)
-        lines.show([check_line(row, width, app.glyphs) for row in rows])
-        if marked is not None and self._rows[lines.cursor].subject != marked.subject:
-            self._mark_row(marked.subject)
+        lines = self.query_one(Table)
+        at = min(lines.cursor_row, len(rows) - 1)
+        if marked is not None and rows[at].subject != marked.subject:
+            at = next((i for i, row in enumerate(rows) if row.subject == marked.subject), at)
         failing = {row.subject for row in rows if row.blocks}
         if failing - self._failing:  # only once: then the person moves the mark
-            lines.move_to(next(i for i, row in enumerate(rows) if row.blocks))
+            at = next(i for i, row in enumerate(rows) if row.blocks)
+        lines.show(("", "", ""), [self._cells(row) for row in rows], at)
         self._failing = failing
         self._explain()
+
+    def _cells(self, row: CheckRow) -> list[Cell]:
+        glyphs, table = self.bench_app.glyphs, self.query_one(Table)
+        sign = {OK: glyphs.good, WARN: glyphs.warn, FAIL: glyphs.bad, NOW: glyphs.now}
+        ink = table.ink(_INKS[row.state]) if row.state in _INKS else ""
+        state = Text(f" {sign.get(row.state, glyphs.empty)} {row.state:<5}", ink)
+        text = printable(row.text, 200)
+        if row.overridden and row.advice:
+            text += f" - {printable(row.advice, 80)}"
+        return [state, printable(row.subject, 40), f" {text}"]
 
     def _zero_row(self) -> CheckRow:
         if self._hands_off_s:
@@ -331,10 +331,9 @@ class CheckScreen(BenchScreen):
         return CheckRow(NOW, _ZERO, text, advice)
 
     def _explain(self) -> None:
-        lines, box = self.query_one(RowList), self.query_one("#explained", Static)
-        if not self._rows:
+        row, box = self._marked, self.query_one("#explained", Static)
+        if row is None:
             return
-        row = self._rows[lines.cursor]
         box.border_title = printable(row.subject, 50).replace("[", "(")
         words = [row.text, row.advice] if row.advice else [row.text]
         lines_below = [Content(printable(text, 300)) for text in words]
@@ -366,19 +365,20 @@ class CheckScreen(BenchScreen):
 
     def action_mark(self, by: int) -> None:
         """Mark another line."""
-        lines = self.query_one(RowList)
-        lines.move_to(lines.cursor + by)
+        lines = self.query_one(Table)
+        lines.choose(lines.cursor_row + by)
         self._explain()
 
     def _mark_row(self, subject: str) -> None:
         for i, row in enumerate(self._rows):
             if row.subject == subject:
-                self.query_one(RowList).move_to(i)
+                self.query_one(Table).choose(i)
         self._explain()
 
     @property
     def _marked(self) -> CheckRow | None:
-        return self._rows[self.query_one(RowList).cursor] if self._rows else None
+        row = self.query_one(Table).cursor_row
+        return self._rows[row] if row < len(self._rows) else None
 
     # SPACE --------------------------------------------------------------------------------------
 

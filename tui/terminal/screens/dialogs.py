@@ -9,6 +9,7 @@ from typing import ClassVar, cast
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.content import Content
 from textual.screen import ModalScreen
 from textual.timer import Timer
 from textual.widgets import Input, OptionList, Static, TextArea
@@ -20,7 +21,6 @@ from ..context import BenchContext
 from ..state.drafts import read_draft, remove_draft, write_draft
 from ..state.words import DisplayLink
 from ..widgets.form import Line
-from ..widgets.rows import MarkedList
 from .base import LOCK_OUT_S
 
 
@@ -35,6 +35,7 @@ class ChoiceScreen(ModalScreen[str | None]):
     ChoiceScreen > Vertical { width: 72; max-width: 90%; height: auto; max-height: 80%;
         border: solid $primary; background: $surface; padding: 0 1; }
     ChoiceScreen OptionList { height: auto; max-height: 14; border: none; background: $surface; }
+    ChoiceScreen OptionList > .option-list--option-highlighted { text-style: bold reverse; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "Cancel"),
@@ -49,12 +50,12 @@ class ChoiceScreen(ModalScreen[str | None]):
         """Compose the list."""
         with Vertical():
             yield Static(self._title, markup=False)
-            yield MarkedList([words for _, words in self._options])
+            yield OptionList(*(Content(words) for _, words in self._options))
             yield Static("Enter = choose   Esc = cancel", markup=False)
 
     def action_choose(self) -> None:
         """Choose the marked entry."""
-        self.query_one(MarkedList).action_select()
+        self.query_one(OptionList).action_select()
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Return the chosen entry."""

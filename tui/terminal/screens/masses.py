@@ -20,7 +20,6 @@ from textual.widgets import Static
 from daq import Corner, Excitation, InputError, Status, VehicleParameters
 from daq.bench import with_weights
 from daq.control import AskCheck, Configure, Mark, Note, OverrideWarning
-from daq.errors import printable
 from daq.loading import expected_car, loading
 
 from ...jobs.gain import GAIN, Gain
@@ -28,11 +27,12 @@ from ..context import DraftWriter, begin
 from ..state.campaign import BenchStep
 from ..state.drafts import read_draft
 from ..widgets.form import FieldError
-from ..widgets.rows import RowList
+from ..widgets.table import Table
 from .base import BenchScreen
 from .check import REST, rest_levels
 from .dialogs import Question
 from .weights import (
+    HEADS,
     NEW_WEIGHT,
     AxleLimits,
     Entry,
@@ -57,8 +57,7 @@ from .weights import (
     sag_m,
     shift_line,
     sketch,
-    table_head,
-    table_line,
+    weight_cells,
     weight_of,
     weight_values,
     with_bolted,
@@ -101,7 +100,6 @@ class MassesScreen(BenchScreen):
     DEFAULT_CSS = """
     MassesScreen #top { height: 1fr; }
     MassesScreen #car { width: 24; height: 10; }
-    MassesScreen #head { height: 1; text-style: bold; }
     MassesScreen #outlook { height: 10; text-wrap: nowrap; text-overflow: ellipsis; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -134,10 +132,9 @@ class MassesScreen(BenchScreen):
 
     def compose_body(self) -> ComposeResult:
         """Compose the car, the table and the expected precision."""
-        yield Static(f"{'':25}{table_head()}", id="head", markup=False)
         with Horizontal(id="top"):
             yield Static(id="car")
-            yield RowList()
+            yield Table("weights")
         yield Static(id="outlook", classes="box")
 
     @property
@@ -216,11 +213,11 @@ class MassesScreen(BenchScreen):
     def _show_all(self) -> None:
         glyphs, car = self.bench_app.glyphs, self._car
         self.query_one("#car", Static).update(Content("\n".join(sketch(self._entries, car))))
-        lines = []
-        for number, entry in enumerate(self._entries, 1):
-            text = printable(table_line(number, entry, glyphs.good, glyphs.bad))
-            lines.append(Content.styled(text, "" if entry.bolted else "$warning"))
-        self.query_one(RowList).show(lines or [Content("no weight: A adds one")])
+        rows = [
+            weight_cells(row, entry, glyphs.good, glyphs.bad)
+            for row, entry in enumerate(self._entries, 1)
+        ]
+        self.query_one(Table).show(HEADS, rows or [["", "no weight: A adds one"]])
         self._show_outlook()
 
     def _show_outlook(self) -> None:
@@ -272,7 +269,7 @@ class MassesScreen(BenchScreen):
         loose = self._loose()
         if not loose:
             return Content.styled("SPACE = all are bolted: go on to step 5 Added", "bold $accent")
-        if self.query_one(RowList).cursor == loose[0]:
+        if self.query_one(Table).cursor_row == loose[0]:
             return Content.styled(f"SPACE = weight {loose[0] + 1} is bolted", "bold $accent")
         text = (
             f"not bolted: {', '.join(str(i + 1) for i in loose)}   SPACE = look at {loose[0] + 1}"
@@ -284,8 +281,8 @@ class MassesScreen(BenchScreen):
 
     def action_mark(self, by: int) -> None:
         """Mark another weight."""
-        rows = self.query_one(RowList)
-        rows.move_to(rows.cursor + by)
+        rows = self.query_one(Table)
+        rows.choose(rows.cursor_row + by)
         self._show_outlook()
 
     # Changing -----------------------------------------------------------------------------------
@@ -316,7 +313,7 @@ class MassesScreen(BenchScreen):
 
     def action_edit(self) -> None:
         """Edit the marked weight."""
-        at = self.query_one(RowList).cursor
+        at = self.query_one(Table).cursor_row
         if at < len(self._entries):
             entry = self._entries[at]
             self._edit(f"Weight {at + 1}", weight_values(entry.weight, entry.serial), at)
@@ -338,14 +335,14 @@ class MassesScreen(BenchScreen):
             self._open.pop(key, None)
             entry = Entry(weight_of(typed), typed["serial"].strip())
             self._change((*self._entries[:at], entry, *self._entries[at + 1 :]))
-            self.query_one(RowList).move_to(at)
+            self.query_one(Table).choose(at)
 
         typed = self._open.get(key, {})
         self.app.push_screen(WeightScreen(title, {**values, **typed}, check, keep), done)
 
     def action_remove(self) -> None:
         """Remove the marked weight; U puts it back."""
-        at = self.query_one(RowList).cursor
+        at = self.query_one(Table).cursor_row
         if at < len(self._entries):
             self._renumber()
             self._change((*self._entries[:at], *self._entries[at + 1 :]))
@@ -363,7 +360,7 @@ class MassesScreen(BenchScreen):
 
     def action_bolt(self) -> None:
         """Mark the weight as bolted, or as not bolted."""
-        at = self.query_one(RowList).cursor
+        at = self.query_one(Table).cursor_row
         if at < len(self._entries):
             bolted = not self._entries[at].bolted
             self._change(with_bolted(self._entries, at, bolted), predict=False)
@@ -444,15 +441,15 @@ class MassesScreen(BenchScreen):
         if errors:
             app.warn(str(errors[0]))
             return
-        loose, rows = self._loose(), self.query_one(RowList)
-        if loose and rows.cursor != loose[0]:
-            rows.move_to(loose[0])
+        loose, rows = self._loose(), self.query_one(Table)
+        if loose and rows.cursor_row != loose[0]:
+            rows.choose(loose[0])
             self._show_outlook()
             return
         if loose:
             self._change(with_bolted(self._entries, loose[0], True), predict=False)
             if len(loose) > 1:
-                rows.move_to(loose[1])
+                rows.choose(loose[1])
                 self._show_outlook()
             return
         await self.action_measure()  # all are on now

@@ -11,8 +11,7 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.content import Content
-from textual.widgets import OptionList, Static
+from textual.widgets import ContentSwitcher, Static, Tab, Tabs
 
 from daq import Status
 from daq.control import Accept, Mark, Reject
@@ -23,16 +22,14 @@ from dbc import counted
 from ...jobs.outcome import Estimated, Outcome, RunOutcome, StateOutcome
 from ..state.campaign import BenchStep, is_marked
 from ..state.glyphs import Glyphs, GlyphSet
-from ..widgets.rows import MarkedList
+from ..widgets.table import Cell, Table, right
 from ..widgets.traces import DecayPlot
 from .base import BenchScreen
 from .work import OUTDATED, export_session
 
 _BAR = 11
-_NARROW = 100
 _DOF = ("heave", "pitch", "roll", "FL", "FR", "RL", "RR")
 """As `daq.vehicle.DOF`."""
-_OPEN = "not determined"
 _SEVERITY = {"refused": "REFUSED", "doubtful": "DOUBT", "ok": "note"}
 
 
@@ -110,98 +107,81 @@ def bar(half_percent: float | None, widest: float, glyphs: Glyphs) -> str:
     return f"{space}{left}{point}{right}{space}"
 
 
-def parameter_lines(
-    rows: tuple[Estimated, ...], title: str, glyphs: Glyphs, width: int
-) -> list[str]:
-    """Return quantities with their 95 % intervals, as numbers and as bars."""
+def parameter_rows(
+    rows: tuple[Estimated, ...], glyphs: Glyphs, wide: bool
+) -> tuple[list[str], list[list[Cell]]]:
+    """Return heads and rows of quantities with their 95 % intervals, as numbers and as bars."""
     halves = [row.half_percent for row in rows]
     widest = max((half for half in halves if half is not None and isfinite(half)), default=0.0)
-    wide = width >= _NARROW
-    full = f"bar ±{widest:.2g} %"
-    head = f"{title:<30}{'value':>10} {'':<6}{'95 % interval':>19} "
-    head += f"{'±':>8}  {full:<18} rests mostly on" if wide else f"{full:>11}"
-    lines = [head]
+    heads = ["parameter", "value", "unit", "95 % interval", f"bar ±{widest:.2g} %"]
+    cells: list[list[Cell]] = []
     for row, half in zip(rows, halves, strict=True):
         symbol = "" if row.words == row.name.replace("_", " ") else f"{row.name:<5}"
-        interval = row.interval if half is None or isfinite(half) else _OPEN
-        words = (symbol + row.words)[:29]
-        text = f"{words:<30}{row.value:>10} {row.unit:<6}{interval:>19} "
+        interval = row.interval if half is None or isfinite(half) else "not determined"
+        name = f"{symbol}{row.words}"[:29]
         drawn = bar(half, widest, glyphs)
+        cells.append([name, right(row.value), row.unit, right(interval), drawn])
         if wide:
-            text += f"{row.share:>8}  {drawn:<18} {row.rests_on}"
-        else:
-            text = f"{text:<67}{drawn}"
-        lines.append(text[:width].rstrip())
-    return lines
+            cells[-1] += [right(row.share), f" {row.rests_on}"]
+    return [*heads, "±", " rests mostly on"] if wide else heads, cells
 
 
-def mode_lines(states: tuple[StateOutcome, ...], width: int) -> list[str]:
+def mode_rows(states: tuple[StateOutcome, ...]) -> list[list[Cell]]:
     """Return the modes of every mass state with their 95 % intervals."""
-    lines: list[str] = []
-    for state in states:
-        title = f"Mass state {printable(state.name, 20)}"
-        if lines:
-            lines.append("")
-        lines.append(f"{title:<30}{'Hz':>9}{'± 95 %':>10}{'damping ratio':>16}{'± 95 %':>10}")
-        for i, mode in enumerate(state.modes, start=1):
-            pairs = (
-                (mode.frequency_hz, mode.frequency_half_hz),
-                (mode.damping_ratio, mode.damping_ratio_half),
-            )
-            lines.append(f"  {i} {mode.name:<26}" + "".join(map(_mode_cells, pairs, (9, 16))))
-    return [line[:width] for line in lines]
+    return [
+        [
+            printable(state.name, 12), f"{i} {mode.name}", right(mode.frequency_hz),
+            right(mode.frequency_half_hz), right(mode.damping_ratio),
+            right(mode.damping_ratio_half),
+        ]
+        for state in states
+        for i, mode in enumerate(state.modes, start=1)
+    ]  # fmt: skip
 
 
-def _mode_cells(pair: tuple[str, str], width: int) -> str:
-    value, half = pair
-    if not half:
-        return f"{value:>{width + 10}}"
-    return f"{value:>{width}}{half:>10}"
-
-
-def matrix_lines(states: tuple[StateOutcome, ...], width: int) -> list[str]:
-    """Return M, C and K of every mass state, SI."""
-    lines: list[str] = []
+def matrix_rows(states: tuple[StateOutcome, ...]) -> list[list[Cell]]:
+    """Return M, C and K of every mass state, SI; a row of names before each."""
     if not all(state.mass for state in states):
-        return ["No matrices: a parameter in them is not determined (see Findings)."[:width]]
+        return [["No matrices: a parameter in them is not determined (see Findings)."]]
+    rows: list[list[Cell]] = []
     for state in states:
         for letter, unit, matrix in (
             ("M", "kg, kg m²", state.mass),
             ("C", "N s/m, N m s/rad", state.damping),
             ("K", "N/m, N m/rad", state.stiffness),
         ):
-            title = f"{letter} {printable(state.name, 12)}"
-            if lines:
-                lines.append("")
-            lines.append(f"{title:<12}" + "".join(f"{dof:>9}" for dof in _DOF) + f"   {unit}")
+            title = f"{letter} {printable(state.name, 9)}"
+            rows.append([title, *(right(dof) for dof in _DOF), f" {unit}"])
             for dof, row in zip(_DOF, matrix, strict=True):
-                cells = "".join(f"{_short(value):>9}" for value in row)
-                lines.append(f"{dof:>10}  {cells}")
-    return [line[:width].rstrip() for line in lines]
+                rows.append([f"  {dof}", *(right(_short(value)) for value in row)])
+    return rows
 
 
 def _short(value: float) -> str:
     return "0" if abs(value) < 1e-9 else f"{value:.5g}" if abs(value) < 1e4 else f"{value:,.0f}"
 
 
-def run_lines(runs: Sequence[RunOutcome], glyphs: Glyphs) -> list[str]:
-    """Return one line for each run of the result."""
-    labels = [printable(run.label, 40) for run in runs]
-    width = max(map(len, labels), default=0)
-    lines = []
-    for run, label in zip(runs, labels, strict=True):
-        fit = f"  chi2/n {run.chi2_per_n:.2f}" if isfinite(run.chi2_per_n) else ""
-        used = "" if run.status == "accepted" else f"  {run.status.upper()}"
-        lines.append(f"{mark(run.status, glyphs)} {label:<{width}}{used}{fit}".rstrip())
-    return lines
+def run_rows(runs: Sequence[RunOutcome], glyphs: Glyphs) -> list[list[Cell]]:
+    """Return a row for each run of the result."""
+    return [
+        [
+            f"{mark(run.status, glyphs)} {printable(run.label, 40)}",
+            "" if run.status == "accepted" else f" {run.status.upper()}",
+            f" chi2/n {run.chi2_per_n:.2f}" if isfinite(run.chi2_per_n) else "",
+        ]
+        for run in runs
+    ]
 
 
-_PAGES = ("Parameters", "Modes", "M C K", "Decays", "Findings", "Derived")
-_DECAYS = _PAGES.index("Decays")
-_WIDE = 160
-"""Least number of columns to show the decays next to every page."""
+_PAGES = ("Parameters", "Modes", "M C K", "Decays", "Findings", "Derived", "Dampers")
+_WIDE = 100
+"""Least number of columns for shares, and what a parameter rests on."""
 _VERDICT_LINES, _VERDICT_LINES_TALL = 4, 8
 _REASON = "excluded at the results"
+
+
+def _name(page: str) -> str:
+    return page.replace(" ", "").lower()
 
 
 class ResultsScreen(BenchScreen):
@@ -213,17 +193,17 @@ class ResultsScreen(BenchScreen):
     ResultsScreen #verdict.ok { color: $success; }
     ResultsScreen #verdict.doubtful { color: $warning; }
     ResultsScreen #verdict.refused { color: $error; }
-    ResultsScreen #pages { height: 1; padding: 0 1; }
-    ResultsScreen #body { height: 1fr; }
-    ResultsScreen #scroll { width: 1fr; padding: 0 0 0 1; scrollbar-size: 1 1; }
-    ResultsScreen #text { width: auto; height: auto; }
-    ResultsScreen #side { width: 1fr; display: none; }
-    ResultsScreen #runs { height: 6; border: none; padding: 0 1; }
+    ResultsScreen #head { height: 1; }
+    ResultsScreen Tabs { width: auto; height: 1; }
+    ResultsScreen Underline { display: none; }
+    ResultsScreen Tab { color: $foreground; }
+    ResultsScreen Tab.-active { text-style: bold reverse; }
+    ResultsScreen #space { width: 1fr; color: $accent; text-style: bold; text-wrap: nowrap; }
+    ResultsScreen ContentSwitcher { height: 1fr; }
+    ResultsScreen VerticalScroll { padding: 0 1; scrollbar-size: 1 1; }
+    ResultsScreen #runs { height: 6; }
+    ResultsScreen.-tall #runs { height: 12; }
     ResultsScreen DecayPlot { height: 1fr; }
-    ResultsScreen.decays #scroll { display: none; }
-    ResultsScreen.decays #side { display: block; }
-    ResultsScreen.beside #side { display: block; }
-    ResultsScreen.-tall #runs { height: 10; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("tab", "page(1)", "Page", tooltip="Next page"),
@@ -240,7 +220,6 @@ class ResultsScreen(BenchScreen):
     def __init__(self) -> None:
         super().__init__()
         self.outcome: Outcome | None = None
-        self._page = 0
         self._recording = ""
         self._shown_outdated = False
 
@@ -251,15 +230,22 @@ class ResultsScreen(BenchScreen):
         return super().check_action(action, parameters)
 
     def compose_body(self) -> ComposeResult:
-        """Compose verdict, page and decay."""
+        """Compose verdict and pages."""
         yield Static(id="verdict", markup=False)
-        yield Static(id="pages")
-        with Horizontal(id="body"):
-            with VerticalScroll(id="scroll", can_focus=True):
-                yield Static(id="text", markup=False)
-            with Vertical(id="side"):
-                yield MarkedList(name="runs")
+        with Horizontal(id="head"):
+            tabs = Tabs(*(Tab(page, id=_name(page)) for page in _PAGES))
+            tabs.can_focus = False
+            yield tabs
+            yield Static(id="space", markup=False)
+        with ContentSwitcher(initial="parameters"):
+            for page in ("parameters", "modes", "mck", "derived"):
+                yield Table(page, reads=True)
+            with Vertical(id="decays"):
+                yield Table("runs")
                 yield DecayPlot(self.bench_app.glyphs)
+            for page in ("findings", "dampers"):
+                with VerticalScroll(id=page, can_focus=False):
+                    yield Static(markup=False)
 
     def on_mount(self) -> None:
         """Show an outcome that arrived before the screen was composed."""
@@ -285,11 +271,6 @@ class ResultsScreen(BenchScreen):
         return status is not None and self._is_current(status) and status.outdated
 
     @property
-    def _pages(self) -> tuple[str, ...]:
-        """Names of the pages; that of the dampers only where the car has curves."""
-        return (*_PAGES, "Dampers") if self.outcome and self.outcome.dampers else _PAGES
-
-    @property
     def ready(self) -> bool:
         """True while `--auto` may press SPACE."""
         return self.outcome is not None
@@ -302,7 +283,6 @@ class ResultsScreen(BenchScreen):
             self._recording = status.recording
         else:
             self._recording = ""
-        self._page = 0 if outcome.parameters else _PAGES.index("Findings")
         self._fill()
 
     # Keys ---------------------------------------------------------------------------------------
@@ -319,84 +299,85 @@ class ResultsScreen(BenchScreen):
 
     def action_page(self, step: int) -> None:
         """Show the next page."""
-        self._page = (self._page + step) % len(self._pages)
-        self._draw()
+        tabs = self.query_one(Tabs)
+        if step > 0:
+            tabs.action_next_tab()
+        else:
+            tabs.action_previous_tab()
 
     def action_decays(self) -> None:
         """Show the decays, or the parameters again."""
-        self._page = 0 if self._page == _DECAYS else _DECAYS
-        self._draw()
+        self.query_one(Tabs).active = "parameters" if self._page == "decays" else "decays"
 
     def action_move(self, step: int) -> None:
         """Move between the runs where they are shown; else scroll."""
-        runs = self.query_one("#runs", OptionList)
-        if not self._runs_shown:
-            self.query_one("#scroll").scroll_relative(y=2 * step, animate=False)
-        elif step > 0:
-            runs.action_cursor_down()
+        if self._page == "decays":
+            runs = self.query_one("#runs", Table)
+            runs.choose(runs.cursor_row + step)
         else:
-            runs.action_cursor_up()
+            self.query_one(f"ContentSwitcher > #{self._page}").scroll_relative(
+                y=2 * step, animate=False
+            )
 
     async def action_exclude(self) -> None:
         """Reject the chosen run (or take it back) and identify again."""
         outcome = self.outcome
-        index = self.query_one("#runs", OptionList).highlighted
-        if outcome is None or index is None or not outcome.runs:
+        if outcome is None or not outcome.runs:
             return
-        if not self._runs_shown:
+        if self._page != "decays":
             self.bench_app.warn("choose the run first: P shows the runs, X then excludes one")
             return
-        label = outcome.runs[index].label
+        label = outcome.runs[self.query_one("#runs", Table).cursor_row].label
         status = self.bench_app.status
         run = None
         if status is not None and self._is_current(status):
             run = next((run for run in status.runs if run.label == label), None)
-        await (
-            self._try_without(outcome, label) if run is None else self._decide(label, run.status)
-        )
+        if run is None:  # an earlier session: its file stays unchanged
+            without = tuple(sorted(set(outcome.without) ^ {label}))
+            await self.bench_app.open_identify(outcome.session, without)
+            return
+        accepted = run.status is LoggedStatus.ACCEPTED
+        order = Reject(label, _REASON) if accepted else Accept(label, "taken back at the results")
+        if await self.bench_app.ask(order) is not None:
+            await self.bench_app.open_build()
 
     def action_export(self) -> None:
         """Write the session in another tool's format."""
         if self.outcome is not None:
             self.run_worker(export_session(self.app, self.outcome.session), group="export")
 
-    def on_option_list_option_highlighted(self, _: OptionList.OptionHighlighted) -> None:
+    def on_tabs_tab_activated(self, event: Tabs.TabActivated) -> None:
+        """Show the page of a tab."""
+        self.query_one(ContentSwitcher).current = event.tab.id
+
+    def on_data_table_row_highlighted(self, event: Table.RowHighlighted) -> None:
         """Show the decay of the marked run."""
-        self._draw_run()
+        outcome, row = self.outcome, event.cursor_row
+        run = outcome.runs[row] if outcome is not None and row < len(outcome.runs) else None
+        self.query_one(DecayPlot).show(run)
 
     # Inside -------------------------------------------------------------------------------------
 
-    async def _decide(self, label: str, status: LoggedStatus) -> None:
-        """Reject or accept a run of the recording, then build and identify it again."""
-        order = (
-            Reject(label, _REASON)
-            if status is LoggedStatus.ACCEPTED
-            else Accept(label, "taken back at the results")
-        )
-        if await self.bench_app.ask(order) is not None:
-            await self.bench_app.open_build()
-
-    async def _try_without(self, outcome: Outcome, label: str) -> None:
-        """Identify an earlier session without a run; its file stays unchanged."""
-        without = tuple(sorted(set(outcome.without) ^ {label}))
-        await self.bench_app.open_identify(outcome.session, without)
-
     @property
-    def _runs_shown(self) -> bool:
-        return self._page == _DECAYS or self.size.width >= _WIDE
+    def _page(self) -> str:
+        return self.query_one(Tabs).active
 
     def _is_current(self, status: Status | None) -> bool:
         """Return True if the outcome belongs to the present recording."""
         return status is not None and status.recording == self._recording
 
     def _fill(self) -> None:
+        """Show an outcome from its first page."""
         if not self.query("#runs") or self.outcome is None:
             return
-        self.query_one("#runs", MarkedList).show(
-            run_lines(self.outcome.runs, self.bench_app.glyphs)
-        )
+        tabs = self.query_one(Tabs)
+        if self.outcome.dampers:
+            tabs.show("dampers")
+        else:
+            tabs.hide("dampers")
+        tabs.styles.width = 63 if self.outcome.dampers else 54
+        tabs.active = "parameters" if self.outcome.parameters else "findings"
         self._draw()
-        self._draw_run()
 
     def _draw(self) -> None:
         if not self.query("#runs"):
@@ -413,38 +394,18 @@ class ResultsScreen(BenchScreen):
         lines += verdict_lines(outcome, glyphs, size.width - 2, most - len(lines))
         verdict.update("\n".join(lines))
         verdict.set_classes(outcome.verdict)
-        names = [f"[{n}]" if i == self._page else f" {n} " for i, n in enumerate(self._pages)]
+        step = BenchStep.IDENTIFY if self._shown_outdated else BenchStep.REPORT
         name = printable(Path(outcome.session).name, 60)
-        tail = f"  {name}" if size.width >= _WIDE else ""
-        step = f"step {BenchStep.REPORT.title}" if self.step_shown else f"report of {name}"
-        if self._shown_outdated:
-            step = f"step {BenchStep.IDENTIFY.title}"
-        pages = Content.assemble("".join(names) + tail, "  ", (f"SPACE = {step}", "bold $accent"))
-        self.query_one("#pages", Static).update(pages)
-        self.set_class(self._page == _DECAYS, "decays")
-        self.set_class(size.width >= _WIDE, "beside")
-        room = size.width - 2 if size.width < _WIDE else min(124, size.width // 2 - 3)
-        self.query_one("#text", Static).update("\n".join(self._page_lines(outcome, room)))
-
-    def _page_lines(self, outcome: Outcome, width: int) -> list[str]:
-        glyphs = self.bench_app.glyphs
-        match self._pages[self._page]:
-            case "Parameters":
-                return parameter_lines(outcome.parameters, "parameter", glyphs, width)
-            case "Derived":
-                return parameter_lines(outcome.derived, "what follows", glyphs, width)
-            case "Modes":
-                return mode_lines(outcome.states, width)
-            case "M C K":
-                return matrix_lines(outcome.states, width)
-            case "Findings":
-                return findings_lines(outcome, glyphs, width)
-            case "Dampers":
-                return [line[:width] for line in outcome.dampers]
-        return []
-
-    def _draw_run(self) -> None:
-        index = self.query_one("#runs", OptionList).highlighted
-        outcome = self.outcome
-        run = None if outcome is None or index is None else outcome.runs[index]
-        self.query_one(DecayPlot).show(run)
+        ours = self.step_shown is not None
+        words = f"step {step.title}" if ours else f"report of {name}"
+        self.query_one("#space", Static).update(f"SPACE = {words}")
+        wide = size.width >= _WIDE
+        for page, rows in (("parameters", outcome.parameters), ("derived", outcome.derived)):
+            self.query_one(f"Table#{page}", Table).show(*parameter_rows(rows, glyphs, wide))
+        heads = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
+        self.query_one("Table#modes", Table).show(heads, mode_rows(outcome.states))
+        self.query_one("Table#mck", Table).show([""] * 9, matrix_rows(outcome.states))
+        self.query_one("#runs", Table).show([""] * 3, run_rows(outcome.runs, glyphs))
+        findings = "\n".join(findings_lines(outcome, glyphs, size.width - 3))
+        self.query_one("#findings Static", Static).update(findings)
+        self.query_one("#dampers Static", Static).update("\n".join(outcome.dampers))

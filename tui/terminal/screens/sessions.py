@@ -11,18 +11,18 @@ from pydantic import TypeAdapter
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import ModalScreen
-from textual.widgets import Input, OptionList, Static
+from textual.widgets import Input, Static
 
 from daq import Status
 from daq.errors import printable
 
 from ...jobs.lines import CompareTask, Done, Item, ListTask, Task, Trouble
-from ...jobs.session_list import EntryState, SessionEntry, entry_line, found, heading, with_open
+from ...jobs.session_list import EntryState, SessionEntry, found, with_open
 from ...jobs.worker import lines_of
 from ..context import begin
 from ..state.campaign import progress
 from ..widgets.form import Line
-from ..widgets.rows import MarkedList
+from ..widgets.table import Cell, Table, right
 from .base import BenchScreen
 from .dialogs import TextScreen
 from .work import export_session
@@ -35,8 +35,6 @@ class SessionsScreen(BenchScreen):
 
     HELP_PAGE: ClassVar[str] = "sessions"
     DEFAULT_CSS = """
-    SessionsScreen #head { height: 1; padding: 0 1; text-style: bold; }
-    SessionsScreen #list { height: 1fr; border: none; padding: 0 1; }
     SessionsScreen #about { height: 2; padding: 0 1; }
     SessionsScreen #find { height: 1; border: none; padding: 0 1; }
     """
@@ -66,16 +64,17 @@ class SessionsScreen(BenchScreen):
         self._stale = True
 
     def compose_body(self) -> ComposeResult:
-        """Compose heading, list, place of the marked session and search line."""
-        yield Static(id="head", markup=False)
-        yield MarkedList(name="list")
+        """Compose list, place of the marked session and search line."""
+        table = Table("list")
+        table.can_focus = True
+        yield table
         yield Static(id="about", markup=False)
         yield Line(placeholder="find: F, then type date, vehicle, state, note or folder", id="find")
 
     def on_screen_resume(self) -> None:
         """Read the folder anew."""
         super().on_screen_resume()
-        self.query_one("#list", OptionList).focus()
+        self.query_one(Table).focus()
         if self._stale:
             begin(self, self._read, group="list", exclusive=True)
 
@@ -166,7 +165,7 @@ class SessionsScreen(BenchScreen):
         find = self.query_one("#find", Input)
         if find.has_focus or find.value:
             find.value = ""
-            self.query_one("#list", OptionList).focus()
+            self.query_one(Table).focus()
         else:
             await self.bench_app.action_home()
 
@@ -176,13 +175,13 @@ class SessionsScreen(BenchScreen):
 
     def on_input_submitted(self, _: Input.Submitted) -> None:
         """Go to the list of matches."""
-        self.query_one("#list", OptionList).focus()
+        self.query_one(Table).focus()
 
-    def on_option_list_option_highlighted(self, _: OptionList.OptionHighlighted) -> None:
+    def on_data_table_row_highlighted(self, _: Table.RowHighlighted) -> None:
         """Show where the marked session is."""
         self._about()
 
-    async def on_option_list_option_selected(self, _: OptionList.OptionSelected) -> None:
+    async def on_data_table_row_selected(self, _: Table.RowSelected) -> None:
         """Open the session on Enter."""
         await self.action_open()
 
@@ -226,25 +225,32 @@ class SessionsScreen(BenchScreen):
         return False
 
     def _chosen(self) -> SessionEntry | None:
-        index = self.query_one("#list", OptionList).highlighted
-        return None if index is None or index >= len(self._shown) else self._shown[index]
+        row = self.query_one(Table).cursor_row
+        return self._shown[row] if row < len(self._shown) else None
 
     def _draw(self) -> None:
-        if len(self.query("#head, #list, #about, #find")) < 4:
+        if len(self.query("#list, #about, #find")) < 3:
             return  # not composed yet, or being removed
         words = self.query_one("#find", Input).value
         chosen = self._chosen()
         self._shown = [entry for entry in self._entries if found(entry, words)]
-        width = max(60, self.size.width - 7)
-        self.query_one("#head", Static).update(f"   {heading(width)}")
         row = self._shown.index(chosen) if chosen in self._shown else 0
-        lines = [self._line(entry, width) for entry in self._shown]
-        self.query_one("#list", MarkedList).show(lines, row)
+        heads = ("", "date", "vehicle", "state", "runs", "rejected", "note")
+        self.query_one(Table).show(heads, [self._row(entry) for entry in self._shown], row)
         self._about()
 
-    def _line(self, entry: SessionEntry, width: int) -> str:
-        first = "1 " if entry.path and entry.path == self._first else "  "
-        return first + entry_line(entry, self._mark(entry.state), width)
+    def _row(self, entry: SessionEntry) -> list[Cell]:
+        """Return the cells of a session; what they say may come from a foreign file."""
+        known = bool(entry.vehicle or entry.recording)
+        return [
+            "1" if entry.path and entry.path == self._first else " ",
+            printable(entry.date, 16),
+            printable(entry.vehicle or entry.name, 28),
+            f"{self._mark(entry.state)} {entry.state}",
+            right(str(entry.accepted + entry.rejected) if known else ""),
+            right(str(entry.rejected) if known else ""),
+            printable(entry.note, 160),
+        ]
 
     def _mark(self, state: EntryState) -> str:
         glyphs = self.bench_app.glyphs

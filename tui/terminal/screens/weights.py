@@ -27,12 +27,14 @@ from daq import (
     Status,
     VehicleParameters,
 )
+from daq.errors import printable
 from daq.loading import Loading, expected_car, sag_stiffness, wrong_weights
 from daq.runlog import LoggedStatus
 
 from ...jobs.gain import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift, measured_spread
 from ..state.drafts import read_draft, write_draft
 from ..widgets.form import Field, FieldError, Form, Values, check_fields, number, stated
+from ..widgets.table import Cell, right
 
 Weight = BodyWeight | HubWeight
 BODY = "body"
@@ -235,26 +237,21 @@ def with_bolted(entries: Sequence[Entry], at: int, bolted: bool) -> tuple[Entry,
     )
 
 
-def table_head() -> str:
-    """Return the heading of the table."""
-    return (
-        f"{'#':>3} {'bolted':<7}{'place':<6}{'serial':<8}{'kg':>6}{'±':>5}"
-        f"{'x':>6}{'y':>6}{'height':>7}"
-    )
+HEADS = ("#", "bolted", "place", "serial", "kg", "±", "x", "y", "height")
 
 
-def table_line(place_number: int, entry: Entry, yes: str, no: str) -> str:
-    """Return a weight as a line of the table; `yes` and `no` are marks."""
+def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:
+    """Return the cells of a weight, m and kg; `yes` and `no` are marks."""
     weight = entry.weight
-    if isinstance(weight, HubWeight):
-        place, where = str(weight.corner), f"{'on the hub':>15}"
-    else:
-        place, where = "body", f"{weight.x_m:>+6.2f}{weight.y_m:>+6.2f}{weight.height_m:>+7.2f}"
     bolted = f"{yes} yes" if entry.bolted else f"{no} NO"
-    return (
-        f"{place_number:>3} {bolted:<7}{place:<6}{entry.serial[:7]:<8}{weight.mass_kg:>6.2f}"
-        f"{weight.sigma_kg:>5.2f}{where}"
-    )
+    cells: list[Cell] = [right(str(row)), bolted]
+    place = ["hub", "", ""]
+    if isinstance(weight, BodyWeight):
+        place = [f"{value:+.2f}" for value in (weight.x_m, weight.y_m, weight.height_m)]
+    cells.append("body" if isinstance(weight, BodyWeight) else str(weight.corner))
+    cells.append(printable(entry.serial, 7))
+    figures = (f"{weight.mass_kg:.2f}", f"{weight.sigma_kg:.2f}", *place)
+    return cells + [right(figure) for figure in figures]
 
 
 def sketch(entries: Sequence[Entry], car: VehicleParameters) -> list[str]:
