@@ -29,8 +29,8 @@ from identify.report.pdf import pdf_of
 from identify.report.session import REFUSED, certificate_section, marked
 from tui.jobs.outcome_of import outcome_of
 from tui.result import print_identification
+from tui.terminal.screens.results import matrix_rows, parameter_rows
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.outcome_text import matrix_lines, parameter_lines
 
 from .sessions import estimated, hostile, made, reported
 
@@ -295,7 +295,7 @@ def test_the_terminal_says_so_and_what_is_known_keeps_its_number(
     (m_s,) = (line for line in printed.splitlines() if line.startswith("m_s "))
     assert "1,3" in m_s
     outcome = outcome_of("car.h5", session, result)
-    lines = parameter_lines(outcome.parameters, "parameter", GLYPHS, 110)
-    assert sum("not determined" in line for line in lines) == 3
-    (only,) = matrix_lines(outcome.states, 110)
-    assert "not determined" in only
+    _, rows = parameter_rows(outcome.parameters, GLYPHS, wide=True)
+    assert sum("not determined" in str(cells[3]) for cells in rows) == 3
+    ((only,),) = matrix_rows(outcome.states)
+    assert "not determined" in str(only)
