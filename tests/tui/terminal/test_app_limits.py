@@ -5,13 +5,11 @@ from __future__ import annotations
 import pytest
 from textual.widgets import Static
 
-from daq.bench.config import default_bench_text
-from daq.control.orders import AskBench, AskHistory
 from tui.terminal.screens.help import HelpScreen
 from tui.terminal.state.feed import Role
 
 from .fake_recorder import FakeRecorder
-from .operated import Make, orders_of
+from .operated import Make
 from .test_step_keys import pressed, seen
 
 SIZES = (
@@ -40,35 +38,6 @@ async def test_screens_change_at_120_and_180_columns_and_at_36_rows(make_app: Ma
             await pilot.pause()
             words = f"{columns}x{rows} is too small: make it 80x24, or the font smaller"
             assert (words in seen(app)) is small
-
-
-async def test_what_is_known_is_not_asked_for_again(make_app: Make) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    app = make_app(recorder)
-
-    def asked() -> tuple[int, int]:
-        return len(orders_of(recorder, AskHistory)), len(orders_of(recorder, AskBench))
-
-    async with app.run_test(size=(100, 30)) as pilot:
-        await pilot.pause()
-        assert asked() == (1, 1)
-        assert orders_of(recorder, AskHistory) == [AskHistory(10.0)]
-        recorder.publish()
-        await pilot.pause()
-        assert asked() == (1, 1)
-        recorder.bench_text = default_bench_text().replace("Ford Granada", "T5")
-        recorder.publish()
-        await pilot.pause()
-        assert asked() == (1, 2)
-        assert app.bench_text == recorder.bench_text
-        recorder.publish(recording="77" * 16)
-        await pilot.pause()
-        assert asked() == (2, 2)
-        recorder.post(Role(True))
-        recorder.publish()
-        await pilot.pause()
-        assert asked() == (3, 2), "another connection"
 
 
 async def test_keys_of_every_screen(make_app: Make, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,10 +14,9 @@ import pytest
 from daq.bench.campaign import Origin
 from daq.control.client import OrderRefusedError, RecorderGoneError
 from daq.control.messages import Reply, Setup, Status
-from daq.control.orders import Arm, AskCheck, AskSetup, Hello, Order
-from daq.errors import InputError
+from daq.control.orders import Arm, Order
 from tui.terminal.state import feed
-from tui.terminal.state.feed import STARTING, Lost, News, RecorderFeed, Role
+from tui.terminal.state.feed import Lost, News, RecorderFeed, Role
 
 from ...daq.a_status import a_status
 
@@ -158,50 +157,6 @@ def test_a_new_terminal_inherits_control_that_is_free_within_four_seconds(
     assert (Role(True) in posted) is inherits
 
 
-def test_orders_need_a_recorder_and_take_their_time(tmp_path: Path, client: type[Scripted]) -> None:
-    queue: Queue[tuple[News, str]] = Queue()
-    listener = RecorderFeed(tmp_path, "MK", lambda: None)
-    with pytest.raises(OrderRefusedError, match="X starts one"):
-        listener._ask(Arm())
-
-    def post(news: News) -> None:
-        said = ""
-        if isinstance(news, Role):
-            try:
-                listener._ask(Arm())
-            except OrderRefusedError as error:
-                said = str(error)
-            listener._ask(AskCheck(5.0))
-            listener._ask(Hello("JL", True))
-        queue.put((news, said))
-
-    listener.start(post)
-    try:
-        assert queue.get(timeout=30) == (Role(True), "it has ended: start one")
-        assert client.again.wait(30)
-    finally:
-        listener.stop()
-    assert client.asked == [
-        (Arm(), 2.0), (AskCheck(5.0), 15.0), (Hello("JL", True), 2.0), (AskSetup(), 0.0)
-    ]  # fmt: skip
-    assert client.made[1] == ("JL", True, False), "the name that was said last"
-
-
-def test_control_is_taken_over_by_a_new_connection(tmp_path: Path, client: type[Scripted]) -> None:
-    client.script += [STATUS] * 100_000
-    queue: Queue[News] = Queue()
-    listener = RecorderFeed(tmp_path, "MK", lambda: None)
-    listener.start(queue.put)
-    try:
-        assert queue.get(timeout=30) == Role(True)
-        listener.take_over()
-        while queue.get(timeout=30) != Role(True):
-            pass
-    finally:
-        listener.stop()
-    assert client.made[:2] == [("MK", True, False), ("MK", True, True)]
-
-
 def test_a_recorder_is_started_when_the_one_before_has_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -224,15 +179,3 @@ def test_a_recorder_is_started_when_the_one_before_has_ended(
         listener.restart()
     assert clock[0] == 25.0, "twenty seconds and a look"
     assert len(started) == 1
-
-
-def test_a_recorder_that_cannot_be_started_is_refused_with_its_reason(tmp_path: Path) -> None:
-    def broken() -> None:
-        raise InputError("bench.toml:2", "is no table", "correct it")
-
-    listener = RecorderFeed(tmp_path, "MK", broken)
-    posted: list[News] = []
-    listener._post = posted.append
-    with pytest.raises(OrderRefusedError, match="is no table"):
-        listener.restart()
-    assert STARTING not in posted

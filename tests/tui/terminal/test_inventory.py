@@ -1,28 +1,20 @@
 """What the masses screen says of the weights, and what the check screen says of the bench."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 from daq.bench.campaign import Method
 from daq.bench.config import default_bench_text, load_bench
-from daq.bench.edit import with_campaign, with_weights
-from daq.check.push_test import PushResult
-from daq.control.messages import BusState, BusStatus, CheckItem, DiskStatus
+from daq.bench.edit import with_campaign
+from daq.control.messages import CheckItem
 from daq.runs import Excitation
-from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, Fact, HubWeight
-from tui.jobs.gain import GAIN, Gain, Shift, measured_spread
+from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, HubWeight
+from tui.jobs.gain import Gain, Shift, measured_spread
 from tui.terminal.screens.check import (
     item_rows,
-    push_rows,
-    recorder_rows,
     with_overrides,
-    zero_offsets,
 )
 from tui.terminal.screens.weights import (
     Entry,
@@ -106,30 +98,6 @@ def test_the_outlook_says_what_stays_unknown() -> None:
     assert "no outlook: oh" in gain_line(Gain(error="oh"))[1]
 
 
-def test_the_expected_gain_is_that_of_the_paper_in_a_process_without_the_terminal(
-    tmp_path: Path,
-) -> None:
-    def ask(text: str) -> Gain:
-        question = json.dumps({"bench": text, "folder": str(tmp_path)})
-        command = [sys.executable, "-m", "tui.jobs.gain"]
-        done = subprocess.run(command, input=question, capture_output=True, text=True, check=True)
-        assert done.stderr == ""
-        return GAIN.validate_json(done.stdout)
-
-    gain = ask(default_bench_text())
-    before = [s.before_hz for s in gain.shifts]
-    assert [s.mode for s in gain.shifts] == ["bounce", "pitch", "roll"]
-    np.testing.assert_allclose(before, [1.0511, 1.3078, 1.6516], atol=1e-4)  # docs/method.md
-    assert all(-0.06 < s.share < -0.04 for s in gain.shifts)
-    assert gain.worst is not None
-    assert 0.001 < gain.worst < 0.05
-    assert not gain.undetermined
-    none = ask(with_weights(default_bench_text(), ()))
-    assert "m_s" in none.undetermined  # no added mass, no scale
-    assert none.remedies
-    assert ask('[vehicle]\nname = "x"\ncolour = 1\n').error
-
-
 def test_the_sag_tells_the_springs() -> None:
     before = {f"travel_{c.lower()}": 0.001 for c in Corner}
     weights = [BodyWeight(100.0, 0.0, 0.0)]  # all of it on the front axle
@@ -144,32 +112,6 @@ def test_the_sag_tells_the_springs() -> None:
     assert sag_line(blind, weights, {}, car) == "no travel sensor"
 
 
-def test_the_known_springs_are_those_of_facts_or_of_the_bounce() -> None:
-    usual = known_car(BENCH, None)
-    assert known_car(BENCH, 2 * 1.1964).k_sf == pytest.approx(4 * usual.k_sf, rel=1e-3)
-    fact = Fact("k_sf", 30e3, 300.0)
-    stated = replace(BENCH, vehicle=replace(BENCH.vehicle, facts=(fact,)))
-    assert known_car(stated, None).k_sf == 30e3
-    assert known_car(stated, None).k_sr == usual.k_sr
-
-
-def test_recorder_lines_say_bus_disk_and_clock() -> None:
-    status = FakeRecorder().status
-    assert [row.state for row in recorder_rows(status)] == ["OK", "OK", "OK"]
-    broken = replace(
-        status,
-        buses=(
-            BusStatus("can0", BusState.BUS_OFF, 0.0, 0.0, 10, 3, 1, 255, 0),
-            BusStatus("can1", BusState.OK, 0.9, 4000.0, 10, 0, 0),
-        ),
-        disk=DiskStatus(100_000_000, 0, 10, 0.1),
-    )
-    rows = recorder_rows(broken)
-    assert [row.state for row in rows] == ["FAIL", "WARN", "FAIL", "OK"]
-    assert "TEC 255" in rows[0].text
-    assert all(row.advice for row in rows[:3])
-
-
 def test_an_override_takes_the_block_from_a_warning_and_never_from_a_failure() -> None:
     items = (
         CheckItem("WARN", "channel a", "noise", "mount it", {}),
@@ -179,26 +121,3 @@ def test_an_override_takes_the_block_from_a_warning_and_never_from_a_failure() -
     assert (rows[0].asks, rows[0].advice) == (False, "overridden: known (MK)")
     assert rows[1].blocks
     assert with_overrides(item_rows(items), {})[0].asks
-
-
-def test_lines_of_pushes() -> None:
-    seen = {
-        Corner.FRONT_LEFT: PushResult(Corner.FRONT_LEFT, True, True, "travel_fl moved +14 mm"),
-        Corner.FRONT_RIGHT: PushResult(Corner.FRONT_RIGHT, True, False, "FL moved", "swap"),
-    }
-    rows = push_rows(seen, Corner.REAR_LEFT, {"push RR": "wall (MK)"}, True)
-    assert [row.state for row in rows] == ["OK", "FAIL", "NOW", "WARN"]
-    assert rows[1].blocks
-    assert not rows[3].asks
-    (row,) = push_rows({}, "", {}, False)
-    assert row.state == "OK"
-
-
-def test_travels_and_rates_are_tared_and_gravity_never() -> None:
-    levels = {"travel_fl": 0.0035, "travel_fr": 0.0001, "roll_rate": -0.004, "body_acc_z": 9.81,
-              "hub_acc_fl": 9.7}  # fmt: skip
-    items = [CheckItem("OK", f"channel {n}", "", "", {"level": v}) for n, v in levels.items()]
-    found = {o.channel: o.tare for o in zero_offsets(items, BENCH.channels)}
-    assert found == {"travel_fl": 0.0035, "roll_rate": -0.004}
-    tared = tuple(replace(c, tare=0.01) for c in BENCH.channels)
-    assert zero_offsets(items, tared)[1].tare == pytest.approx(0.0135)

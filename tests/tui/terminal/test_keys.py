@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from textual.pilot import Pilot
 
@@ -21,7 +20,7 @@ from daq.control.orders import (
     Undo,
 )
 from daq.runs import Excitation
-from tui.terminal.app import MOST_NEWS, BenchApp
+from tui.terminal.app import BenchApp
 from tui.terminal.screens.bumping import HomeScreen, RunScreen
 from tui.terminal.state.campaign import BenchStep
 from tui.terminal.state.feed import Lost, Role
@@ -241,17 +240,6 @@ async def test_a_step_that_is_not_reached_is_refused(make_app: MakeApp) -> None:
         assert screen_text(app).count("not reached yet") == 1, "a toast would cover what is next"
 
 
-async def test_foreign_text_is_no_markup(make_app: MakeApp) -> None:
-    recorder = _bench()
-    app = make_app(recorder)
-    async with app.run_test(size=(140, 40)) as pilot:
-        recorder.publish(vehicle="[bold]T5[/bold]\x1b[31m")
-        await pilot.pause()
-        first = screen_text(app).splitlines()[0]
-        assert "[bold]T5[/bold]" in first
-        assert "\x1b" not in first
-
-
 async def test_auto_presses_what_is_next_and_leaves_the_rest(make_app: MakeApp) -> None:
     recorder = _bench()
     app = make_app(recorder, auto=True)
@@ -272,23 +260,6 @@ async def test_auto_presses_what_is_next_and_leaves_the_rest(make_app: MakeApp) 
         assert recorder.orders == before
     await app._press_next()  # the timer may still run when the app has closed its screens
     assert recorder.orders == before
-
-
-async def test_a_terminal_that_takes_no_output_keeps_a_minute_of_news(make_app: MakeApp) -> None:
-    recorder = _bench()
-    app = make_app(recorder)
-    async with app.run_test() as pilot:
-        await pilot.pause()
-        recorder.post(Role(False, "JL has taken over"))
-        status = recorder.status
-        for count in range(3 * MOST_NEWS):  # the loop is held up and takes none
-            recorder.post(replace(status, viewers=count))
-        assert len(app._news) == MOST_NEWS
-        await pilot.pause()
-        assert not app._news
-        assert app.status is not None
-        assert app.status.viewers == 3 * MOST_NEWS - 1
-        assert not app.in_control
 
 
 async def test_one_key_leaves_out_what_is_unlike_the_others_and_one_takes_it_back(

@@ -16,7 +16,6 @@ from tui.terminal.widgets.lists import (
     AlarmList,
     Journal,
     NextPanel,
-    ProgressLine,
     RunList,
     TallyList,
 )
@@ -155,28 +154,6 @@ async def test_runs_and_journal_have_the_newest_on_top(recorder: FakeRecorder) -
         bare = replace(recorder.status, runs=(), notes=(), overrides=())
         journal.show(bare)
         assert text(journal) == ["nothing yet"]
-
-
-async def test_the_line_of_progress_has_the_bumps_of_the_state_that_is_due(
-    recorder: FakeRecorder,
-) -> None:
-    recorder.bump()
-    recorder.judge()
-    recorder.bump()
-    recorder.judge(DOUBLE_BUMP)
-    line = ProgressLine(ASCII)
-    async with alone(line, 80, 3) as _:
-        line.show(recorder.status)
-        assert text(line) == [" baseline: bounce #>  pitch ..  roll ..   1 rejected | no overload"]
-        line.show(replace(recorder.status, overloaded=("a", "b")))
-        assert text(line)[0].endswith("| ^ OVERLOAD a, b")
-        done = replace(recorder.status, due=None)
-        line.show(done)
-        assert text(line)[0].startswith(" added: bounce ..")
-    slim = ProgressLine(ASCII)
-    async with alone(slim, 65, 3) as _:
-        slim.show(recorder.status)
-        assert text(slim) == [" bounce #>  pitch ..  roll ..  1 rej. | no overload"]
 
 
 async def test_what_is_next_stands_in_a_panel(recorder: FakeRecorder) -> None:

@@ -8,11 +8,8 @@ from typing import Any, ClassVar
 
 import pytest
 
-from daq.control.orders import AskCheck, Configure, Mark, Note, OverrideWarning
-from tui.jobs.gain import GAIN, Gain
-from tui.terminal.screens import masses
+from daq.control.orders import AskCheck, Configure, Mark, OverrideWarning
 from tui.terminal.screens.check import CheckScreen
-from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import VehicleScreen
 from tui.terminal.state.feed import STARTING, Lost
 from tui.terminal.widgets.form import Form
@@ -20,9 +17,8 @@ from tui.terminal.widgets.form import Form
 from .fake_recorder import FakeRecorder
 from .operated import Make, check_items, orders_of, reach, until
 from .test_bench_screens import NOISY, UPSIDE_DOWN
-from .test_masses_screen import OUTLOOK
 from .test_step_keys import by_hand as by_hand
-from .test_step_keys import cursor, front, pressed, seen, weighed
+from .test_step_keys import cursor, pressed, seen
 
 GONE = Lost("the recorder has ended", "all frames up to then are on the disk")
 
@@ -55,29 +51,6 @@ async def test_the_form_says_what_to_press_while_no_recorder_answers(make_app: M
         await pressed(pilot, "tab")
         assert screen.query_one(Form).current is not None
         assert "Total mass" in str(screen.query_one("#help").border_title)
-
-
-async def test_the_last_form_of_a_vehicle_fills_what_was_not_typed(make_app: Make) -> None:
-    app = make_app(FakeRecorder())
-    folder = app.folder.parent / "last_week"
-    folder.mkdir()
-    last = {"name": "T5", "total_mass_kg": "1600", "wheelbase_m": "2.9", "notes": "wet"}
-    (folder / "vehicle.json").write_text(json.dumps(last | {"operator": "JL"}))
-    try:
-        async with app.run_test(size=(80, 24)) as pilot:
-            await reach(pilot, VehicleScreen)
-            form = app.screen.query_one(Form)
-            before = form.values
-            await pressed(pilot, "tab", "tab", "tab", *"1552", "escape")
-            form.enter("name")
-            await pressed(pilot, "ctrl+u", *"T5")
-            values = form.values
-        assert (values["name"], values["total_mass_kg"]) == ("T5", "1552"), "what was typed stays"
-        assert values["wheelbase_m"] == "2.9"
-        assert (values["operator"], values["notes"]) == (before["operator"], before["notes"])
-    finally:
-        (folder / "vehicle.json").unlink()
-        folder.rmdir()
 
 
 @pytest.mark.usefixtures("by_hand")
@@ -169,70 +142,3 @@ class Planner:
     def kill(self) -> None:
         """Note it."""
         Planner.asked.append("killed")
-
-
-async def test_a_planner_that_does_not_answer_is_said_so(
-    make_app: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(MassesScreen, "_compute", OUTLOOK)
-    monkeypatch.setattr(masses, "_QUIET_S", 0.0)
-    monkeypatch.setattr("tui.terminal.screens.masses.subprocess.Popen", Planner)
-    monkeypatch.setattr(Planner, "asked", [])
-    recorder = weighed()
-    app = make_app(recorder)
-    async with app.run_test(size=(100, 30)) as pilot:
-        await reach(pilot, MassesScreen)
-        await until(pilot, lambda: "the planner did not answer" in seen(app))
-        (command, question, killed) = Planner.asked
-        assert command == (["-m", "tui.jobs.gain"], subprocess.DEVNULL)
-        assert question[0]["folder"] == str(app.folder)
-        assert question[1] == 60.0
-        assert "[[weight]]" in question[0]["bench"]
-        assert killed == "killed"
-        monkeypatch.setattr(Planner, "answer", b"no JSON")
-        await pressed(pilot, "delete")
-        await until(pilot, lambda: len(Planner.asked) == 6)
-        assert "the planner did not answer" in seen(app)
-        better = Gain(worst=0.0073, mean=0.0055, widest="m_ur")
-        monkeypatch.setattr(Planner, "answer", GAIN.dump_json(better))
-        await pressed(pilot, "u")
-        await until(pilot, lambda: "m_ur" in seen(app))
-        asked = len(Planner.asked)
-        await pressed(pilot, "b", "b")
-        assert len(Planner.asked) == asked, "the same weights, the same answer"
-
-
-async def test_weights_that_the_bench_cannot_take_are_said_so(make_app: Make) -> None:
-    recorder = weighed()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, MassesScreen)
-        screen = app.screen
-        assert isinstance(screen, MassesScreen)
-        await pressed(pilot, *["space"] * 8)
-        assert "all are bolted" in seen(app)
-        recorder.post(GONE)
-        await pilot.pause()
-        assert "X = start the recorder again" in seen(app)
-        assert (screen.ready, screen.acts) == (True, False)
-        recorder.publish()
-        await pilot.pause()
-        text, app.bench_text = app.bench_text, "[[weight]"
-        await pressed(pilot, "space")
-        assert front(app) is screen
-        assert not [
-            order for order in recorder.orders if isinstance(order, Mark | Configure | Note)
-        ]
-        app.bench_text = text
-        await pressed(pilot, "e", *"W-7", "ctrl+s")
-        assert "weight 8 is bolted" in seen(app), "a weight that was changed is loose"
-        await pressed(pilot, "space")
-        recorder.refuse = "a run is being recorded"
-        await pressed(pilot, "space")
-        assert front(app) is screen
-        assert orders_of(recorder, Mark) == []
-        recorder.refuse = ""
-        await pressed(pilot, "space")
-        assert front(app) is not screen
-        notes = orders_of(recorder, Note)
-        assert notes == [Note("weights: 8 W-7")] * 2, "the first was refused"

@@ -59,17 +59,6 @@ def test_the_first_line_is_the_cause_and_the_next_its_advice(
     assert page.advice.startswith(advice)
 
 
-def test_a_bus_without_sensors_of_the_bench_stops_nothing() -> None:
-    assert obstacle(_status("disconnected", alive=4)) is None
-    assert obstacle(_status("disconnected", alive=3)) is not None
-
-
-@pytest.mark.parametrize(("age_s", "stops"), [(2.9, False), (3.1, True)])
-def test_one_disturbance_stops_nothing(age_s: float, stops: bool) -> None:
-    assert (obstacle(_status("counter_gap", age_s=age_s)) is not None) is stops
-    assert obstacle(_status("journal_failed", age_s=age_s)) is not None
-
-
 def test_a_run_and_its_verdict_are_shown_before() -> None:
     for phase in (Phase.TRIGGERED, Phase.DECAY):
         assert obstacle(_status("stale", phase, alive=3)) is None

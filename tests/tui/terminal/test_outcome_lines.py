@@ -16,7 +16,7 @@ from tui.terminal.screens.results import (
     verdict_lines,
 )
 from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
-from tui.terminal.state.traces import Ink, decay_rows
+from tui.terminal.state.traces import decay_rows
 
 from .outcomes import doubtful, outcome
 
@@ -133,65 +133,3 @@ def test_a_ramp_is_drawn_from_corner_to_corner_with_rings_upon_it() -> None:
         "     -2 |o..              ",
         "         0.0           4.0",
     ]
-
-
-def test_a_step_is_one_column_without_a_gap_and_rings_only_where_it_was_fitted() -> None:
-    times = (0.0, 2.0, 2.0, 4.0)
-    step = Curve("a", "m", times, (0.0, 0.0, 4.0, 4.0), (1.0, 3.0), (2.0, 2.0))
-    assert drawn(step, 29, 8)[1:-1] == [
-        "      4 |          ..........",
-        "        |          .         ",
-        "      2 |     o   o.  o      ",
-        "        |          .         ",
-        "        |          .         ",
-        "      0 |...........         ",
-    ]
-    down = replace(step, measured=(4.0, 4.0, 0.0, 0.0))
-    assert drawn(down, 29, 8)[1:-1] == [
-        "      4 |..........          ",
-        "        |          .         ",
-        "      2 |     o   o.  o      ",
-        "        |          .         ",
-        "        |          .         ",
-        "      0 |          ..........",
-    ]
-    late = replace(step, fitted_s=(-4.0, 8.0))
-    assert drawn(late, 29, 8)[-1].split() == ["-4.0", "8.0"]
-
-
-def test_no_chart_is_drawn_where_there_is_no_room_or_no_curve() -> None:
-    assert len(drawn(RAMP, 17, 4)) == 4
-    assert drawn(RAMP, 16, 4) == []
-    assert drawn(RAMP, 17, 3) == []
-    assert drawn(replace(RAMP, measured_s=(), measured=()), 60, 20) == []
-    assert drawn(replace(RAMP, fitted_s=(), fitted=()), 60, 20) == []
-
-
-def test_a_level_curve_is_one_line_of_its_only_value() -> None:
-    level = Curve("a", "m", (0.0, 1.0), (3.0, 3.0), (0.0, 1.0), (3.0, 3.0))
-    rows = [row[9:] for row in drawn(level, 29, 8)]
-    assert rows[1:-1] == ["o...o...o...o...o...", *[" " * 20] * 5]
-
-
-def test_the_axis_has_a_tick_for_every_twelve_cells_and_two_at_least() -> None:
-    assert drawn(RAMP, 17, 6)[-1].split() == ["0.0", "4.0"]
-    assert drawn(RAMP, 9 + 36, 6)[-1].split() == ["0.0", "2.0", "4.0"]
-    assert drawn(RAMP, 9 + 60, 6)[-1].split() == ["0.0", "1.0", "2.0", "3.0", "4.0"]
-    assert len(drawn(RAMP, 9 + 60, 6)[-1]) == 69
-
-
-def test_the_labels_are_both_ends_and_zero_or_the_middle() -> None:
-    assert [row[:7].strip() for row in drawn(RAMP, 40, 7)[1:-1]] == ["2", "", "0", "", "-2"]
-    raised = replace(RAMP, measured=(1.0, 4.0), fitted=(1.0, 4.0))
-    assert [row[:7].strip() for row in drawn(raised, 40, 7)[1:-1]] == ["4", "", "2.5", "", "1"]
-
-
-def test_the_fit_is_in_an_ink_of_its_own() -> None:
-    for row in decay_rows(RAMP, 60, 12, BRAILLE)[1:-1]:
-        assert row[0][1] is Ink.AXIS
-        for text, ink in row[1:]:
-            assert ("○" in text) is (ink is Ink.FITTED)
-    legend = decay_rows(RAMP, 60, 12, BLOCKS)[0]
-    assert [piece[1] for piece in legend] == [Ink.AXIS, Ink.MEASURED, Ink.FITTED]
-    assert legend[1][0].strip() == "▄▄ measured"
-    assert decay_rows(RAMP, 60, 12, BRAILLE)[0][1][0].strip() == "⠒⠒ measured"

@@ -11,12 +11,10 @@ from daq.control.messages import Lane, Live, Phase
 from daq.control.orders import Arm
 from daq.runlog.run_log import Code, entry
 from daq.runs import Excitation
-from tui.terminal.state.campaign import BenchStep, next_action, progress, weights_question
-from tui.terminal.state.feed import Lost
+from tui.terminal.state.campaign import BenchStep, next_action, progress
 from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
 from tui.terminal.state.lanes import RING_S, Lanes, lane_specs, window
 from tui.terminal.state.traces import full_scale, pooled, trace
-from tui.terminal.state.words import banner
 
 from .fake_recorder import BIN_S, DOUBLE_BUMP, FakeRecorder
 
@@ -60,19 +58,6 @@ def test_a_steep_flank_hangs_together() -> None:
     seen = _dots(trace(value, value, 1.0, 4, BRAILLE))
     rows = np.flatnonzero(seen.any(axis=1))
     assert np.array_equal(rows, np.arange(rows[0], rows[-1] + 1))
-
-
-def test_what_is_not_known_is_not_drawn() -> None:
-    value = np.full(20, np.nan)
-    for glyphs in (BRAILLE, BLOCKS):
-        assert set("".join(trace(value, value, 1.0, 4, glyphs))) == {" "}
-    value[:10] = 0.0
-    assert _dots(trace(value, value, 1.0, 4, BRAILLE))[:, 10:].sum() == 0
-
-
-def test_beyond_the_range_is_at_the_edge() -> None:
-    value = np.full(20, 50.0)
-    assert _dots(trace(value, value, 1.0, 4, BRAILLE))[0].all()
 
 
 @pytest.mark.parametrize("glyphs", [BRAILLE, BLOCKS, ASCII], ids=lambda g: g.name)
@@ -156,32 +141,6 @@ def test_a_run_stands_still_while_it_is_recorded() -> None:
     assert window(None, lanes).trigger is None
 
 
-def test_steps_follow_from_the_book_alone() -> None:
-    recorder = FakeRecorder()
-    assert progress(None).due is BenchStep.VEHICLE
-    assert progress(recorder.status).due is BenchStep.VEHICLE
-    recorder.mark("vehicle")
-    assert progress(recorder.status).due is BenchStep.CHECK
-    assert not progress(recorder.status).reached(BenchStep.BASELINE)
-    recorder.mark("check")
-    assert progress(recorder.status).due is BenchStep.BASELINE
-    recorder.finish("baseline")
-    assert progress(recorder.status).due is BenchStep.MASSES
-    untallied = progress(replace(recorder.status, tallies=()))
-    assert not untallied.done & {BenchStep.BASELINE, BenchStep.ADDED}
-    recorder.mark("masses")
-    recorder.finish("added")
-    far = progress(recorder.status)
-    assert far.due is BenchStep.IDENTIFY
-    assert all(far.reached(step) for step in BenchStep if step <= BenchStep.IDENTIFY)
-
-
-def test_a_bump_implies_the_steps_before_it() -> None:
-    recorder = FakeRecorder()
-    recorder.bump()
-    assert progress(recorder.status).due is BenchStep.BASELINE
-
-
 def test_the_one_key() -> None:
     recorder = FakeRecorder()
     assert next_action(None).order is None
@@ -225,62 +184,6 @@ def test_more_runs_are_recorded_by_the_one_key_after_each_step() -> None:
     recorder.judge()
     recorder.turn(Phase.COMPLETE)
     assert next_action(recorder.status).step is BenchStep.IDENTIFY
-
-
-def test_the_weights_are_asked_for_where_they_change() -> None:
-    recorder = FakeRecorder()
-    assert weights_question(None) == weights_question(recorder.status) == ""
-    recorder.finish("baseline")
-    assert weights_question(recorder.status).startswith("Weights on?")
-    recorder.bump()
-    assert weights_question(recorder.status) == ""
-    recorder.judge()
-    recorder.choose("baseline", Excitation.ROLL)
-    assert weights_question(recorder.status).startswith("Weights off?")
-
-
-def test_states_differ_in_words_in_every_set_of_characters() -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    recorder.bump()
-    for glyphs in (BRAILLE, BLOCKS, ASCII):
-        words = set()
-        for phase in Phase:
-            status = replace(recorder.status, phase=phase)
-            words.add(banner(status, None, next_action(status), glyphs).word)
-        words.add(banner(None, None, next_action(None), glyphs).word)
-        words.add(banner(None, Lost("gone", "start it"), next_action(None), glyphs).word)
-        assert len(words) == len(Phase) + 2
-
-
-def test_a_reject_says_why_and_what_to_do() -> None:
-    recorder = FakeRecorder()
-    recorder.bump()
-    recorder.judge(DOUBLE_BUMP)
-    said = banner(recorder.status, None, next_action(recorder.status), BRAILLE)
-    assert "second bump at +0.84 s" in said.first
-    assert "Bump once, keep hands off." in said.second
-    assert "SPACE = again, or in 3 s" in said.title
-    assert said.digits == "3"
-
-
-def test_foreign_words_lose_their_control_characters() -> None:
-    recorder = FakeRecorder()
-    recorder.bump()
-    recorder.judge(replace(DOUBLE_BUMP, text="a\x1b[31m\nb", advice="c\x07d"))
-    said = banner(recorder.status, None, next_action(recorder.status), BRAILLE)
-    assert (said.first + said.second).isprintable()
-
-
-def test_glyphs_follow_the_terminals_word() -> None:
-    auto = GlyphSet.AUTO
-    assert choose_glyphs(auto, {"TERM": "xterm-256color"}, "UTF-8").name is GlyphSet.BRAILLE
-    assert choose_glyphs(auto, {"TERM": "linux"}, "utf-8").name is GlyphSet.BLOCKS
-    assert choose_glyphs(auto, {"OS": "Windows_NT"}, "utf-8").name is GlyphSet.BLOCKS
-    windows = {"OS": "Windows_NT", "WT_SESSION": "1"}
-    assert choose_glyphs(auto, windows, "utf-8").name is GlyphSet.BRAILLE
-    assert choose_glyphs(auto, {"TERM": "xterm"}, "ascii").name is GlyphSet.ASCII
-    assert choose_glyphs(GlyphSet.ASCII, {"TERM": "xterm"}, "utf-8").name is GlyphSet.ASCII
 
 
 def test_a_note_is_no_mark() -> None:

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 from textual.widgets import TextArea
 
-from daq.control.messages import Lane, Live, Phase, SessionState, SessionStatus
+from daq.control.messages import Phase, SessionState, SessionStatus
 from daq.control.orders import Arm, AskCheck, Build, Note, Pause, Redo, Undo
-from daq.errors import InputError
 from tui.jobs.lines import CompareTask, Done, ExportTask, Item, Line, ListTask, Task, Trouble
 from tui.jobs.session_list import EntryState, SessionEntry
-from tui.terminal.app import BenchApp
 from tui.terminal.screens import sessions, work
 from tui.terminal.screens.sessions import SessionsScreen
 from tui.terminal.screens.work import IdentifyScreen, LongWork, ReportScreen, Stage
 from tui.terminal.widgets.table import Table
 
 from .conftest import screen_text
-from .fake_recorder import BIN_S, FakeRecorder
+from .fake_recorder import FakeRecorder
 from .operated import Make, orders_of, until
 from .outcomes import outcome
 from .test_results import measured, results_of
@@ -295,40 +293,6 @@ async def test_a_refused_order_says_why_and_a_viewer_gives_none(make_app: Make) 
         assert await app.ask(AskCheck(1.0)) is not None, "who looks on may ask"
 
 
-async def test_a_theme_that_is_not_there_is_named_with_the_nearest(make_app: Make) -> None:
-    with pytest.raises(InputError, match="did you mean bench-light"):
-        make_app(FakeRecorder(), theme="bench-ligth")
-
-
-async def test_choices_that_cannot_be_kept_are_said_so(
-    make_app: Callable[..., BenchApp], tmp_path: Path
-) -> None:
-    app = make_app(measured())
-    (tmp_path / "file").write_text("")
-    app.signals._path = tmp_path / "file" / "bumpbench" / "terminal.json"
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        app.action_sound()
-        await pilot.pause()
-        assert "cannot be written" in seen(app)
-        assert "muted" in seen(app)
-
-
-async def test_another_recording_begins_with_its_own_samples(make_app: Make) -> None:
-    recorder = measured()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        last = app.lanes.end
-        old = Lane("gone", (1.0,), (1.0,))
-        recorder.post(Live(last, BIN_S, (old,)))
-        await pilot.pause()
-        assert "gone" in app.lanes.channels
-        recorder.publish(recording="77" * 16)
-        await until(pilot, lambda: "gone" not in app.lanes.channels)
-        await until(pilot, lambda: "body_acc_z" in app.lanes.channels)
-
-
 async def test_an_export_asks_before_it_replaces_a_file(
     make_app: Make, tasks: list[Task], tmp_path: Path
 ) -> None:
@@ -353,19 +317,3 @@ async def test_an_export_asks_before_it_replaces_a_file(
             there.unlink()
             await pilot.pause()
             assert tasks == asked
-
-
-async def test_the_report_of_another_session_ends_the_work_on_the_last(
-    make_app: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    app = make_app(measured())
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        await app.open("report")
-        await pilot.pause()
-        report, ended = app.screen, list[object]()
-        assert isinstance(report, ReportScreen)
-        monkeypatch.setattr(app.workers, "cancel_node", ended.append)
-        report.show_session("/b/other.h5")
-        report.show_session("/b/other.h5")
-        assert ended == [report]

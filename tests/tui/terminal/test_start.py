@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import json
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -16,7 +15,7 @@ from daq.control import address
 from daq.control.orders import Arm, Hello
 from daq.errors import InputError
 from tui.cli import run
-from tui.commands.tui import check_fault, known_operator, pause_collector
+from tui.commands.tui import check_fault, known_operator
 from tui.diagnostics import ExitCode
 from tui.terminal.app import BenchApp
 from tui.terminal.state.feed import Lost, News, Role
@@ -55,35 +54,6 @@ def test_the_name_is_known_from_the_form_that_was_applied(tmp_path: Path) -> Non
     assert known_operator(tmp_path, demo=True) == "Anna"
     (tmp_path / "vehicle.json").write_text(json.dumps({"operator": 3}))
     assert known_operator(tmp_path, demo=False) == ""
-
-
-def test_the_garbage_collector_rests_for_some_seconds_and_then_spares_what_was_loaded(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    begun: list[tuple[float, Callable[[], None]]] = []
-
-    class Timer:
-        daemon = False
-
-        def __init__(self, seconds: float, resume: Callable[[], None]) -> None:
-            begun.append((seconds, resume))
-
-        def start(self) -> None:
-            """Wait for the test."""
-
-    monkeypatch.setattr("threading.Timer", Timer)
-    try:
-        pause_collector(2.0)
-        assert not gc.isenabled()
-        ((seconds, resume),) = begun
-        assert seconds == 2.0
-        before = gc.get_freeze_count()
-        resume()
-        assert gc.isenabled()
-        assert gc.get_freeze_count() > before
-    finally:
-        gc.unfreeze()
-        gc.enable()
 
 
 def test_the_name_is_asked_for_once_if_nobody_has_said_it(
@@ -148,18 +118,6 @@ async def test_what_is_typed_before_the_first_status_stays_where_it_was_meant(
         await pilot.pause()
         assert app.screen is app.get_screen("check"), "the step that is due"
         assert not [order for order in recorder.orders if isinstance(order, Arm)]
-
-
-async def test_an_answer_that_comes_after_the_last_screen_changes_nothing(
-    make_app: Callable[[FakeRecorder], BenchApp],
-) -> None:
-    app = make_app(FakeRecorder())
-    async with app.run_test() as pilot:
-        await pilot.pause()
-    assert not app.screen_stack
-    app.bench_text = ""
-    await app._fetch_bench()  # a worker that was asked before
-    assert app.bench_text
 
 
 class Starting(FakeRecorder):

@@ -8,7 +8,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from daq.control.messages import CheckItem, Phase
+from daq.control.messages import CheckItem
 from daq.control.orders import AskCheck, Configure, Mark, Note
 from daq.vehicle import BodyWeight
 from tui.terminal.app import BenchApp
@@ -89,22 +89,6 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
         recorder.refuse = ""
         assert "Push the car down at the corner marked NOW." in await pressed(pilot, "r")
         assert recorder.orders[-1] == Mark("push RR")
-
-
-async def test_no_corner_is_pushed_while_a_run_is_armed(make_app: Make) -> None:
-    recorder = FakeRecorder(check=check_items())
-    recorder.mark("vehicle", "check", "masses")
-    recorder.finish("baseline")
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 30)) as pilot:
-        await pilot.pause()
-        await pressed(pilot, "2")
-        await until(pilot, lambda: "push FL" in screen_text(app))
-        recorder.turn(Phase.ARMED)
-        await pilot.pause()
-        await pressed(pilot, *["down"] * 20, "up")
-        assert "a run is armed: pause it first" in await pressed(pilot, "r")
-        assert orders_of(recorder, Mark) == []
 
 
 @pytest.mark.usefixtures("by_hand")
@@ -245,18 +229,6 @@ async def test_space_bolts_one_weight_after_the_other_and_goes_on(make_app: Make
         assert Mark("step masses done") in recorder.orders
         assert orders_of(recorder, Configure) == []
         assert not (app.folder / "draft_masses.json").exists()
-
-
-async def test_axle_limits_that_cannot_be_understood_or_kept_are_said_so(make_app: Make) -> None:
-    app = make_app(weighed())
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, MassesScreen)
-        assert "two numbers in kg" in await pressed(pilot, "l", *"1050", "enter")
-        await pressed(pilot, "l", "escape")
-        (app.folder / "axle_limits.json").mkdir()
-        said = await pressed(pilot, "l", *" 980", "enter")
-        assert "cannot be written" in said
-        assert "of 1050 kg" in said, "they hold for this time"
 
 
 # Vehicle ----------------------------------------------------------------------------------------

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 from textual.pilot import Pilot
 
-from daq.control.messages import Alarm, CheckItem, Phase, Reply
-from daq.control.orders import AskCheck, Order
+from daq.control.messages import Alarm, Phase
 from dbc.finding import Finding, Severity
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.bumping import HomeScreen, RunScreen
-from tui.terminal.screens.check import CheckScreen
 from tui.terminal.screens.results import ResultsScreen
 from tui.terminal.screens.work import IdentifyScreen
 from tui.terminal.state.campaign import BenchStep
@@ -183,36 +180,6 @@ async def test_a_small_terminal_shows_what_to_do_about_an_alarm(make_app: MakeAp
         assert "and 2 more" in said
 
 
-async def test_space_does_not_begin_the_zero_again_while_it_is_measured(
-    make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recorder = _bench("vehicle")
-    recorder.check = (CheckItem("OK", "bus", "load 38 %", "", {}),)
-    app = make_app(recorder)
-    answered = asyncio.Event()
-    ask = recorder.ask
-
-    async def late(order: Order) -> Reply:
-        if isinstance(order, AskCheck):
-            await answered.wait()
-        return await ask(order)
-
-    async with app.run_test(size=SMALL) as pilot:
-        await _settle(pilot)
-        screen = app.screen
-        assert isinstance(screen, CheckScreen)
-        monkeypatch.setattr(recorder, "ask", late)
-        screen._begin_zero()
-        screen._hands_off_s = 1.0
-        measuring = asyncio.create_task(screen._tick())
-        await _settle(pilot)
-        assert not screen.acts
-        assert "Hands off the car." in screen_text(app)
-        answered.set()
-        await measuring
-        assert screen._zeroed
-
-
 async def test_who_looks_on_is_asked_to_take_control_first(make_app: MakeApp) -> None:
     recorder = _bench()
     recorder.in_control = False
@@ -226,22 +193,6 @@ async def test_who_looks_on_is_asked_to_take_control_first(make_app: MakeApp) ->
         recorder.publish()
         await _settle(pilot)
         assert "SPACE starts" in screen_text(app)
-
-
-async def test_rejects_are_counted_in_a_small_terminal(make_app: MakeApp) -> None:
-    recorder = _bench()
-    recorder.bump()
-    recorder.judge(MOTION)
-    recorder.bump()
-    recorder.judge(DOUBLE_BUMP)
-    recorder.turn(Phase.IDLE)
-    app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await _settle(pilot)
-        counted = next(line for line in screen_text(app).splitlines() if "baseline bounce" in line)
-        assert "1/2" in counted
-        assert "1 rej" in counted
-        assert "…" not in counted
 
 
 @pytest.mark.parametrize("key", ["1", "2", "4"])
@@ -317,15 +268,3 @@ async def test_who_goes_back_to_the_check_during_a_pause_stays_there(make_app: M
         recorder.publish()
         await pilot.pause()
         assert app.screen is app.get_screen("check")
-
-
-async def test_big_letters_are_confirmed_where_there_are_none(make_app: MakeApp) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        await pilot.press("g")
-        await until(pilot, lambda: "big letters on the run screen: on" in screen_text(app))
-        await pilot.press("g")
-        await until(pilot, lambda: "big letters on the run screen: off" in screen_text(app))

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable
-
 import pytest
 from textual.app import ComposeResult
-from textual.events import Key, Paste
+from textual.events import Paste
 from textual.widgets import Input, TextArea
 
 from daq.control.messages import Phase
-from daq.control.orders import Accept, Arm, Note
+from daq.control.orders import Accept, Note
 from tui.terminal.app import BenchApp
 from tui.terminal.keyboard import KeyboardApp
-from tui.terminal.screens.bumping import HomeScreen, RunScreen
+from tui.terminal.screens.bumping import HomeScreen
 from tui.terminal.screens.dialogs import Confirm, Question
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.sessions import SessionsScreen
@@ -52,20 +49,6 @@ async def test_a_whole_form_in_one_burst(make_app: Make) -> None:
         assert typed["operator"] == "JL"
         assert (typed["total_mass_kg"], typed["total_mass_kg.sigma"]) == ("1552", "1.5")
         assert (typed["front_axle_kg"], typed["front_axle_kg.sigma"]) == ("100", "2")
-
-
-async def test_a_text_typed_at_once_behind_the_key_of_its_dialog_is_not_lost(
-    make_app: Make,
-) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, HomeScreen)
-        await burst(pilot, "n", *"rear left damper looks wet", "ctrl+s", "space")
-        assert orders_of(recorder, Note) == [Note("rear left damper looks wet")]
-        assert orders_of(recorder, Arm) == [Arm()]
-        assert isinstance(app.screen, RunScreen)
 
 
 async def test_an_answer_in_one_burst_with_its_question(make_app: Make) -> None:
@@ -149,75 +132,6 @@ async def test_space_leaves_a_choice_as_it_is(make_app: Make) -> None:
 class _OneLine(KeyboardApp):
     def compose(self) -> ComposeResult:
         yield Input()
-
-
-async def test_a_key_does_not_overtake_one_that_is_delivered_for_the_second_time() -> None:
-    app = _OneLine()
-    async with app.run_test() as pilot:
-        line = app.screen.query_one(Input)
-        line.focus()
-        await pilot.pause()
-        app._delivered = Key("a", "a")  # it has waited, and "b" is in the queue before it
-        app.post_message(Key("b", "b"))
-        app.post_message(app._delivered)
-        await asyncio.sleep(0.1)
-        await pilot.pause()
-        assert line.value == "ab"
-
-
-@pytest.mark.parametrize(("patience_s", "there"), [(0.05, "ab"), (60.0, "a")])
-async def test_a_key_waits_for_an_effect_that_does_not_end_as_long_as_its_patience(
-    monkeypatch: pytest.MonkeyPatch, patience_s: float, there: str
-) -> None:
-    monkeypatch.setattr("tui.terminal.keyboard.PATIENCE_S", patience_s)
-    app, done = _OneLine(), asyncio.Event()
-    async with app.run_test() as pilot:
-        line = app.screen.query_one(Input)
-        line.focus()
-        await pilot.pause()
-        app.screen.call_later(done.wait)
-        app.post_message(Key("a", "a"))
-        app.post_message(Key("b", "b"))
-        await asyncio.sleep(0.2)
-        seen = line.value
-        done.set()  # before any claim: the app cannot end before its effect
-        await pilot.pause()
-        assert seen == there
-        assert line.value == "ab"
-
-
-@pytest.mark.parametrize("rounds", range(4))
-async def test_an_effect_that_ends_with_the_patience_does_not_undo_its_end(
-    monkeypatch: pytest.MonkeyPatch, rounds: int
-) -> None:
-    """`asyncio.wait_for` of Python 3.11 drops a cancellation that comes with the result."""
-    app, effects = KeyboardApp(), list[Callable[[], None]]()
-
-    def call_later(effect: Callable[[], None]) -> bool:
-        effects.append(effect)
-        return True
-
-    monkeypatch.setattr(app, "call_later", call_later)
-    waiting = asyncio.create_task(app._passed(app))
-    await asyncio.sleep(0.01)
-    effects[0]()
-    for _ in range(rounds):
-        await asyncio.sleep(0)
-    ended = waiting.done()
-    waiting.cancel()
-    await asyncio.wait([waiting])
-    assert waiting.cancelled() or ended
-
-
-async def test_an_app_that_ends_waits_for_no_effect() -> None:
-    async def wait() -> None:
-        await asyncio.Event().wait()
-
-    app = _OneLine()
-    async with app.run_test():
-        waiting = app._effect = asyncio.create_task(wait())
-    with pytest.raises(asyncio.CancelledError):
-        await asyncio.wait_for(waiting, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -5,20 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from math import nan
 
-import pytest
 from textual.events import Paste
 
 from daq.control.messages import Lane, Live
-from tui.jobs.outcome import RunOutcome
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.lanes import Lanes, LaneSpec, Window
 from tui.terminal.state.words import Banner
-from tui.terminal.widgets.banner import BannerBar, BigWord
+from tui.terminal.widgets.banner import BannerBar
 from tui.terminal.widgets.form import Field, FieldError, Form
-from tui.terminal.widgets.traces import DecayPlot, LaneChart
+from tui.terminal.widgets.traces import LaneChart
 
 from .alone import Shown, alone, text
-from .outcomes import outcome
 
 ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
 
@@ -53,39 +50,6 @@ async def test_a_chart_has_labels_scales_peaks_and_the_triggers_sign() -> None:
     assert [row[32] for row in rows[4:8]] == [":"] * 4
     assert rows[2][12:52].count("-") + rows[2][12:52].count("'") > 30
     assert [row[:52].count("|") for row in rows[:2]] != [1, 1], "the spike goes up"
-
-
-@pytest.mark.parametrize(
-    ("peak", "figure", "scale"),
-    [(150.0, "150 x", "+200"), (80.0, "80 x", "+100"), (40.0, "40.0 x", "+50"),
-     (4.0, "4.0 x", "+5"), (1.5, "1.50 x", "+2"), (0.4, "0.40 x", "+0.5"),
-     (0.15, "0.150 x", "+0.2")],
-)  # fmt: skip
-async def test_a_peak_has_as_many_digits_as_its_range_tells(
-    peak: float, figure: str, scale: str
-) -> None:
-    lanes = Lanes()
-    values = (0.0,) * 39 + (peak,)
-    lanes.add(Live(0, 0.1, (Lane("a", values, values),)))
-    chart = LaneChart(ASCII)
-    async with alone(chart, 64, 4) as _:
-        chart.show(lanes, [LaneSpec("a", "a", "x", 1.0, 0.01, "a")], Window(0, 40, None), ())
-        rows = chart_rows(chart, 4)
-    assert rows[2][52:].strip() == figure
-    assert rows[0][52:].strip() == scale
-
-
-@pytest.mark.parametrize("moved_m", [0.004, -0.004])
-async def test_a_peak_to_either_side_counts_in_the_unit_that_is_shown(moved_m: float) -> None:
-    lanes = Lanes()
-    values = (0.0,) * 39 + (moved_m,)
-    lanes.add(Live(0, 0.1, (Lane("a", values, values),)))
-    chart = LaneChart(ASCII)
-    async with alone(chart, 64, 4) as _:
-        spec = LaneSpec("a", "travel FL", "mm", 1000.0, 2.0, "a")
-        chart.show(lanes, [spec], Window(0, 40, None), ())
-        rows = chart_rows(chart, 4)
-    assert (rows[0][52:].strip(), rows[2][52:].strip()) == ("+5", "4.0 mm")
 
 
 async def test_a_chart_without_room_or_samples_says_so() -> None:
@@ -125,36 +89,6 @@ async def test_a_banner_folds_its_first_line_and_not_a_reason() -> None:
         assert bar.has_class("-good")
         bar.show(replace(made, kind="bad"))
         assert (bar.has_class("-good"), bar.has_class("-bad")) == (False, True)
-
-
-async def test_a_big_word_takes_a_third_of_the_height() -> None:
-    word = BigWord(ASCII)
-    made = Banner("good", "+", "IDLE", "", "")
-    async with alone(word, 120, 30) as _:
-        word.show(made, True)
-        assert word.display
-        assert len(text(word)) == 10
-        word.show(made, False)
-        assert not word.display
-    low = BigWord(ASCII)
-    async with alone(low, 23, 12) as _:
-        low.show(made, True)
-        assert len(text(low)) == 5
-        low.show(replace(made, word="ACCEPTED"), True)
-        assert not low.display
-
-
-async def test_a_decay_is_drawn_as_often_as_eight_rows_fit() -> None:
-    run = outcome().runs[0]
-    twice = replace(run, curves=run.curves * 3)
-    plot = DecayPlot(ASCII)
-    async with alone(plot, 60, 23) as _:
-        plot.show(twice)
-        assert sum("measured" in line for line in text(plot)) == 2
-        plot.show(RunOutcome("r", "rejected", ("late",), nan, ()))
-        assert text(plot) == ["this run is not used: there is no fit of it"]
-        plot.show(None)
-        assert text(plot) == []
 
 
 FIELDS = (

@@ -10,10 +10,7 @@ from daq.bench.config import Bench
 from daq.check.push_test import PushResult
 from daq.control.messages import (
     Alarm,
-    BusState,
-    BusStatus,
     CheckItem,
-    DiskStatus,
     LeftOut,
     Phase,
     Status,
@@ -24,7 +21,6 @@ from daq.vehicle import Corner
 from tui.terminal.screens.check import (
     ZeroOffset,
     push_rows,
-    recorder_rows,
     rest_levels,
     zero_offsets,
 )
@@ -275,32 +271,6 @@ def test_a_cause_is_named_with_its_subject_and_an_advice_with_a_stop() -> None:
     assert cause_words(Alarm("brand_new", "", "seen", "turn it off", 0)) == (
         "BRAND_NEW", "Turn it off.", "seen",
     )  # fmt: skip
-
-
-def test_the_recorders_lines_turn_at_their_limits() -> None:
-    status = FakeRecorder().status
-
-    def words(load: float, errors: int, free: int, failed: str = "") -> list[str]:
-        bus = BusStatus("can0", BusState.OK, load, 4000.0, 10, errors, 0)
-        disk = replace(status.disk, free_bytes=free, failed=failed, lag_s=0.25)
-        rows = recorder_rows(replace(status, buses=(bus,), disk=disk))
-        return [row.state for row in rows[:2]]
-
-    assert words(0.8, 0, 5_000_000_000) == ["OK", "OK"]
-    assert words(0.81, 0, 4_999_999_999) == ["WARN", "WARN"]
-    assert words(0.1, 1, 500_000_000) == ["WARN", "WARN"]
-    assert words(0.1, 0, 499_999_999) == ["OK", "FAIL"]
-    assert words(0.1, 0, 9_000_000_000, "disk is read-only") == ["OK", "FAIL"]
-    step = Alarm("clock_step", "", "stepped by 2 s", "leave it alone", 0)
-    bus = BusStatus("can0", BusState.OK, 0.384, 4000.4, 10, 2, 0, 7, 9)
-    disk = DiskStatus(81_250_000_000, 0, 10, 0.25)
-    rows = recorder_rows(replace(status, buses=(bus,), disk=disk, alarms=(step,)))
-    assert [(row.state, row.text, row.advice) for row in rows] == [
-        ("WARN", "load 38%, 4000 frames/s, error frames 2, TEC 7, REC 9",
-         "check termination (60 ohm) and plugs, or lower the rates"),
-        ("OK", "81.2 GB free, 0.2 s behind", ""),
-        ("WARN", "stepped by 2 s", "leave it alone"),
-    ]  # fmt: skip
 
 
 def test_only_an_offset_that_a_tare_can_improve_is_one() -> None:
