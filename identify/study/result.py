@@ -1,48 +1,51 @@
-"""The result of a study: a table, notes, and the content of its figure.
-
-A study computes and describes; `tui` prints the table, `identify.study.figures` draws the panels.
-"""
+"""The result of a study: a table, notes and diagrams, and its figure as SVG."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import StringIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import read_only
+from dbc.frames import freeze_arrays
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_WIDTH_IN = 9.0
+_CURVES_IN = 3.2
+_ITEM_IN = 0.3
+_DENSE = 100
+"""A curve of more points is a signal, and drawn thin."""
+_MARKS = ("|", "o", "o", "D", "s")
+_SPREAD = 0.5
+"""Share of the distance between two items over which the series of one item are spread."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of the table."""
+    """One column of the table: key in JSON, printed heading with the unit, format of numbers."""
 
     key: str
-    """Name of its values in JSON."""
     heading: str
-    """Printed heading, with the unit."""
     form: str = "+z.2f"
-    """Format specification of the numbers."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A line in a diagram, labelled at its end."""
+    """A line in a diagram through the points (x, y), each (n,); `hue` indexes the palette."""
 
     label: str
-    """Its name."""
     x: NDArray[np.float64]
     y: NDArray[np.float64]
-    """`x`, `y`: its points, shape (n,)."""
     hue: int = 0
-    """Index of the colour in the palette; related curves share one."""
     dashed: bool = False
-    """True to distinguish it from related curves."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "x", read_only(np.asarray(self.x, dtype=np.float64)))
-        object.__setattr__(self, "y", read_only(np.asarray(self.y, dtype=np.float64)))
+        freeze_arrays(self, "x", "y")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,21 +60,15 @@ class CurvePanel:
 
 @dataclass(frozen=True, slots=True)
 class Dots:
-    """One value for each item of a list, with an optional whisker."""
+    """One value for each item of a list, (n,), NaN for none; `reach` ends a line from each."""
 
     label: str
-    """Name of the values."""
     values: NDArray[np.float64]
-    """In the order of the items, shape (n,); NaN leaves a place empty."""
     hue: int
-    """Index of the colour in the palette."""
     reach: NDArray[np.float64] | None = None
-    """Other end of a whisker from each value, shape (n,) (or None)."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", read_only(np.asarray(self.values, dtype=np.float64)))
-        if self.reach is not None:
-            object.__setattr__(self, "reach", read_only(np.asarray(self.reach, dtype=np.float64)))
+        freeze_arrays(self, "values", *(() if self.reach is None else ("reach",)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,13 +77,9 @@ class DotPanel:
 
     title: str
     x_label: str
-    """`title`, `x_label`: what is shown, with the unit."""
     items: tuple[str, ...]
-    """Names of the items, from top to bottom."""
     series: tuple[Dots, ...]
-    """The values."""
     logarithmic: bool = False
-    """True if the values span decades."""
     expected: tuple[float, float] | None = None
     """Range in which the values should lie."""
 
@@ -97,37 +90,116 @@ Cell = str | float
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """The result of a study."""
+    """A table of rows under columns (NaN where there is no value), notes, and rows of diagrams."""
 
     title: str
-    """Title of the study."""
     columns: tuple[Column, ...]
-    """Columns of the table."""
     rows: tuple[tuple[Cell, ...], ...]
-    """One value a column; NaN where there is none."""
     notes: tuple[str, ...]
-    """Remarks: where it differs from the paper, and why."""
     panels: tuple[tuple[Panel, ...], ...]
-    """Rows of diagrams."""
-
-    def __post_init__(self) -> None:
-        for row in self.rows:
-            if len(row) != len(self.columns):
-                raise ValueError(f"a row of {len(row)} cells under {len(self.columns)} columns")
-
-    def column(self, key: str) -> tuple[Cell, ...]:
-        """Return the cells of a column."""
-        place = [column.key for column in self.columns].index(key)
-        return tuple(row[place] for row in self.rows)
 
     def numbers(self, key: str) -> dict[str, float]:
         """Return the numbers of a column by the first cell of their rows."""
-        names = self.column(self.columns[0].key)
-        return {str(n): float(x) for n, x in zip(names, self.column(key), strict=True)}
+        place = [column.key for column in self.columns].index(key)
+        return {str(row[0]): float(row[place]) for row in self.rows}
 
 
 def percent(
-    found: Sequence[float] | NDArray[np.float64], known: NDArray[np.float64]
+    values: Sequence[float] | NDArray[np.float64], known: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the errors of found values in per cent of the true values, (..., n)."""
-    return np.asarray(100.0 * (np.asarray(found) / known - 1.0), dtype=np.float64)
+    """Return the errors of values in per cent of the true ones, (..., n)."""
+    return np.asarray(100.0 * (np.asarray(values) / known - 1.0), dtype=np.float64)
+
+
+def svg(study: Study) -> str:
+    """Draw the panels of a study.
+
+    Returns an SVG document; its text stays text, in DejaVu Sans where this font is installed.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    from ..report.figure import SETTINGS
+
+    heights = [
+        max(_CURVES_IN if isinstance(p, CurvePanel) else 1.3 + _ITEM_IN * len(p.items) for p in row)
+        for row in study.panels
+    ]
+    spaced = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12)
+    with matplotlib.rc_context(dict(SETTINGS)):
+        figure = Figure(figsize=(_WIDTH_IN, sum(heights)), layout=spaced)
+        rows = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+        for row, panels in zip(rows, study.panels, strict=True):
+            labels = {panel.y_label if isinstance(panel, CurvePanel) else None for panel in panels}
+            same_scale = len(labels) == 1 and None not in labels
+            axes = row.subplots(1, len(panels), squeeze=False, sharey=same_scale)[0]
+            for place, panel in zip(axes, panels, strict=True):
+                if isinstance(panel, CurvePanel):
+                    _draw_curves(place, panel)
+                else:
+                    _draw_dots(place, panel)
+        text = StringIO()
+        figure.savefig(text, format="svg", metadata={"Title": study.title, "Date": None})
+    return text.getvalue()
+
+
+def _draw_curves(axes: Axes, panel: CurvePanel) -> None:
+    from ..report.figure import PALETTE, zero_line
+
+    zero_line(axes)
+    axes.set_title(panel.title)
+    axes.set_xlabel(panel.x_label)
+    axes.set_ylabel(panel.y_label)
+    axes.tick_params(axis="y", labelleft=True)  # to one scale, and legible by itself
+    for curve in panel.curves:
+        axes.plot(
+            curve.x,
+            curve.y,
+            color=PALETTE[curve.hue],
+            linewidth=0.9 if len(curve.x) > _DENSE else 1.6,
+            linestyle=(0, (4, 2)) if curve.dashed else "-",
+            label=curve.label,
+        )
+    axes.margins(x=0.0, y=0.06)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, handlelength=1.4)
+
+
+def _draw_dots(axes: Axes, panel: DotPanel) -> None:
+    from matplotlib.ticker import FuncFormatter
+
+    from ..report.figure import FAINT, PALETTE
+
+    n = len(panel.items)
+    axes.set_title(panel.title, pad=24.0)
+    axes.set_xlabel(panel.x_label)
+    axes.set_yticks(range(n), panel.items)
+    axes.set_ylim(n - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0.0)
+    axes.hlines(range(n), 0.0, 1.0, FAINT, transform=axes.get_yaxis_transform(), lw=0.6, zorder=0)
+    if panel.logarithmic:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    if panel.expected is not None:
+        axes.axvspan(*panel.expected, color=FAINT, alpha=0.6, lw=0.0, label="within chance")
+    whiskers = any(series.reach is not None for series in panel.series)
+    offsets = np.linspace(-_SPREAD, _SPREAD, len(panel.series)) / 2.0 * whiskers
+    for series, offset in zip(panel.series, offsets, strict=True):
+        place, colour, mark = np.arange(n) + offset, PALETTE[series.hue], _MARKS[series.hue]
+        if series.reach is not None:
+            axes.hlines(place, series.values, series.reach, colour, lw=1.4, alpha=0.5)
+        axes.plot(
+            series.values,
+            place,
+            mark,
+            color=colour,
+            markersize=11.0 if mark == "|" else 4.5,
+            markeredgewidth=2.0 if mark == "|" else 0.0,
+            label=series.label,
+            zorder=3,
+        )
+    if not panel.logarithmic and panel.expected is None:
+        low, high = axes.get_xlim()
+        axes.set_xlim(min(low, 0.0), max(high, 0.0))
+        axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)

@@ -44,7 +44,7 @@ RESERVED = {
     "asammdf": ("daq/formats/",),
     "pandas": ("daq/formats/", "daq/sessions.py"),
     "pypdf": ("identify/report/pdf",),
-    "matplotlib": ("identify/report/", "identify/study/drawing.py", "identify/plots.py"),
+    "matplotlib": ("identify/report/", "identify/study/result.py", "identify/plots.py"),
     "distributed": ("tui/jobs/executors.py",),
     "threading": ("daq/", "tui/"),
     "typer": ("tui/",),

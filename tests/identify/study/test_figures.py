@@ -1,4 +1,4 @@
-"""Figures 2 to 9 of the paper: closed forms, and what the paper reads off its figures."""
+"""Figures 2 to 9 of the paper: closed forms, what the paper reads off them, and their drawings."""
 
 from __future__ import annotations
 
@@ -8,17 +8,21 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
+from daq.vehicle import PARAMETER_NAMES
 from dbc.errors import InputError
-from identify.model.matrices import physical_model
 from identify.study.campaign import Campaign
-from identify.study.drawing import svg
-from identify.study.low_pass import fig9_study, filtered, taps
+from identify.study.figures import (
+    MASS_ERRORS,
+    fig2_study,
+    fig8_study,
+    fig9_study,
+    mass_error_study,
+)
 from identify.study.noise import Outcome, noise_study
-from identify.study.paper_figures import MASS_ERRORS, fig2_study, fig8_study, mass_error_study
-from identify.study.result import CurvePanel, DotPanel, Study
-from identify.study.tables import Attempt, table3_study, vehicle_of_geometry
+from identify.study.result import CurvePanel, DotPanel, Study, svg
+from identify.study.tables import Attempt, table3_study, taps
 
+NAN = np.full(11, np.nan)
 # Table 2: what the paper's simulation adds to every figure.
 WILSON = {"a": -0.141, "b": -0.130, "k_sr": -0.078, "c_sf": -0.103}
 
@@ -31,8 +35,8 @@ def _ends(figure: str) -> dict[str, tuple[float, float]]:
 
 def test_added_mass_lowers_every_mode_as_in_fig2() -> None:
     study = fig2_study()
-    at_2 = [float(x) for x in study.column("at_2_percent")]
-    at_14 = [float(x) for x in study.column("at_14_percent")]
+    at_2 = list(study.numbers("at_2_percent").values())
+    at_14 = list(study.numbers("at_14_percent").values())
     assert len(at_2) == len(at_14) == 7
     assert all(-1.05 <= change <= -0.95 for change in np.round(at_2, 2))
     assert all(-6.7 <= change <= -6.1 for change in at_14)
@@ -141,36 +145,6 @@ def test_fig8_with_the_papers_own_simulation_error() -> None:
         assert (low + WILSON[name], high + WILSON[name]) == pytest.approx(printed, abs=0.011)
 
 
-def test_a_true_geometry_gives_the_true_vehicle() -> None:
-    found = vehicle_of_geometry(physical_model(FORD_GRANADA), FORD_GRANADA.geometry)
-    np.testing.assert_allclose(found.to_array(), FORD_GRANADA.to_array(), rtol=1e-12)
-
-
-@pytest.mark.parametrize("rate_hz", [200.0, 1000.0])
-def test_the_low_pass_passes_16_hz_and_stops_60(rate_hz: float) -> None:
-    weights = taps(rate_hz)
-    np.testing.assert_allclose(weights, weights[::-1], atol=1e-15)  # linear phase
-    time = np.arange(len(weights)) / rate_hz
-
-    def gain(frequency_hz: float) -> float:
-        return float(abs(np.sum(weights * np.exp(-2j * np.pi * frequency_hz * time))))
-
-    assert [gain(f) for f in (0.0, 1.0, 11.0, 16.0)] == pytest.approx([1.0] * 4, abs=0.015)
-    assert max(gain(f) for f in np.linspace(60.0, rate_hz / 2, 50)) < 0.02
-
-
-def test_a_filtered_decay_is_the_same_decay() -> None:
-    rate_hz, pole = 1000.0, -17.0 + 65.0j
-    time = np.arange(400) / rate_hz
-    decay = np.exp(np.outer(time, [pole]))
-    out = filtered(np.hstack([decay.real, decay.imag]), rate_hz)
-    wave = out[:, 0] + 1j * out[:, 1]
-    half = len(taps(rate_hz)) // 2
-    ratio = wave / decay[half:-half, 0]
-    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-12)  # one factor: pole and shape stand
-    assert abs(ratio[0].imag) < 0.2 * abs(ratio[0])
-
-
 def test_fig9_filters_as_much_noise_as_its_weights_say() -> None:
     study = fig9_study(1000.0, 30.0, 1)
     before, after = study.numbers("noise_rms"), study.numbers("noise_filtered_rms")
@@ -189,18 +163,6 @@ def test_fig9_refuses_what_it_cannot_show() -> None:
         fig9_study(1000.0, np.inf, 1)
 
 
-def test_a_study_has_a_cell_for_every_column() -> None:
-    study = fig2_study()
-    with pytest.raises(ValueError, match="cells"):
-        Study(study.title, study.columns, ((1.0,),), (), ())
-
-
-# Figures as SVG: documents that parse, with words that can be read --------------------------------
-
-NAN = np.full(11, np.nan)
-TEXT = "{http://www.w3.org/2000/svg}text"
-
-
 def _noise(n: int) -> Study:
     outcomes = [Outcome(np.full(15, float(i)), np.ones(15), 1.0, True) for i in range(n)]
     return noise_study(Campaign(), np.ones(15), outcomes)
@@ -208,10 +170,6 @@ def _noise(n: int) -> Study:
 
 def _table3() -> Study:
     return table3_study(Campaign(), [Attempt(NAN, np.full(11, 30.0), np.full(11, 0.3))])
-
-
-def _texts(document: str) -> list[ElementTree.Element]:
-    return list(ElementTree.fromstring(document).iter(TEXT))
 
 
 @pytest.mark.parametrize(
@@ -229,7 +187,8 @@ def _texts(document: str) -> list[ElementTree.Element]:
 )
 def test_every_word_of_a_study_is_in_its_figure(study: Callable[[], Study]) -> None:
     result = study()
-    words = {"".join(element.itertext()) for element in _texts(svg(result))}
+    drawn = ElementTree.fromstring(svg(result)).iter("{http://www.w3.org/2000/svg}text")
+    words = {"".join(element.itertext()) for element in drawn}
     named = " ".join(words)
     for row in result.panels:
         for panel in row:

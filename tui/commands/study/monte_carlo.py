@@ -24,7 +24,7 @@ Scheduler = Annotated[
 
 
 class Sensors(StrEnum):
-    """Names of `identify.study.sensor_sets.SENSOR_SETS`."""
+    """Names of `identify.study.SENSOR_SETS`."""
 
     PAPER = "paper"
     IMU_HUBS = "imu+hubs"
