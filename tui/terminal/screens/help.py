@@ -132,7 +132,7 @@ def _is_common(node: DOMNode, binding: Binding) -> bool:
 class HelpScreen(ModalScreen[None]):
     """One page; Esc, SPACE or F1 closes it.
 
-    `page`: as `tui.terminal.state.help_pages.page_of`.
+    `page`: as `page_of`.
     """
 
     DEFAULT_CSS = """
