@@ -208,7 +208,6 @@ class RecorderTable(Table):
     segment_mb: Annotated[float, Field(ge=1, le=4096)] = 64.0
     segment_minutes: Annotated[float, Field(ge=0.1, le=1440)] = 15.0
     keep_gb: Annotated[float, Field(ge=0.1)] = 100.0
-    keep_until_copied: bool = False
     reserve_mb: Annotated[float, Field(ge=1)] = 200.0
     silent_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
 

@@ -74,8 +74,6 @@ class RecorderConfig:
     derived are deleted."""
     reserve_bytes: float = 200e6
     """Free space that is always left on the disk; recording stops before it is used."""
-    keep_until_copied: bool = False
-    """True if a file of the journal is deleted only once a copier has left its receipt."""
     silent_s: float = 1.0
     """Time without a frame after which a bus raises an alarm, s."""
 
@@ -261,7 +259,6 @@ def bench_of(table: BenchFile, text: str, where: str, dbc_text: str) -> Bench:
             table.recorder.segment_minutes * 60.0,
             table.recorder.keep_gb * 1e9,
             table.recorder.reserve_mb * 1e6,
-            table.recorder.keep_until_copied,
             table.recorder.silent_s,
         ),
         sensors=sensors,

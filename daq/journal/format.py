@@ -226,8 +226,6 @@ def _canonical(body: object) -> bytes:
 
 SEALED, OPEN = "journal_*.mcap", "open_*.mcap"
 """Patterns of the names of segments that never change again, and of the one being written."""
-RECEIPT_SUFFIX = ".copied"
-"""Suffix, after the complete name, of the receipt that a copier leaves next to a copied file."""
 
 
 def open_path(folder: Path, number: int) -> Path:
@@ -245,11 +243,6 @@ def segment_number(path: Path) -> int:
     """Return the number in a segment's name, 0 if there is none."""
     digits = path.stem.rpartition("_")[2]
     return int(digits) if digits.isdecimal() else 0
-
-
-def receipt_path(segment: Path) -> Path:
-    """Return the path of a copier's receipt for a segment."""
-    return segment.with_name(segment.name + RECEIPT_SUFFIX)
 
 
 # Defines the events that report blocks that are missing from a journal, as the recorder knows -----

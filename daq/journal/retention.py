@@ -1,8 +1,7 @@
 """Chooses the segments that may be deleted to make room, and deletes them.
 
 The oldest are deleted first, and only sealed ones that are not needed: those of a recording whose
-session file is complete or that has no run, and in the open recording those far from every run.  If
-bench.toml says so, a segment is deleted only after a copier has left its receipt.
+session file is complete or that has no run, and in the open recording those far from every run.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from ..files import is_regular
 from ..runlog.run_log import Code
 from ..runs import Event
 from .folder import SegmentInfo, built_recordings, scan, segments_in
-from .format import RECEIPT_SUFFIX, RETENTION, Gap, gap_event, parse_gap, receipt_path
+from .format import RETENTION, Gap, gap_event, parse_gap
 
 REACH_NS = 1_200_000_000_000
 """Time before and after a bump whose segments are kept, ns: more than the 660 s that `[trigger]` of
@@ -106,8 +105,8 @@ def _near(info: SegmentInfo, times_ns: Sequence[int]) -> bool:
 class Retention:
     """The segments in a folder except the one being written: their sizes, and which may be deleted.
 
-    `recording`: identity of the open recording; changes with it.  `why_not`: reason why the others
-    were not chosen in the last call.  Raises OSError if the folder cannot be read.
+    `recording`: identity of the open recording; changes with it.  Raises OSError if the folder
+    cannot be read.
     """
 
     def __init__(self, folder: Path, recording: str) -> None:
@@ -120,7 +119,6 @@ class Retention:
             else:
                 _log.warning("%s: is not a regular file and is ignored (move it away)", path)
         self._infos: dict[Path, SegmentInfo] = {}
-        self.why_not = ""
 
     @property
     def bytes(self) -> int:
@@ -136,13 +134,8 @@ class Retention:
         self._sizes.pop(path, None)
         self._infos.pop(path, None)
 
-    def choose(
-        self, excess_bytes: float, now_ns: int, *, copied: bool = False
-    ) -> tuple[SegmentInfo, ...] | None:
-        """Return the segments to delete; None if not all segments have been scanned yet.
-
-        `copied`: True for only those that have a copier's receipt.
-        """
+    def choose(self, excess_bytes: float, now_ns: int) -> tuple[SegmentInfo, ...] | None:
+        """Return the segments to delete; None if not all segments have been scanned yet."""
         unknown = [path for path in self._sizes if path not in self._infos]
         for path in unknown[:_SCANS]:
             try:
@@ -157,15 +150,10 @@ class Retention:
             return None
         built = built_recordings(self._folder, self._infos.values())
         may = expendable(tuple(self._infos.values()), self.recording, built, now_ns)
-        self.why_not = "its runs are in no session file yet"
-        if copied and may:
-            may = tuple(info for info in may if receipt_path(info.path).exists())
-            self.why_not = f"it waits for a copier's receipt (*{RECEIPT_SUFFIX})"
         return oldest(may, excess_bytes)
 
     def delete(self, info: SegmentInfo) -> None:
-        """Delete a segment, and its receipt."""
-        for path in (info.path, receipt_path(info.path)):
-            with suppress(OSError):
-                path.unlink()
+        """Delete a segment."""
+        with suppress(OSError):
+            info.path.unlink()
         self.forget(info.path)

@@ -381,8 +381,7 @@ class JournalWriter:
         if excess <= 0:
             self._retention_warning = ""
             return
-        copied = self.limits.keep_until_copied
-        going = self._retention.choose(excess, self._t_ns, copied=copied)
+        going = self._retention.choose(excess, self._t_ns)
         if going is None:
             return  # not all old segments are scanned yet
         for info in going:
@@ -393,7 +392,7 @@ class JournalWriter:
             ""
             if going
             else f"the journal has {self._retention.bytes / 1e9:.2f} GB and none of it may be "
-            f"deleted: {self._retention.why_not}"
+            "deleted: its runs are in no session file yet"
         )
 
 

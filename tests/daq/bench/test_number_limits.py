@@ -188,7 +188,7 @@ def test_what_a_bench_is_if_nothing_is_stated() -> None:
     recorder = bench.recorder
     assert (recorder.segment_bytes, recorder.segment_s) == (64e6, 900.0)
     assert (recorder.keep_bytes, recorder.reserve_bytes) == (100e9, 200e6)
-    assert (recorder.silent_s, recorder.keep_until_copied) == (1.0, False)
+    assert recorder.silent_s == 1.0
     assert bench.calibration_days == 365
     (channel,) = parse(UNUSED).channels
     assert (channel.sign, channel.gain, channel.tare, channel.motion_ratio) == (1, 1.0, 0.0, 1.0)
@@ -199,12 +199,12 @@ def test_what_a_bench_is_if_nothing_is_stated() -> None:
 def test_the_recorders_numbers_are_taken_in_their_units() -> None:
     stated = (
         "[recorder]\nsegment_mb = 2.0\nsegment_minutes = 3.0\nkeep_gb = 4.0\nreserve_mb = 5.0\n"
-        "keep_until_copied = true\nsilent_s = 6.0\n"
+        "silent_s = 6.0\n"
     )
     recorder = parse(stated).recorder
     assert (recorder.segment_bytes, recorder.segment_s) == (2e6, 180.0)
     assert (recorder.keep_bytes, recorder.reserve_bytes) == (4e9, 5e6)
-    assert (recorder.silent_s, recorder.keep_until_copied) == (6.0, True)
+    assert recorder.silent_s == 6.0
 
 
 MAP = '[[channel]]\nname = "a"\nsignal = "A"\nquantity = "unused"\n'

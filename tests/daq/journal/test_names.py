@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from daq.bench.config import RecorderConfig, load_bench, parse_bench
+from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.derive.build_session import derive
 from daq.journal.folder import last_recording, scan, seal_left_open, segments_in
@@ -112,52 +112,22 @@ def test_a_finished_session_is_copied_where_there_are_no_hard_links(
     assert final.read_bytes() == session.read_bytes()
 
 
-def test_the_timer_of_the_manual_copies_what_never_changes_again_once(tmp_path: Path) -> None:
+def test_the_timer_of_the_manual_copies_what_never_changes_again(tmp_path: Path) -> None:
     unit = (ROOT / "docs/bumpbench-copy.service").read_text("utf-8")
     found = re.search(r"ExecStart=/bin/sh -c '(.*?)'\n", unit, re.DOTALL)
     assert found
-    script = found[1].replace("\\\n", "").replace("$$", "$")
-    assert script.count("rsync --archive --relative") == 1
     here, there = tmp_path / "here", tmp_path / "there"
     there.mkdir()
-    script = script.replace("rsync --archive --relative", "cp --parents").replace(
-        "bench@archive:bumpbench/", str(there)
-    )
-    journal = here / "journal"
+    rsync = "rsync --archive --files-from=- . bench@archive:bumpbench/"
+    script = found[1].replace("\\\n", "").replace(rsync, f"xargs cp --parents -t {there}")
+    assert "rsync" not in script
     (here / "finished").mkdir(parents=True)
     (here / "finished" / "session_0001.h5").write_bytes(b"session")
-    writer = JournalWriter(journal, HEAD, LIMITS, QuickFile)
+    writer = JournalWriter(here / "journal", HEAD, LIMITS, QuickFile)
     for k in range(12):
         writer.append(block(100 * k, 100), HopLosses())
         writer.maintain(0.1 * k)
-    for _ in range(2):
-        subprocess.run(["sh", "-c", script], cwd=here, check=True)
-        copied = sorted(str(path.relative_to(there)) for path in there.rglob("*.*"))
-        assert copied == ["finished/session_0001.h5", "journal/journal_0001.mcap"]
-        assert (journal / "journal_0001.mcap.copied").exists()
-        (there / "finished" / "session_0001.h5").write_bytes(b"is not written again")
-    assert (there / "finished" / "session_0001.h5").read_bytes() == b"is not written again"
+    subprocess.run(["sh", "-c", script], cwd=here, check=True)
+    copied = sorted(str(path.relative_to(there)) for path in there.rglob("*.*"))
+    assert copied == ["finished/session_0001.h5", "journal/journal_0001.mcap"]
     writer.close()
-
-
-@pytest.mark.parametrize("receipt", [True, False])
-def test_retention_waits_for_a_receipt_if_it_is_to(tmp_path: Path, *, receipt: bool) -> None:
-    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile) as writer:
-        writer.append(block(0, 900), HopLosses())
-        writer.close(ended=True)
-    (old,) = writer.paths
-    if receipt:
-        old.with_name("journal_0001.mcap.copied").touch()
-    text = load_bench(None).text.replace("[recorder]", "[recorder]\nkeep_until_copied = true")
-    limits = parse_bench(text, "bench.toml", Path()).recorder
-    assert limits.keep_until_copied
-    limits = RecorderConfig(keep_bytes=1000.0, reserve_bytes=0.0, keep_until_copied=True)
-    later = JournalHead("", "", "test", START_NS, 0, "b" * 32)
-    with JournalWriter(tmp_path, later, limits, QuickFile) as writer:
-        writer.append(block(900, 10), HopLosses())
-        writer.maintain(0.0)
-        assert old.exists() is not receipt
-        warning = "" if receipt else "waits for a copier's receipt (*.copied)"
-        assert writer.status.warning.endswith(warning)
-        assert bool(writer.status.warning) is not receipt
-    assert list(tmp_path.glob("*.copied")) == []

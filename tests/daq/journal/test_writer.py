@@ -27,7 +27,6 @@ from daq.journal.format import (
     head_record,
     pack_events,
     pack_frames,
-    receipt_path,
     unpack_events,
 )
 from daq.journal.reader import read_journal
@@ -321,23 +320,17 @@ def test_a_folder_without_room_from_the_start_was_not_taken_away(tmp_path: Path)
         assert (writer.status.failed, writer.status.recorded_frames) == ("", 10)
 
 
-def test_why_segments_may_not_be_deleted(tmp_path: Path) -> None:
+def test_a_segment_may_be_deleted_once_its_runs_are_in_a_session(tmp_path: Path) -> None:
     (path,) = record(tmp_path, "a", range(2), Event(START_NS, "bump", 1.0, "baseline_bounce_1"))
     retention = Retention(tmp_path, "b" * 32)
     assert retention.choose(1.0, START_NS) == ()
-    assert "session" in retention.why_not
-    # Where it may go, but for a copier's receipt.
     again = Retention(tmp_path, "b" * 32)
     note_built(tmp_path, "a" * 32, 100, path)
-    assert again.choose(1.0, START_NS, copied=True) == ()
-    assert "receipt" in again.why_not
-    receipt_path(path).touch()
-    chosen = again.choose(1.0, START_NS, copied=True)
+    chosen = again.choose(1.0, START_NS)
     assert chosen is not None
     assert [info.path for info in chosen] == [path]
     again.delete(chosen[0])
     assert not path.exists()
-    assert not receipt_path(path).exists()
     assert again.bytes == 0
 
 
