@@ -125,7 +125,7 @@ def test_static_friction_falls_off_with_the_speed() -> None:
     assert sliding_share(-0.01, 0.4, 0.01) == pytest.approx(1.0 + 0.4 / math.e)
     assert sliding_share(0.1, 0.4, 0.01) == 1.0
     # It slides steadily where the share is that of its speed.
-    assert friction_rate(0.01, 1.0 + 0.4 / math.e, 0.5e-3, 1.0 + 0.4 / np.e, 0.0, 0.0) == 0.0
+    assert friction_rate(0.01, 1.0 + 0.4 / math.e, 0.5e-3, 1.0 + 0.4 / math.e, 0.0, 0.0) == 0.0
 
 
 @pytest.mark.parametrize(("w", "zeta"), [(0.2, 0.3), (-0.05, 0.8), (0.0003, -0.5), (0.007, 1.2)])
