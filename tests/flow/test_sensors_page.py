@@ -6,6 +6,7 @@ others than the page's, so that no other reader who follows it at the moment is 
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import pty
@@ -17,16 +18,28 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from daq.bench.config import load_bench
+import identify
+from daq.bench.config import bench_codec, load_bench, parse_bench
+from daq.bench.databases import stored_text
 from daq.channels import Quantity
+from daq.check import propose_sensors
+from daq.control.messages import Phase
+from daq.derive.build_samples import build_session
+from daq.journal.contents import HopCounts
+from daq.runlog.runlog import LoggedStatus
+from daq.sim import Fault
 from daq.sim.car import SimulatedCar
+from dbc import FrameBatch
+from tui.proposal_questions import completed
 
-from ..daq.wild_bench import NODES
+from ..daq.sim.bench_campaign import record
+from ..daq.wild_bench import DATABASES, NODES, rest_and_pushes, wild_bench
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "sensors.md").read_text("utf-8")
@@ -147,6 +160,39 @@ def test_the_page_leads_from_an_empty_folder_to_a_bench_that_is_right(reader: Re
     assert corners == {f"pot_{i}.TPDO1.Position_Value": corner for i, corner in NODES.items()}
     (added,) = (state for state in bench.mass_states if state.name == "added")
     assert sum(weight.mass_kg for weight in added.added.weights) == 148.0
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_proposed_bench_records_to_its_end_although_a_run_is_rejected(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Steps 2 to 6 of the page without its buses: typed answers, weights, a bump struck twice."""
+    typed = "".join(f"{answer}\n" for _, answer in _QUESTION.findall(PAGE))
+    monkeypatch.setattr(sys, "stdin", _Terminal(typed))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    buses = wild_bench().buses
+    proposed = completed(lambda a: propose_sensors(DATABASES, buses, *rest_and_pushes(), answers=a))
+    weights = steps()[3].partition("\n")[2].rpartition("\nEND")[0]
+    text = f"{proposed.text}\n{weights}\n"
+    assert "FILL IN" not in re.sub("^#.*$", "", text, flags=re.MULTILINE)
+    bench = parse_bench(text, "bench.toml", Path(), stored_text(DATABASES))
+    bench = replace(bench, campaign=replace(bench.campaign, repeats=1))
+    kept, status = record(bench, 3, Fault.DOUBLE_BUMP)
+    assert status.phase is Phase.COMPLETE
+    assert [run.status is LoggedStatus.ACCEPTED for run in status.runs] == [
+        True, False, *[True] * 5,
+    ]  # fmt: skip
+    none = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
+    frames = FrameBatch.concatenate(kept.frames)
+    session = build_session(bench, bench_codec(bench), frames, kept.events, none, {})
+    result = identify.identify(session)
+    assert result.quality.verdict == "ok"
+    for name, value in asdict(SimulatedCar().parameters).items():
+        assert result.parameters[name].value == pytest.approx(value, rel=0.05), name
 
 
 @pytest.mark.long

@@ -12,15 +12,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import identify
 from daq.bench.campaign import Campaign, Method
 from daq.bench.config import Bench, bench_codec, load_bench
 from daq.check import propose_sensors
 from daq.clocks import Now
 from daq.control.messages import Due, Phase, Status
-from daq.derive.build_samples import build_session
 from daq.errors import BusError
-from daq.journal.contents import HopCounts
 from daq.recorder.recording import Recording
 from daq.runlog.run_log import LoggedStatus, Remark
 from daq.runs import BASELINE, Excitation
@@ -28,7 +25,7 @@ from daq.samples.converter import HealthState, advance
 from daq.sim import bench as simulated
 from daq.sim.bench import PIECE_S, PUSHES_S, Fault, SimulatedBench, push_frames
 from daq.sim.car import SimulatedCar
-from daq.vehicle import FORD_GRANADA, Corner
+from daq.vehicle import Corner
 from dbc import FrameBatch
 
 from ..wild_bench import DATABASES, NODES, wild_bench
@@ -63,25 +60,9 @@ def _read(source: SimulatedBench, seconds: float) -> FrameBatch:
     return FrameBatch.concatenate([source.read(0.0) for _ in range(round(seconds / PIECE_S))])
 
 
-def test_a_campaign_is_recorded_as_planned_and_identified() -> None:
-    shipped = load_bench(None)
-    bench = replace(shipped, campaign=replace(shipped.campaign, repeats=1))
-    kept, status = record(bench, seed=3)
-    assert status.phase is Phase.COMPLETE
-    assert [run.status for run in status.runs] == [LoggedStatus.ACCEPTED] * 6
-    no_losses = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
-    frames = FrameBatch.concatenate(kept.frames)
-    session = build_session(bench, bench_codec(bench), frames, kept.events, no_losses, {})
-    result = identify.identify(session)
-    assert result.quality.verdict == "ok"
-    for name, estimate in result.parameters.items():
-        assert estimate.value == pytest.approx(getattr(FORD_GRANADA, name), rel=0.03)
-
-
 @pytest.mark.parametrize(
     ("fault", "code"),
     [
-        (Fault.DOUBLE_BUMP, "double_bump"),
         (Fault.UNPLUG, "stale"),
         (Fault.FROZEN, "frozen"),
         pytest.param(Fault.OVERLOAD, "overload", marks=pytest.mark.long),
