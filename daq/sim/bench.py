@@ -21,7 +21,7 @@ from ..channels import Channel
 from ..check.push_test import ORDER
 from ..control.messages import Phase, Status
 from ..errors import BusError
-from ..runlog.run_log import Remark
+from ..runlog.run_log import LoggedStatus, Remark
 from ..runs import BASELINE, Excitation
 from ..samples.trigger import trigger_channels
 from ..vehicle import Corner
@@ -41,8 +41,10 @@ PATIENCE_S = (1.0, 1.6)
 """Shortest and longest time from arming to the bump, s."""
 LEAD_S = 0.1
 """Rest at the beginning of an act, s, longer than the delay of any sensor."""
-SWING_S = 6.0
-"""Time, s, after which the motion of a car with a damping of 0.15 at 1 Hz has decayed to 1/300."""
+SWING_S = 4.0
+"""Time, s, after which the motion of a car with a damping of 0.25 at 1 Hz has decayed to 1/500."""
+AGAIN_S = 10.0
+"""Time after a bump, s, until the car is bumped again although the recorder has judged no run."""
 PUSH_N, PUSH_S, PAUSE_S = 400.0, 1.2, 1.6
 """Force and duration of a push by a person on a corner, who lets go gently; rest after it, s."""
 PUSHES_S = len(ORDER) * (PUSH_S + PAUSE_S)
@@ -215,6 +217,7 @@ class SimulatedBench:
         self._rig = rig_of(bench, codec, car, seed)
         self._acts = Acts(bench, self._rig)
         self._speed, self._wish, self._fault = speed, wish, fault
+        self._piece_s = PIECE_S if np.isinf(speed) else max(PIECE_S, BLOCK_S * speed)
         self._start_ns, self._free_ns = start_ns, [start_ns] * len(bench.buses)
         self._rng = np.random.default_rng([seed, 2])
         self._mass_state = BASELINE
@@ -223,6 +226,8 @@ class SimulatedBench:
         self._done_s = 0.0  # time up to which it is sampled
         self._due_s = np.inf  # the next bump
         self._bumps = 0
+        self._judged = -1  # runs that the recorder had judged at the last bump
+        self._again_s = 0.0
         self._gap_s = (np.inf, np.inf)
         self._unplug_s = np.inf
         self._plugged_s = 0.0  # again
@@ -265,7 +270,7 @@ class SimulatedBench:
             time.sleep(min(max(wait_s, 0.0), timeout_s))
         self._check_plug()
         self._choose(self._wish())
-        stop_s = min(self._now_s(), self._done_s + PIECE_S)
+        stop_s = min(self._now_s(), self._done_s + self._piece_s)
         if stop_s >= self._unplug_s:
             self._unplug_s = np.inf
             host = self._speed if np.isfinite(self._speed) else 1.0
@@ -307,7 +312,7 @@ class SimulatedBench:
                 self._mass_state, self._due_s = step.mass_state, np.inf
                 self._begin(self._acts.rest(step.mass_state))
             elif status.phase is Phase.ARMED:
-                self._wait_and_bump(step)
+                self._wait_and_bump(step, status)
                 return
         self._due_s = np.inf
         self._heed(status.notes)
@@ -327,16 +332,20 @@ class SimulatedBench:
     def _next_fault(self) -> Fault | None:
         return self._fault if self._bumps + 1 == SPOILT_BUMP else None
 
-    def _wait_and_bump(self, step: Step) -> None:
+    def _wait_and_bump(self, step: Step, status: Status) -> None:
+        judged = sum(run.status is not LoggedStatus.OPEN for run in status.runs)
+        if judged == self._judged and self._done_s < self._again_s:
+            return  # on a busy machine its status is that before the last bump
         if self._due_s == np.inf:
             self._due_s = self._done_s + self._rng.uniform(*PATIENCE_S)
         if self._done_s < self._due_s:
             return
         fault = self._next_fault
-        self._due_s = np.inf
+        self._due_s, self._judged = np.inf, judged
         self._bumps += 1
         self._begin(self._acts.prepare(step, fault).result())
         bump_s = self._begun_s + self._act.bump_s
+        self._again_s = bump_s + AGAIN_S
         if fault is Fault.LOST_FRAMES:
             self._gap_s = (bump_s + LOST_S[0], bump_s + LOST_S[1])
         elif fault is Fault.UNPLUG:
