@@ -32,7 +32,7 @@ from daq.check import propose_sensors
 from daq.control.messages import Phase
 from daq.derive.build_samples import build_session
 from daq.journal.contents import HopCounts
-from daq.runlog.runlog import LoggedStatus
+from daq.runlog.run_log import LoggedStatus
 from daq.sim import Fault
 from daq.sim.car import SimulatedCar
 from dbc import FrameBatch
