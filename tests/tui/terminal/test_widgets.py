@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from math import nan
 
+from textual.app import App, ComposeResult
 from textual.events import Paste
 
 from daq.control.messages import Lane, Live
@@ -13,6 +15,7 @@ from tui.terminal.state.lanes import Lanes, LaneSpec, Window
 from tui.terminal.state.words import Banner
 from tui.terminal.widgets.banner import BannerBar
 from tui.terminal.widgets.form import Field, FieldError, Form
+from tui.terminal.widgets.table import Table
 from tui.terminal.widgets.traces import LaneChart
 
 from .alone import Shown, alone, text
@@ -147,3 +150,20 @@ async def test_a_row_of_a_table_is_pasted_into_one_field_after_the_other() -> No
         assert form.values == {"name": "car", "kind": "one", "mass": "7.5", "mass.sigma": ""}
         assert form.current is FIELDS[2]
         assert app.messages[-1] == "changed"
+
+
+def test_a_column_is_as_wide_as_its_widest_cell_at_once() -> None:
+    """Widths that Textual measures when it is idle were those of the headings, under load."""
+
+    class TableApp(App[None]):
+        def compose(self) -> ComposeResult:
+            yield Table("list")
+
+    async def widths() -> list[int]:
+        app = TableApp()
+        async with app.run_test():
+            table = app.query_one(Table)
+            table.show(("state", ""), [["reported", "6"], ["real"]])
+            return [column.get_render_width(table) for column in table.ordered_columns]
+
+    assert asyncio.run(widths()) == [9, 2]

@@ -58,7 +58,11 @@ class Table(DataTable[Text]):
             self.show_header = any(heads)
             for i, head in enumerate(heads):
                 numbers = bool(cells) and len(cells[0]) > i and cells[0][i].justify == "right"
-                self.add_column(right(head) if numbers else Text(f" {head}"))
+                title = right(head) if numbers else Text(f" {head}")
+                # Stated, as Textual measures rows when it is idle, and then misses some.
+                column = [cell for row in cells for cell in row[i : i + 1]]
+                width = max(cell.cell_len for cell in (title, *column))
+                self.add_column(title, width=width)
             for row in cells:
                 self.add_row(*row)
             self.scroll_to(y=below, animate=False)
