@@ -109,7 +109,7 @@ class Losses:
 
     @property
     def words(self) -> str:
-        """What `measured` counts, like `3 frames lost, 100 unusable`; empty if there is none."""
+        """The losses as text, like `3 frames lost, 100 unusable`; empty if there is none."""
         lost, unusable = self.measured - self.unusable, self.unusable
         if not lost:
             return f"{counted(unusable, 'frame')} unusable" if unusable else ""

@@ -65,7 +65,7 @@ class _Plain:
 
 
 _KIND_WORDS = {Path: "<path>", str: "<text>", int: "<number>", float: "<number>"}
-"""What a user gives for a type of Python, as --help shows it."""
+"""Word for a value of each type of Python, as --help shows it."""
 
 
 def _plainly(params: list[Any]) -> list[Any]:

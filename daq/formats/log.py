@@ -126,7 +126,7 @@ class Log:
         self.frames = 0
         """Number of frames returned so far."""
         self.remarks: list[str] = []
-        """What was put right in the times so far."""
+        """Corrections of the times so far."""
         self._bytes = sum(path.stat().st_size for path in paths)
         self._position: Callable[[], int] = int
         self._loss = LogLoss()

@@ -37,4 +37,4 @@ class Columns:
     times_s: Mapping[str, NDArray[np.float64]]
     """Times of the clocks that have times in the file, s since its time zero."""
     unread: tuple[str, ...] = ()
-    """What could not be read, each kind with its number and first line."""
+    """Cells that could not be read, each kind with its number and first line."""

@@ -29,9 +29,9 @@ from .schema import DAMAGED_ADVICE, SCHEMA, VERSION
 
 _ADVICE = "name a session file that bumpbench record or demo wrote"
 _RAISED = (OSError, RuntimeError, LookupError, ValueError, TypeError, MemoryError, AttributeError)
-"""What h5py raises on damaged files."""
+"""Exceptions that h5py raises on damaged files."""
 _MARK = b"\nbumpbench crc32 "
-"""What the end of a session file begins with; its checksum follows."""
+"""Beginning of the last line of a session file; its checksum follows."""
 _OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
 """Attributes with which HDF5 stores dimension scales; they hold references, not data."""
 _ROWS = 8192

@@ -155,7 +155,7 @@ class _Changed:
 
     @property
     def in_words(self) -> str:
-        """What is stated, and what the runs show."""
+        """The stated value, and that which the runs show."""
 
         def described(weight: Weight) -> str:
             if self.is_mass:

@@ -1,4 +1,4 @@
-"""What screens use of the app: its protocol, its messages, and work beside these."""
+"""The app as screens use it: its protocol, its messages, and work beside these."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class Table:
     start_ns: int = 0
     """UTC of that zero, ns since 1970; 0 if the file states none."""
     unread: tuple[str, ...] = ()
-    """What could not be read, each kind with its number and first line."""
+    """Cells that could not be read, each kind with its number and first line."""
 
 
 def named(headings: Sequence[Heading], wanted: str, where: str) -> Heading:

@@ -127,7 +127,7 @@ class MassesScreen(BenchScreen):
         self._asked_text = ""
         self._levels: dict[str, float] = {}
         self._failed = ""
-        """What the sag with all weights on contradicts."""
+        """Statements that the sag with all weights on contradicts."""
         self._rest: dict[str, float] = {}
 
     def compose_body(self) -> ComposeResult:
