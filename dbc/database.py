@@ -140,10 +140,10 @@ def parse_codec(text: str, name: str) -> Codec:
         try:
             layout, faults = _layout(message, source, can_id)
         except ValueError as error:
-            source.lose(can_id, "", f"message {message.name}", str(error))
+            source.lose(source.line(can_id), f"message {message.name}", str(error))
             continue
         for signal, fault in faults.items():
-            source.lose(can_id, signal, f"{message.name}.{signal}", fault)
+            source.lose(source.line(can_id, signal), f"{message.name}.{signal}", fault)
         # A message that is passed on from one bus to another means the same on both.
         meaning = replace(layout, senders=(), cycle_s=None)
         if not (kind and meaning in meanings):
@@ -158,7 +158,7 @@ def parse_codec(text: str, name: str) -> Codec:
             continue
         advice = f" (if it is of the bus {bus}, name {name}{NETWORK}{bus})" if several else ""
         what = f"has the identifier 0x{layout.can_id:X} of another{advice}"
-        source.lose(_number(layout), "", f"message {layout.name}", what)
+        source.lose(source.line(_number(layout)), f"message {layout.name}", what)
     if not kept:
         findings = source.left_out or source.notes
         if not findings:
@@ -170,7 +170,7 @@ def parse_codec(text: str, name: str) -> Codec:
     for layout, unique in zip(kept, messages, strict=True):
         if unique.name != layout.name:
             what = f"has the name of another: it is {unique.name} here"
-            source.note(_number(layout), f"message {layout.name}", what)
+            source.note(source.line(_number(layout)), f"message {layout.name}", what)
     return Codec(messages, tuple(source.left_out), tuple(source.notes))
 
 
