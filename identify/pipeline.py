@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from daq.check import opposed_signs
+from daq.check.signs import opposed_signs
 from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError

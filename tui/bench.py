@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from daq import Bench
+    from daq.bench.config import Bench
 
 
 def shared_bench(path: Path | None, interface: str | None, channel: str | None) -> Bench:
@@ -18,8 +18,7 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
     file.  Raises InputError if the file is bad, or the bus is python-can's `virtual`, which ends at
     this process.
     """
-    from daq import load_bench
-    from daq.bench import on_bus
+    from daq.bench.config import load_bench, on_bus
 
     bench = on_bus(load_bench(path), interface, channel)
     return reachable(bench, str(path or "bench.toml (shipped)"))
@@ -41,7 +40,7 @@ def bench_and_log(bench: Path | None, log: Path | None) -> tuple[Path | None, Pa
 
 def _is_log(path: Path) -> bool:
     """Return whether a file is a log, not a bench.toml: it has another suffix, and is not TOML."""
-    from daq.bench import holds_toml
+    from daq.bench.toml_file import holds_toml
 
     named = path.suffix.lower() in ("", ".toml")
     return not named and not (path.is_file() and holds_toml(path))
@@ -70,8 +69,7 @@ def bench_with_dbc(path: Path | None, dbc: Path | None) -> Bench:
     `path`: bench.toml; the shipped one if None.  `dbc`: the other DBC; the bench's own if None.
     Raises InputError if a file is bad.
     """
-    from daq import load_bench
-    from daq.bench import with_database
+    from daq.bench.config import load_bench, with_database
 
     bench = load_bench(path)
     return with_database(bench, dbc) if dbc else bench
@@ -107,7 +105,7 @@ def with_sensors(bench: Bench, sensors: Sequence[str], buses: frozenset[int]) ->
     from dataclasses import replace
 
     from daq import InputError
-    from daq.bench import sensor_of_signal
+    from daq.channels import sensor_of_signal
 
     known = {sensor.name: sensor for sensor in bench.sensors}
     for name in sensors:

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 from .diagnostics import say
 
 if TYPE_CHECKING:
-    from daq.check import Answers, Proposal
+    from daq.check.answers import Answers
+    from daq.check.propose import Proposal
 
 _ANSWER_WIDTH = 12
 """Columns that a question leaves free for its answer."""
@@ -46,7 +47,7 @@ def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
     """
     from dataclasses import replace
 
-    from daq.check import HINTS, NO_ANSWERS, Question
+    from daq.check.answers import HINTS, NO_ANSWERS, Question
 
     answers: dict[Question, str] = {}
     proposal = propose(NO_ANSWERS)

@@ -16,16 +16,18 @@ from io import BytesIO
 from itertools import islice
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
-import h5py
 import numpy as np
 
 from ..errors import InputError
 from ..remarks import notes_of
 from .content import Attribute, Content, Item, SchemaError
 from .schema import DAMAGED_ADVICE, SCHEMA, VERSION
+
+if TYPE_CHECKING:
+    import h5py
 
 _ADVICE = "name a session file that bumpbench record or demo wrote"
 _RAISED = (OSError, RuntimeError, LookupError, ValueError, TypeError, MemoryError, AttributeError)
@@ -57,6 +59,8 @@ def write_image(content: Content) -> bytes:
 
     It is made in memory, because HDF5 crashes the process at its end when a disk was full.
     """
+    import h5py
+
     image = BytesIO()
     with h5py.File(image, "w") as file:
         for path, item in content.items():
@@ -138,6 +142,8 @@ def _opened(path: Path) -> Iterator[h5py.File]:
 
     Raises InputError if the file does not exist, is not a session, or has a newer schema.
     """
+    import h5py
+
     where = str(path)
     if path.is_dir():
         raise InputError(where, "is a directory", _ADVICE)
@@ -175,6 +181,8 @@ class _Sizes:
 
     def add(self, name: str, found: h5py.Group | h5py.Dataset) -> None:
         """Add a group or dataset; raises SchemaError if it states what no session has."""
+        import h5py
+
         path = f"/{name}"
         if len(self.items) >= _MAX_ITEMS or name.count("/") >= _MAX_DEPTH:
             raise SchemaError(path, "is one object too many, or too deep")
@@ -201,6 +209,8 @@ class _Sizes:
 
 
 def _item(found: h5py.Group | h5py.Dataset) -> Item:
+    import h5py
+
     return Item(_attributes(found), found[()] if isinstance(found, h5py.Dataset) else None)
 
 
@@ -275,6 +285,8 @@ def _glance(path: str, file: h5py.File) -> Glance:
 
 def _group(parent: h5py.Group, name: str) -> h5py.Group:
     """Return a group that is in this file, because a link could lead to another file."""
+    import h5py
+
     found = parent[name] if isinstance(parent.get(name, getlink=True), h5py.HardLink) else None
     if not isinstance(found, h5py.Group):
         raise ValueError(f"{name} is absent or a link")

@@ -8,14 +8,16 @@ used.
 import sys
 from pathlib import Path
 
-import daq
 import identify
+from daq.bench.config import load_bench
+from daq.derive.from_logs import session_from_log
+from daq.formats.log import read_log
 
 
 def main(log: Path, bench_toml: Path | None = None) -> None:
     """Find the bumps, cut the runs, identify, and print what was found."""
-    bench = daq.load_bench(bench_toml)
-    session = daq.session_from_log(bench, daq.read_log(log))
+    bench = load_bench(bench_toml)
+    session = session_from_log(bench, read_log(log))
     for run in session.runs:
         print(run.label, run.status, *run.reasons)
 

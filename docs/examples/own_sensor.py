@@ -10,7 +10,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-import daq
+from daq.bench.config import bench_codec, load_bench
+from daq.samples.mapping import map_channels
 from dbc import FrameBatch
 
 DBC = """VERSION ""
@@ -39,10 +40,10 @@ delay_sigma_s = 0.0005
 with TemporaryDirectory() as folder:
     (Path(folder) / "pot.dbc").write_text(DBC, encoding="utf-8")
     (Path(folder) / "bench.toml").write_text(BENCH, encoding="utf-8")
-    bench = daq.load_bench(Path(folder) / "bench.toml")
+    bench = load_bench(Path(folder) / "bench.toml")
 
 # Frames as they would come from the bus: the string gets 30 mm shorter in 50 ms.
-codec = daq.bench_codec(bench)
+codec = bench_codec(bench)
 n = 11
 frames = FrameBatch(
     t_ns=np.arange(n) * 5_000_000,
@@ -53,7 +54,7 @@ frames = FrameBatch(
     data=codec.encode("Pot_FL", {"length": np.linspace(250.0, 220.0, n), "counter": np.arange(n)}),
 )
 
-(mapped,) = daq.map_channels(bench.channels, codec.messages, bench.dbc_name)
+(mapped,) = map_channels(bench.channels, codec.messages, bench.dbc_name)
 samples = codec.decode(frames).samples[mapped.channel.signal]
 for t_ns, travel_m in zip(samples.t_ns, mapped.values(samples), strict=True):
     print(f"{t_ns * 1e-9:.3f} s  {travel_m:+.4f} m")

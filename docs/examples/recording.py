@@ -12,22 +12,26 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import daq
-from daq.bus import open_bus
-from daq.control import Arm, Stop, Until
-from daq.replay import play
-from daq.sim import SimulatedCar, campaign_frames
+from daq import read_session
+from daq.bench.config import Bench, bench_codec, load_bench
+from daq.bus.interfaces import open_bus, open_source
+from daq.control.messages import Status
+from daq.control.orders import Arm, Stop, Until
+from daq.recorder.recorder import Recorder
+from daq.replay.replay import play
+from daq.sim.car import SimulatedCar
+from daq.sim.ecu import campaign_frames
 
 
 def main(folder: Path, bench_toml: Path | None = None) -> Path:
     """Record a campaign of the simulated car, and return its session file."""
-    bench = daq.load_bench(bench_toml)
+    bench = load_bench(bench_toml)
     # No operator can reject a run here: the next bump may come at once.
     bench = replace(bench, procedure=replace(bench.procedure, accept_after_s=0.0))
     # Ten lines ...
     stop, news = threading.Event(), News()
-    bus = daq.open_source(bench.bus, 0)  # before the first frame
-    recorder = daq.Recorder(bench, folder, lambda *_: bus, software="recording.py")
+    bus = open_source(bench.bus, 0)  # before the first frame
+    recorder = Recorder(bench, folder, lambda *_: bus, software="recording.py")
     writer = threading.Thread(target=recorder.run, args=(stop, news.hear))
     writer.start()
     recorder.submit(Arm(Until.COMPLETE), by="me").result()
@@ -48,7 +52,7 @@ class News:
         self.complete, self.built = threading.Event(), threading.Event()
         self.session = ""
 
-    def hear(self, status: daq.Status, live: object) -> None:
+    def hear(self, status: Status, live: object) -> None:
         """Note that the campaign is complete, and that its session file is there."""
         if status.phase == "complete":
             self.complete.set()
@@ -57,9 +61,9 @@ class News:
             self.built.set()
 
 
-def bump_the_car(bench: daq.Bench) -> None:
+def bump_the_car(bench: Bench) -> None:
     """Play the campaign of the simulated car on the bench's bus."""
-    codec = daq.bench_codec(bench)
+    codec = bench_codec(bench)
     frames = campaign_frames(bench, codec, SimulatedCar(), seed=1, start_ns=time.time_ns())
     with open_bus(bench.bus) as bus:
         for _ in play(frames, bus, speed=None):
@@ -70,5 +74,5 @@ if __name__ == "__main__":
     if len(sys.argv) < 2:
         sys.exit(__doc__)
     path = main(*map(Path, sys.argv[1:]))
-    session = daq.read_session(path)
+    session = read_session(path)
     print(path, f"{len(session.runs)} runs", *[run.label for run in session.runs], sep="\n  ")

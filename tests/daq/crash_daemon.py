@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.control import SessionState
 from daq.control.address import control_address
 from daq.control.client import Client
+from daq.control.messages import SessionState
 from daq.control.orders import Start, Stop
 from daq.journal.folder import recordings
 from daq.journal.reader import read_journal

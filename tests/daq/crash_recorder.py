@@ -13,9 +13,9 @@ import sys
 from functools import partial
 from pathlib import Path
 
-import daq
 from daq.journal import segment as backlog
 from daq.journal.segment import JournalFile
+from daq.recorder import recorder
 from tui.cli import run
 
 from .crash_disk import FailingDisk, SmallDisk
@@ -42,7 +42,7 @@ def main(arguments: list[str]) -> int:
         vars(backlog)["HELD_BYTES"] = int(held)
     if kind != "sound":
         disk = _Refilled(int(number)) if kind == "small" else FailingDisk(kind, int(number))
-        vars(daq)["Recorder"] = partial(daq.Recorder, create=disk.create)
+        vars(recorder)["Recorder"] = partial(recorder.Recorder, create=disk.create)
     return run(command)
 
 

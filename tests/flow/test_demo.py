@@ -15,7 +15,7 @@ import daq
 from daq.bench.config import default_bench_text, parse_bench
 from daq.journal.folder import recordings
 from daq.journal.reader import read_journal
-from daq.sim import Fault, SimulatedBench
+from daq.sim.bench import Fault, SimulatedBench
 from identify import Identification
 from identify.trust.finding import Judgement
 from tui.cli import run
@@ -123,7 +123,9 @@ def test_the_demo_repeats_a_run_that_the_recorder_rejects(
 
     short = default_bench_text().replace('["bounce", "pitch", "roll"]', '["bounce"]')
     short = short.replace("repeats = 2", "repeats = 1")
-    monkeypatch.setattr("daq.load_bench", lambda _: parse_bench(short, "bench.toml", Path()))
-    monkeypatch.setattr("daq.sim.SimulatedBench", spoilt)
+    monkeypatch.setattr(
+        "daq.bench.config.load_bench", lambda _: parse_bench(short, "bench.toml", Path())
+    )
+    monkeypatch.setattr("daq.sim.bench.SimulatedBench", spoilt)
     monkeypatch.setattr("identify.identify", nothing)
     assert run(["demo", "--out", str(tmp_path / "demo"), "--json"]) == 0

@@ -28,12 +28,12 @@ import identify
 from daq.bench.config import bench_codec, load_bench, parse_bench
 from daq.bench.databases import stored_text
 from daq.channels import Quantity
-from daq.check import propose_sensors
+from daq.check.propose import propose_sensors
 from daq.control.messages import Phase
 from daq.derive.build_samples import build_session
 from daq.journal.contents import HopCounts
 from daq.runlog.run_log import LoggedStatus
-from daq.sim import Fault
+from daq.sim.bench import Fault
 from daq.sim.car import SimulatedCar
 from dbc import FrameBatch
 from tui.proposal_questions import completed

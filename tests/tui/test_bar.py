@@ -54,7 +54,7 @@ def test_the_planner_reads_the_database_of_the_newest_recording(
     assert planned[0].dbc_text == shipped_dbc()
     one, two = (f'{shipped_dbc()}CM_ "{n}";\n' for n in (1, 2))
     heads = {"1.mcap": one, "2.mcap": two, "3.mcap": None}
-    monkeypatch.setattr("daq.journal.segments_in", lambda _: [Path(name) for name in heads])
+    monkeypatch.setattr("daq.journal.folder.segments_in", lambda _: [Path(name) for name in heads])
     kind = type("Head", (), {})
 
     def head(path: Path) -> Any:
@@ -62,7 +62,7 @@ def test_the_planner_reads_the_database_of_the_newest_recording(
         found.dbc_text = heads[path.name]
         return None if found.dbc_text is None else (found, 0)
 
-    monkeypatch.setattr("daq.journal.read_head", head)
+    monkeypatch.setattr("daq.journal.folder.read_head", head)
     answered(default_bench_text(), tmp_path, monkeypatch, capsys)
     assert planned[1].dbc_text == two, "the third segment was cut off in its head"
 

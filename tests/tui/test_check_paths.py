@@ -98,7 +98,7 @@ def test_a_person_is_asked_to_push_each_corner_in_turn(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from daq import read_log
+    from daq.formats.log import read_log
 
     frames = FrameBatch.concatenate(list(read_log(Path(log))))
     clock, opened = [100.0], list[Once]()

@@ -13,8 +13,7 @@ from typing import Any, cast
 import pytest
 
 from daq.bench.config import Bench, default_bench_text, parse_bench
-from daq.control import setup_of
-from daq.control.messages import Phase, Reply, Status, StorageStatus
+from daq.control.messages import Phase, Reply, Status, StorageStatus, setup_of
 from daq.errors import InputError
 from daq.recorder.recorder import Publish
 from tui.recorders.daemon import Lifetime, _Daemon, _Signals

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import daq
-from daq.control import Phase
-from daq.control.messages import Due, Status
+from daq.bench.config import bench_codec, load_bench
+from daq.control.messages import Due, Phase, Status
 from daq.runlog.run_log import Remark
 from dbc import FrameBatch, shipped_dbc
 from tui.cli import run
@@ -204,7 +204,7 @@ def test_the_simulated_car_is_bumped_again_when_the_recorder_rejects(
 ) -> None:
     bench = tmp_path / "bench.toml"
     bench.write_text(BENCH)
-    step = daq.load_bench(bench).campaign.steps[0]
+    step = load_bench(bench).campaign.steps[0]
     due = Due(step, 0, 1, 0, "bump")
     idle = replace(a_status(), phase=Phase.IDLE, due=due)
     armed, rejected = (replace(idle, phase=phase) for phase in (Phase.ARMED, Phase.REJECTED))
@@ -236,7 +236,7 @@ def test_the_simulated_car_is_bumped_again_when_the_recorder_rejects(
         length=np.array([m.dlc for m in wire], np.uint8),
         data=np.array([[*m.data, *bytes(8 - m.dlc)] for m in wire], np.uint8),
     )
-    hub = daq.bench_codec(daq.load_bench(bench)).decode(sent)["HUB_Front.acc_fl"]
+    hub = bench_codec(load_bench(bench)).decode(sent)["HUB_Front.acc_fl"]
     moved_s = hub.t_ns[np.abs(hub.value - np.median(hub.value)) > 3.0] * 1e-9
     assert len(np.flatnonzero(np.diff(moved_s) > 4.0)) == 1, "two bumps"
     assert "--fast" in said(capsys, "simulate", *UDP, "--fast", "--recorder", ".", code=2)[1]

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from daq import InputError
-from daq.check import Answers, Proposal
+from daq.check.answers import Answers
+from daq.check.propose import Proposal
 from tui.proposal_questions import completed, is_asked, write_proposal
 
 TEXT = """# a comment  # FILL IN

@@ -41,7 +41,7 @@ def test_runs_are_accepted_at_once_where_nobody_looks_at_them(
         ran.extend(given)
         return a_status()
 
-    monkeypatch.setattr("daq.Recorder", recorder)
+    monkeypatch.setattr("daq.recorder.recorder.Recorder", recorder)
     monkeypatch.setattr(recording, "run_recorder", run_recorder)
     lifetime = Lifetime(arm, False, tmp_path / "a.prom", lambda: BENCH, stay=True)
     log = cast(Log, "log")
@@ -82,7 +82,7 @@ def test_messages_of_the_dbc_that_cannot_be_used_are_said(
 ) -> None:
     broken = '\nBO_ 1999 Broken: 8 X\n SG_ wide : 0|65@1+ (1,0) [0|0] "" X\n'
     bench = parse_bench(default_bench_text(), "bench.toml", Path(), shipped_dbc() + broken)
-    monkeypatch.setattr("daq.Recorder", lambda *_, **__: None)
+    monkeypatch.setattr("daq.recorder.recorder.Recorder", lambda *_, **__: None)
     monkeypatch.setattr(recording, "run_recorder", lambda *_: a_status())
     lifetime = Lifetime(False, False, None, lambda: bench)
     record_campaign(bench, cast(Any, None), tmp_path, lifetime, cast(Any, None), cast(Any, None))

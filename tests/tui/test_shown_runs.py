@@ -136,7 +136,7 @@ def test_a_recorder_arms_unless_it_is_idle_and_ends_with_a_summary_unless_it_goe
         opened.append(number)
         return Source()
 
-    monkeypatch.setattr("daq.open_source", open_source)
+    monkeypatch.setattr("daq.bus.interfaces.open_source", open_source)
     bus = ["--interface", "udp_multicast", "--channel", "239.74.163.99"]
     figures = ["--figures", str(tmp_path / "a.prom"), "--log", str(tmp_path / "a.log")]
     assert run(["record", "--out", str(tmp_path / "day"), *bus, *figures, *words]) == code
@@ -169,7 +169,7 @@ def test_a_pushed_car_says_when_it_is_pushed_and_that_it_goes_on(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    monkeypatch.setattr("daq.replay.play", play)
+    monkeypatch.setattr("daq.replay.replay.play", play)
     monkeypatch.setattr("daq.bus.interfaces.open_bus", lambda _: nullcontext())
     bus = ["--interface", "udp_multicast", "--channel", "239.74.163.99"]
     assert run(["simulate", *bus, "--push", "10"]) == 130

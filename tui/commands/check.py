@@ -16,9 +16,9 @@ from ..proposal_questions import write_proposal
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from daq import Bench
-    from daq.bench import BusConfig, Database
-    from daq.check import CheckReport
+    from daq.bench.config import Bench, BusConfig
+    from daq.bench.databases import Database
+    from daq.check.check import CheckReport
     from dbc import FrameBatch
 
 
@@ -83,8 +83,9 @@ def check(
         return _list_layouts(json)
     from datetime import date
 
-    from daq import InputError, bench_codec
-    from daq.check import check_bench, part_of
+    from daq import InputError
+    from daq.bench.config import bench_codec
+    from daq.check.check import check_bench, part_of
 
     from ..bench import bench_and_log, bus_numbers, with_sensors
 
@@ -129,8 +130,7 @@ def _bench(
     interface: str | None,
     channel: str | None,
 ) -> Bench:
-    from daq import load_bench
-    from daq.bench import on_bus, parse_bench
+    from daq.bench.config import load_bench, on_bus, parse_bench
 
     from ..bench import reachable, shared_bench
 
@@ -188,9 +188,11 @@ def _proposed(
     from dataclasses import replace
     from functools import partial
 
-    from daq import InputError, load_bench
-    from daq.bench import parse_bench, stored_text
-    from daq.check import ORDER, propose_sensors, spoken
+    from daq import InputError
+    from daq.bench.config import load_bench, parse_bench
+    from daq.bench.databases import stored_text
+    from daq.check.propose import propose_sensors
+    from daq.check.push_test import ORDER, spoken
     from daq.files import refuse_existing
 
     from ..bench import reachable
@@ -243,7 +245,8 @@ def _databases(
     import os
 
     from daq import InputError
-    from daq.bench import Database, each_bus, ready_map
+    from daq.bench.databases import Database, each_bus
+    from daq.bench.ready_maps import ready_map
     from dbc import read_dbc
 
     files = [Database(os.path.relpath(dbc, target.parent), read_dbc(dbc)) for dbc in dbcs]
@@ -270,7 +273,7 @@ def _frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> Fr
 
     batches: list[FrameBatch] = []
     if log is not None:
-        from daq import read_log
+        from daq.formats.log import read_log
 
         for batch in read_log(log):
             batches.append(batch)
@@ -280,7 +283,7 @@ def _frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> Fr
         first_ns = int(frames.t_ns[0]) + round(skip_s * 1e9) if len(frames) else 0
         end_ns = first_ns + round(seconds * 1e9)
         return frames.select((frames.t_ns >= first_ns) & (frames.t_ns <= end_ns))
-    from daq import open_source
+    from daq.bus.interfaces import open_source
 
     with ExitStack() as stack, progress("check") as stage:
         sources = []
@@ -297,7 +300,7 @@ def _frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> Fr
 
 
 def _print_report(report: CheckReport) -> None:
-    from daq.check import WORDS
+    from daq.check.result import WORDS
     from dbc import counted
 
     from ..output import print_labelled, print_line
@@ -317,7 +320,7 @@ def _print_report(report: CheckReport) -> None:
 
 
 def _print_document(report: CheckReport) -> None:
-    from daq.check import WORDS
+    from daq.check.result import WORDS
 
     from ..output import print_json
 
@@ -337,7 +340,7 @@ def _print_document(report: CheckReport) -> None:
 
 
 def _list_layouts(json: bool) -> int:
-    from daq.bench import ready_map, ready_map_names
+    from daq.bench.ready_maps import ready_map, ready_map_names
 
     from ..output import print_json, print_labelled
 

@@ -51,7 +51,8 @@ def decode(
 
     import numpy as np
 
-    from daq import InputError, read_log
+    from daq import InputError
+    from daq.formats.log import read_log
     from dbc import counted
 
     from ..bench import log_and_bench
@@ -128,8 +129,9 @@ class _Source:
         """
         from dataclasses import replace
 
-        from daq import InputError, bench_codec, load_bench
-        from daq.bench import sensor_of
+        from daq import InputError
+        from daq.bench.config import bench_codec, load_bench
+        from daq.channels import sensor_of
 
         from ..bench import bus_numbers, with_sensors
 
@@ -184,7 +186,8 @@ def _databases(paths: Sequence[Path]) -> Codec:
     has the identifier of one in another database.
     """
     from daq import InputError
-    from daq.bench import Database, Sensor, file_and_bus, sensors_codec
+    from daq.bench.databases import Database, file_and_bus
+    from daq.bench.sensors import Sensor, sensors_codec
     from dbc import load_codec, parse_codec, read_dbc, shipped_dbc
 
     from ..diagnostics import say

@@ -26,10 +26,13 @@ def demo(
     from dataclasses import replace
 
     import identify as method
-    from daq import Status, bench_codec, file_sha256, load_bench
-    from daq.bench import Origin
-    from daq.control import lone_recorder
-    from daq.sim import SimulatedBench, SimulatedCar, present_parameters
+    from daq.bench.campaign import Origin
+    from daq.bench.config import bench_codec, load_bench
+    from daq.control.lock import lone_recorder
+    from daq.control.messages import Status
+    from daq.files import file_sha256
+    from daq.sim.bench import SimulatedBench
+    from daq.sim.car import SimulatedCar, present_parameters
 
     from ..output import print_json, print_line, progress
     from ..recorders.daemon import Lifetime

@@ -45,7 +45,8 @@ def display(
     from json import dumps
 
     from daq import InputError
-    from daq.control import control_address, is_running, unreachable_words
+    from daq.control.address import control_address, is_running
+    from daq.control.lock import unreachable_words
 
     from ..diagnostics import say
 

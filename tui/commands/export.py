@@ -95,7 +95,7 @@ def _part(session: Session, sensors: Sequence[str], buses: Sequence[str]) -> Ses
     them.
     """
     from daq import InputError, session_part
-    from daq.bench import parse_bench
+    from daq.bench.config import parse_bench
 
     from ..bench import bus_numbers
 
@@ -121,6 +121,6 @@ def _part(session: Session, sensors: Sequence[str], buses: Sequence[str]) -> Ses
 
 
 def _sensor(channel: Channel) -> str:
-    from daq.bench import sensor_of_signal
+    from daq.channels import sensor_of_signal
 
     return sensor_of_signal(channel.signal)

@@ -26,7 +26,7 @@ def identify(
     """Identify the physical parameters of a session's vehicle."""
     import daq
     import identify as method
-    from daq.files import refuse_existing
+    from daq.files import file_sha256, refuse_existing
 
     from ..damper_table import DAMPER_WRITERS, write_damper_table
     from ..diagnostics import require_ending
@@ -45,7 +45,7 @@ def identify(
         result = method.identify(recorded, stage)
     document = result.document()
     if json:
-        document["source"]["file_sha256"] = daq.file_sha256(session)
+        document["source"]["file_sha256"] = file_sha256(session)
         print_json(document)
     else:
         from ..result import print_identification

@@ -13,8 +13,9 @@ from ..options import Buses, Force, JsonSummary, Sensors
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from daq import Bench, Session
-    from daq.derive import LogPart
+    from daq import Session
+    from daq.bench.config import Bench
+    from daq.derive.from_logs import LogPart
     from daq.formats import Log
     from dbc import Codec
 
@@ -66,12 +67,14 @@ def import_(
     from importlib.metadata import version
     from json import dumps
 
-    from daq import InputError, bench_codec, read_log, write_session
-    from daq.bench import Origin
-    from daq.check import mixed_messages
-    from daq.derive import labelled, numbered, parse_runs, session_from_parts, with_steps
+    from daq import InputError, write_session
+    from daq.bench.campaign import Origin
+    from daq.bench.config import bench_codec
+    from daq.check.frame_checks import mixed_messages
+    from daq.derive.from_logs import labelled, numbered, parse_runs, session_from_parts, with_steps
     from daq.files import refuse_existing
     from daq.formats import read_logs
+    from daq.formats.log import read_log
 
     from ..bench import bench_with_dbc, bus_numbers, with_sensors
     from ..diagnostics import say, say_left_out
@@ -179,7 +182,7 @@ def _parts(
 
     `buses`: buses whose frames are read; empty: all.
     """
-    from daq.derive import Intake
+    from daq.derive.from_logs import Intake
     from dbc import counted
 
     intakes: list[Intake] = []

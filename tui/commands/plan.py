@@ -12,7 +12,8 @@ from ..diagnostics import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from daq import Bench, Session
+    from daq import Session
+    from daq.bench.config import Bench
     from identify.plan import Advice, NextStep, Outlook, Plan
 
 
@@ -73,8 +74,7 @@ def plan(
 
 
 def _bench(path: Path | None, session: Path | None, held: Session | None) -> Bench:
-    from daq import load_bench
-    from daq.bench import parse_bench
+    from daq.bench.config import load_bench, parse_bench
 
     text = held.provenance.get("bench_toml") if held and path is None else None
     if held is None or session is None or text is None:

@@ -38,8 +38,8 @@ def record(
     With --keep-on only a signal ends it, within seconds, and it waits for a missing bus.
     SIGHUP reloads bench.toml.
     """
-    from daq import open_source
-    from daq.control import lone_recorder
+    from daq.bus.interfaces import open_source
+    from daq.control.lock import lone_recorder
 
     from ..bench import shared_bench
     from ..diagnostics import PROMETHEUS, require_ending

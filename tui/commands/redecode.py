@@ -11,7 +11,8 @@ from ..diagnostics import ExitCode
 from ..options import Force, JsonSummary
 
 if TYPE_CHECKING:
-    from daq import Bench, Session
+    from daq import Session
+    from daq.bench.config import Bench
 
 
 def redecode(
@@ -27,9 +28,9 @@ def redecode(
     json: JsonSummary = False,
 ) -> int:
     """Decode the raw frames of a session again, into a new session."""
-    from daq import InputError, file_sha256, write_session
-    from daq.derive import redecoded
-    from daq.files import refuse_existing
+    from daq import InputError, write_session
+    from daq.derive.redecode import redecoded
+    from daq.files import file_sha256, refuse_existing
     from daq.session import read_changed_session
 
     from ..recorders.recording import show_session
@@ -58,7 +59,7 @@ def _bench(old: Session, where: str, dbc: Path | None, config: Path | None) -> B
     from dataclasses import replace
 
     from daq import InputError
-    from daq.bench import parse_bench, with_database
+    from daq.bench.config import parse_bench, with_database
     from dbc import shipped_dbc
 
     from ..bench import bench_with_dbc

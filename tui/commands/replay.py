@@ -35,9 +35,10 @@ def replay(
     """Send recorded frames on a bus, at their own times or faster; error frames are left out."""
     from collections.abc import Iterable
 
-    from daq import read_log, read_session
-    from daq.bus import open_buses
-    from daq.replay import play, recorded_frames
+    from daq import read_session
+    from daq.bus.interfaces import open_buses
+    from daq.formats.log import read_log
+    from daq.replay.replay import play, recorded_frames
     from dbc import FrameBatch, counted
 
     from ..bench import log_and_bench, shared_bench

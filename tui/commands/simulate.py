@@ -13,8 +13,9 @@ from ..options import BenchFile, Fast, Interface, InterfaceChannel, Seed
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from daq import Bench, Status
-    from daq.sim import SimulatedCar
+    from daq.bench.config import Bench
+    from daq.control.messages import Status
+    from daq.sim.car import SimulatedCar
     from dbc import FrameBatch
 
 
@@ -47,7 +48,7 @@ def simulate(
     With --recorder the car waits for the recorder of that folder; else it plays each bump once.
     """
     from daq import InputError
-    from daq.sim import SimulatedCar, present_parameters
+    from daq.sim.car import SimulatedCar, present_parameters
     from dbc import counted
     from identify.numbers import number
 
@@ -81,10 +82,10 @@ def _campaign(bench: Bench, car: SimulatedCar, seed: int, fast: bool) -> int:
     from bisect import bisect_right
     from itertools import accumulate
 
-    from daq import bench_codec
-    from daq.bus import open_buses
-    from daq.replay import play
-    from daq.sim import campaign_frames
+    from daq.bench.config import bench_codec
+    from daq.bus.interfaces import open_buses
+    from daq.replay.replay import play
+    from daq.sim.ecu import campaign_frames
 
     from ..output import progress
 
@@ -108,10 +109,10 @@ def _follow(bench: Bench, car: SimulatedCar, seed: int, folder: Path) -> int:
     import math
     import time
 
-    from daq import bench_codec
-    from daq.bus import open_buses
-    from daq.replay import play
-    from daq.sim import SimulatedBench
+    from daq.bench.config import bench_codec
+    from daq.bus.interfaces import open_buses
+    from daq.replay.replay import play
+    from daq.sim.bench import SimulatedBench
 
     from ..output import progress
 
@@ -136,7 +137,8 @@ class _RecorderStatus:
     """The newest status of the recorder of a folder, from the first one until it has ended."""
 
     def __init__(self, folder: Path, stage: Callable[[float, str], None]) -> None:
-        from daq.control import Client, control_address
+        from daq.control.address import control_address
+        from daq.control.client import Client
 
         self._address, self._stage = control_address(folder), stage
         self._waits = f"at rest: waiting for the recorder of {folder}"
@@ -146,8 +148,9 @@ class _RecorderStatus:
 
     def __call__(self) -> Status | None:
         """Return the newest status; None before the recorder answers."""
-        from daq import Status
-        from daq.control import Client, RecorderGoneError, is_running
+        from daq.control.address import is_running
+        from daq.control.client import Client, RecorderGoneError
+        from daq.control.messages import Status
 
         running = is_running(self._address)
         if self._client is None and running:
@@ -178,10 +181,10 @@ def _push(bench: Bench, car: SimulatedCar, seed: int, rest_s: float) -> None:
     """Play rest and pushes until the command is interrupted."""
     import time
 
-    from daq import bench_codec
-    from daq.bus import open_buses
-    from daq.replay import play
-    from daq.sim import PUSHES_S, push_frames
+    from daq.bench.config import bench_codec
+    from daq.bus.interfaces import open_buses
+    from daq.replay.replay import play
+    from daq.sim.bench import PUSHES_S, push_frames
 
     from ..output import progress
 

@@ -16,14 +16,10 @@ def status(
     json: Annotated[bool, typer.Option("--json", help="Print the whole status as JSON.")] = False,
 ) -> int:
     """Print the status of a folder's recorder; exit code 1 if none runs there."""
-    from daq.control import (
-        STATUS,
-        AskStatus,
-        Client,
-        OrderRefusedError,
-        RecorderGoneError,
-        control_address,
-    )
+    from daq.control.address import control_address
+    from daq.control.client import Client, OrderRefusedError, RecorderGoneError
+    from daq.control.messages import STATUS
+    from daq.control.orders import AskStatus
 
     from ..output import print_json, print_line
     from ..recorders.lines import status_lines
@@ -50,7 +46,7 @@ def status(
 
 def _none(folder: Path, why: str, json: bool) -> int:
     """Report that there is no status, and why."""
-    from daq.control import unreachable_words
+    from daq.control.lock import unreachable_words
 
     from ..diagnostics import say
     from ..output import print_json

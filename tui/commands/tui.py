@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import subprocess
     from collections.abc import Callable
 
-    from daq.control import Setup
+    from daq.control.messages import Setup
 
 COLLECTOR_RESTS_S = 2.0
 """Time from the start of the command to its first screen on a slow machine, s; if the collector ran
@@ -146,7 +146,7 @@ def _check_terminal() -> None:
 def check_fault(folder: Path, fault: str | None) -> None:
     """Raise InputError for a fault if a recorder already runs: it would ignore the fault."""
     from daq import InputError
-    from daq.control import control_address, is_running
+    from daq.control.address import control_address, is_running
 
     if fault and is_running(control_address(folder)):
         why = f"a recorder already runs in {folder} and cannot take a fault"
@@ -177,13 +177,13 @@ def _wanted(
     """
     from dataclasses import replace
 
-    from daq.bench import Origin
-    from daq.control import Setup, setup_of
+    from daq.bench.campaign import Origin
+    from daq.control.messages import Setup, setup_of
 
     origin = Origin.SIMULATED if demo else Origin.REPLAYED if replay else Origin.REAL
     if replay or not (bench or interface or channel):
         return Setup(origin)
-    from daq import load_bench  # it also loads the reader of databases
+    from daq.bench.config import load_bench  # it also loads the reader of databases
 
     from ..bench import shared_bench
 

@@ -16,15 +16,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from daq import InputError, Status
-from daq.control import AskBench, AskHistory, Live, OrderRefusedError
+from daq import InputError
+from daq.control.client import OrderRefusedError
+from daq.control.messages import Live, Status
+from daq.control.orders import AskBench, AskHistory
 
 from ..terminal.state.feed import Feed, Lost, News
 from ..terminal.state.lanes import Lanes, LaneSpec, lane_specs
 from .view import view
 
 if TYPE_CHECKING:
-    from daq import Bench
+    from daq.bench.config import Bench
 
 HISTORY_S = 60.0
 """Seconds of samples that are requested at the beginning: they usually include the last run."""
@@ -165,7 +167,7 @@ class Follower:
 
     async def _ask_bench(self, begins: bool) -> None:
         """Ask for bench.toml, and at the beginning for the last minute of samples."""
-        from daq.bench import parse_bench
+        from daq.bench.config import parse_bench
 
         try:
             text = (await self._feed.ask(AskBench())).bench_text

@@ -18,7 +18,8 @@ from typing import Any
 
 from aiohttp import web
 
-from daq.control import Hello, OrderRefusedError
+from daq.control.client import OrderRefusedError
+from daq.control.orders import Hello
 
 from ..browser.guard import Guard
 from ..terminal.state.feed import Feed, RecorderFeed

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from daq import BASELINE, Excitation, Status
-from daq.bench import Method, Origin
+from daq import BASELINE, Excitation
+from daq.bench.campaign import Method, Origin
 from daq.bumps import BUMPS
-from daq.control import Arm, Order, Pause, Phase, Reject
+from daq.control.messages import Phase, Status
+from daq.control.orders import Arm, Order, Pause, Reject
 from daq.errors import printable
 from daq.runlog import LoggedRun, LoggedStatus
 
@@ -43,7 +44,7 @@ from ..terminal.state.words import (
 )
 
 if TYPE_CHECKING:
-    from daq import Bench
+    from daq.bench.config import Bench
 
 
 class Kind(StrEnum):

@@ -20,7 +20,8 @@ from pydantic import TypeAdapter
 from daq import BumpbenchError, Excitation
 
 if TYPE_CHECKING:
-    from daq import Bench, VehicleParameters
+    from daq import VehicleParameters
+    from daq.bench.config import Bench
 
 WANTED_SPREADS = 3.0
 """Least shift of a frequency by the weights, in units of its spread from run to run."""
@@ -93,8 +94,8 @@ def expected_gain(bench: Bench) -> Gain:
 def _shifts(bench: Bench, car: VehicleParameters) -> tuple[Shift, ...]:
     from daq import AddedMass
     from identify import mode_names
-    from identify.model import SYMMETRIC, loaded_model
-    from identify.modes import MODE_NAMES, modes_of
+    from identify.model.matrices import SYMMETRIC, loaded_model
+    from identify.modes.modal_model import MODE_NAMES, modes_of
 
     full = SYMMETRIC @ car.to_array()
     tables = []
@@ -123,7 +124,7 @@ def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
 
 def _dbc_text(journal: Path) -> str | None:
     """Return the DBC of the newest recording; None if there is none yet."""
-    from daq.journal import read_head, segments_in
+    from daq.journal.folder import read_head, segments_in
 
     for path in reversed(segments_in(journal)):
         if head := read_head(path):
@@ -133,7 +134,7 @@ def _dbc_text(journal: Path) -> str | None:
 
 def main() -> int:
     """Answer the question on standard input."""
-    from daq.bench import parse_bench
+    from daq.bench.config import parse_bench
 
     question = json.load(sys.stdin)
     try:

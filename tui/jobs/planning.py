@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from daq import Bench, Session
+    from daq import Session
+    from daq.bench.config import Bench
     from identify.plan import ExpectedElements, Plan, Sensor
 
 _USUAL_RATE_HZ = 200.0  # where neither the DBC nor the command line has one
@@ -31,7 +32,7 @@ def planned(
     the DBC.  `elements`: friction, damper curves and further expected elements; None for a linear
     car.
     """
-    from identify.model import Bump
+    from identify.model.response import Bump
     from identify.plan import Plan, Runs
 
     return Plan(
@@ -54,7 +55,9 @@ def planned(
 
 def sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
     """Return the sensors of a bench, with the usual noise of their kind."""
-    from daq import Quantity, bench_codec, mapped_channels
+    from daq import Quantity
+    from daq.bench.config import bench_codec
+    from daq.samples.trigger import mapped_channels
     from identify.plan import sensor
 
     codec = bench_codec(bench)

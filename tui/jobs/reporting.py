@@ -28,10 +28,10 @@ _LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
 
 def source_of(path: Path, operator: str = "", approver: str = "") -> Source:
     """Return the source of the numbers of a session file, and the persons responsible for them."""
-    import daq
+    from daq.files import file_sha256
     from identify.report import Source
 
-    digest = daq.file_sha256(path)
+    digest = file_sha256(path)
     libraries = {name: version(name) for name in _LIBRARIES}
     today = datetime.now(UTC).date().isoformat()
     return Source(path.name, digest, version("bumpbench"), libraries, today, operator, approver)
@@ -59,7 +59,7 @@ def write_report(
         reading = reader.submit(daq.read_session, session)  # while the libraries load
         import identify as method
         from identify.cross_checks import CrossChecks, cross_checks
-        from identify.fit import Estimation
+        from identify.fit.estimation import Estimation
         from identify.report import decay_section, drawings, html_of, report_of
 
         recorded = reading.result()

@@ -100,8 +100,8 @@ def _session_files(folder: Path) -> list[Path]:
 
 def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
     """Return the newest campaign of a folder's journal if it has no session file."""
-    from daq.bench import parse_bench
-    from daq.journal import last_campaign
+    from daq.bench.config import parse_bench
+    from daq.journal.folder import last_campaign
     from daq.runlog import LoggedStatus, fold
 
     try:

@@ -23,8 +23,11 @@ from .lines import farewell, news, progress_words
 from .log import Log
 
 if TYPE_CHECKING:
-    from daq import Bench, Recorder, Status
-    from daq.control import Live, Reply, Server, Systemd
+    from daq.bench.config import Bench
+    from daq.control.messages import Live, Reply, Status
+    from daq.control.monitoring import Systemd
+    from daq.control.server import Server
+    from daq.recorder.recorder import Recorder
 
 BY = "record"
 """Author, in the journal, of the daemon's own orders."""
@@ -72,7 +75,10 @@ def run_recorder(
     `bench`: the bench at the start.  Returns the last status: its `session` has the path of the
     session file.  Raises InputError if no client could connect to it.
     """
-    from daq.control import Server, Systemd, control_address, setup_of
+    from daq.control.address import control_address
+    from daq.control.messages import setup_of
+    from daq.control.monitoring import Systemd
+    from daq.control.server import Server
 
     server = Server(recorder.submit, control_address(folder), setup_of(bench))
     systemd = Systemd()
@@ -193,7 +199,8 @@ class _Daemon:
         A full disk refuses: if the recorder ended, the frames that wait in memory would be lost.
         Only a signal (`end`) ends it then.
         """
-        from daq.control import Arm, Phase, SessionState, Stop, Until
+        from daq.control.messages import Phase, SessionState
+        from daq.control.orders import Arm, Stop, Until
 
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
         if self._lifetime.arm and waits:
@@ -230,7 +237,7 @@ class _Daemon:
         answer.add_done_callback(partial(self._reloaded, bench))
 
     def _reloaded(self, bench: Bench, answer: Future[Reply]) -> None:
-        from daq.control import setup_of
+        from daq.control.messages import setup_of
 
         error = None if answer.cancelled() else answer.exception()
         if error is None:
@@ -250,7 +257,7 @@ class _Daemon:
             if hanging := self._systemd.notify(self._recorder.heartbeats(), status, now_s):
                 self._log.line(hanging, "hanging")
         if self._lifetime.figures and now_s - self._figures_s >= FIGURES_S:
-            from daq.control import write_figures
+            from daq.control.monitoring import write_figures
 
             self._figures_s = now_s
             try:

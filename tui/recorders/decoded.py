@@ -18,13 +18,14 @@ from .recording import print_summary, summary
 
 if TYPE_CHECKING:
     from daq import Run, Session
-    from daq.bench import ChannelMap, Step
+    from daq.bench.campaign import Step
+    from daq.bench.channel_map import ChannelMap
 
 
 def propose_channel_map(target: Path, files: Sequence[Path], has_map: bool, force: bool) -> int:
     """Write a channel map that fits a file, and print the open questions."""
     from daq import InputError
-    from daq.check import propose_map
+    from daq.check.propose_columns import propose_map
     from daq.files import refuse_existing
     from daq.formats import read_columns
 
@@ -56,9 +57,9 @@ def import_channels(
     `force`: True to replace an existing session.
     """
     from daq import InputError, write_session
-    from daq.bench import load_channel_map
-    from daq.check import open_questions
-    from daq.derive import numbered, parse_runs, with_steps
+    from daq.bench.channel_map import load_channel_map
+    from daq.check.marks import open_questions
+    from daq.derive.from_logs import numbered, parse_runs, with_steps
     from daq.files import refuse_existing
 
     if bool(singles) == bool(files):
@@ -96,7 +97,7 @@ def import_channels(
 
 def file_facts(path: Path) -> dict[str, str | int]:
     """Return the facts on an imported file that the session stores."""
-    from daq import file_sha256
+    from daq.files import file_sha256
 
     return {"name": path.name, "bytes": path.stat().st_size, "sha256": file_sha256(path)}
 
@@ -114,7 +115,7 @@ def left_out_remarks(bumps: int, found: int, planned: int) -> list[str]:
 
 def sign_remarks(session: Session) -> list[str]:
     """Return remarks on the channels of imported runs whose sign is wrong, with advice."""
-    from daq.check import opposed_signs
+    from daq.check.signs import opposed_signs
 
     found = opposed_signs(session.runs, session.channels)
     return [f"{finding.text} ({finding.advice})" for finding in found]
@@ -136,7 +137,13 @@ def _session(
     from importlib.metadata import version
 
     from daq import InputError
-    from daq.derive import bump_run, bumps_in, given_run, recording, session_from_columns
+    from daq.derive.from_columns import (
+        bump_run,
+        bumps_in,
+        given_run,
+        recording,
+        session_from_columns,
+    )
     from daq.formats import read_columns
 
     runs: list[Run] = []

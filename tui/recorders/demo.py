@@ -31,11 +31,14 @@ def demo_recorder(
     import time
     from dataclasses import replace
 
-    from daq import Bench, InputError, Status, bench_codec, load_bench
-    from daq.bench import BusConfig, Origin
-    from daq.bus import FrameSource
-    from daq.control import lone_recorder
-    from daq.sim import Fault, SimulatedBench, SimulatedCar
+    from daq import InputError
+    from daq.bench.campaign import Origin
+    from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
+    from daq.bus.source import FrameSource
+    from daq.control.lock import lone_recorder
+    from daq.control.messages import Status
+    from daq.sim.bench import Fault, SimulatedBench
+    from daq.sim.car import SimulatedCar
 
     from ..output import progress
     from .daemon import Lifetime

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from dbc import counted, plural
 
 if TYPE_CHECKING:
-    from daq import Status
+    from daq.control.messages import Status
 
 
 RECOVER = "the journal has it all: make room if the disk is full, then `bumpbench recover`"
@@ -94,7 +94,7 @@ def _progress(status: Status) -> tuple[int, int]:
 
 def status_lines(status: Status) -> Iterator[str]:
     """Yield a status as a few lines of text."""
-    from daq.control import status_line
+    from daq.control.monitoring import status_line
 
     what = status.vehicle if status.origin == "real" else f"{status.vehicle} ({status.origin})"
     yield f"{what}, into {status.folder}: {status_line(status)}"

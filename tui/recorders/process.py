@@ -75,7 +75,7 @@ def last_line(folder: Path) -> str:
 
 def _start(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:
     from daq import InputError
-    from daq.control import group_readable
+    from daq.control.lock import group_readable
 
     from .log import open_log, require_log
 

@@ -16,9 +16,10 @@ from .lines import RECOVER, RECOVER_STORED
 from .log import Log
 
 if TYPE_CHECKING:
-    from daq import Bench, Session, Status
-    from daq.bench import BusConfig
-    from daq.bus import FrameSource
+    from daq import Session
+    from daq.bench.config import Bench, BusConfig
+    from daq.bus.source import FrameSource
+    from daq.control.messages import Status
 
 
 class OpenedAtStart:
@@ -67,7 +68,9 @@ def record_campaign(
     """
     from importlib.metadata import version
 
-    from daq import Recorder, bench_codec, mapped_channels
+    from daq.bench.config import bench_codec
+    from daq.recorder.recorder import Recorder
+    from daq.samples.trigger import mapped_channels
 
     codec = bench_codec(bench)
     say_left_out(codec)
@@ -91,7 +94,7 @@ def recorded_session(last: Status) -> tuple[Path, Session]:
     Raises InputError if there is none, with the reason.
     """
     from daq import InputError, read_session
-    from daq.control import SessionState
+    from daq.control.messages import SessionState
 
     if last.session.state is not SessionState.READY:
         if held := last.disk.held_frames:

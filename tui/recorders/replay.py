@@ -28,10 +28,11 @@ def replay_recorder(
     from dataclasses import replace
 
     from daq import InputError, read_session
-    from daq.bench import BusConfig, Origin, parse_bench
-    from daq.bus import FrameSource
-    from daq.control import lone_recorder
-    from daq.replay import RecordedSource, whole_frames
+    from daq.bench.campaign import Origin
+    from daq.bench.config import BusConfig, parse_bench
+    from daq.bus.source import FrameSource
+    from daq.control.lock import lone_recorder
+    from daq.replay.recorded_source import RecordedSource, whole_frames
 
     from ..output import progress
     from .daemon import Lifetime

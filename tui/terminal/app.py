@@ -18,18 +18,10 @@ from textual.filter import LineFilter
 from textual.message import Message
 from textual.screen import ModalScreen, Screen
 
-from daq import InputError, Status
-from daq.control import (
-    QUESTIONS,
-    AskBench,
-    AskHistory,
-    Hello,
-    Live,
-    Order,
-    OrderRefusedError,
-    Reply,
-    Setup,
-)
+from daq import InputError
+from daq.control.client import OrderRefusedError
+from daq.control.messages import Live, Reply, Setup, Status
+from daq.control.orders import QUESTIONS, AskBench, AskHistory, Hello, Order
 from daq.errors import printable
 
 from ..diagnostics import unknown_value
@@ -45,7 +37,7 @@ from .state.signals import Signals, signal_of
 from .widgets.bars import LOST_IN_A_FIELD, MessageApp
 
 if TYPE_CHECKING:
-    from daq import Bench
+    from daq.bench.config import Bench
 
     from ..jobs.outcome import Outcome
     from .screens.results import ResultsScreen
@@ -352,7 +344,7 @@ class BenchApp(ScreensApp, KeyboardApp):
                 self._publish(LiveArrived())
 
     async def _fetch_bench(self) -> None:
-        from daq.bench import parse_bench
+        from daq.bench.config import parse_bench
 
         with suppress(OrderRefusedError, InputError):
             text = (await self.feed.ask(AskBench())).bench_text

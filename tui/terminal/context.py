@@ -11,8 +11,8 @@ from textual.dom import DOMNode
 from textual.message import Message
 from textual.worker import WorkType
 
-from daq import Status
-from daq.control import Order, Reply
+from daq.control.messages import Reply, Status
+from daq.control.orders import Order
 
 from .state.campaign import BenchStep
 from .state.drafts import remove_draft, write_draft
@@ -22,7 +22,7 @@ from .state.lanes import Lanes
 from .state.signals import Signals
 
 if TYPE_CHECKING:
-    from daq import Bench
+    from daq.bench.config import Bench
 
     from ..jobs.outcome import Outcome
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, cast
 from textual.app import App
 from textual.command import DiscoveryHit, Hit, Hits, Provider
 
-from daq.control import Acknowledge, Build, Pause, Redo, Reject, ShutDown, Stop, Undo
+from daq.control.orders import Acknowledge, Build, Pause, Redo, Reject, ShutDown, Stop, Undo
 
 from .context import BenchContext
 from .state.campaign import BenchStep
 
 if TYPE_CHECKING:
-    from daq.control import Order
+    from daq.control.orders import Order
 
 Command = tuple[str, str, Callable[[], object]]
 """Name with its namespace, description of the command, and the function that executes it."""

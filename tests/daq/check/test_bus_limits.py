@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from daq.bench.config import BusConfig, bench_codec, load_bench
-from daq.check import CheckReport, check_bench
 from daq.check.bus_checks import check_traffic
+from daq.check.check import CheckReport, check_bench
 from daq.check.frame_checks import frame_table
 from dbc import Codec, FrameBatch, FrameFlag
 from dbc.finding import Finding, Severity

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from daq.bench.bench_tables import SampleSet
 from daq.bench.message_rules import SensorClock
 from daq.channels import Channel, Quantity
-from daq.check import mixed_messages
-from daq.check.frame_checks import check_messages, frame_table
+from daq.check.frame_checks import check_messages, frame_table, mixed_messages
 from daq.samples.groups import Timekeeping
 from daq.samples.mapping import map_channels
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from daq.bench.channel_map import load_channel_map
 from daq.channels import Quantity
-from daq.check import Proposal, propose_map
 from daq.check.guess_map import Guess
+from daq.check.propose import Proposal
 from daq.check.propose_channel import channel_table
+from daq.check.propose_columns import propose_map
 from daq.samples.columns import Column, Columns
 from daq.vehicle import Corner
 

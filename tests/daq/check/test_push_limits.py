@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
-from daq.check import ORDER, PushResult, judge_push
+from daq.check.push_test import ORDER, PushResult, judge_push
 from daq.check.pushes import Pushes, Trace, find_pushes
 from daq.vehicle import Corner
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from daq.bench.config import load_bench
 from daq.channels import Channel, Quantity
-from daq.check import opposed_signs
+from daq.check.signs import opposed_signs
 from daq.runs import Excitation, Losses, Run, RunStatus, SampleGroup
 from daq.sessions import Session
 from daq.vehicle import Corner

@@ -15,7 +15,7 @@ from daq.bench.campaign import Origin, Step
 from daq.bench.config import Bench, BusConfig, bench_codec, default_bench_text, load_bench
 from daq.bumps import Wheels
 from daq.bus.source import HopLosses
-from daq.check import CheckReport
+from daq.check.check import CheckReport
 from daq.control.messages import CheckItem, Phase, Reply
 from daq.control.orders import (
     Accept,

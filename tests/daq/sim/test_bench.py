@@ -14,7 +14,7 @@ import pytest
 
 from daq.bench.campaign import Campaign, Method
 from daq.bench.config import Bench, bench_codec, load_bench
-from daq.check import propose_sensors
+from daq.check.propose import propose_sensors
 from daq.clocks import Now
 from daq.control.messages import Due, Phase, Status
 from daq.errors import BusError

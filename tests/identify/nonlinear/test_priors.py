@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
-from daq.sim import true_parameters
+from daq.sim.car import true_parameters
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState, Structure
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
 from identify.decays.onset import decay_start_s

@@ -182,7 +182,7 @@ def test_the_command_writes_link_and_number_and_whether_a_recorder_runs(
         announce(served, lambda: None)
 
     monkeypatch.setattr(server, "run_display", serve)
-    monkeypatch.setattr("daq.control.is_running", lambda _: recorder)
+    monkeypatch.setattr("daq.control.address.is_running", lambda _: recorder)
     monkeypatch.setattr("getpass.getuser", lambda: "somebody")
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert run(["display", str(tmp_path)]) == 0

@@ -14,7 +14,7 @@ from ..state.campaign import BenchStep
 from ..widgets.bars import KeyBar, MessageLine, StepBar, TopLine
 
 if TYPE_CHECKING:
-    from daq import Status
+    from daq.control.messages import Status
 
 LOCK_OUT_S = 0.3
 """Time between two presses, s, below which a key counts as held: keyboards repeat faster."""

@@ -9,8 +9,8 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 
-from daq import Status
-from daq.control import Accept, Acknowledge, Choose, LeaveOut, Pause, Phase, Redo, Reject, Undo
+from daq.control.messages import Phase, Status
+from daq.control.orders import Accept, Acknowledge, Choose, LeaveOut, Pause, Redo, Reject, Undo
 from daq.runlog import LoggedRun, LoggedStatus
 
 from ..context import LiveArrived, RecorderLost

@@ -13,10 +13,11 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.widgets import Static
 
-from daq import Channel, Corner, InputError, Quantity, Status
-from daq.bench import with_channel
-from daq.check import ORDER, PushResult, judge_push, shows_push, spoken
-from daq.control import AskCheck, BusState, CheckItem, Configure, Mark, OverrideWarning, Phase
+from daq import Channel, Corner, InputError, Quantity
+from daq.bench.edit import with_channel
+from daq.check.push_test import ORDER, PushResult, judge_push, shows_push, spoken
+from daq.control.messages import BusState, CheckItem, Phase, Status
+from daq.control.orders import AskCheck, Configure, Mark, OverrideWarning
 from daq.errors import printable
 
 from ..context import LiveArrived

@@ -14,7 +14,8 @@ from textual.screen import ModalScreen
 from textual.timer import Timer
 from textual.widgets import Input, OptionList, Static, TextArea
 
-from daq.control import Note, Setup, ShutDown, Stop, differences
+from daq.control.messages import Setup, differences
+from daq.control.orders import Note, ShutDown, Stop
 from daq.errors import printable
 
 from ..context import BenchContext

@@ -17,9 +17,10 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.widgets import Static
 
-from daq import Corner, Excitation, InputError, Status, VehicleParameters
-from daq.bench import with_weights
-from daq.control import AskCheck, Configure, Mark, Note, OverrideWarning
+from daq import Corner, Excitation, InputError, VehicleParameters
+from daq.bench.edit import with_weights
+from daq.control.messages import Status
+from daq.control.orders import AskCheck, Configure, Mark, Note, OverrideWarning
 from daq.loading import expected_car, loading
 
 from ...jobs.gain import GAIN, Gain

@@ -13,8 +13,8 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import ContentSwitcher, Static, Tab, Tabs
 
-from daq import Status
-from daq.control import Accept, Mark, Reject
+from daq.control.messages import Status
+from daq.control.orders import Accept, Mark, Reject
 from daq.errors import printable
 from daq.runlog import LoggedStatus
 from dbc import counted

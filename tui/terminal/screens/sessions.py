@@ -13,7 +13,7 @@ from textual.binding import Binding, BindingType
 from textual.screen import ModalScreen
 from textual.widgets import Input, Static
 
-from daq import Status
+from daq.control.messages import Status
 from daq.errors import printable
 
 from ...jobs.lines import CompareTask, Done, Item, ListTask, Task, Trouble

@@ -15,9 +15,12 @@ from textual.events import DescendantFocus
 from textual.timer import Timer
 from textual.widgets import Static
 
-from daq import Bench, Excitation, InputError, Status
-from daq.bench import Method, campaign_limits
-from daq.control import Configure, Hello, Mark, Note
+from daq import Excitation, InputError
+from daq.bench.bench_tables import campaign_limits
+from daq.bench.campaign import Method
+from daq.bench.config import Bench
+from daq.control.messages import Status
+from daq.control.orders import Configure, Hello, Mark, Note
 from daq.vehicle import Fact, FactQuantity, Structure
 
 from ..context import DraftWriter
@@ -173,7 +176,7 @@ def vehicle_text(text: str, bench: Bench, values: Values) -> str:
 
     Facts for which the form has no field stay.
     """
-    from daq.bench import with_campaign, with_facts, with_vehicle
+    from daq.bench.edit import with_campaign, with_facts, with_vehicle
 
     here = {name for name, *_ in FACTS}
     facts = [fact for fact in bench.vehicle.facts if fact.quantity not in here]

@@ -16,17 +16,9 @@ from textual.events import DescendantFocus
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from daq import (
-    BASELINE,
-    Bench,
-    BodyWeight,
-    Corner,
-    HubWeight,
-    InputError,
-    Quantity,
-    Status,
-    VehicleParameters,
-)
+from daq import BASELINE, BodyWeight, Corner, HubWeight, InputError, Quantity, VehicleParameters
+from daq.bench.config import Bench
+from daq.control.messages import Status
 from daq.errors import printable
 from daq.loading import Loading, expected_car, sag_stiffness, wrong_weights
 from daq.runlog import LoggedStatus

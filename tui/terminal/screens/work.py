@@ -15,8 +15,8 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.widgets import Static
 
-from daq import Status
-from daq.control import Build, Mark, SessionState, Start
+from daq.control.messages import SessionState, Status
+from daq.control.orders import Build, Mark, Start
 from daq.errors import printable
 from daq.runlog import LoggedStatus
 from dbc import counted, plural

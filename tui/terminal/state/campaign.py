@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from daq import ADDED, BASELINE, Status
-from daq.control import Alarm, Arm, Order, Phase
+from daq import ADDED, BASELINE
+from daq.control.messages import Alarm, Phase, Status
+from daq.control.orders import Arm, Order
 from daq.errors import printable
 
 

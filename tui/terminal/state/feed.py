@@ -12,23 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from daq import BumpbenchError, Status
-from daq.control import (
-    AskCheck,
-    AskSetup,
-    Client,
-    Hello,
-    Live,
-    Order,
-    OrderRefusedError,
-    RecorderGoneError,
-    Reply,
-    Setup,
-    control_address,
-    is_locked,
-    is_running,
-    unreachable_words,
-)
+from daq import BumpbenchError
+from daq.control.address import control_address, is_running
+from daq.control.client import Client, OrderRefusedError, RecorderGoneError
+from daq.control.lock import is_locked, unreachable_words
+from daq.control.messages import Live, Reply, Setup, Status
+from daq.control.orders import AskCheck, AskSetup, Hello, Order
 
 from ...recorders.process import LOG, failure
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Channel, Quantity, Status
+from daq import Channel, Quantity
 from daq.channels import AT_CORNER
-from daq.control import Live, Phase
+from daq.control.messages import Live, Phase, Status
 
 if TYPE_CHECKING:
-    from daq import Bench
+    from daq.bench.config import Bench
 
 RING_S = 60.0
 

@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from pathlib import Path
 
-from daq import Status
-from daq.control import Phase
+from daq.control.messages import Phase, Status
 
 from .drafts import read_draft, write_draft
 from .feed import Lost

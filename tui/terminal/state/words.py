@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from daq import Status
-from daq.control import Phase
+from daq.control.messages import Phase, Status
 from daq.errors import printable
 from daq.runlog import LoggedRun, LoggedStatus
 

@@ -11,9 +11,8 @@ from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import Input, Static, TextArea
 
-from daq import Status
-from daq.bench import Origin
-from daq.control import BusState
+from daq.bench.campaign import Origin
+from daq.control.messages import BusState, Status
 from daq.errors import printable
 
 from ..context import BenchContext

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 from textual.content import Content
 
-from daq import Status
-from daq.bench import sketch
-from daq.control import Tally
+from daq.bench.campaign import sketch
+from daq.control.messages import Status, Tally
 from daq.errors import printable
 from daq.runlog import LoggedRun, LoggedStatus
 
@@ -22,7 +21,7 @@ from ..state.words import banner, proposal_words, reason_words
 from .bars import DrawnWords, Words
 
 if TYPE_CHECKING:
-    from daq import Bench
+    from daq.bench.config import Bench
 
 _NAMED = 2
 """Largest number of runs that are named; the list of runs names all."""
