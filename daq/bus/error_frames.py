@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from enum import IntFlag, StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 from dbc.words import counted
@@ -76,38 +75,6 @@ _VIOLATIONS = {
     0x40: "active error flag",
     0x80: "while sending",
 }
-_LOCATIONS = {
-    0x02: "identifier bits 28-21",
-    0x03: "start of frame",
-    0x04: "substitute RTR",
-    0x05: "identifier extension",
-    0x06: "identifier bits 20-18",
-    0x07: "identifier bits 17-13",
-    0x08: "CRC",
-    0x09: "reserved bit 0",
-    0x0A: "data",
-    0x0B: "length code",
-    0x0C: "RTR",
-    0x0D: "reserved bit 1",
-    0x0E: "identifier bits 4-0",
-    0x0F: "identifier bits 12-5",
-    0x12: "intermission",
-    0x18: "CRC delimiter",
-    0x19: "acknowledge slot",
-    0x1A: "end of frame",
-    0x1B: "acknowledge delimiter",
-}
-_WIRES = {
-    0x04: "CANH has no wire",
-    0x05: "CANH shorted to battery",
-    0x06: "CANH shorted to VCC",
-    0x07: "CANH shorted to ground",
-    0x40: "CANL has no wire",
-    0x50: "CANL shorted to battery",
-    0x60: "CANL shorted to VCC",
-    0x70: "CANL shorted to ground",
-    0x80: "CANL shorted to CANH",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,16 +104,14 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
     count as zero, which means "not specified".
     """
     classes = ErrorClass(can_id & 0x1FFFFFFF & sum(ErrorClass))
-    arbitration, controller, violation, location, wires, _, tx, rx = data[:8].ljust(8, b"\0")
+    _, controller, violation, _, _, _, tx, rx = data[:8].ljust(8, b"\0")
     controller *= ErrorClass.CONTROLLER in classes
     is_counted = ErrorClass.COUNTERS in classes or bool(
         classes & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF) and (tx or rx)
     )
     details = {
-        ErrorClass.LOST_ARBITRATION: f"in bit {arbitration}" if arbitration else "",
         ErrorClass.CONTROLLER: _named(_CONTROLLER, controller),
-        ErrorClass.PROTOCOL: _joined(_named(_VIOLATIONS, violation), _LOCATIONS.get(location, "")),
-        ErrorClass.TRANSCEIVER: _joined(_WIRES.get(wires & 0x0F, ""), _WIRES.get(wires & 0xF0, "")),
+        ErrorClass.PROTOCOL: _named(_VIOLATIONS, violation),
     }
     parts = [
         f"{text} ({detail})" if (detail := details.get(bit, "")) else text
@@ -197,7 +162,9 @@ def tally_error_frames(frames: FrameBatch) -> ErrorTally:
     is_counted |= changed & (frames.data[:, 6:8].any(axis=1))
     named = (controller & sum(_STATES)) != 0
     has_state = off | named | is_counted | ((classes & ErrorClass.RESTARTED) != 0)
-    state_row, counted_row = _last(has_state), _last(is_counted)
+    rows = np.arange(len(frames))
+    state_row = int(rows[has_state].max(initial=-1))
+    counted_row = int(rows[is_counted].max(initial=-1))
     with_state, numbers = (
         describe_error_frame(int(classes[row]), frames.data[row].tobytes())
         for row in (state_row, counted_row)
@@ -213,11 +180,6 @@ def tally_error_frames(frames: FrameBatch) -> ErrorTally:
         numbers.rx_errors if counted_row >= 0 else None,
         last.text,
     )
-
-
-def _last(rows: NDArray[np.bool_]) -> int:
-    found = np.flatnonzero(rows)
-    return int(found[-1]) if len(found) else -1
 
 
 def _state(classes: ErrorClass, controller: int, errors: int | None) -> ControllerState | None:
@@ -236,8 +198,4 @@ def _state(classes: ErrorClass, controller: int, errors: int | None) -> Controll
 
 
 def _named(names: dict[int, str], bits: int) -> str:
-    return _joined(*(name for bit, name in names.items() if bits & bit))
-
-
-def _joined(*parts: str) -> str:
-    return ", ".join(filter(None, parts))
+    return ", ".join(name for bit, name in names.items() if bits & bit)

@@ -1,8 +1,7 @@
 """Opens any interface of python-can and reads its frames in blocks.
 
-python-can returns one object for each frame; only this module and `columns` handle these objects.
-Its `Notifier` is not used: an exception in a listener or in `recv` ends its thread without a
-message.
+python-can returns one object for each frame; only this module handles these objects.  Its
+`Notifier` is not used: an exception in a listener or in `recv` ends its thread without a message.
 """
 
 from __future__ import annotations
@@ -13,9 +12,8 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from difflib import get_close_matches
-from operator import attrgetter, index
+from operator import index
 from typing import Any
 
 import can
@@ -41,95 +39,44 @@ from .source import (
     keep_to_own_group,
 )
 
-__all__ = ["FrameSource", "PythonCanSource", "SourceLosses", "open_bus", "open_source"]
-
 # Converts python-can's messages to the columns of a block, and says how long frames take ----------
 
 CLOCK_TOLERANCE_S = 86_400.0
 """Difference from the host's clock, s, above which a stamp is taken to have another epoch (boot,
 adapter reset) or none."""
 
-_STANDARD_IDS = 1 << 11
-_EXTENDED_IDS = 1 << 29
-
-_FIELDS = attrgetter(
-    "timestamp",
-    "arbitration_id",
-    "dlc",
-    "data",
-    "is_extended_id",
-    "is_remote_frame",
-    "is_error_frame",
-    "is_fd",
-    "bitrate_switch",
-    "error_state_indicator",
-    "is_rx",
-)
-_BITS = (
-    FrameFlag.EXTENDED,
-    FrameFlag.REMOTE,
-    FrameFlag.ERROR,
-    FrameFlag.FD,
-    FrameFlag.BITRATE_SWITCH,
-    FrameFlag.ERROR_STATE,
-    FrameFlag.TRANSMITTED,
-)
+_FLAGS = {
+    "is_extended_id": FrameFlag.EXTENDED,
+    "is_remote_frame": FrameFlag.REMOTE,
+    "is_error_frame": FrameFlag.ERROR,
+    "is_fd": FrameFlag.FD,
+    "bitrate_switch": FrameFlag.BITRATE_SWITCH,
+    "error_state_indicator": FrameFlag.ERROR_STATE,
+}
+"""Flag of a frame by attribute of a message."""
 
 
-def frame_columns(
-    messages: Sequence[Any], arrived_ns: Sequence[int], bus: int
-) -> tuple[FrameBatch, int, int]:
-    """Convert messages to a batch.
+def _checked(message: can.Message, arrived_ns: int) -> tuple[int, int, int, int, bytes]:
+    """Return time stamp (0: that of the arrival), identifier, flags, length and payload.
 
-    `messages`, sequence of can.Message, not empty: as received; a backend need not have checked
-    them.  `arrived_ns`: the host's time at which each was received.  `bus`: number of the bus for
-    the frames.  Returns the messages that can be frames (identifier within range, length as stated
-    and allowed), the number of the other messages, and the number of frames stamped on arrival.
-    Raises TypeError or ValueError or OverflowError if a field has the wrong type or size (a text as
-    identifier, more than 64 bytes).
+    Raises ValueError, TypeError or OverflowError if the message cannot be a frame: a backend need
+    not have checked it.
     """
-    n = len(messages)
-    stamps, ids, dlcs, payloads, *marks, received = zip(*map(_FIELDS, messages), strict=True)
-    can_id = np.fromiter(map(index, ids), np.int64, n)
-    dlc = np.fromiter(map(index, dlcs), np.int64, n)
-    size = np.fromiter(map(len, payloads), np.int64, n)
-    flags = np.zeros(n, np.uint16)
-    for bit, mark in zip(_BITS, (*marks, np.logical_not(received)), strict=True):
-        flags |= np.asarray(mark, bool) * np.uint16(bit)
-    width = 8 if size.max() <= 8 else 64
-    data = np.frombuffer(b"".join([p.ljust(width, b"\0") for p in payloads]), np.uint8)
-
-    extended, remote, error, fd = (flags & bit != 0 for bit in _BITS[:4])
-    good = (can_id >= 0) & (can_id < np.where(extended | error, _EXTENDED_IDS, _STANDARD_IDS))
-    good &= (dlc >= 0) & (dlc <= 64) & LENGTH_ALLOWED[fd.view(np.uint8), dlc.clip(0, 64)]
-    good &= (np.where(remote, 0, dlc) == size) & ~(fd & remote)
-    t_ns, believed = _stamps(np.array(stamps, np.float64), np.array(arrived_ns, np.int64))
-    batch = FrameBatch(
-        t_ns,
-        np.where(good, can_id, 0).astype(np.uint32),
-        flags,
-        np.full(n, bus, np.uint8),
-        np.where(good, dlc, 0).astype(np.uint8),
-        data.reshape(n, width),
-    )
-    garbled, restamped = int(np.sum(~good)), int(np.sum(good & ~believed))
-    return (batch.select(good) if garbled else batch), garbled, restamped
-
-
-def _stamps(
-    stamp_s: NDArray[np.float64], arrived_ns: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return time stamps in ns, and a mask of those that come from the interface.
-
-    Whole seconds and the fraction are converted separately: near 1.8e18 a float64 of nanoseconds
-    steps by 256, which would add to the 238 ns that a float64 of seconds already costs.
-    """
-    believed = np.abs(stamp_s - arrived_ns * 1e-9) < CLOCK_TOLERANCE_S  # False for NaN
-    stamp_s = np.where(believed, stamp_s, 0.0)
-    whole = np.floor(stamp_s)
-    t_ns = whole.astype(np.int64) * 1_000_000_000
-    t_ns += np.rint((stamp_s - whole) * 1e9).astype(np.int64)
-    return np.where(believed, t_ns, arrived_ns), believed
+    flags = sum(flag for name, flag in _FLAGS.items() if getattr(message, name))
+    flags |= 0 if message.is_rx else FrameFlag.TRANSMITTED
+    can_id, length, payload = index(message.arbitration_id), index(message.dlc), message.data
+    is_fd, is_remote = bool(flags & FrameFlag.FD), bool(flags & FrameFlag.REMOTE)
+    bits = 29 if flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) else 11
+    if not 0 <= can_id < 1 << bits or not 0 <= length <= 64 or not LENGTH_ALLOWED[int(is_fd), length]:
+        raise ValueError("no identifier or length of a frame")
+    if len(payload) != (0 if is_remote else length) or (is_fd and is_remote):
+        raise ValueError("another payload than the length says")
+    t_ns, stamp_s = 0, message.timestamp
+    if abs(stamp_s - arrived_ns * 1e-9) < CLOCK_TOLERANCE_S:  # False for NaN
+        # Near 1.8e18 a float64 of nanoseconds steps by 256, and one of seconds by 238 ns.
+        whole = int(stamp_s)
+        t_ns = whole * 1_000_000_000 + round((stamp_s - whole) * 1e9)
+    return t_ns, can_id, flags, length, bytes(payload)
 
 
 _FAST_DATA = 4
@@ -193,11 +140,11 @@ _DRIVERS = {
     "vector": "Vector XL Driver Library, for Windows",
 }
 """Driver that each interface needs beside python-can."""
-_NAMED_CHANNELS = frozenset(
-    {"etas", "nican", "nixnet", "pcan", "robotell", "seeedstudio", "serial", "slcan", "socketcan"}
-    | {"socketcand", "udp_multicast", "usb2can", "virtual"}
+_COUNTED_CHANNELS = frozenset(
+    {"canalystii", "cantact", "gs_usb", "iscan", "ixxat", "kvaser", "neousys", "neovi", "systec"}
+    | {"vector"}
 )
-"""Interfaces whose channel is a name even if it consists of digits; all others count channels."""
+"""Interfaces whose channel is a number if it consists of digits."""
 
 # python-can logs every vendor library that is not installed.
 logging.getLogger("can").addHandler(logging.NullHandler())
@@ -235,7 +182,7 @@ def open_bus(config: BusConfig) -> can.BusABC:
     Raises BusError as `open_source`.
     """
     channel: str | int | None = config.channel or None  # None: the interface's own first channel
-    if config.channel.isdecimal() and config.interface not in _NAMED_CHANNELS:
+    if config.channel.isdecimal() and config.interface in _COUNTED_CHANNELS:
         channel = int(config.channel)
     with _one_line(config):
         bus = can.Bus(
@@ -382,20 +329,29 @@ class PythonCanSource:
         )
 
     def _batch(self, messages: list[can.Message], arrived_ns: list[int]) -> FrameBatch:
-        if not messages:
-            return FrameBatch.empty()
-        try:
-            batch, garbled, restamped = frame_columns(messages, arrived_ns, self._index)
-        except (TypeError, ValueError, OverflowError):  # one of the messages cannot be a frame
-            if len(messages) == 1:
+        rows = []
+        for message, now_ns in zip(messages, arrived_ns, strict=True):
+            try:
+                stamp_ns, *others = _checked(message, now_ns)
+            except (TypeError, ValueError, OverflowError):
                 self._garbled += 1
-                return FrameBatch.empty()
-            half = len(messages) // 2
-            first = self._batch(messages[:half], arrived_ns[:half])
-            return FrameBatch.concatenate([first, self._batch(messages[half:], arrived_ns[half:])])
-        self._garbled += garbled
-        self._restamped += restamped
-        return replace(batch, t_ns=self._on_axis(batch.t_ns)) if self._on_axis else batch
+                continue
+            self._restamped += not stamp_ns
+            rows.append((stamp_ns or now_ns, *others))
+        if not rows:
+            return FrameBatch.empty()
+        t_ns, can_id, flags, length, payloads = zip(*rows, strict=True)
+        width = 8 if max(map(len, payloads)) <= 8 else 64
+        data = b"".join(payload.ljust(width, b"\0") for payload in payloads)
+        stamps = np.array(t_ns, np.int64)
+        return FrameBatch(
+            self._on_axis(stamps) if self._on_axis else stamps,
+            np.array(can_id, np.uint32),
+            np.array(flags, np.uint16),
+            np.full(len(rows), self._index, np.uint8),
+            np.array(length, np.uint8),
+            np.frombuffer(data, np.uint8).reshape(-1, width),
+        )
 
 
 def _is_fault(error: BaseException) -> bool:

@@ -14,7 +14,6 @@ import pytest
 
 from daq.bench.config import BusConfig
 from daq.bus.interfaces import (
-    GARBLED_UNTIL_GONE,
     PythonCanSource,
     open_bus,
     open_source,
@@ -102,10 +101,6 @@ def test_every_property_of_a_message_arrives_in_its_column() -> None:
     assert bytes(batch.data[4]) == bytes(range(64))
 
 
-def test_classic_frames_make_narrow_blocks() -> None:
-    assert source_of(frame(), frame(data=bytes(8))).read(0.0).data.shape == (2, 8)
-
-
 def test_a_stamp_in_float_seconds_loses_no_more_than_the_float_did() -> None:
     rng = np.random.default_rng(1)
     exact_ns = NOW_NS + rng.integers(-3600 * 10**9, 3600 * 10**9, 500)
@@ -170,12 +165,6 @@ def test_an_interface_that_only_fails_has_gone_and_its_last_frames_are_returned(
         source.read(0.0)
 
 
-def test_nothing_but_garbage_without_a_pause_is_a_bus_that_has_gone() -> None:
-    source = source_of(*[ValueError("x")] * (GARBLED_UNTIL_GONE + 1))
-    with pytest.raises(BusError):
-        source.read(0.0)
-
-
 def test_a_block_is_bounded_and_the_rest_comes_with_the_next() -> None:
     source = source_of(*[frame(i % 0x800) for i in range(2053)])
     assert [len(source.read(0.0)) for _ in range(3)] == [2048, 5, 0]
@@ -189,18 +178,6 @@ def test_what_gathered_unread_is_read_without_a_wait_by_the_wall_clock() -> None
     assert len(source.read(0.05)) == 0
     assert time.monotonic() - began_s >= 0.07
     assert set(bus.waits) == {0.0}
-
-
-def test_what_gathered_unread_is_bounded_counted_and_ends_with_a_lost_bus() -> None:
-    many = source_of(*[frame(i % 0x800) for i in range(2053)], gather_s=0.001)
-    assert [len(many.read(0.0)) for _ in range(3)] == [2048, 5, 0]
-    garbled = source_of(frame(1), *[parse_error()] * 50, frame(2), gather_s=0.001)
-    assert list(garbled.read(0.0).can_id) == [1, 2]
-    assert garbled.losses().garbled == 50
-    lost = source_of(frame(1), *[OSError(19, "No such device")] * 6, gather_s=0.001)
-    assert list(lost.read(0.0).can_id) == [1]
-    with pytest.raises(BusError, match="has gone"):
-        lost.read(0.0)
 
 
 class LostBus(ScriptedBus):
@@ -275,28 +252,6 @@ def test_junk_and_other_groups_on_the_same_port_do_not_disturb() -> None:
     neighbour.close()
     assert list(batch.can_id) == [1, 2]
     assert 0x7F in crossing.can_id
-
-
-def test_what_other_groups_sent_while_a_bus_was_opened_is_not_read(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    opened = can.Bus
-    with open_bus(BusConfig("udp_multicast", OTHER_GROUP, 1_000_000)) as other:
-
-        def interrupted(**options: Any) -> can.BusABC:
-            bus = opened(**options)
-            other.send(frame(0x7F))
-            return bus
-
-        monkeypatch.setattr(can, "Bus", interrupted)
-        source = open_source(BusConfig("udp_multicast", GROUP, 1_000_000), 0)
-        monkeypatch.undo()
-        with open_bus(BusConfig("udp_multicast", GROUP, 1_000_000)) as bus:
-            bus.send(frame(1))
-            bus.send(frame(2))
-        batch = read_until(source, 2)
-        source.close()
-    assert list(batch.can_id) == [1, 2]
 
 
 @pytest.mark.parametrize(

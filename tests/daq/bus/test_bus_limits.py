@@ -11,7 +11,6 @@ import pytest
 
 from daq.bus.source import enlarge_buffer, keep_to_own_group
 from daq.errors import BusError
-from dbc import FrameBatch
 
 from .test_bus import ScriptedBus, frame, parse_error, source_on
 from .test_link import ONE, Clock, Source, link_to
@@ -64,14 +63,6 @@ def test_a_multicast_socket_hears_its_own_groups_alone_and_begins_empty(
             assert receiving.recv(100) == b"own"
 
 
-def test_a_socket_of_another_family_is_left_its_data() -> None:
-    one, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    with one, other:
-        one.send(b"frame")
-        keep_to_own_group(other)
-        assert other.recv(100) == b"frame"
-
-
 @pytest.mark.parametrize(("silent_s", "closed"), [(4.9, False), (5.1, True)])
 def test_a_bus_is_opened_again_after_five_seconds_of_silence(silent_s: float, closed: bool) -> None:
     clock = Clock()
@@ -98,14 +89,6 @@ def test_a_link_that_has_ended_opens_nothing_any_more(ended: str) -> None:
     assert not link.facts().connected
 
 
-def test_a_link_that_is_halted_waits_no_longer_for_its_next_opening() -> None:
-    clock = Clock()
-    link = link_to(clock, OSError("not yet"), OSError("never"))
-    link.read(0.0)
-    link.halt()
-    assert not len(link.read(600.0))  # at once: it would be a tenth of a second by that clock
-
-
 @pytest.mark.parametrize(
     ("error", "what", "advice"),
     [
@@ -122,14 +105,3 @@ def test_why_a_bus_was_lost_is_said(error: Exception, what: str, advice: str) ->
         link.read(0.0)
     facts = link.facts()
     assert (facts.connected, facts.error, facts.advice) == (False, what, advice)
-
-
-def test_a_bus_that_is_opened_for_the_first_time_was_not_opened_again() -> None:
-    clock = Clock()
-    link = link_to(clock, OSError("not yet"), Source(clock, []), Source(clock, []))
-    clock.now_s += 1.0
-    link.read(0.0)
-    clock.now_s += 1.0
-    assert link.read(0.0) is not None
-    assert (link.facts().connected, link.facts().reopened) == (True, 0)
-    assert isinstance(link.read(0.0), FrameBatch)

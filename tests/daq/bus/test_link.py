@@ -214,27 +214,6 @@ def test_an_axis_that_goes_on_never_begins_before_its_end() -> None:
     assert host.axis.now_ns() == host.wall()
 
 
-def test_a_clock_that_is_set_again_and_again() -> None:
-    host = Host()
-    stamps_ns: list[int] = []
-    for _ in range(100):  # 100 times a second on, four times a second
-        host.pass_time(0.25)
-        stamps = [host.wall()]
-        host.set_ns += S
-        host.pass_time(0.001)
-        stamps.append(host.wall())
-        stamps_ns += host.axis.from_wall(np.array(stamps, np.int64)).tolist()
-    steps = np.diff(stamps_ns)
-    assert set(steps.tolist()) == {250_000_000, 1_000_000}
-
-
-def test_what_is_slewed_is_left_alone() -> None:
-    host = Host()
-    stamps = np.array([host.wall()], np.int64)
-    host.set_ns += 900_000
-    assert host.axis.from_wall(stamps) is stamps
-
-
 def test_frames_of_a_socket_are_on_the_axis() -> None:
     begun_ns = time.time_ns()
     # The kernel stamps by the true clock; to it, this host was an hour ahead when it began.

@@ -176,12 +176,6 @@ def test_answers_and_commands_are_no_frames_and_no_errors() -> None:
     assert frames.garbled == 0
 
 
-def test_a_frame_that_ends_in_an_error_is_garbled() -> None:
-    frames = parse_slcan(b"t1231ab\at1231ab\r")
-    assert len(frames.can_id) == 1
-    assert frames.garbled == 1
-
-
 def test_lower_case_and_adapter_time_stamps_are_understood() -> None:
     frames = parse_slcan(b"T1abcdef02FfEe\rt1231abEA5F\r")
     assert list(frames.can_id) == [0x1ABCDEF0, 0x123]

@@ -18,8 +18,8 @@ from can.interfaces.socketcan.socketcan import dissect_can_frame
 
 from daq.bench.config import BusConfig
 from daq.bus import socketcan
-from daq.bus.interfaces import open_bus, open_source
-from daq.bus.socketcan import FrameBuffers, SocketCanSource, frame_columns, read_control
+from daq.bus.interfaces import open_source
+from daq.bus.socketcan import FrameBuffers, SocketCanSource, frame_columns
 from daq.bus.source import BLOCK_FRAMES, SocketDrops
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
@@ -64,25 +64,6 @@ def test_classic_frames_make_narrow_blocks_that_later_frames_leave_alone(feed: F
     assert list(plain.can_id) == [1, 2]
     assert bytes(plain.data[1]) == b"12345678"
     assert list(plain.length) == [8, 8]
-
-
-@pytest.mark.parametrize("data", [b"12345678", b"x"])
-def test_a_frame_alone_in_its_block_is_not_touched_by_the_next(feed: Feed, data: bytes) -> None:
-    feed.send(frame(1, data))
-    first = feed.read()
-    feed.send(frame(2, b"abcde"))
-    feed.read()
-    assert (list(first.can_id), list(first.length)) == ([1], [len(data)])
-    assert bytes(first.data[0]) == data.ljust(8, b"\0")
-
-
-def test_a_length_code_above_8_is_8_bytes(feed: Feed) -> None:
-    raw = bytearray(frame(data=b"12345678"))
-    raw[7] = 13  # raw DLC, which some drivers report in addition to the length
-    feed.send(bytes(raw))
-    batch = feed.read()
-    assert list(batch.length) == [8]
-    assert bytes(batch.data[0]) == b"12345678"
 
 
 def with_byte(raw: bytes, position: int, value: int) -> bytes:
@@ -266,13 +247,6 @@ def test_closing_wakes_a_thread_that_is_reading(feed: Feed) -> None:
     assert feed.receiving.fileno() == -1
 
 
-def test_closing_twice_releases_everything_once(feed: Feed) -> None:
-    feed.source.close()
-    before = open_descriptors()
-    feed.source.close()
-    assert open_descriptors() == before
-
-
 def open_descriptors() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
@@ -322,45 +296,7 @@ def test_an_interface_that_is_not_there_leaves_nothing_open(
     assert open_descriptors() == before
 
 
-def test_all_interfaces_at_once_cannot_be_distinguished() -> None:
-    with pytest.raises(BusError, match="names no interface"):
-        open_source(BusConfig("socketcan", "", 500_000), 1)
-
-
 # Stamps and counters that the kernel adds to frames, and which frames it echoes -------------------
-
-
-def control(*messages: tuple[int, int, bytes]) -> tuple[bytes, int]:
-    """Return a control buffer as the kernel fills it, and how many bytes it says it used."""
-    out = b""
-    for level, kind, data in messages:
-        out += (16 + len(data)).to_bytes(8, "little")
-        out += level.to_bytes(4, "little") + kind.to_bytes(4, "little") + data
-        out += bytes(-len(out) % 8)
-    return out.ljust(64, b"\xee")[:64], min(len(out), 64)
-
-
-def timespec(seconds: int, nanoseconds: int) -> bytes:
-    return seconds.to_bytes(8, "little") + nanoseconds.to_bytes(8, "little")
-
-
-def test_stamps_and_the_newest_counter_are_found() -> None:
-    stamp = (1, 35, timespec(1_800_000_000, 5))
-    buffers = [
-        control(stamp),
-        control(stamp, (1, 40, b"\1\0\0\0")),
-        control(stamp, (1, 40, b"\2\0\0\x80")),
-        control(stamp),
-        control(),
-        control((1, 35, timespec(7, 7)[:9])),  # too short for a stamp
-        control((41, 35, timespec(7, 7))),  # of another level
-    ]
-    words = np.array([np.frombuffer(data, np.int64) for data, _ in buffers])
-    used = np.array([used for _, used in buffers], np.uintp)
-    t_ns, dropped = read_control(words, used)
-    assert list(t_ns) == [1_800_000_000 * 10**9 + 5] * 4 + [0, 0, 0]
-    assert dropped == 0x8000_0002
-    assert read_control(words[:1], used[:1])[1] is None
 
 
 @pytest.mark.parametrize(("can_id", "is_frame"), [(0x7FF, True), (0x800, False), (0xFFE, False)])
@@ -413,27 +349,6 @@ def test_a_bus_without_a_socket_drops_nothing() -> None:
     assert _lowest_free(near) == lowest  # nothing of it is left open
     os.close(near)
     os.close(far)
-
-
-def test_the_losses_of_udp_multicast_are_the_kernels() -> None:
-    config = BusConfig("udp_multicast", GROUP, 1_000_000)
-    source: Any = open_source(config, 0)
-    try:
-        bus: Any = open_bus(config)
-        with bus, socket.socket(fileno=os.dup(source._bus.fileno())) as twin:
-            for option in (socket.SO_RCVBUF, 33):  # small, also if it was made large by force
-                twin.setsockopt(socket.SOL_SOCKET, option, 4096)
-            for _ in range(200):
-                bus._multicast.send(b"\xc1" * 400)  # each is one datagram, and garbled
-        before = -1
-        while source.losses().garbled > before:
-            before = source.losses().garbled
-            assert not len(source.read(0.05))
-        losses = source.losses()
-        assert losses.dropped > 0
-        assert losses.dropped + losses.garbled == 200
-    finally:
-        source.close()
 
 
 def _emptied(reader: socket.socket) -> int:
