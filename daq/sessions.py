@@ -1,23 +1,17 @@
-"""Defines a bench session, the complete input of the identification, its parts and tables."""
+"""Defines a bench session: the complete input of the identification."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+import json
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 from .channels import Channel, Quantity, sensor_of_signal
+from .documents import html_line, html_table
 from .errors import InputError
-from .html_tables import html_line, html_table
-from .optional import optional
-from .runs import Run, SampleGroup
+from .runs import Run
 from .vehicle import MassState, Vehicle
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,75 +48,6 @@ class Session:
         """Return the HTML that a notebook shows: runs and channels."""
         return _html(self)
 
-    def to_dataframe(self) -> pd.DataFrame:
-        """Return all samples as one pandas table.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Columns `run`, `group`, `status` (categories), `time_s`, `t_ns`, `quality`, then one
-            column for each channel, SI; NaN in the rows of groups without that channel.  Units are
-            in ``attrs["units"]``.
-
-        Raises
-        ------
-        InputError
-            If pandas is not installed.
-        """
-        pandas = optional("pandas", "data")
-        tables = [
-            pandas.DataFrame(
-                {
-                    "run": run.label,
-                    "group": group.name,
-                    "status": str(run.status),
-                    "time_s": group.time_s,
-                    "t_ns": group.t_ns,
-                    "quality": group.quality,
-                    **group.values,
-                }
-            )
-            for run in self.runs
-            for group in run.groups
-        ]
-        fixed = ["run", "group", "status", "time_s", "t_ns", "quality"]
-        names = [channel.name for channel in self.channels]
-        joined = pandas.concat(tables, ignore_index=True) if tables else pandas.DataFrame()
-        table: pd.DataFrame = joined.reindex(columns=[*fixed, *names])
-        table = table.astype(dict.fromkeys(fixed[:3], "category") | dict.fromkeys(names, "f8"))
-        table.attrs["units"] = {"time_s": "s", "t_ns": "ns"} | {
-            channel.name: channel.unit for channel in self.channels
-        }
-        table.attrs["vehicle"] = self.vehicle.name
-        return table
-
-    def to_xarray(self) -> xr.DataTree:
-        """Return the runs as a tree of xarray datasets.
-
-        Returns
-        -------
-        xarray.DataTree
-            ``tree["baseline_bounce_1/HUB_Front"]`` holds the channels of one sample clock along
-            `time`, s since t0 of the run, with their `units`; the attributes of
-            ``tree["baseline_bounce_1"]`` are those of the run.
-
-        Raises
-        ------
-        InputError
-            If xarray is not installed.
-        """
-        xarray = optional("xarray", "data")
-        nodes: dict[str, Any] = {"/": xarray.Dataset(attrs={"vehicle": self.vehicle.name})}
-        for run in self.runs:
-            nodes[f"/{run.label}"] = xarray.Dataset(attrs=_about(run))
-            for group in run.groups:
-                nodes[f"/{run.label}/{group.name}"] = xarray.Dataset(
-                    _variables(group, self.channels),
-                    {"time": ("time", group.time_s, {"units": "s"})},
-                )
-        tree: xr.DataTree = xarray.DataTree.from_dict(nodes)
-        return tree
-
 
 def _html(session: Session) -> str:
     """Return vehicle, runs and channels of a session as HTML."""
@@ -152,34 +77,6 @@ def _html(session: Session) -> str:
     )
 
 
-def _about(run: Run) -> dict[str, Any]:
-    return {
-        "mass_state": run.mass_state,
-        "excitation": str(run.excitation),
-        "repeat": run.repeat,
-        "status": str(run.status),
-        "reasons": list(run.reasons),
-        "t0_ns": run.t0_ns,
-        "bump_s": run.bump_s,
-        **{f"lost_{name}": count for name, count in asdict(run.losses).items()},
-    }
-
-
-def _variables(group: SampleGroup, channels: Sequence[Channel]) -> dict[str, Any]:
-    described = {channel.name: channel for channel in channels}
-    variables: dict[str, Any] = {
-        name: (
-            "time",
-            np.array(values),
-            {"units": described[name].unit, "quantity": str(described[name].quantity)},
-        )
-        for name, values in group.values.items()
-    }
-    variables["t_ns"] = ("time", np.array(group.t_ns), {"long_name": "bus time, ns since 1970 UTC"})
-    variables["quality"] = ("time", np.array(group.quality))
-    return variables
-
-
 def session_part(session: Session, sensors: Collection[str], buses: Collection[int]) -> Session:
     """Return a session with the channels of some sensors and the frames of some buses.
 
@@ -205,3 +102,35 @@ def _part(run: Run, channels: Collection[str], buses: Collection[int]) -> Run:
     )
     frames = run.frames.on_buses(buses)
     return replace(run, groups=tuple(group for group in groups if group.values), frames=frames)
+
+
+def notes_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the notes that persons wrote, each with its run and its writer.
+
+    `provenance`: provenance of a session from any source; text that is not our JSON is returned
+    unchanged.
+    """
+    return _parsed(provenance.get("notes", ""), _note)
+
+
+def overrides_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the warnings that were overridden: subject, reason and name."""
+    return _parsed(provenance.get("overrides", ""), _override)
+
+
+def _parsed(text: str, words: Callable[[Mapping[str, Any]], str]) -> tuple[str, ...]:
+    try:
+        return tuple(dict.fromkeys(line for item in json.loads(text) if (line := words(item))))
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return (text,) if text else ()
+
+
+def _note(note: Mapping[str, Any]) -> str:
+    if not note["by"]:  # a mark set by the terminal, not written by a person
+        return ""
+    about = f"{note['label']}: " if note["label"] else ""
+    return f"{about}{note['text']} ({note['by']})"
+
+
+def _override(override: Mapping[str, Any]) -> str:
+    return f"{override['subject']}: {override['reason']} ({override['by']})"

@@ -7,8 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .median import median
-
 STALE_S = 0.25
 """Longest allowed silence of a sensor, s: a quarter of a body's period."""
 STALE_CYCLES = 10.0
@@ -50,7 +48,7 @@ def longest_silence(time_s: NDArray[np.floating], begin_s: float, end_s: float) 
     `time_s`: times of the usable samples of a sensor, s, (n,), in any order; may be empty.
     """
     time_s = np.sort(time_s, kind="stable")  # fast where they are in order, as most are
-    cycle_s = median(np.diff(time_s)) if len(time_s) > 2 else 0.0
+    cycle_s = float(np.median(np.diff(time_s))) if len(time_s) > 2 else 0.0
     edges = np.concatenate([[begin_s], np.clip(time_s, begin_s, end_s), [end_s]])
     worst = int(np.argmax(np.diff(edges)))
     limit_s = max(STALE_S, STALE_CYCLES * cycle_s)

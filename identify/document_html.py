@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import isfinite
 
-from daq.html_tables import html_line, html_table
+from daq.documents import html_line, html_table
 
 from .document import Document, EstimateEntry, ModeEntry, unit_text
 from .estimate_text import ends_text, value_text

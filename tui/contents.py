@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.remarks import notes_of, overrides_of
+from daq.sessions import notes_of, overrides_of
 
 from .output import print_line, print_table
 from .recorders.recording import print_summary, summary

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
-from daq.strict_json import strict
+from daq.documents import strict
 
 if TYPE_CHECKING:  # slow to load; a program that reads JSON needs none of it
     from rich.console import Console, JustifyMethod

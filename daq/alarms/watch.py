@@ -19,9 +19,9 @@ from dbc.samples import Decoded
 from dbc.words import counted
 
 from ..bench.config import RecorderConfig
+from ..bus.clock import Now
 from ..bus.interfaces import wire_bits
 from ..bus.source import HopLosses, LinkFacts
-from ..clocks import Now
 from ..control.messages import Alarm, BusState, BusStatus, DiskStatus, Status, StorageStatus
 from ..journal.segment import Room, low_text
 from ..runs import Event

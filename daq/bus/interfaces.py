@@ -24,6 +24,7 @@ from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 
 from ..bench.config import BusConfig
 from ..errors import BusError
+from .clock import STEADY_CLOCK
 from .slcan import open_slcan
 from .socketcan import open_socketcan
 from .source import (
@@ -31,7 +32,6 @@ from .source import (
     GATHER_S,
     LONG_GATHER_S,
     RECEIVE_BUFFER_BYTES,
-    STEADY_CLOCK,
     FrameSource,
     SocketDrops,
     SourceLosses,
@@ -62,12 +62,16 @@ def _checked(message: can.Message, arrived_ns: int) -> tuple[int, int, int, int,
     Raises ValueError, TypeError or OverflowError if the message cannot be a frame: a backend need
     not have checked it.
     """
-    flags = sum(flag for name, flag in _FLAGS.items() if getattr(message, name))
+    flags = sum(int(flag) for name, flag in _FLAGS.items() if getattr(message, name))
     flags |= 0 if message.is_rx else FrameFlag.TRANSMITTED
     can_id, length, payload = index(message.arbitration_id), index(message.dlc), message.data
     is_fd, is_remote = bool(flags & FrameFlag.FD), bool(flags & FrameFlag.REMOTE)
     bits = 29 if flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) else 11
-    if not 0 <= can_id < 1 << bits or not 0 <= length <= 64 or not LENGTH_ALLOWED[int(is_fd), length]:
+    if (
+        not 0 <= can_id < 1 << bits
+        or not 0 <= length <= 64
+        or not LENGTH_ALLOWED[int(is_fd), length]
+    ):
         raise ValueError("no identifier or length of a frame")
     if len(payload) != (0 if is_remote else length) or (is_fd and is_remote):
         raise ValueError("another payload than the length says")

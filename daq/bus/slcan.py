@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from ..errors import BusError
-from .source import BLOCK_FRAMES, GATHER_S, STEADY_CLOCK, SourceLosses
+from .clock import STEADY_CLOCK
+from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
 
 BITRATE_CODES = {
     10_000: "S0",

@@ -25,14 +25,13 @@ from numpy.typing import NDArray
 from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 
 from ..errors import BusError
+from .clock import STEADY_CLOCK, SteadyClock
 from .source import (
     BLOCK_FRAMES,
     GATHER_S,
     LONG_GATHER_S,
     RECEIVE_BUFFER_BYTES,
-    STEADY_CLOCK,
     SourceLosses,
-    SteadyClock,
     drop_counter,
     enlarge_buffer,
 )

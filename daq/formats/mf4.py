@@ -19,7 +19,7 @@ from dbc.errors import InputError, printable
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 from dbc.words import counted
 
-from ..optional import optional
+from ..errors import optional
 from .source import LATEST_NS, LONGEST_NS, LogLoss, Unpacked, possible_frames
 
 LACKS = ""

@@ -14,7 +14,7 @@ from pathlib import Path
 from dbc.words import counted
 
 from ..bench.config import Bench, bench_codec, parse_bench
-from ..clocks import Now
+from ..bus.clock import Now
 from ..errors import BumpbenchError
 from ..journal.contents import JournalTail, session_name
 from ..journal.folder import is_outdated, last_campaign, last_recording, next_segment

@@ -21,9 +21,9 @@ from dbc.frames import FrameBatch
 from dbc.words import counted, plural
 
 from ..bench.config import Bench, bench_codec
+from ..bus.clock import STEADY_CLOCK, Now, read_clocks
 from ..bus.link import Link, OpenSource
-from ..bus.source import STEADY_CLOCK, HopLosses, LinkFacts
-from ..clocks import Now, read_clocks
+from ..bus.source import HopLosses, LinkFacts
 from ..control.messages import Live, Reply, Status, StorageStatus
 from ..control.monitoring import Heartbeats
 from ..control.orders import (

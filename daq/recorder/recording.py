@@ -19,8 +19,8 @@ from dbc.frames import FrameBatch
 from ..alarms import Cycle, Watch
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
+from ..bus.clock import Now
 from ..bus.source import HopLosses, LinkFacts
-from ..clocks import Now
 from ..control.messages import DiskStatus, LeftOut, Live, Phase, Status, StorageStatus
 from ..control.orders import Acknowledge, Arm, Choose, Configure, LeaveOut, Order, Pause
 from ..errors import printable

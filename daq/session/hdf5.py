@@ -22,7 +22,7 @@ from zlib import crc32
 import numpy as np
 
 from ..errors import InputError
-from ..remarks import notes_of
+from ..sessions import notes_of
 from .content import Attribute, Content, Item, SchemaError
 from .schema import DAMAGED_ADVICE, SCHEMA, VERSION
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import LARGEST
-from daq.median import median
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 
@@ -171,5 +170,5 @@ def _curvature(time_s: NDArray[np.float64], values: NDArray[np.float64], spike: 
 def _is_whole(time_s: NDArray[np.float64], spike: slice) -> bool:
     """Return True if no samples are missing between a spike and its neighbours."""
     before, after = max(spike.start - 1, 0), min(spike.stop, len(time_s) - 1)
-    period_s = median(np.diff(time_s))
+    period_s = np.median(np.diff(time_s))
     return bool(time_s[after] - time_s[before] <= _GAP * (after - before) * period_s)

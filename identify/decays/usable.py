@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq.channels import Channel, Quantity
-from daq.median import median
 from daq.runs import Run, RunStatus
 from daq.samples.converter import FROZEN_S, Hold, longest_hold
 from daq.sessions import Session
@@ -247,7 +246,7 @@ def _starts_s(records: Sequence[Record]) -> list[tuple[float, float]]:
         for record, onset in zip(records, onsets, strict=True)
     ]
     known = [start for start in starts if np.isfinite(start)]
-    usual = median(known) if known else -np.inf
+    usual = np.median(known) if known else -np.inf
     return [
         (start, start) if onset is None else (onset, start)
         for record, onset, given in zip(records, onsets, starts, strict=True)

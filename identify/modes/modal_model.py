@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE, Channel
-from daq.html_tables import html_table
+from daq.documents import html_table
 from daq.vehicle import DOF, VehicleGeometry
 from dbc.errors import InputError
 from dbc.frames import freeze_arrays, read_only

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from daq.median import median
 from dbc.errors import InputError
 from dbc.frames import freeze_arrays
 from dbc.words import counted
@@ -139,7 +138,7 @@ def noise_levels(decays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     for channel in range(decays[0].shape[1]):
         alone = [decay[:, channel : channel + 1] for decay in long]
         squares = np.linalg.eigvalsh(_products(alone, Delays(blocks, 1)), "U")
-        levels.append(max(median(squares), _NOISY**2 * squares[-1]) ** 0.5)
+        levels.append(max(np.median(squares), _NOISY**2 * squares[-1]) ** 0.5)
     return np.array(levels)
 
 
@@ -369,7 +368,7 @@ def realised_modes(
 
 def standing_out(strength: NDArray[np.float64]) -> int:
     """Return how many singular values, the largest first, stand out from noise and rounding."""
-    floor = max(_OF_NOISE * median(strength), _OF_ROUNDING * float(strength[0]))
+    floor = max(_OF_NOISE * np.median(strength), _OF_ROUNDING * float(strength[0]))
     return int(np.sum(strength > floor))
 
 
@@ -456,7 +455,7 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
     fit left it out it would be taken for a mode.  `duration_s` is the length of the longest record.
     """
     highest = space.directions.shape[1] - space.n_channels - 1
-    standing_out = int(np.sum(space.strength > 2.0 * median(space.strength)))
+    standing_out = int(np.sum(space.strength > 2.0 * np.median(space.strength)))
     highest = min(highest, standing_out + _MORE_RANKS)
     found = []
     for rank in range(1, highest + 1):

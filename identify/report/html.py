@@ -11,7 +11,7 @@ from types import MappingProxyType
 import jinja2
 from markupsafe import Markup, escape
 
-from daq.strict_json import json_in_html
+from daq.documents import json_in_html
 
 from ..compare import Comparison
 from ..fit.estimation import Estimation

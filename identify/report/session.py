@@ -9,10 +9,9 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from daq.channels import Channel, Quantity
-from daq.remarks import notes_of, overrides_of
 from daq.runs import Run
 from daq.samples.trigger import BUMP
-from daq.sessions import Session
+from daq.sessions import Session, notes_of, overrides_of
 from daq.vehicle import BodyWeight, MassState, Structure
 
 from ..document import Document

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from daq.channels import Channel, Quantity
-from daq.median import median
 from daq.silence import longest_gap_s
 from daq.vehicle import Corner
 from dbc.words import counted
@@ -302,7 +301,7 @@ def clock_jump(estimation: Estimation) -> Cause | None:
         return None
     names = dict.fromkeys(name for gap in gaps for name in gap)
     everywhere = len(names) == len(estimation.box.groups)
-    length_s = median([length for gap in gaps for _, length in gap.values()])
+    length_s = float(np.median([length for gap in gaps for _, length in gap.values()]))
     sizes = (
         f"{'all sensors' if everywhere else listed(names)} by about {length_s:.2g} s in "
         f"{sum(map(bool, gaps))} of {counted(len(gaps), 'run')}; "
@@ -319,7 +318,7 @@ def _gaps(record: Record) -> dict[str, tuple[float, float]]:
         steps = np.diff(r.time_s)
         if len(steps) < 2:
             continue
-        worst, period_s = int(np.argmax(steps)), median(steps)
+        worst, period_s = int(np.argmax(steps)), float(np.median(steps))
         if steps[worst] > longest_gap_s(period_s):
             found[r.group.name] = float(r.time_s[worst]), float(steps[worst]) - period_s
     return found

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.median import median
 from dbc.finding import Finding, Severity
 from dbc.words import counted
 
@@ -169,7 +168,7 @@ def _even_pairs(time_s: NDArray[np.float64]) -> NDArray[np.bool_]:
     interval = np.diff(time_s)
     if not len(interval):
         return np.zeros(0, dtype=bool)
-    period = median(interval)
+    period = np.median(interval)
     return np.asarray(np.abs(interval - period) < 0.5 * period)
 
 

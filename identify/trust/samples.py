@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.median import median
 from daq.runs import Run, SampleGroup
 from daq.samples.converter import FROZEN_S, flat_tops
 from daq.sessions import Session
@@ -130,13 +129,15 @@ def _stretches(runs: Sequence[Run], records: Sequence[Record]) -> list[_Stretch]
                 lacking = [n for n in names if not np.isfinite(group.values[n]).all()]
                 source = listed(lacking) if 0 < len(lacking) < len(names) else group.name
                 sigma_s = recording.group.delay_sigma_s if _by_arrival(run, group) else None
-                period_s = median(np.diff(time))
+                period_s = float(np.median(np.diff(time)))
                 found.append((names, _Stretch(source, run.label, time, period_s, sigma_s)))
     periods: dict[tuple[str, ...], list[float]] = {}
     for names, one in found:
         periods.setdefault(names, []).append(one.period_s)
     return [
-        _Stretch(one.source, one.run, one.time_s, median(periods[names]), one.arrival_sigma_s)
+        _Stretch(
+            one.source, one.run, one.time_s, float(np.median(periods[names])), one.arrival_sigma_s
+        )
         for names, one in found
     ]
 

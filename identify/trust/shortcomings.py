@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from daq.channels import Quantity
-from daq.median import median
 from daq.sessions import Session
 from daq.vehicle import Vehicle, parameter_names, parameter_unit
 from dbc.finding import Finding, Severity
@@ -80,7 +79,7 @@ def _channels(records: Sequence[Record]) -> Iterator[Finding]:
 def _rates(records: Sequence[Record]) -> Iterator[Finding]:
     """Return a finding if no sensor is fast enough for the wheels: mostly a wrong unit of time."""
     times = [r.time_s for one in records for r in one.recordings if len(r.time_s) > 1]
-    step_s = min((median(np.diff(time_s)) for time_s in times), default=0.0)
+    step_s = min((np.median(np.diff(time_s)) for time_s in times), default=0.0)
     if not step_s * _LEAST_RATE_HZ > 1.0:
         return
     advice = "sample at 50 Hz or more"

@@ -31,9 +31,9 @@ from cantools.database import Database, load_string
 
 from daq.alarms import Cycle, Watch
 from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
+from daq.bus.clock import Now
 from daq.bus.socketcan import SocketCanSource
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
-from daq.clocks import Now
 from daq.control.messages import DiskStatus, Live, QueueStatus, Status, StorageStatus
 from daq.control.orders import Arm, Until
 from daq.journal.format import JournalHead

@@ -14,8 +14,8 @@ import pytest
 
 import daq
 from daq.bench.config import parse_bench
+from daq.bus.clock import Now
 from daq.bus.source import HopLosses
-from daq.clocks import Now
 from daq.control.orders import Arm, Until
 from daq.derive.build_session import derive
 from daq.journal.format import JournalHead

@@ -42,7 +42,7 @@ RESERVED = {
     "aiohttp": ("tui/browser/", "tui/display/"),
     "segno": ("tui/display/link.py",),
     "asammdf": ("daq/formats/",),
-    "pandas": ("daq/formats/", "daq/sessions.py"),
+    "pandas": ("daq/formats/",),
     "pypdf": ("identify/report/pdf",),
     "matplotlib": ("identify/report/", "identify/study/result.py", "identify/plots.py"),
     "distributed": ("tui/jobs/executors.py",),

@@ -10,7 +10,7 @@ from typing import get_type_hints
 
 import numpy as np
 
-from daq.strict_json import strict
+from daq.documents import strict
 from dbc.finding import Finding, Severity
 from identify import Document, Estimate, Identification, Judgement, ModalModel, PhysicalModel
 from identify.document import EstimateEntry, software_sha256, survival_lines

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from daq.strict_json import json_in_html
+from daq.documents import json_in_html
 from dbc.errors import printable
 from identify.batch import Cell, Row
 

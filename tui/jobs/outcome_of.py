@@ -8,7 +8,7 @@ from math import nan
 from typing import TYPE_CHECKING
 
 from daq import RunStatus, Session
-from daq.remarks import overrides_of
+from daq.sessions import overrides_of
 from identify import usable_session
 from identify.document import survival_lines, unit_text
 from identify.estimate_text import ends_text, half_percent, half_text, value_text

@@ -23,8 +23,7 @@ from dbc.errors import printable
 from dbc.units import known_si
 from dbc.words import counted
 
-from ...errors import InputError
-from ...optional import optional
+from ...errors import InputError, optional
 from .table import Choose, Heading, Table, bounded
 
 _HEAD_BYTES = 1 << 17

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from dbc.errors import printable
 
-from ...errors import InputError
-from ...optional import optional
+from ...errors import InputError, optional
 from ...samples.columns import Column, Columns
 from ..mf4 import open_mdf
 from .csv_table import read_csv

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from dbc.words import counted, csv_text, plural
 
 from ...channels import ON_BODY, TIME_DERIVATIVE, Channel, Quantity
-from ...errors import InputError, printable
-from ...optional import optional
+from ...errors import InputError, optional, printable
 from ...runs import Run, SampleGroup
 from ...sessions import Session
 from .frames import frames_left_out
@@ -88,15 +87,36 @@ def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvS
 
 
 def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
-    """Write the table of `Session.to_dataframe`: a channel is null in the rows of other groups.
+    """Write one table: `run group status time_s t_ns quality`, then a column for each channel, SI.
 
-    pandas reads the units in ``DataFrame.attrs["units"]``, other readers in the metadata ``unit``
-    of each field.  Returns notes on the contents of the session that the format cannot hold.
+    A channel is null in the rows of other groups.  Each field has its unit in the metadata `unit`;
+    pandas reads the units in ``DataFrame.attrs["units"]``.  Returns notes on the contents of the
+    session that the format cannot hold.
     """
-    pa = optional("pyarrow", "data")
-    frame = session.to_dataframe()
+    pandas, pa = optional("pandas", "data"), optional("pyarrow", "data")
+    tables = [
+        pandas.DataFrame(
+            {
+                "run": run.label,
+                "group": group.name,
+                "status": str(run.status),
+                "time_s": group.time_s,
+                "t_ns": group.t_ns,
+                "quality": group.quality,
+                **group.values,
+            }
+        )
+        for run in session.runs
+        for group in run.groups
+    ]
+    fixed = ["run", "group", "status", "time_s", "t_ns", "quality"]
+    names = [channel.name for channel in session.channels]
+    joined = pandas.concat(tables, ignore_index=True) if tables else pandas.DataFrame()
+    frame = joined.reindex(columns=[*fixed, *names])
+    frame = frame.astype(dict.fromkeys(fixed[:3], "category") | dict.fromkeys(names, "f8"))
+    units = {"time_s": "s", "t_ns": "ns", **session.units}
+    frame.attrs = {"units": units, "vehicle": session.vehicle.name}
     table = pa.Table.from_pandas(frame, preserve_index=False)
-    units = frame.attrs["units"]
     fields = [
         field.with_metadata({"unit": units[field.name]}) if field.name in units else field
         for field in table.schema

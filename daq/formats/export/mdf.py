@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
-from ...optional import optional
+from ...errors import optional
 from ...runs import Run, SampleGroup
 from ...sessions import Session
 from .frames import has, session_frames, state_origin

@@ -16,9 +16,10 @@ import can
 import pytest
 
 from daq.bench.config import BusConfig
+from daq.bus.clock import SteadyClock
 from daq.bus.link import Link
 from daq.bus.socketcan import FrameBuffers, SocketCanSource
-from daq.bus.source import FrameSource, SourceLosses, SteadyClock
+from daq.bus.source import FrameSource, SourceLosses
 from dbc import FrameBatch
 
 from ..sick_bus import Device, opener

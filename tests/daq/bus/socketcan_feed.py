@@ -10,8 +10,8 @@ import can
 import numpy as np
 from can.interfaces.socketcan.socketcan import build_can_frame
 
+from daq.bus.clock import SteadyClock
 from daq.bus.socketcan import SocketCanSource
-from daq.bus.source import SteadyClock
 from dbc.frames import FrameBatch
 
 NOW_NS = 1_800_000_000_123_456_789

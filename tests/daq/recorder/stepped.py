@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daq.bench.config import Bench
+from daq.bus.clock import Now
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
-from daq.clocks import Now
 from daq.control.messages import DiskStatus, Status, StorageStatus
 from daq.control.orders import (
     Arm,

@@ -13,8 +13,8 @@ import pytest
 
 from daq.bench.campaign import Campaign, Procedure, Step
 from daq.bench.config import Bench, bench_codec, load_bench
+from daq.bus.clock import Now
 from daq.bus.source import HopLosses
-from daq.clocks import Now
 from daq.control.orders import Arm, Until
 from daq.journal.folder import last_recording
 from daq.journal.format import JournalHead

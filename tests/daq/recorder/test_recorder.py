@@ -15,10 +15,10 @@ import pytest
 
 from daq import read_session
 from daq.bench.config import Bench, BusConfig, parse_bench
+from daq.bus.clock import Now
 from daq.bus.interfaces import open_bus, open_source
 from daq.bus.slcan import SlcanSource, open_slcan
 from daq.bus.source import FrameSource, SourceLosses
-from daq.clocks import Now
 from daq.control.messages import BusState, Live, Phase, SessionState, Status
 from daq.control.monitoring import standstill
 from daq.control.orders import (

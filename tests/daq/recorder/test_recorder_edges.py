@@ -14,8 +14,9 @@ import zmq
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench, BusConfig
+from daq.bus.clock import STEADY_CLOCK
 from daq.bus.link import Link
-from daq.bus.source import STEADY_CLOCK, HopLosses, SourceLosses
+from daq.bus.source import HopLosses, SourceLosses
 from daq.control.address import Address, control_address
 from daq.control.messages import STATUS, Live, Phase, SessionState, Status
 from daq.control.orders import (

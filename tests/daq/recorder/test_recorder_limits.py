@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daq.bus.clock import Now
 from daq.bus.source import SourceLosses
-from daq.clocks import Now
 from daq.control.messages import Reply
 from daq.control.orders import Pause
 from daq.recorder.derivation import Derivation

@@ -13,9 +13,9 @@ import pytest
 
 from daq.bench.campaign import Origin
 from daq.bench.config import Bench
+from daq.bus.clock import Now
 from daq.bus.source import HopLosses
 from daq.channels import Quantity
-from daq.clocks import Now
 from daq.control.messages import Phase
 from daq.control.orders import Arm, Pause, Until
 from daq.derive.build_session import derive

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from daq.bench.config import Bench, bench_codec
+from daq.bus.clock import Now
 from daq.bus.source import HopLosses
-from daq.clocks import Now
 from daq.control.messages import (
     DiskStatus,
     Phase,

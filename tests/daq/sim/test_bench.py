@@ -14,8 +14,8 @@ import pytest
 
 from daq.bench.campaign import Campaign, Method
 from daq.bench.config import Bench, bench_codec, load_bench
+from daq.bus.clock import Now
 from daq.check.propose import propose_sensors
-from daq.clocks import Now
 from daq.control.messages import Due, Phase, Status
 from daq.errors import BusError
 from daq.recorder.recording import Recording
