@@ -1,18 +1,20 @@
 """Changes a bench.toml and keeps everything else that a person wrote in it.
 
-Text in, text out.  Comments, order and spelling of unchanged parts are kept; a weight or a fact
-that does not change keeps its lines.  Each result is checked as `parse_bench` checks a file.
+Text in, text out.  A table is cut out of the text, changed by tomlkit, and put back, so that the
+comments between tables stay where they are.  Each result is checked as `parse_bench` checks a file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import AoT, InlineTable, SingleKey, Table, Whitespace
 
 from ..errors import InputError
 from ..runs import Excitation
@@ -31,30 +33,34 @@ _OPTIONAL = {"sigma_kg": 0.0, "height_m": 0.0, "position_sigma_m": 0.0}
 
 def with_vehicle(text: str, name: str, structure: Structure) -> str:
     """Return the text with another name of the vehicle and another structure of its model."""
-    document = _document(text)
-    table = _table(document, "vehicle")
-    _set(table, "name", name)
+    stated = _document(text).get("vehicle", {})
     flags = {flag: getattr(structure, flag) for flag in Structure.__dataclass_fields__}
-    stated = table.get("structure", {})
-    changed = {f: v for f, v in flags.items() if stated.get(f, getattr(Structure(), f)) != v}
-    for flag, value in changed.items():
-        _set(_table(table, "structure"), flag, value)
-    return _checked(document)
+    before = stated.get("structure", {})
+    changed = {f: v for f, v in flags.items() if before.get(f, getattr(Structure(), f)) != v}
+    text = _with_keys(text, ("vehicle",), {"name": name})
+    return _checked(_with_keys(text, ("vehicle", "structure"), changed))
 
 
 def with_facts(text: str, facts: Sequence[Fact]) -> str:
     """Return the text with these facts and no others."""
-    document = _document(text)
+    _document(text)
     rows = [{"quantity": str(f.quantity), "value": f.value, "sigma": f.sigma} for f in facts]
-    _put_tables(document, "fact", rows)
-    return _checked(document)
+    return _checked(_with_rows(text, "fact", rows))
 
 
 def with_weights(text: str, weights: Sequence[Weight]) -> str:
     """Return the text with these added weights and no others."""
-    document = _document(text)
-    _put_tables(document, "weight", [_weight_row(weight) for weight in weights])
-    return _checked(document)
+    _document(text)
+    rows = []
+    for weight in weights:
+        row: dict[str, Any] = {"mass_kg": weight.mass_kg, "sigma_kg": weight.sigma_kg}
+        if isinstance(weight, HubWeight):
+            row["hub"] = str(weight.corner)
+        else:
+            row |= {"x_m": weight.x_m, "y_m": weight.y_m, "height_m": weight.height_m}
+            row["position_sigma_m"] = weight.position_sigma_m
+        rows.append(_without_defaults(row))
+    return _checked(_with_rows(text, "weight", rows))
 
 
 def with_channel(text: str, name: str, sign: float | None = None, tare: float | None = None) -> str:
@@ -71,18 +77,13 @@ def with_channel(text: str, name: str, sign: float | None = None, tare: float | 
         raise InputError(WHERE, f"there is no channel {name}", advice)
     if sign not in (None, 1, -1):
         raise InputError(WHERE, f"channel {name}: sign {sign} is not 1 or -1", "state 1 or -1")
-    if not document.get("channel"):
-        _append(document, "channel", _channels_in_force(document))
-    elif name not in [table["name"] for table in document["channel"]]:
-        for table in _channels_in_force(document):
-            document["channel"].append(table)
-    for table in cast(AoT, document["channel"]):
-        if table["name"] == name:
-            if sign is not None:
-                _set(table, "sign", int(sign))
-            if tare is not None:
-                _set(table, "tare", tare)
-    return _checked(document)
+    rows = list(document.get("channel", []))
+    if name not in [row["name"] for row in rows]:
+        rows += _channels_in_force(document)
+    changed = {} if sign is None else {"sign": int(sign)}
+    changed |= {} if tare is None else {"tare": tare}
+    rows = [row | changed if row["name"] == name else row for row in rows]
+    return _checked(_with_rows(text, "channel", rows))
 
 
 def with_campaign(
@@ -94,172 +95,151 @@ def with_campaign(
     accept_after_s: float,
 ) -> str:
     """Return the text with another campaign; instructions and duration of the bump are kept."""
-    document = _document(text)
+    _document(text)
     before = parse_bench(text, WHERE, Path(), "")
     kinds = tuple(excitations)
     procedure = before.procedure
-    table = _table(document, "campaign")
-    for key, old, new, value in (
-        ("excitations", before.campaign.excitations, kinds, [str(kind) for kind in kinds]),
-        ("repeats", before.campaign.repeats, repeats, repeats),
-        ("method", procedure.method, method, str(method)),
-        # 0.07 m is 70 mm, not 70.00000000000001
-        ("bump_height_mm", procedure.bump_height_m, bump_height_m,
-         float(f"{bump_height_m * 1e3:.12g}")),
-        ("accept_after_s", procedure.accept_after_s, accept_after_s, accept_after_s),
-    ):  # fmt: skip
-        if old != new:
-            _set(table, key, value)
-    return _checked(document)
+    changed = {
+        key: value
+        for key, old, new, value in (
+            ("excitations", before.campaign.excitations, kinds, [str(kind) for kind in kinds]),
+            ("repeats", before.campaign.repeats, repeats, repeats),
+            ("method", procedure.method, method, str(method)),
+            # 0.07 m is 70 mm, not 70.00000000000001
+            ("bump_height_mm", procedure.bump_height_m, bump_height_m,
+             float(f"{bump_height_m * 1e3:.12g}")),
+            ("accept_after_s", procedure.accept_after_s, accept_after_s, accept_after_s),
+        )
+        if old != new
+    }  # fmt: skip
+    return _checked(_with_keys(text, ("campaign",), changed))
 
 
-def _document(text: str) -> tomlkit.TOMLDocument:
-    parse_bench(text, WHERE, Path(), "")  # a mistake that is there already is named, not replaced
-    try:
-        return tomlkit.parse(text if not text or text.endswith("\n") else text + "\n")
-    except TOMLKitError as error:
-        raise InputError(WHERE, f"is not TOML: {error}", "correct that line") from error
+def _document(text: str) -> dict[str, Any]:
+    """Return the tables of a bench.toml; a mistake that is there already is named, not replaced."""
+    parse_bench(text, WHERE, Path(), "")
+    return tomllib.loads(text)
 
 
-def _checked(document: tomlkit.TOMLDocument) -> str:
-    text = tomlkit.dumps(document)
+def _checked(text: str) -> str:
     parse_bench(text, WHERE, Path(), "")  # the databases do not matter here
     return text
 
 
-def _weight_row(weight: Weight) -> dict[str, Any]:
-    row: dict[str, Any] = {"mass_kg": weight.mass_kg, "sigma_kg": weight.sigma_kg}
-    if isinstance(weight, HubWeight):
-        row["hub"] = str(weight.corner)
-    else:
-        row |= {"x_m": weight.x_m, "y_m": weight.y_m, "height_m": weight.height_m}
-        row["position_sigma_m"] = weight.position_sigma_m
+def _without_defaults(row: _Row) -> dict[str, Any]:
     return {key: value for key, value in row.items() if _OPTIONAL.get(key) != value}
 
 
-def _channels_in_force(document: tomlkit.TOMLDocument) -> list[Table]:
+def _channels_in_force(document: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the channels that apply although the bench.toml does not state them."""
     if "sensor" in document:
         sensors = [
             (t["name"], f"{PREFIX}{t['layout']}" if t.get("layout") else t["dbc"])
-            for t in document["sensor"].unwrap()
+            for t in document["sensor"]
         ]
-        return [_new_table(row) for row in ready_tables(sensors, document.unwrap())["channel"]]
+        return ready_tables(sensors, document)["channel"]
     dbc = str(document.get("dbc", ""))
     ready = dbc.startswith(PREFIX)
     text = ready_map(dbc.removeprefix(PREFIX)).bench_text if ready else default_bench_text()
-    return list(cast(AoT, tomlkit.parse(text)["channel"]))
+    return list(tomllib.loads(text)["channel"])
 
 
-# Tables and the comments between them ------------------------------------------------------------
-#
-# In tomlkit a comment above a table is the tail of the table before it.  So the tail is cut off
-# before a table is changed, and put back after.
+# Tables within the text ---------------------------------------------------------------------------
 
 
-def _table(parent: Any, key: str) -> Any:
-    """Return the table of that name; make it if there is none."""
-    if key not in parent:
-        if isinstance(parent, InlineTable):
-            parent[key] = tomlkit.inline_table()
-            return parent[key]
-        tail = _cut_tail(parent)
-        parent[key] = tomlkit.table()
-        _add_tail(parent[key], "\n" + tail)
-    return parent[key]
+def _places(text: str, header: str) -> list[tuple[int, int]]:
+    """Return where tables with a header begin and, after their last key, end."""
+    lines = text.splitlines(keepends=True)
+    starts = [i for i, line in enumerate(lines) if re.match(r"\s*\[", line)] + [len(lines)]
+    places = []
+    for start, stop in pairwise(starts):
+        if re.match(rf"\s*{re.escape(header)}\s*(#|$)", lines[start]):
+            while stop > start + 1 and re.match(r"\s*(#|$)", lines[stop - 1]):
+                stop -= 1
+            places.append((len("".join(lines[:start])), len("".join(lines[:stop]))))
+    return places
 
 
-def _set(table: Any, key: str, value: Any) -> None:
-    if key not in table:
-        tail = _cut_tail(table)
-        table[key] = value
-        _add_tail(table, tail)
-    elif table[key] != value:
-        before = table[key].trivia
-        table[key] = value
-        trivia = table[key].trivia
-        trivia.comment_ws, trivia.comment = before.comment_ws, before.comment
+def _changed(text: str, change: Callable[[Any], None]) -> str:
+    """Return a piece of TOML that was changed as a document."""
+    try:
+        document = tomlkit.parse(text if text.endswith("\n") else text + "\n")
+        change(document)
+    except TOMLKitError as error:
+        raise InputError(WHERE, f"is not TOML: {error}", "correct that line") from error
+    return tomlkit.dumps(document)
 
 
-def _append(document: tomlkit.TOMLDocument, key: str, tables: Sequence[Table]) -> None:
-    if document.body:
-        document.add(tomlkit.nl())
-    document.append(key, AoT(list(tables), key, parsed=True))
+def _set(table: Any, values: _Row) -> None:
+    """Set keys of a table; a comment after a value stays."""
+    for key, value in values.items():
+        if key in table and table[key] != value:
+            before = table[key].trivia
+            table[key] = value
+            trivia = table[key].trivia
+            trivia.comment_ws, trivia.comment = before.comment_ws, before.comment
+        elif key not in table:
+            table[key] = value
 
 
-def _put_tables(document: tomlkit.TOMLDocument, key: str, rows: Sequence[_Row]) -> None:
-    """Replace an array of tables.
+def _with_keys(text: str, path: tuple[str, ...], values: _Row) -> str:
+    """Return the text with other values of keys of a table, which may not be there yet."""
+    if not values:
+        return text
 
-    A row that is there already keeps its table; a changed one takes that of its place.
+    def change(document: Any) -> None:
+        table = document
+        for key in path:
+            table = table.setdefault(key, tomlkit.inline_table() if table is not document else {})
+        _set(table, values)
+
+    for start, stop in _places(text, f"[{'.'.join(path)}]"):
+        return text[:start] + _changed(text[start:stop], change) + text[stop:]
+    if path[0] in tomllib.loads(text) and not _places(text, f"[{path[0]}]"):
+        return _changed(text, change)  # written with dots, or in one line
+    new = tomlkit.dumps({path[-1]: dict(values)}).replace(f"[{path[-1]}]", f"[{'.'.join(path)}]", 1)
+    for _, stop in _places(text, f"[{path[0]}]"):
+        return f"{text[:stop]}\n{new}{text[stop:]}"
+    return f"{text}\n{new}" if not text or text.endswith("\n") else f"{text}\n\n{new}"
+
+
+def _with_rows(text: str, key: str, rows: Sequence[_Row]) -> str:
+    """Return the text with other tables of an array.
+
+    A row that is there already keeps its lines; a changed one keeps the comments of its place.
     """
-    present = document.get(key)
-    if not isinstance(present, AoT):
-        if present is not None:
-            document.remove(key)
-        if rows:
-            _append(document, key, [_new_table(row) for row in rows])
-        return
-    tables = list(present)
-    tails = {id(table): _cut_tail(table) for table in tables}
-    last = tails[id(tables[-1])]  # the heading of what follows
-    stated = [
-        {k: v for k, v in table.unwrap().items() if _OPTIONAL.get(k) != v} for table in tables
-    ]
-    free = list(range(len(tables)))
-    chosen: list[int | None] = []
+    stated = [_without_defaults(row) for row in tomllib.loads(text).get(key, [])]
+    places = _places(text, f"[[{key}]]")
+    if len(places) != len(stated):  # written in one line
+        text = _changed(text, lambda document: document.remove(key))
+        stated, places = [], []
+    pieces = [text[start:stop] for start, stop in places]
+    kept: list[str] = []
+    free = list(range(len(stated)))
     for row in rows:
         same = next((i for i in free if stated[i] == row), None)
-        chosen.append(same)
         if same is not None:
             free.remove(same)
-    kept = []
-    for place, (row, same) in enumerate(zip(rows, chosen, strict=True)):
-        if same is None and place in free and len(rows) == len(tables):
-            same = place
-            _update(tables[place], row)
-        kept.append(_new_table(row) if same is None else tables[same])
-    for table in kept[:-1]:
-        _add_tail(table, "\n" if table is tables[-1] else tails.get(id(table), "\n"))
-    if kept:
-        _add_tail(kept[-1], last)
-    place = next(i for i, (k, _) in enumerate(document.body) if k is not None and k.key == key)
-    document.body[place] = (
-        (SingleKey(key), AoT(kept, key, parsed=True)) if kept else (None, Whitespace(last))
-    )
+        kept.append(pieces[same] if same is not None else "")
+    for i, row in enumerate(rows):
+        if not kept[i] and i in free and len(rows) == len(stated):
 
+            def change(document: Any, row: _Row = row) -> None:
+                table = document[key][0]
+                for name in [name for name in table if name not in row]:
+                    table.remove(name)
+                _set(table, row)
 
-def _new_table(row: _Row) -> Table:
-    table = tomlkit.table()
-    table.update(row)
-    return table
-
-
-def _update(table: Table, row: _Row) -> None:
-    for key in [key for key in table if key not in row]:
-        table.remove(key)
-    for key, value in row.items():
-        _set(table, key, value)
-
-
-def _innermost(table: Any) -> Any:
-    """Return the innermost last table of a table, which holds the tail."""
-    body = table.value.body if isinstance(table, Table) else []
-    stated = [item for key, item in body if key is not None]
-    return _innermost(stated[-1]) if stated and isinstance(stated[-1], Table) else table
-
-
-def _cut_tail(table: Any) -> str:
-    """Remove and return what follows the last key of a table: empty lines and comments."""
-    last = _innermost(table)
-    if not isinstance(last, Table):
-        return ""
-    body, tail = last.value.body, ""
-    while body and body[-1][0] is None:
-        tail = body.pop()[1].as_string() + tail
-    return tail
-
-
-def _add_tail(table: Any, tail: str) -> None:
-    last = _innermost(table)
-    if tail and isinstance(last, Table):
-        last.value.body.append((None, Whitespace(tail)))
+            kept[i] = _changed(pieces[i], change)
+    pairs = zip(kept, rows, strict=True)
+    written = [piece or tomlkit.dumps({key: [dict(row)]}) for piece, row in pairs]
+    for i, (start, stop) in reversed(list(enumerate(places))):
+        after = text[stop:]
+        text = text[:start] + (written[i] + after if i < len(written) else after.lstrip("\n"))
+    joined = "\n".join(written[len(places) :])
+    if not joined:
+        return text
+    if present := _places(text, f"[[{key}]]"):
+        stop = present[-1][1]
+        return f"{text[:stop]}\n{joined}{text[stop:]}"
+    return f"{text.rstrip()}\n\n{joined}" if text.strip() else joined
