@@ -1,10 +1,9 @@
 """Reads and writes HDF5: the content of a session file, and the outlines of many for a list.
 
-A session file may come from anywhere.  What it states (types, sizes, number of objects) is checked
-before anything is unpacked, and links and data outside the file are not followed.  Some damage
-makes libhdf5 search without an end, so the file ends with a checksum of its bytes, which HDF5 does
-not see and drops when it writes to the file; that the content is as it was written,
-`daq.session.content` checks.
+A session file may come from anywhere: the types and sizes that it states are checked before
+anything is unpacked, and links and data outside the file are not followed.  Some damage makes
+libhdf5 search without an end, so the file ends with a checksum of its bytes, which HDF5 does not
+see and drops when it writes to the file; `daq.session.content` checks the content.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
-from itertools import islice
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,16 +40,10 @@ _LEVEL = 1
 """Compression level of deflate; a higher level packs hardly better."""
 _MAX_BYTES = 8 << 30
 """Largest unpacked size of a session, bytes."""
-_MAX_RATIO = 64
-"""Largest ratio of unpacked to packed size, beyond `_SPARE_BYTES`: zeros pack a thousandfold, but
+_MAX_RATIO, _SPARE_BYTES = 64, 128 << 20
+"""Largest ratio of unpacked to packed size, beyond some spare bytes: zeros pack a thousandfold, but
 measurements do not."""
-_SPARE_BYTES = 128 << 20
 _MAX_CHUNK_BYTES = 64 << 20
-_MAX_ITEMS = 200_000
-_MAX_DEPTH = 6
-_MAX_ATTRIBUTE = 4096
-"""Largest number of values of an attribute; longer ones are not of a session and are left out."""
-_MAX_RUNS = 10_000
 
 
 def write_image(content: Content) -> bytes:
@@ -64,16 +56,25 @@ def write_image(content: Content) -> bytes:
     image = BytesIO()
     with h5py.File(image, "w") as file:
         for path, item in content.items():
-            if item.values is None:
+            place, _, name = path.rpartition("/")
+            values = item.values
+            if values is None:
                 made = file if path == "/" else file.create_group(path)
             else:
-                made = _written(file, path, item)
-            for name, value in item.attributes.items():
-                made.attrs[name] = _stored(value)
+                packed: dict[str, Any] = {}
+                if values.size:  # HDF5 has no chunks of size 0
+                    packed["chunks"] = (min(len(values), _ROWS), *values.shape[1:])
+                    packed |= {"compression": "gzip", "compression_opts": _LEVEL}
+                    packed |= {"shuffle": True, "fletcher32": True}
+                made = file.create_dataset(path, data=values, **packed)
+                if item.scales == (name,):
+                    made.make_scale(name)
+            for key, value in item.attributes.items():
+                made.attrs[key] = _stored(value)
         for path, item in content.items():
+            place, _, name = path.rpartition("/")
             for axis, scale in enumerate(item.scales):
-                if not path.endswith(f"/{scale}"):
-                    place = path.rpartition("/")[0]
+                if scale != name:
                     file[path].dims[axis].attach_scale(file[f"{place}/{scale}"])
     return image.getvalue() + _end(image.getvalue())
 
@@ -81,32 +82,6 @@ def write_image(content: Content) -> bytes:
 def _end(image: bytes | memoryview) -> bytes:
     """Return the last bytes of a session file: the checksum of those before them."""
     return b"%s%08x\n" % (_MARK, crc32(image))
-
-
-def _check_bytes(path: Path) -> None:
-    """Raise SchemaError if a file ends with a checksum and is damaged."""
-    raw = memoryview(path.read_bytes())
-    length = len(_end(b""))
-    if raw[-length:][: len(_MARK)] == _MARK and raw[-length:] != _end(raw[:-length]):
-        raise SchemaError("the file", "does not match the checksum at its end")
-
-
-def _written(file: h5py.File, path: str, item: Item) -> h5py.Dataset:
-    assert item.values is not None
-    packed: dict[str, Any] = {}
-    if item.values.size:  # HDF5 has no chunks of size 0
-        packed = {
-            "chunks": (min(len(item.values), _ROWS), *item.values.shape[1:]),
-            "compression": "gzip",
-            "compression_opts": _LEVEL,
-            "shuffle": True,
-            "fletcher32": True,
-        }
-    made = file.create_dataset(path, data=item.values, **packed)
-    name = path.rpartition("/")[2]
-    if item.scales == (name,):
-        made.make_scale(name)
-    return made
 
 
 def _stored(value: Attribute) -> Any:
@@ -123,17 +98,46 @@ def read_content(path: Path | str) -> Content:
     Raises InputError if the file does not exist, is not a session, has a newer schema, states what
     no session has, or cannot be unpacked.
     """
+    import h5py
+
     path = Path(path)
+    items: list[tuple[str, h5py.Group | h5py.Dataset]] = []
     try:
         with _opened(path) as file:
-            sizes = _Sizes(path.stat().st_size)
-            file.visititems(sizes.add)
-            return {name: _item(found) for name, found in [("/", file), *sizes.items]}
+            file.visititems(lambda name, item: items.append((f"/{name}", item)))
+            _check(items, path.stat().st_size)
+            return {
+                name: Item(_attributes(item), item[()] if isinstance(item, h5py.Dataset) else None)
+                for name, item in [("/", file), *items]
+            }
     except SchemaError as error:
         raise InputError(str(path), f"is damaged: {error}", DAMAGED_ADVICE) from error
     except _RAISED as error:
         what = f"is damaged: {str(error) or type(error).__name__}"
         raise InputError(str(path), what, DAMAGED_ADVICE) from error
+
+
+def _check(items: Sequence[tuple[str, h5py.Group | h5py.Dataset]], file_bytes: int) -> None:
+    """Raise SchemaError if a file states types or sizes that no session has."""
+    import h5py
+
+    left = min(_MAX_BYTES, _SPARE_BYTES + _MAX_RATIO * file_bytes)
+    for path, item in items:
+        if isinstance(item, h5py.Group):
+            continue
+        # The type is first, because h5py has a shape and a size only for types that it knows.
+        dtype = getattr(item, "dtype", np.dtype(object))
+        if dtype.kind not in "iufS" or dtype.itemsize > 4096:
+            raise SchemaError(path, f"has type {dtype}, which no session has")
+        if item.shape is None or len(item.shape) > 2:
+            raise SchemaError(path, f"has shape {item.shape}, which no session has")
+        if item.is_virtual or item.external:
+            raise SchemaError(path, "is not a dataset of this file")
+        whole = prod(item.shape) * dtype.itemsize
+        chunk = prod(item.chunks or ()) * dtype.itemsize
+        left -= whole
+        if left < 0 or chunk > _MAX_CHUNK_BYTES:
+            raise SchemaError(path, f"claims {whole} bytes in chunks of {chunk}, too much")
 
 
 @contextmanager
@@ -152,7 +156,10 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     if not path.is_file():
         raise InputError(where, "is not a regular file", _ADVICE)
     try:
-        _check_bytes(path)
+        raw = memoryview(path.read_bytes())
+        length = len(_end(b""))
+        if raw[-length:][: len(_MARK)] == _MARK and raw[-length:] != _end(raw[:-length]):
+            raise SchemaError("the file", "does not match the checksum at its end")
         # Each chunk is read once: a cache of them would only cost memory for each dataset.
         file = h5py.File(path, "r", rdcc_nbytes=0, rdcc_nslots=1)
     except SchemaError as error:
@@ -172,48 +179,6 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         yield file
 
 
-class _Sizes:
-    """Collects what is in a file, and adds up the sizes that it states."""
-
-    def __init__(self, file_bytes: int) -> None:
-        self.items: list[tuple[str, h5py.Group | h5py.Dataset]] = []
-        self._left = min(_MAX_BYTES, _SPARE_BYTES + _MAX_RATIO * file_bytes)
-
-    def add(self, name: str, found: h5py.Group | h5py.Dataset) -> None:
-        """Add a group or dataset; raises SchemaError if it states what no session has."""
-        import h5py
-
-        path = f"/{name}"
-        if len(self.items) >= _MAX_ITEMS or name.count("/") >= _MAX_DEPTH:
-            raise SchemaError(path, "is one object too many, or too deep")
-        if isinstance(found, h5py.Dataset):
-            self._check(path, found)
-        elif not isinstance(found, h5py.Group):
-            raise SchemaError(path, "is neither group nor dataset")
-        self.items.append((path, found))
-
-    def _check(self, path: str, found: h5py.Dataset) -> None:
-        # The type is first, because h5py has a shape and a size only for types that it knows.
-        dtype = found.dtype
-        if dtype.kind not in "iufS" or dtype.hasobject or dtype.itemsize > 4096:
-            raise SchemaError(path, f"has type {dtype}, which no session has")
-        shape = found.shape
-        if shape is None or len(shape) > 2:
-            raise SchemaError(path, f"has shape {shape}, which no session has")
-        if found.is_virtual or found.external:
-            raise SchemaError(path, "is not a dataset of this file")
-        whole, chunk = prod(shape) * dtype.itemsize, prod(found.chunks or ()) * dtype.itemsize
-        self._left -= whole
-        if self._left < 0 or chunk > _MAX_CHUNK_BYTES:
-            raise SchemaError(path, f"claims {whole} bytes in chunks of {chunk}, too much")
-
-
-def _item(found: h5py.Group | h5py.Dataset) -> Item:
-    import h5py
-
-    return Item(_attributes(found), found[()] if isinstance(found, h5py.Dataset) else None)
-
-
 def _attributes(found: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
     """Return the attributes of simple types; sessions have no others."""
     result: dict[str, Attribute] = {}
@@ -221,7 +186,7 @@ def _attributes(found: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
     for name in stored:
         value = None if name in _OF_HDF5 else stored[name]
         if isinstance(value, np.ndarray):
-            simple = value.dtype.kind in "iufS" and value.size <= _MAX_ATTRIBUTE
+            simple = value.dtype.kind in "iufS"
         else:
             simple = isinstance(value, str | bytes | np.integer | np.floating)
         if simple:
@@ -260,27 +225,23 @@ def glances(paths: Sequence[Path]) -> Iterator[Glance | InputError]:
     for path in paths:
         try:
             with _opened(path) as file:
-                yield _glance(str(path), file)
+                about = _attributes(_group(file, "session"))
+                folder = _group(file, "runs")
+                status = [_group(folder, name).attrs.get("status") for name in folder]
+                accepted = status.count("accepted")
+                yield Glance(
+                    str(path),
+                    str(about.get("vehicle", "")),
+                    str(about.get("provenance_created", "")),
+                    accepted,
+                    len(status) - accepted,
+                    "\n".join(notes_of({"notes": str(about.get("provenance_notes", ""))})),
+                )
         except InputError as error:
             yield error
         except _RAISED as error:
             what = f"is damaged: {type(error).__name__}"
             yield InputError(str(path), what, DAMAGED_ADVICE)
-
-
-def _glance(path: str, file: h5py.File) -> Glance:
-    about = _attributes(_group(file, "session"))
-    folder = _group(file, "runs")
-    status = [_group(folder, name).attrs.get("status") for name in islice(folder, _MAX_RUNS)]
-    accepted = status.count("accepted")
-    return Glance(
-        path,
-        str(about.get("vehicle", "")),
-        str(about.get("provenance_created", "")),
-        accepted,
-        len(status) - accepted,
-        "\n".join(notes_of({"notes": str(about.get("provenance_notes", ""))})),
-    )
 
 
 def _group(parent: h5py.Group, name: str) -> h5py.Group:

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from cantools.database.errors import DecodeError
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -143,19 +142,8 @@ def test_multiplexed_signals_exist_where_their_selectors_say_so(
         assert {name: values[i] for name, values in rows.items() if i in values} == theirs
 
 
-LABELS = ("error", "Signal not available", "maximum")
-
-
 def test_a_message_without_payload_has_no_samples() -> None:
     codec = parse_codec(database([Message("Sync", 0x80, False, 0, ())]), "sync.dbc")
     decoded = codec.decode(block([b"", b""], 0x80))
     assert dict(decoded.samples) == {}
     assert decoded.counts.unknown_id == 0
-
-
-def test_decoded_arrays_cannot_be_written() -> None:
-    message = Message("M", 1, False, 1, (Field("s", 0, 8, False, "+", 0, "1", "0"),))
-    samples = parse_codec(database([message]), "one.dbc").decode(block([b"\x01"], 1))["M.s"]
-    for array in (samples.t_ns, samples.value, samples.quality):
-        assert not array.flags.writeable
-    assert samples.value.dtype == np.float64

@@ -19,11 +19,6 @@ def _frames(t_ns: list[int], bus: list[int]) -> FrameBatch:
 FRAMES = _frames([30, 10, 20, 10, 40], [0, 1, 2, 0, 1])
 
 
-def test_frames_of_one_time_keep_their_order() -> None:
-    frames = _frames([1, 0] * 500, [0] * 1000)
-    assert frames.by_time().can_id.tolist() == [*range(1, 1000, 2), *range(0, 1000, 2)]
-
-
 @pytest.mark.parametrize(
     ("spans", "kept"),
     [

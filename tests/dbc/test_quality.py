@@ -38,14 +38,6 @@ def test_a_flipped_bit_marks_every_sample_of_its_frame_and_keeps_the_values() ->
     assert decoded["IMU_Accel.acc_x"].value[0] == 0x0201 * 0.001
 
 
-def test_a_frame_too_short_for_its_checksum_is_missing_it_and_not_wrong() -> None:
-    decoded = SHIPPED.decode(block([b"\x01\x02\x03"], 0x100))
-    assert decoded.counts.crc_bad == 0
-    assert decoded.counts.wrong_length == 1
-    assert decoded["IMU_Accel.acc_x"].quality.tolist() == [0]
-    assert decoded["IMU_Accel.crc"].quality.tolist() == [Quality.MISSING]
-
-
 def test_only_values_outside_the_stated_range_are_marked() -> None:
     text = (
         'VERSION ""\n\nBU_: A\n\nBO_ 5 M: 4 A\n'

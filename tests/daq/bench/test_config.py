@@ -9,10 +9,8 @@ import pytest
 
 from daq.bench.bench_tables import campaign_limits
 from daq.bench.config import bench_codec, load_bench, parse_bench
-from daq.bench.toml_file import line_of
 from daq.errors import InputError
 from daq.samples.mapping import map_channels
-from daq.session import read_session, write_session
 from daq.vehicle import Structure
 from dbc.frames import FrameBatch
 
@@ -112,12 +110,6 @@ def test_the_checksum_rule_of_the_bench_decides_which_frames_count() -> None:
     assert sent[0, 3] == sent[0, 0] ^ sent[0, 1] ^ sent[0, 2]
 
 
-def test_a_unit_stated_for_a_signal_takes_the_place_of_that_of_the_dbc() -> None:
-    bench = parse_bench(CHANNEL, "b", Path(), DBC)
-    (mapped,) = map_channels(bench.channels, bench_codec(bench).messages, "car.dbc")
-    assert (mapped.channel.unit, mapped.factor) == ("m/s2", 9.80665)
-
-
 MISTAKES = {
     "nosuch message": (_message("Nosuch"), "message Nosuch: is not in"),
     "nosuch counter": (_message("Acc", 'counter = "x"'), "message Acc: has no signal x"),
@@ -197,57 +189,7 @@ def test_a_mistake_is_one_line(name: str) -> None:
     assert caught.value.advice
 
 
-def test_what_is_known_of_a_sensor_goes_into_the_session(tmp_path: Path) -> None:
-    from daq.arrays import session_from_arrays
-
-    bench = parse_bench(CHANNEL, "b", Path(), DBC)
-    time_s = np.arange(10) * 0.01
-    session = session_from_arrays(
-        [("baseline", "bounce", {"z": (time_s, np.ones(10))})], channels=bench.channels
-    )
-    write_session(tmp_path / "s.h5", session)
-    (channel,) = read_session(tmp_path / "s.h5").channels
-    assert (channel.serial_number, channel.calibrated) == ("A-17", "2026-03-01")
-    assert channel.signal_unit == "g"
-
-
 # A mistake in bench.toml is named with its line and the nearest name that there is ----------------
-
-TEXT = """\
-[campaign]
-repeats = 2
-
-[[weight]]
-mass_kg = 20.0
-x_m = -1.0
-y_m = 0.0
-
-[[weight]]
-mass_kg = 10.0
-hub = "FL"
-
-[vehicle.geometry]
-a = 1.2
-"""
-
-
-@pytest.mark.parametrize(
-    ("loc", "line"),
-    [
-        (("campaign", "repeats"), 2),
-        (("campaign", "absent"), 1),
-        (("weight", 0, "x_m"), 6),
-        (("weight", 1, "hub"), 11),
-        (("weight", 1, "absent"), 9),
-        (("weight", 2), 0),
-        (("vehicle", "geometry", "a"), 14),
-        (("vehicle", "geometry", "GeometryTable", "a"), 14),
-        (("absent",), 0),
-        (("weight",), 4),
-    ],
-)
-def test_line(loc: tuple[str | int, ...], line: int) -> None:
-    assert line_of(TEXT, loc) == line
 
 
 @pytest.mark.parametrize(

@@ -140,14 +140,6 @@ def test_other_spellings_are_edited_too(text: str) -> None:
     assert _bench(after).vehicle.name == "car"
 
 
-def test_only_a_weight_on_the_body_has_an_uncertain_place() -> None:
-    text = SHIPPED + "\n[[weight]]\nmass_kg = 3\nposition_sigma_m = 0.01\n"
-    with pytest.raises(InputError, match=r"weight\.8: position_sigma_m is for"):
-        _bench(text + "hub = 'FL'\n")
-    body = _bench(text + "x_m = 0.1\ny_m = 0.2\n").mass_states[1].added.weights[-1]
-    assert body == BodyWeight(3.0, 0.1, 0.2, position_sigma_m=0.01)
-
-
 @pytest.mark.parametrize(
     ("edit", "named"),
     [
@@ -193,17 +185,3 @@ def test_any_number_goes_through_to_the_last_bit(
     assert bench.mass_states[1].added.weights == tuple(second)
     assert next(c for c in bench.channels if c.name == "pitch_rate").tare == tare
     assert _comments(text) >= {"Bench of hall 3, ask Erna.", "How we bump:", "more costs a day"}
-
-
-@pytest.mark.parametrize(
-    ("key", "wrong", "edit"),
-    [
-        ("weight", "weight = 3\n", lambda text: with_weights(text, [])),
-        ("fact", 'fact = "a"\n', lambda text: with_facts(text, [])),
-    ],
-)
-def test_a_value_that_is_wrong_already_is_named_and_not_replaced(
-    key: str, wrong: str, edit: Callable[[str], str]
-) -> None:
-    with pytest.raises(InputError, match=f"bench.toml:1: {key}: must be a valid list"):
-        edit(wrong)

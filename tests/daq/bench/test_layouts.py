@@ -8,15 +8,13 @@ from collections.abc import Container
 from datetime import date
 from itertools import product
 from pathlib import Path
-from types import MappingProxyType
 
-import cantools
 import numpy as np
 import pytest
 
 from daq.bench.campaign import Method, Procedure, instruction, sketch
 from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.ready_maps import ready_map, ready_map_names
+from daq.bench.ready_maps import ready_map_names
 from daq.check.check import check_bench
 from daq.errors import InputError
 from daq.runs import Excitation, SampleGroup
@@ -185,21 +183,6 @@ def test_values_and_units_of_one_sample(name: str) -> None:
     assert units <= {"m/s2", "rad/s", "m"}
 
 
-@pytest.mark.parametrize("name", REST)
-def test_cantools_reads_the_layouts_as_we_do(name: str) -> None:
-    database = cantools.database.load_string(ready_map(name).dbc_text, "dbc", strict=False)
-    assert isinstance(database, cantools.database.can.Database)
-    frames, _ = REST[name]
-    codec = bench_codec(_bench(name))
-    decoded = codec.decode(frame_batch([(1e-4 * i, *f) for i, f in enumerate(frames)]))
-    for can_id, payload in frames:
-        message = database.get_message_by_frame_id(can_id)
-        reported = message.decode(payload, decode_choices=False)
-        assert isinstance(reported, dict)
-        for signal, value in reported.items():
-            assert decoded[f"{message.name}.{signal}"].value[0] == value
-
-
 def _noise(rng: np.random.Generator, n: int) -> list[int]:
     return [int(v) for v in np.rint(rng.normal(0, 6, n))]
 
@@ -251,24 +234,6 @@ def test_a_sample_set_is_bound_by_its_time_stamp() -> None:
     assert np.abs(error_s).max() < 20e-6
 
 
-def test_messages_that_come_before_their_time_stamp_are_bound_to_it() -> None:
-    rows: list[Row] = []
-    for k in range(300):
-        t = 0.01 * k
-        rows += [
-            (t, 0x605, struct.pack("<4h", k, 0, -981, 0)),
-            (t + 2e-4, 0x608, struct.pack("<4h", k, 0, 0, 0)),
-            (t + 4e-4, 0x630, struct.pack("<q", 1_460_000_000_000 + 10 * k)[:6] + b"\0\0"),
-        ]
-    del rows[3 * 200], rows[3 * 100 + 2]  # an acceleration, and before it a time stamp
-    group = _groups("oxts_rt", frame_batch(rows))["rt"]
-    number = np.rint(group.time_s / 0.01).astype(int)
-    np.testing.assert_allclose(group.values["roll_rate"], number * 0.01 * DEG, atol=1e-12)
-    assert number.tolist() == list(range(300))
-    assert np.flatnonzero(np.isnan(group.values["body_acc_x"])).tolist() == [200]
-    np.testing.assert_allclose(np.diff(group.time_s), 0.01, atol=1e-6)
-
-
 def test_a_sample_set_is_bound_by_the_counter_that_all_its_frames_have() -> None:
     rng = np.random.default_rng(3)
     rows: list[Row] = []
@@ -299,29 +264,6 @@ def test_the_check_passes_a_good_sensor_and_finds_a_wrong_time_unit() -> None:
     (line,) = [x for x in bad.lines if x.severity is Severity.ERROR]
     assert line.subject == "message SampleTime"
     assert "runs 99.99 times as fast" in line.text
-
-
-@pytest.mark.parametrize(
-    ("lost", "verdict"),
-    [(7, Severity.NOTE), (8, Severity.WARNING), (250, Severity.WARNING), (251, Severity.ERROR)],
-)
-def test_a_hundredth_of_a_sample_set_and_two_more_may_lack_a_frame(
-    lost: int, verdict: Severity
-) -> None:
-    bench = _bench("xsens_mti")
-    rows = _xsens_rows(500, 100, {(k, 3) for k in range(100, 100 + lost)})
-    report = check_bench(bench, bench_codec(bench), frame_batch(rows), TODAY)
-    (line,) = [x for x in report.lines if x.subject == "sample set mti"]
-    assert line.severity is verdict
-    assert (line.figures["samples"], line.figures["incomplete"]) == (500, lost)
-    assert line.figures["rate_hz"] == pytest.approx(100.0, rel=1e-3)
-    if verdict is not Severity.NOTE:
-        assert line.text == f"{lost} of 500 samples lack a frame"
-
-
-def test_a_wrong_time_unit_does_not_spoil_the_times() -> None:
-    group = _groups("xsens_mti", frame_batch(_xsens_rows(300, 1)))["mti"]
-    assert np.abs(group.time_s - np.arange(300) * 0.01).max() < 3e-3  # those of arrival
 
 
 def test_an_unknown_layout_is_one_line() -> None:
@@ -370,36 +312,3 @@ def test_the_sketch_marks_the_wheels_of_the_bump(method: Method) -> None:
         for kind in Excitation
     ]
     assert counts == [4, 2, 2, 2, 2]
-
-
-@pytest.mark.parametrize(("method", "mark"), [(Method.ROLL_OVER, "==="), (Method.DROP, "[#]")])
-def test_rear_pitch_is_sketched_at_the_rear(method: Method, mark: str) -> None:
-    """The front wheels are on line 2, the rear ones on line 5, and a board on the line above."""
-    found = {
-        kind: [n for n, line in enumerate(sketch(Procedure(method), kind)[:-1]) if mark in line]
-        for kind in (Excitation.PITCH, Excitation.REAR_PITCH)
-    }
-    line = 1 if method is Method.ROLL_OVER else 2
-    assert found == {Excitation.PITCH: [line], Excitation.REAR_PITCH: [line + 3]}
-
-
-@pytest.mark.parametrize(
-    ("kind", "row", "column"),
-    [
-        (Excitation.BOUNCE, 3, 12),
-        (Excitation.PITCH, 1, 12),
-        (Excitation.ROLL, 3, 6),
-        (Excitation.REAR_PITCH, 5, 12),
-    ],
-)
-def test_hands_push_where_the_kind_says(kind: Excitation, row: int, column: int) -> None:
-    lines = sketch(Procedure(Method.PUSH), kind)[:-1]
-    assert [(n, line.index("(V)")) for n, line in enumerate(lines) if "(V)" in line] == [
-        (row, column)
-    ]
-
-
-def test_the_words_of_the_bench_come_first() -> None:
-    own = Procedure(instructions=MappingProxyType({Excitation.ROLL: "Left wheels over the plank."}))
-    assert instruction(own, Excitation.ROLL) == "Left wheels over the plank."
-    assert instruction(own, Excitation.PITCH) == instruction(Procedure(), Excitation.PITCH)

@@ -9,7 +9,6 @@ import pytest
 from daq.bench.campaign import Method
 from daq.bench.channel_map import load_channel_map
 from daq.bench.config import Bench, load_bench, parse_bench
-from daq.bench.edit import with_campaign
 from daq.errors import InputError
 from daq.runs import Excitation
 from daq.vehicle import Corner, HubWeight
@@ -78,22 +77,6 @@ def test_a_number_or_a_text_has_its_limits(
             parse(f"{before}{key} = {value}\n")
 
 
-@pytest.mark.parametrize(("length", "refused"), [(60, False), (61, True)])
-def test_a_channel_has_a_name_of_sixty_letters_at_most(length: int, refused: bool) -> None:
-    written = UNUSED.replace('"a"', text(length))
-    if refused:
-        with pytest.raises(InputError, match="name"):
-            parse(written)
-    else:
-        assert parse(written).channels[0].name == "a" * length
-    sensor = SENSOR.replace('"a"', text(length - 30)) + 'dbc = "a.dbc"\n'
-    if refused:
-        with pytest.raises(InputError, match="name"):
-            parse(sensor)
-    else:
-        parse(sensor)
-
-
 @pytest.mark.parametrize(
     ("written", "why"),
     [
@@ -153,13 +136,6 @@ def test_a_slip_is_refused_in_a_file_and_read_where_it_was_recorded(
     parse(written)
 
 
-def test_a_bar_may_be_negative(tmp_path: Path) -> None:
-    """Springs of a solid axle act with a lever in roll."""
-    bars = '[vehicle.structure]\nanti_roll_bars = true\n[[fact]]\nquantity = "k_af"\nsigma = 1\n'
-    (tmp_path / "bench.toml").write_text(bars + "value = -1\n")
-    assert load_bench(tmp_path / "bench.toml").vehicle.facts[0].value == -1.0
-
-
 def test_what_goes_together_is_taken() -> None:
     two = parse('[[bus]]\nchannel = "a"\n[[bus]]\nchannel = "a"\ninterface = "x"\n')
     assert [(bus.interface, bus.channel) for bus in two.buses] == [("virtual", "a"), ("x", "a")]
@@ -194,17 +170,6 @@ def test_what_a_bench_is_if_nothing_is_stated() -> None:
     assert (channel.sign, channel.gain, channel.tare, channel.motion_ratio) == (1, 1.0, 0.0, 1.0)
     assert (channel.delay_s, channel.low_pass_hz, channel.low_pass_order) == (0.0, 0.0, 2)
     assert (channel.x_m, channel.y_m, channel.position_sigma_m) == (0.0, 0.0, 0.0)
-
-
-def test_the_recorders_numbers_are_taken_in_their_units() -> None:
-    stated = (
-        "[recorder]\nsegment_mb = 2.0\nsegment_minutes = 3.0\nkeep_gb = 4.0\nreserve_mb = 5.0\n"
-        "silent_s = 6.0\n"
-    )
-    recorder = parse(stated).recorder
-    assert (recorder.segment_bytes, recorder.segment_s) == (2e6, 180.0)
-    assert (recorder.keep_bytes, recorder.reserve_bytes) == (4e9, 5e6)
-    assert recorder.silent_s == 6.0
 
 
 MAP = '[[channel]]\nname = "a"\nsignal = "A"\nquantity = "unused"\n'
@@ -251,38 +216,3 @@ def test_what_a_channel_map_says(tmp_path: Path) -> None:
     assert found.columns == ("A", "a" * 120, "C", "t", "u")
     (run,) = found.runs
     assert (run.step.label, run.start_s, run.stop_s) == ("baseline_roll_1", 10.0, 3610.0)
-
-
-@pytest.mark.parametrize(
-    "written",
-    [
-        "campaign.repeats = 3\n[trigger]\nlevel = 2.0\n",
-        '[campaign]\nrepeats = 1\n\n[campaign.instructions]\nroll = "now"\n',
-        "campaign = { repeats = 3 }\n",
-    ],
-)
-def test_a_campaign_is_edited_wherever_it_stands(written: str) -> None:
-    edited = with_campaign(written, [Excitation.WARP], 5, Method.DROP, 0.07, 1.5)
-    bench = parse(edited)
-    assert bench.campaign.excitations == (Excitation.WARP,)
-    assert bench.campaign.repeats == 5
-    assert bench.procedure.method is Method.DROP
-    assert bench.procedure.bump_height_m == pytest.approx(0.07, rel=1e-12)
-    assert bench.procedure.accept_after_s == 1.5
-    assert bench.procedure.instructions == parse(written).procedure.instructions
-    assert bench.trigger == parse(written).trigger
-    assert "70.0000" not in edited
-
-
-def test_a_channel_map_describes_car_campaign_trigger_and_weights(tmp_path: Path) -> None:
-    path = tmp_path / "map.toml"
-    path.write_text(
-        '[vehicle]\nname = "T5"\n[campaign]\nrepeats = 7\n[trigger]\nlevel = 4.5\n'
-        "[calibration]\nmax_age_days = 30\n" + HUB + FACT + "sigma = 2.0\n" + MAP,
-        "utf-8",
-    )
-    bench = load_channel_map(path).bench
-    assert (bench.vehicle.name, bench.campaign.repeats, bench.trigger.level) == ("T5", 7, 4.5)
-    assert bench.calibration_days == 30
-    assert bench.mass_states[1].added.weights == (HubWeight(4.0, Corner.FRONT_LEFT),)
-    assert [(fact.value, fact.sigma) for fact in bench.vehicle.facts] == [(1500.0, 2.0)]

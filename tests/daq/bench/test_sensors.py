@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench, with_database
-from daq.bench.databases import Database, stored_databases, stored_text
-from daq.bench.edit import with_channel
+from daq.bench.databases import stored_databases, stored_text
 from daq.bench.ready_maps import ready_tables, sensor_map
 from daq.errors import InputError
 from daq.samples.trigger import bench_mapping
-from dbc import Samples, shipped_dbc
+from dbc import Samples
 
-from ..sensor_bench import DATABASES, HEAD, IMU, POT, TEXT, channel, sensor_bench
+from ..sensor_bench import DATABASES, IMU, POT, TEXT, channel, sensor_bench
 
 STORED = stored_text(DATABASES)
 
@@ -68,15 +67,6 @@ def test_the_databases_travel_with_the_bench() -> None:
     assert bench_codec(again) == bench_codec(bench)
 
 
-def test_one_database_is_stored_as_its_own_text() -> None:
-    text = HEAD.partition('[[sensor]]\nname = "hubs"')[0] + channel(
-        "a", "imu_a.AccZ", "body_acceleration"
-    )
-    bench = parse_bench(text, "bench.toml", Path(), stored_text(DATABASES[:1]))
-    assert bench.dbc_text == IMU
-    assert bench.dbc_name == "imu.dbc"
-
-
 def test_files_are_read_beside_the_bench(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text(TEXT, "utf-8")
     for each in DATABASES:
@@ -111,15 +101,6 @@ def test_a_list_that_does_not_fit_is_refused_in_one_line(
     change: Callable[[str], str], reason: str
 ) -> None:
     assert reason in read(change(TEXT))
-
-
-def test_a_signal_that_two_messages_of_a_sensor_have_is_asked_for_in_full() -> None:
-    twice = IMU.replace("GyrX", "AccX").replace("deg/s", "g")
-    text = TEXT.replace("imu_a.GyrX", "imu_a.AccX")
-    with pytest.raises(InputError, match=r"imu_a\.AccX is in imu_a\.Accel and in imu_a\.Rate"):
-        parse_bench(
-            text, "bench.toml", Path(), stored_text((Database("imu.dbc", twice), *DATABASES[1:]))
-        )
 
 
 def test_an_identifier_that_no_channel_needs_twice_costs_the_other_message_only() -> None:
@@ -175,23 +156,6 @@ def test_ready_maps_of_two_like_sensors_are_told_apart() -> None:
     assert len([n for n in names if n.startswith("front_")]) == 6
 
 
-def test_a_channel_of_a_ready_map_is_edited() -> None:
-    text = '[[sensor]]\nname = "imu"\nlayout = "xsens_mti"\n' + channel("x", "b.c", "unused")
-    text = text.replace("[[channel]]", '[[sensor]]\nname = "b"\ndbc = "b.dbc"\n\n[[channel]]')
-    edited = with_channel(text, "imu_body_acc_z", sign=-1, tare=9.8)
-    bench = parse_bench(edited, "bench.toml", Path(), "")
-    (changed,) = [c for c in bench.channels if c.name == "imu_body_acc_z"]
-    assert (changed.sign, changed.tare, changed.signal) == (-1, 9.8, "imu.Acceleration.acc_z")
-    assert with_channel(TEXT, "pot_fr", sign=-1).count("sign = -1") == TEXT.count("sign = -1") + 1
-
-
-def test_the_old_bench_reads_as_before() -> None:
-    bench = load_bench(None)
-    assert bench.sensors == ()
-    assert bench.dbc_text == shipped_dbc()
-    assert {message.bus for message in bench_codec(bench).messages} == {None}
-
-
 def test_a_corrected_database_takes_the_place_of_its_namesake(tmp_path: Path) -> None:
     (tmp_path / "pot.dbc").write_text(POT.replace("(0.01,0)", "(0.02,0)"), "utf-8")
     (tmp_path / "foreign.dbc").write_text(POT, "utf-8")
@@ -222,27 +186,6 @@ def test_a_motion_ratio_makes_wheel_travel_of_sensor_travel() -> None:
     assert pot.step == pytest.approx(2e-5)  # 0.01 mm of the sensor are 0.02 mm of the wheel
 
 
-@pytest.mark.parametrize(
-    ("lines", "reason"),
-    [
-        ("motion_ratio_sigma = 0.33", None),
-        ("motion_ratio_sigma = 0.34", "more than a third of motion_ratio"),
-        ("motion_ratio = 0.6\nmotion_ratio_sigma = 0.21", "more than a third of motion_ratio"),
-        ("motion_ratio = 10.1", "less than or equal to 10"),
-    ],
-)
-def test_a_motion_ratio_has_limits(lines: str, reason: str | None) -> None:
-    def stated(signal: str) -> str:
-        return TEXT.replace(f'signal = "{signal}"', f'signal = "{signal}"\n{lines}')
-
-    if reason is None:
-        _use(stated("pot_fl.Position"))
-    else:
-        assert reason in read(stated("pot_fl.Position"))
-    if "10" not in lines:
-        assert "motion_ratio is for suspension_travel" in read(stated("hubs.FL"))
-
-
 def test_a_bench_that_states_no_tables_gets_those_of_the_ready_map() -> None:
     added = ready_tables([("imu", "layout:bosch_mm7"), ("own", "own.dbc")], {})
     assert added == {
@@ -257,11 +200,3 @@ def test_a_bench_that_states_no_tables_gets_those_of_the_ready_map() -> None:
     ):
         rest = ready_tables([("imu", "layout:bosch_mm7")], {kind: [stated]})
         assert {name for name in added if rest[name] != added[name]} == {kind}
-
-
-def test_a_sensor_without_a_bus_is_on_the_only_one() -> None:
-    text = TEXT.replace('[[bus]]\ninterface = "virtual"\nchannel = "can1"\nname = "rear"\n', "")
-    text = text.replace('bus = "rear"\n', "").replace('bus = "can0"\n', "").replace("bus = 0\n", "")
-    text = text.replace('name = "imu_b"', 'name = "imu_b"\nid_offset = 16')
-    bench = parse_bench(text, "bench.toml", Path(), STORED)
-    assert {sensor.bus for sensor in bench.sensors} == {0}

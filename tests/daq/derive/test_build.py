@@ -160,17 +160,6 @@ def test_incomplete_runs_are_rejected_with_the_reason(n_hub: int, n_rate: int, r
     assert _run(_bench(ACC_FL, PITCH), frames).status is RunStatus.REJECTED
 
 
-def test_losses_on_the_way_belong_to_the_run_in_which_they_happened() -> None:
-    frames = _frames(CODEC, "HUB_Front")
-    t_ns = START_NS + np.arange(1, 20) * 100_000_000
-    counts = np.zeros((19, 4), np.int64)
-    counts[3:] = [5, 6, 7, 8]  # before the run
-    counts[12:] += [1, 2, 3, 4]  # in it
-    counts[17:] += 100  # after it
-    run = _session(_bench(ACC_FL), frames, HopCounts(t_ns, counts)).runs[0]
-    assert (run.losses.bus_dropped, run.losses.bus_garbled, run.losses.queue_dropped) == (1, 2, 4)
-
-
 @pytest.mark.parametrize("label", ["loaded_bounce_1", "baseline_jump_1", ""])
 def test_a_bump_that_is_no_run_is_not_passed_over(label: str) -> None:
     bench = _bench(ACC_FL)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Campaign, Step
+from daq.bench.campaign import Step
 from daq.bus.source import HopLosses
 from daq.derive.from_logs import (
     Intake,
@@ -15,7 +15,6 @@ from daq.derive.from_logs import (
     labelled,
     numbered,
     parse_runs,
-    with_steps,
 )
 from daq.errors import InputError
 from daq.journal.contents import HopCounts
@@ -41,16 +40,6 @@ def test_repeats_are_counted_in_the_order_of_the_list() -> None:
 def test_what_is_no_run(text: str) -> None:
     with pytest.raises(InputError, match="is not a run"):
         parse_runs(text)
-
-
-def test_a_bench_gets_the_campaign_of_the_steps_if_its_own_lacks_one() -> None:
-    bench = replace(small_bench(), campaign=Campaign((Excitation.BOUNCE,), 2, ("baseline",)))
-    assert with_steps(bench, [B2, B1]) is bench
-    wider = with_steps(bench, [R1, B2])
-    assert wider.campaign.excitations == (Excitation.ROLL, Excitation.BOUNCE)
-    assert (wider.campaign.repeats, wider.campaign.mass_states) == (2, ("baseline",))
-    with pytest.raises(InputError, match="'moon' is not on this bench"):
-        with_steps(bench, [Step("moon", Excitation.ROLL, 1)])
 
 
 def _part(*codes: str) -> LogPart:

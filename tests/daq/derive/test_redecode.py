@@ -11,7 +11,7 @@ import pytest
 from daq.bench.config import Bench, parse_bench
 from daq.derive.redecode import redecoded
 from daq.errors import InputError
-from daq.runs import Event, Losses, Run, RunStatus
+from daq.runs import Losses, Run, RunStatus
 from daq.sessions import Session
 from dbc import FrameBatch
 
@@ -40,15 +40,6 @@ def test_a_run_without_raw_frames_is_refused_and_named() -> None:
     with pytest.raises(InputError, match=f"{label} has no raw frames") as refused:
         _again(_with(frames=FrameBatch.empty()))
     assert refused.value.where == "old.h5"
-
-
-def test_a_run_that_does_not_state_when_its_bump_was_is_refused() -> None:
-    run = imported().runs[0]
-    bump = next(event for event in run.events if event.text == run.label)
-    others = (Event(bump.t_ns, "note", 1.0, run.label), replace(bump, text="baseline_roll_9"))
-    with pytest.raises(InputError, match=run.label):
-        _again(_with(events=others))
-    assert _again(_with(events=(*others, bump))).runs[0].t0_ns == run.t0_ns
 
 
 def test_what_the_operator_decided_stays() -> None:

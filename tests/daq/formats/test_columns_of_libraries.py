@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from daq.errors import InputError
 from daq.formats.columns import read_columns
 
 if TYPE_CHECKING:
@@ -57,17 +56,6 @@ def test_channels_have_the_name_and_the_times_of_their_group(tmp_path: Path) -> 
         "IMU (group 2)/az": ("", 2.0),
     }
     assert held.times_s[held.columns["IMU/az"].clock].tolist() == [0.0, 0.25, 0.5]
-
-
-def test_a_channel_without_a_unit_has_that_of_its_conversion(tmp_path: Path) -> None:
-    from asammdf.blocks.conversion_utils import from_dict
-
-    rule = from_dict({"a": 2.0, "b": 0.0})
-    rule.unit = "m/s2"
-    path = tmp_path / "a.mf4"
-    _write(path, [("IMU", [_signal("az", conversion=rule), _signal("ax")])])
-    units = {name: column.unit for name, column in read_columns(path, ()).columns.items()}
-    assert units == {"IMU/az": "m/s2", "IMU/ax": ""}
 
 
 def test_values_that_are_invalid_are_missing(tmp_path: Path) -> None:
@@ -140,12 +128,6 @@ def test_columns_of_matlab(tmp_path: Path, name: str) -> None:
     assert {each: float(column.values[1]) for each, column in held.items()} == expected
 
 
-def test_tables_are_not_wider_than_256_columns_and_no_images(tmp_path: Path) -> None:
-    tables = {"wide": WIDE, "wider": np.zeros((300, 257)), "cube": np.zeros((2, 2, 2))}
-    savemat(tmp_path / "a.mat", tables)
-    assert set(read_columns(tmp_path / "a.mat", ()).columns) == {f"wide:{n}" for n in range(1, 257)}
-
-
 def test_structs_of_matlab(tmp_path: Path) -> None:
     deep: Any = ROW
     for _ in range(12):
@@ -173,11 +155,3 @@ def test_structs_of_matlab(tmp_path: Path) -> None:
         "deep" + "/s" * 12: ("", "deep" + "/s" * 11),
     }
     assert {name: (c.unit, c.clock) for name, c in held.items()} == expected
-
-
-def test_a_name_that_occurs_twice_is_to_be_written_in_full(tmp_path: Path) -> None:
-    path = tmp_path / "a.mat"
-    savemat(path, {"a": {"fl": ROW}, "b": {"fl": -ROW}})
-    with pytest.raises(InputError, match=r"has 2 columns 'fl' \(write one of a/fl, b/fl\)"):
-        read_columns(path, ("fl",))
-    assert read_columns(path, ("b/fl",)).columns["b/fl"].values[1] == -1.0

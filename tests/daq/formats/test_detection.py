@@ -94,18 +94,6 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         list(Log([unreadable], BLF))
 
 
-def test_frames_and_the_share_that_was_read_are_counted(tmp_path: Path) -> None:
-    path = tmp_path / "a.log"
-    path.write_text("".join(f"(1.{n:06d}) can0 123#01\n" for n in range(50_000)))
-    log = Log([path])
-    assert (log.share, log.frames) == (0.0, 0)
-    seen = [(log.share, log.frames) for _ in log]
-    assert seen[0][1] < 50_000
-    assert 0.0 < seen[0][0] < 1.0
-    assert [share for share, _ in seen] == sorted(share for share, _ in seen)
-    assert (log.share, log.frames) == (1.0, 50_000)
-
-
 def test_a_log_without_a_frame_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.trc"
     path.write_text(";$FILEVERSION=1.0\n")

@@ -179,12 +179,6 @@ def test_the_first_line_that_is_no_frame_is_named_by_its_number() -> None:
     assert "line 20001 has no end" in loss.text
 
 
-def test_a_line_without_an_end_is_no_text_log() -> None:
-    assert _read(LINE + b"(" + b"1" * 65_535)[1].bytes_cut == 65_536
-    with pytest.raises(InputError, match="not a text log"):
-        _read(LINE + b"(" + b"1" * 65_536)
-
-
 def test_zeros_after_a_power_cut_are_counted_with_the_line_that_they_cut() -> None:
     with pytest.raises(InputError, match="no line of a known log"):
         _read(b"nothing\n" + b"to see\n")

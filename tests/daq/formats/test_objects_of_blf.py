@@ -248,20 +248,6 @@ def test_a_container_and_the_bytes_that_are_lost_with_it(name: str) -> None:
     assert (len(found), loss.garbled, loss.bytes_cut) == (frames, 0, lost)
 
 
-def test_a_file_shorter_than_its_header_states_is_cut_off() -> None:
-    raw = _file(_container(CLASSIC))
-    for more, lost in ((0, 0), (1, 1), (1000, 1000)):
-        stated = _file(_container(CLASSIC), claimed=len(raw) + more)
-        assert _read(stated, len(stated))[1].bytes_cut == lost
-        assert _read(stated)[1].bytes_cut == 0  # of a packed file the size is not known
-
-
-@pytest.mark.parametrize("header", [0, 71, 65_537])
-def test_an_impossible_length_of_the_header_is_refused(header: int) -> None:
-    with pytest.raises(InputError, match=f" {header} bytes"):
-        _read(_file(_container(CLASSIC), header=header))
-
-
 @pytest.mark.parametrize(
     ("raw", "what"),
     [(b"LOGH" + bytes(200), "LOGG"), (_file(b"")[:71], "header")],

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
-from daq.formats.columns import read_columns, table
+from daq.formats.columns import read_columns
 
 Expected = dict[str, tuple[str, list[float]]]
 nan = float("nan")
@@ -99,24 +99,6 @@ def test_names_in_any_encoding(tmp_path: Path, encoding: str) -> None:
     assert [(each, column.unit) for each, column in held.items()] == [("Höhe", "µm"), ("b", "")]
 
 
-def test_a_long_table_is_known_by_its_first_lines(tmp_path: Path) -> None:
-    head = "t;x\n"
-    rows = [f"{n};{n},5\n" for n in range(30_000)]
-    (tmp_path / "a.csv").write_text(head + "".join(rows), "utf-8")
-    assert (tmp_path / "a.csv").stat().st_size > 1 << 18
-    held = read_columns(tmp_path / "a.csv", ["x"]).columns
-    assert list(held) == ["x"]
-    np.testing.assert_array_equal(held["x"].values, np.arange(30_000) + 0.5)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "utf-16"])
-def test_a_long_table_has_the_encoding_of_its_head(tmp_path: Path, encoding: str) -> None:
-    text = "t;rate\ns;°/s\n" + "".join(f"{n};{n}\n" for n in range(30_000)) + "µ\n"
-    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
-    held = read_columns(tmp_path / "a.csv", ()).columns
-    assert [(each, column.unit) for each, column in held.items()] == [("t", "s"), ("rate", "°/s")]
-
-
 def _named(path: Path, names: str, wanted: str) -> str:
     """Return the full name of a column of a table with these names."""
     cells = ",".join("1" for _ in names.split(","))
@@ -153,19 +135,6 @@ def test_a_column_that_is_not_there_once(
     with pytest.raises(InputError) as refused:
         _named(tmp_path / "a.csv", names, wanted)
     assert all(words in str(refused.value) for words in said)
-
-
-def test_a_table_is_read_up_to_the_largest_number_of_values(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """Two columns of three lines are six values; a column not asked for does not count."""
-    monkeypatch.setattr(table, "MAX_VALUES", 6)
-    path = tmp_path / "a.csv"
-    path.write_text("a,b,c\n" + "1,2,3\n" * 3)
-    assert [len(c.values) for c in read_columns(path, "ab").columns.values()] == [3, 3]
-    path.write_text("a,b,c\n" + "1,2,3\n" * 4)
-    with pytest.raises(InputError, match="has 8 values"):
-        read_columns(path, "ab")
 
 
 def test_the_decimal_mark_is_that_of_the_whole_table(tmp_path: Path) -> None:

@@ -109,31 +109,6 @@ def test_paced_frames_leave_at_their_own_times_without_drift(clock: FalseTime) -
     assert late_s.max() < 80e-6
 
 
-def test_frames_that_are_overdue_are_sent_at_once(clock: FalseTime) -> None:
-    wire = Wire(clock)
-    list(play([frames(100, step_ns=5_000)], wire, 1.0))  # faster than the wire takes them
-    assert len(wire.sent) == 100
-    assert not clock.slept_s
-
-
-def test_twice_the_speed_takes_half_the_time(clock: FalseTime) -> None:
-    wire = Wire(clock)
-    batch = frames(400, step_ns=1_000_000)
-    list(play([batch], wire, 2.0))
-    left_s = np.array([at for at, _ in wire.sent])
-    due_s = (batch.t_ns - START_NS) * 1e-9 / 2
-    assert np.abs(left_s - 100.0 - due_s).max() < 80e-6
-
-
-def test_nobody_waits_for_a_pause_between_runs_or_for_the_past(clock: FalseTime) -> None:
-    wire = Wire(clock)
-    later = frames(10, start_ns=START_NS + round(20e9))
-    earlier = frames(10, start_ns=START_NS - 3_600_000_000_000)
-    list(play([frames(10), later, earlier], wire, 1.0))
-    assert len(wire.sent) == 30
-    assert clock.now_s - 100.0 < 0.02
-
-
 def test_every_kind_of_frame_is_sent_as_it_is_but_no_error_frame(clock: FalseTime) -> None:
     wire = Wire(clock)
     sent = mixed(160)
@@ -150,20 +125,6 @@ def test_every_kind_of_frame_is_sent_as_it_is_but_no_error_frame(clock: FalseTim
         assert bytes(message.data) == frame.data
 
 
-@pytest.mark.parametrize("error", [can.CanOperationError("full"), OSError(105, "no buffer space")])
-def test_a_full_buffer_is_waited_for(clock: FalseTime, error: Exception) -> None:
-    wire = Wire(clock, refusals=4, error=error)
-    assert list(play([frames(3)], wire, None)) == [3]
-    assert len(wire.sent) == 3
-    assert clock.slept_s == pytest.approx([0.0005, 0.001, 0.002, 0.004])
-
-
-def test_a_bus_that_takes_nothing_is_given_up(clock: FalseTime) -> None:
-    with pytest.raises(BusError, match=r"wire 7: takes no frame: transmit buffer full"):
-        list(play([frames(3)], Wire(clock, refusals=10_000), None))
-    assert 2.0 <= sum(clock.slept_s) < 5.0
-
-
 def test_stamps_of_the_sender_pass_through_a_virtual_bus() -> None:
     batch = frames(20)
     with (
@@ -174,25 +135,6 @@ def test_stamps_of_the_sender_pass_through_a_virtual_bus() -> None:
         got = [receiver.recv(timeout=0) for _ in range(20)]
     stamps = np.array([message.timestamp for message in got if message is not None])
     np.testing.assert_allclose(stamps - 1.7e9, (batch.t_ns - START_NS) * 1e-9, atol=1e-6)
-
-
-def test_every_receiver_of_a_virtual_bus_has_messages_of_its_own() -> None:
-    """A bus that hears itself recognises its own frames by a mark on its copy."""
-    sender = can.Bus("own", interface="virtual", receive_own_messages=True)
-    others = [can.Bus("own", interface="virtual") for _ in range(2)]
-    try:
-        batch = frames(20)
-        list(play([batch], sender, None))
-        heard = [[bus.recv(0.0) for _ in range(20)] for bus in (sender, *others)]
-    finally:
-        for bus in (sender, *others):
-            bus.shutdown()
-    for number, messages in enumerate(heard):
-        for i, message in enumerate(messages):
-            assert message is not None
-            assert message.arbitration_id == batch.can_id[i]
-            assert bytes(message.data) == batch.data[i, : batch.length[i]].tobytes()
-            assert message.is_rx == (number > 0)
 
 
 # Sending frames: gaps, steps back, several buses and patience, each limit on both sides -----------
@@ -250,20 +192,6 @@ def test_a_frame_that_a_bus_can_never_take_ends_it_at_once(clock: FalseTime) -> 
     assert not clock.slept_s
 
 
-def test_patience_begins_anew_with_each_frame(clock: FalseTime) -> None:
-    class Moody(Wire):
-        def send(self, msg: can.Message, timeout: float | None = None) -> None:
-            super().send(msg, timeout)
-            self.refusals = 3
-
-    list(play([frames(2)], Moody(clock, refusals=3), None))
-    assert clock.slept_s == pytest.approx([0.0005, 0.001, 0.002] * 2)
-
-
-def test_progress_is_reported_each_256_frames(clock: FalseTime) -> None:
-    assert list(play([frames(257), frames(256)], Wire(clock), None)) == [256, 257, 513]
-
-
 # A recording played as a bus: when each frame comes, by a false clock, and which are played -------
 
 S = 1_000_000_000
@@ -304,14 +232,6 @@ def test_time_stamps_keep_their_distances_and_long_gaps_become_three_seconds(
     assert source.name == "recording"
 
 
-def test_frames_of_other_buses_take_their_time_and_are_left_out(
-    clock_of_recorded_source: FalseTime,
-) -> None:
-    source = RecordedSource(_frames([0, 2, 4, 5], [1, 0, 1, 0]), 0, 1.0, 0)
-    clock_of_recorded_source.now_s += 20
-    assert source.read(0.0).t_ns.tolist() == [2 * S, 5 * S]
-
-
 @pytest.mark.parametrize(("speed", "second_s"), [(1.0, 0.5), (2.0, 0.25), (0.5, 1.0)])
 def test_the_first_frame_comes_after_a_second_and_the_others_at_their_speed(
     clock_of_recorded_source: FalseTime, speed: float, second_s: float
@@ -336,12 +256,6 @@ def test_nobody_waits_longer_than_asked_or_shorter_than_it_takes_to_gather(
     assert clock_of_recorded_source.slept_s == pytest.approx(slept, abs=1e-3)
 
 
-def test_a_block_has_no_more_than_2048_frames(clock_of_recorded_source: FalseTime) -> None:
-    source = RecordedSource(_frames([0.0] * 3000), 0, 1.0, 0)
-    clock_of_recorded_source.now_s += 2
-    assert [len(source.read(0.0)) for _ in range(3)] == [2048, 952, 0]
-
-
 def _session(*spans: tuple[float, float]) -> Session:
     """Return a session with a run of each span, a frame each tenth of a second."""
     runs = []
@@ -361,15 +275,6 @@ def test_frames_of_runs_that_overlap_come_once_and_in_order() -> None:
     session = _session((5.0, 5.4), (1.0, 1.3), (1.2, 1.5), (1.3, 1.4))
     parts = [_seconds(part) for part in recorded_frames(session)]
     assert parts == [[1.0, 1.1, 1.2, 1.3], [1.4, 1.5], [5.0, 5.1, 5.2, 5.3, 5.4]]
-
-
-def test_a_run_without_frames_is_passed_over() -> None:
-    session = _session((1.0, 1.1), (3.0, 3.1))
-    empty = replace(
-        session.runs[0], frames=FrameBatch.empty(), t0_ns=START_NS_OF_RECORDED_SOURCE + 2 * S
-    )
-    mixed = replace(session, runs=(*session.runs, empty))
-    assert [len(part) for part in recorded_frames(mixed)] == [2, 2]
 
 
 def _journal(
@@ -397,17 +302,3 @@ def test_a_session_whose_journal_has_less_than_it_cannot_be_played_alone(
         _journal(tmp_path / "journal", times_s)
     with pytest.raises(InputError, match=r"car\.h5"):
         whole_frames(_session((5.0, 5.1)), tmp_path / "car.h5")
-
-
-def test_the_journal_is_the_recording_that_has_the_runs(tmp_path: Path) -> None:
-    for began, times in enumerate(([5.0], [4.0, 5.0, 5.1], [5.0, 5.1, 6.0, 6.1])):
-        _journal(tmp_path / "journal", times, START_NS_OF_RECORDED_SOURCE + began)
-    found = _seconds(whole_frames(_session((5.0, 5.1)), tmp_path / "car.h5"))
-    assert found == [4.0, 5.0, 5.1]
-
-
-def test_a_session_without_frames_cannot_be_played(tmp_path: Path) -> None:
-    _journal(tmp_path / "journal", [5.0])
-    session = small_session(FrameBatch.empty())
-    with pytest.raises(InputError, match="cannot be replayed alone"):
-        whole_frames(session, tmp_path / "car.h5")

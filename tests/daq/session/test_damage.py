@@ -6,7 +6,6 @@ import os
 import random
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import replace
 from io import BytesIO
 from itertools import product
 from pathlib import Path
@@ -140,25 +139,6 @@ def test_an_edited_value_is_named_with_its_part(path: Path, place: str, part: st
         read_changed_session(path)
 
 
-@pytest.mark.parametrize(
-    "edit",
-    [
-        lambda file: file["session"].attrs.modify("vehicle", "another"),
-        lambda file: file[RUN].attrs.modify("status", "accepted"),
-        lambda file: file[f"{HUB}/hub_fl"].attrs.modify("units", "mm/s2"),
-        lambda file: file.__delitem__("runs/r003_baseline_roll_3"),
-        lambda file: file.move("mass_states/added", "mass_states/other"),
-        lambda file: file["runs"].attrs.__delitem__("content_sha256"),
-        lambda file: file[RUN].attrs.modify("content_sha256", "0" * 64),
-    ],
-)
-def test_names_attributes_and_runs_count(path: Path, edit: Callable[[h5py.File], None]) -> None:
-    with h5py.File(path, "r+") as file:
-        edit(file)
-    _refused(path, "was changed or damaged")
-    assert _errors(path)
-
-
 def test_results_beside_a_session_do_not_change_it(path: Path) -> None:
     before = read_session(path)
     with h5py.File(path, "r+") as file:
@@ -178,20 +158,6 @@ def test_a_session_of_an_older_version_is_read_and_noted(path: Path) -> None:
     (note,) = validate_session(path)
     assert (note.severity, note.where) == (Severity.NOTE, "/")
     assert "has no checksums" in note.text
-
-
-def test_a_channel_without_a_value_is_found(tmp_path: Path) -> None:
-    session = small_session()
-    run_, group = session.runs[0], session.runs[0].groups[0]
-    silent = replace(group, values={**group.values, "hub_fl": np.full(len(group.time_s), np.nan)})
-    runs = (replace(run_, groups=(silent, *run_.groups[1:])), *session.runs[1:])
-    write_session(tmp_path / "car.h5", replace(session, runs=runs))
-    found = [(f.severity, f.where, f.text) for f in validate_session(tmp_path / "car.h5")]
-    assert found == [(Severity.WARNING, f"/{HUB}/hub_fl", "has no value in this run")]
-
-
-def _deep(file: h5py.File) -> None:
-    file.create_group("/".join("abcdefghij"))
 
 
 def _external(file: h5py.File) -> None:
@@ -222,7 +188,6 @@ def _new(**more: object) -> Callable[[h5py.File], None]:
 @pytest.mark.parametrize(
     ("harm", "what"),
     [
-        (_deep, "too deep"),
         (_external, "is not a dataset of this file"),
         (_virtual, "is not a dataset of this file"),
         (_link, "was changed or damaged"),

@@ -8,7 +8,6 @@ import h5py
 import numpy as np
 import pytest
 
-from daq.errors import InputError
 from daq.session import read_session, write_session
 from daq.sessions import Session
 
@@ -51,14 +50,6 @@ def test_round_trip(tmp_path: Path, session: Session) -> None:
     assert dict(again.provenance) == dict(session.provenance)
     assert_same(again, replace(session, provenance=again.provenance))
     assert [p.name for p in tmp_path.iterdir()] == ["car.h5"]
-
-
-def test_the_folder_of_a_session_is_created(tmp_path: Path, session: Session) -> None:
-    write_session(tmp_path / "new" / "folder" / "car.h5", session)
-    assert (tmp_path / "new" / "folder" / "car.h5").exists()
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(InputError, match="name another folder"):
-        write_session(tmp_path / "file" / "car.h5", session)
 
 
 def test_frames_come_back_byte_for_byte(tmp_path: Path, session: Session) -> None:

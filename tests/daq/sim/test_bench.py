@@ -94,15 +94,6 @@ def test_the_car_is_dropped_or_pushed_as_the_procedure_says(method: Method, leve
     assert status.phase is Phase.COMPLETE
 
 
-def test_a_bench_that_nobody_waits_for_rests() -> None:
-    bench = short_bench()
-    frames = _read(_resting(), 3.0)
-    acc = bench_codec(bench).decode(frames)["HUB_Front.acc_fl"].value
-    assert len(acc) == pytest.approx(3000, abs=2)
-    assert np.std(acc) * 9.80665 == pytest.approx(0.15, rel=0.1)
-    assert np.mean(acc) == pytest.approx(1.0, abs=0.1)
-
-
 def test_counters_and_stamps_run_on_through_all_pieces() -> None:
     codec = bench_codec(short_bench())
     frames = _read(_resting(), 2.0)
@@ -124,19 +115,6 @@ def test_an_unplugged_bench_comes_back_when_it_is_opened_again() -> None:
         break
     after = source.read(0.0)
     assert (int(after.t_ns[0]) - int(before.t_ns[-1])) * 1e-9 == pytest.approx(3.0, abs=PIECE_S)
-
-
-def test_a_push_on_a_corner_presses_its_suspension_together_first() -> None:
-    source = _resting()
-    source.push(Corner.REAR_LEFT)
-    samples = bench_codec(short_bench()).decode(_read(source, 2.0))
-    peaks = {
-        name: float(np.max(samples[f"SUSP_{axle}.travel_{name}"].value))
-        for axle, names in (("Front", ("fl", "fr")), ("Rear", ("rl", "rr")))
-        for name in names
-    }
-    assert max(peaks, key=lambda name: peaks[name]) == "rl"
-    assert peaks["rl"] > 5.0
 
 
 def test_a_mark_of_the_bench_check_asks_for_a_push() -> None:

@@ -135,21 +135,6 @@ def test_loads_under_lopsided_weights_balance_force_and_moments() -> None:
         static_pose(load_car(P, AddedMass((BodyWeight(2000.0, 2.0, 0.0),))))
 
 
-def test_added_mass_sinks_into_progressive_springs_and_tyres() -> None:
-    """The bare car defines where springs bend; weights press it further, by their own law."""
-    even = replace(P, a=1.4, b=1.4, k_sf=20e3, k_sr=20e3, k_tf=2e5, k_tr=2e5)
-    bent = Imperfections(
-        quadratic_n_m2=(4e4, 4e4), cubic_n_m3=(5e5, 5e5), tyre_progression_per_m=(5.0, 5.0)
-    )
-    weight = AddedMass((BodyWeight(200.0, -1.4, 0.0),))
-    bare, loaded = (static_pose(load_car(even, mass, bent)) for mass in (AddedMass(), weight))
-    np.testing.assert_allclose(bare, static_pose(load_car(even, AddedMass())), atol=1e-12)
-    share, sunk = 50.0 * G, (bare - loaded)[3, 0]
-    assert 2e5 * sunk * (1.0 + 5.0 * sunk) == pytest.approx(share, rel=1e-9)
-    u = (bare - loaded)[0, 0] - sunk
-    assert 20e3 * u + 4e4 * u**2 + 5e5 * u**3 == pytest.approx(share, rel=1e-9)
-
-
 def test_tyres_push_and_never_pull_nor_stiffen_again() -> None:
     plant = load_car(P, AddedMass())
     high, rising = np.zeros((7, 1)), np.zeros((7, 1))
@@ -248,16 +233,6 @@ def test_the_motion_hardly_depends_on_the_step(
     np.testing.assert_allclose(used.pose, fine.pose, atol=1e-6)
 
 
-def test_the_error_of_a_linear_car_falls_with_the_fourth_power_of_the_step() -> None:
-    plant, t_s = load_car(P, WEIGHTS), np.array([0.69])
-    pose = [
-        drive(plant, bump(Excitation.ROLL), 1.6, step_s=step_s).at(t_s).pose
-        for step_s in (1e-3, 5e-4, 5e-5)
-    ]
-    errors = [np.abs(one - pose[2]).max() for one in pose[:2]]
-    assert errors[0] > 12.0 * errors[1] > 1e-12
-
-
 def powers(motion: Motion, t_s: Array) -> Array:
     """Return what dampers, tyres and friction take together, W, (n,)."""
     plant, states = motion.plant, motion.states(t_s)
@@ -339,20 +314,6 @@ def test_the_road_is_equation_34_under_the_chosen_wheels() -> None:
     ):  # fmt: skip
         road, _ = Bump(kind, 0.09, 0.1, 0.2).road(t)
         np.testing.assert_allclose(road, np.outer(wheels, rise), atol=1e-15)
-
-
-def test_a_car_without_dampers_loses_four_friction_forces_a_cycle() -> None:
-    """Coulomb: with a short pre-sliding length the amplitude of heave falls by 4 F / k a cycle."""
-    hard = 100.0 * P.k_tf  # a tyre that hardly yields: one degree of freedom is left
-    even = replace(P, c_sf=0.0, c_sr=0.0, k_sf=20e3, k_sr=20e3, a=1.4, b=1.4, k_tf=hard, k_tr=hard)
-    rough = Imperfections(friction=Friction(25.0, 25.0, presliding_m=2e-5))
-    plant = load_car(even, AddedMass(), rough)
-    start = standing(plant)
-    start[0] += 0.04
-    motion = drive(plant, Bump(Excitation.BOUNCE, 0.0, 0.0, 0.1), 2.6, start)
-    cycles = np.arange(4)
-    found = motion.at(cycles * 2 * np.pi * np.sqrt(even.m_s / 80e3)).pose[0] - static_pose(plant)[0]
-    np.testing.assert_allclose(found, 0.04 - cycles * 4 * 100.0 / 80e3, atol=1e-4)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1.4])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daq.channels import Channel, Quantity
-from daq.sim.car import NOISE, SimulatedCar, Spread, draw
+from daq.sim.car import SimulatedCar, Spread, draw
 from daq.vehicle import Corner
 
 MANY = 3000
@@ -53,13 +53,6 @@ def test_places_delays_and_zeros_are_off_by_their_uncertainties() -> None:
     assert abs(np.corrcoef(x_m, y_m)[0, 1]) < 0.08
 
 
-def test_no_sensor_foresees() -> None:
-    sensors = draw(many(delay_s=0.0, delay_sigma_s=0.001), (), SimulatedCar(), 3).sensors
-    delay_s = np.array([sensor.delay_s for sensor in sensors.values()])
-    assert delay_s.min() == 0.0
-    assert np.mean(delay_s == 0.0) == pytest.approx(0.5, abs=0.04)
-
-
 def test_each_message_has_a_clock_with_any_phase() -> None:
     clocks = draw(many(), (), SimulatedCar(clock_error=2e-5), 4).clocks
     phase = np.array([clock.phase for clock in clocks.values()])
@@ -96,10 +89,3 @@ def test_signals_of_one_message_are_late_together() -> None:
 )
 def test_each_kind_of_sensor_has_its_own_spread(quantity: Quantity, sigma: float) -> None:
     assert Spread(1.0, 2.0, 3.0, 4.0, 5.0).of(quantity) == sigma
-
-
-def test_the_usual_noise_is_that_of_rugged_sensors() -> None:
-    assert NOISE.body_acceleration_m_s2 == pytest.approx(0.03)
-    assert NOISE.hub_acceleration_m_s2 == pytest.approx(0.15)
-    assert np.degrees(NOISE.rate_rad_s) == pytest.approx(0.1)
-    assert NOISE.displacement_m == pytest.approx(0.2e-3)
