@@ -15,7 +15,7 @@ from daq.runs import Excitation
 from daq.sim.car import SimulatedCar, present_parameters, true_parameters
 from daq.sim.elements import NONE, Branch, DamperCurve, Friction, Imperfections
 from daq.sim.engine import Plant, balances
-from daq.sim.motion import Bump, Motion, drive, dropped, pushed, pushed_down, standing
+from daq.sim.motion import Bump, Motion, drive, dropped, pushed, pushed_down
 from daq.sim.plant import GRAVITY_M_S2, contact, corner_motion, forces, load_car, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleParameters
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
