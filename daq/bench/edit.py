@@ -80,8 +80,8 @@ def with_channel(text: str, name: str, sign: float | None = None, tare: float | 
     rows = list(document.get("channel", []))
     if name not in [row["name"] for row in rows]:
         rows += _channels_in_force(document)
-    changed = {} if sign is None else {"sign": int(sign)}
-    changed |= {} if tare is None else {"tare": tare}
+    stated = {"sign": None if sign is None else int(sign), "tare": tare}
+    changed = {key: value for key, value in stated.items() if value is not None}
     rows = [row | changed if row["name"] == name else row for row in rows]
     return _checked(_with_rows(text, "channel", rows))
 
