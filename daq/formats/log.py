@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dbc.errors import printable
-from dbc.frames import FrameBatch, FrameFlag, read_only
+from dbc.frames import FrameBatch, read_only
 from dbc.words import counted, plural
 
 from ..bench.campaign import Origin
@@ -29,8 +28,6 @@ PAUSE_NS = 10_000_000_000
 other: enough for the trigger to wait for rest again."""
 MOST_PARTS = 50
 """Largest number of parts: two clocks whose frames are mixed are no parts."""
-_ALIKE = 50
-"""Number of frames by which a log is recognised that is stored twice."""
 HEAD_BYTES = 1 << 16
 """Number of bytes by which a format is detected: the head of a text log is shorter."""
 
@@ -132,10 +129,9 @@ class Log:
         self._loss = LogLoss()
         self._hops = HopLosses()
         self._journal = JournalReader(self.paths) if self.format is JOURNAL else None
-        self._first: FrameBatch | None = None
-        self._latest_ns: int | None = None
+        self._last_ns: int | None = None
+        self._first: tuple[int, int, bytes] | None = None
         self._shift_ns = 0
-        self._twice = 0
 
     @property
     def name(self) -> str:
@@ -186,9 +182,6 @@ class Log:
         if not self.frames:
             what = f"holds no frame ({self.format.name}); {self.loss.text}".removesuffix("; ")
             raise InputError(self.name, what, "check that it is the right log")
-        if self._twice:
-            are = counted(self._twice, "frame is", "frames are")
-            self.remarks.append(f"{are} stored twice, and taken once")
 
     def _batches(self) -> Iterator[FrameBatch]:
         if self._journal is not None:
@@ -213,80 +206,43 @@ class Log:
         """Return a block with each part of the log after the one before it."""
         if not len(batch):
             return batch
-        batch = self._once(batch)
-        if self._first is None:
-            self._first, self._latest_ns = batch.select(slice(_ALIKE)), int(batch.t_ns[0])
-        assert self._latest_ns is not None
+        last_ns = int(batch.t_ns[0]) if self._last_ns is None else self._last_ns
+        self._first = self._first or _frame(batch, 0)
+        before = np.concatenate([[last_ns], batch.t_ns[:-1]])
+        after = np.append(batch.t_ns[1:], batch.t_ns[-1])
+        wrong = (
+            np.abs(before - after) <= RESTART_NS
+        )  # its neighbours are of one time, and it is not
+        wrong &= np.abs(batch.t_ns - before) > RESTART_NS
+        wrong &= np.abs(batch.t_ns - after) > RESTART_NS
+        if n := int(wrong.sum()):
+            what = f"{counted(n, 'time stamp')} out of line with {plural(n, 'its', 'their')}"
+            place = self.frames + int(np.flatnonzero(wrong)[0]) + 1
+            self._loss.add(f"{what} neighbours, the first at frame {place}", garbled=n)
+            batch = batch.select(~wrong)
         raw_ns = batch.t_ns
         t_ns = raw_ns + self._shift_ns
-        wrong = np.zeros(len(batch), bool)
-        at = 0
-        while True:
-            before = np.maximum.accumulate(np.concatenate([[self._latest_ns], t_ns[at:]]))
-            back = np.flatnonzero(t_ns[at:] < before[:-1] - RESTART_NS)
-            if not len(back):
-                break
-            place = at + int(back[0])
-            earlier = int(before[max(int(back[0]) - 1, 0)])
-            if place > at and t_ns[place] >= earlier - RESTART_NS:
-                wrong[place - 1] = True  # one stamp was ahead of all others
-                t_ns[place - 1] = earlier
-                continue
-            latest_ns = int(before[int(back[0])])
-            if place + 1 < len(batch) and t_ns[place + 1] >= latest_ns - RESTART_NS:
-                wrong[place] = True  # one stamp is behind all others
-                t_ns[place] = latest_ns
-                continue
-            self._begin_part(batch.select(slice(place, None)), latest_ns, self.frames + place)
+        for place in np.flatnonzero(np.diff(raw_ns, prepend=last_ns) < -RESTART_NS).tolist():
+            new_ns, frames = int(raw_ns[place]), self.frames + place
+            old_ns = int(raw_ns[place - 1]) if place else last_ns
+            went = f"its times go back from {old_ns * 1e-9:.3f} to {new_ns * 1e-9:.3f} s"
+            went = f"{went} after frame {frames}"
+            if _frame(batch, place) == self._first:
+                what = f"stores the same frames twice: they begin again after frame {frames}"
+                raise InputError(self.name, what, "cut the log there")
+            if len(self.remarks) >= MOST_PARTS:
+                what = f"{went}, and {MOST_PARTS} times before"
+                raise InputError(self.name, what, "record with one clock, or cut the log there")
+            self._shift_ns += old_ns + PAUSE_NS - new_ns
             t_ns[place:] = raw_ns[place:] + self._shift_ns
-            self._latest_ns, at = int(t_ns[place]), place
-        self._latest_ns = int(before[-1])
-        if wrong.any():
-            n = int(wrong.sum())
-            place = self.frames + int(np.flatnonzero(wrong)[0]) + 1
-            what = f"{counted(n, 'time stamp')} out of line with {plural(n, 'its', 'their')}"
-            self._loss.add(f"{what} neighbours, the first at frame {place}", garbled=n)
-            return replace(batch, t_ns=read_only(t_ns)).select(np.flatnonzero(~wrong))
+            later = f"the rest is taken as a later part, {self._shift_ns * 1e-9:.3f} s later"
+            self.remarks.append(f"{went}: {later}")
+        self._last_ns = int(raw_ns[-1])
         return replace(batch, t_ns=read_only(t_ns)) if self._shift_ns else batch
 
-    def _begin_part(self, part: FrameBatch, latest_ns: int, frames: int) -> None:
-        """Move the stamps behind those of the part before it, of which so many frames were read.
 
-        Raises InputError if the part is the first one again, or the log has too many.
-        """
-        assert self._first is not None
-        again = part.select(slice(min(len(self._first), len(part))))
-        first = self._first.select(slice(len(again)))
-        if np.array_equal(again.t_ns, first.t_ns) and _same_content(again, first).all():
-            what = f"stores the same frames twice: they begin again after frame {frames}"
-            raise InputError(self.name, what, "cut the log there")
-        old_s, new_s = (latest_ns - self._shift_ns) * 1e-9, int(part.t_ns[0]) * 1e-9
-        went = f"its times go back from {old_s:.3f} to {new_s:.3f} s after frame {frames}"
-        if len(self.remarks) >= MOST_PARTS:
-            what = f"{went}, and {MOST_PARTS} times before"
-            raise InputError(self.name, what, "record with one clock, or cut the log there")
-        self._shift_ns = latest_ns + PAUSE_NS - int(part.t_ns[0])
-        self.remarks.append(
-            f"{went}: the rest is taken as a later part, {self._shift_ns * 1e-9:.3f} s later"
-        )
-
-    def _once(self, batch: FrameBatch) -> FrameBatch:
-        """Return a block without the frames that are the one before again, with its time."""
-        near = np.flatnonzero(batch.t_ns[1:] == batch.t_ns[:-1])
-        if not len(near):
-            return batch
-        one, two = batch.select(near), batch.select(near + 1)
-        same = _same_content(one, two) & (one.flags & FrameFlag.ERROR == 0)
-        self._twice += int(same.sum())
-        return batch.select(np.delete(np.arange(len(batch)), near[same] + 1))
-
-
-def _same_content(one: FrameBatch, two: FrameBatch) -> NDArray[np.bool_]:
-    """Return a mask of the frames that are alike but for their times."""
-    width = min(one.data.shape[1], two.data.shape[1])
-    same = (one.can_id == two.can_id) & (one.bus == two.bus) & (one.flags == two.flags)
-    same &= one.length == two.length
-    return np.asarray(same & (one.data[:, :width] == two.data[:, :width]).all(axis=1))
+def _frame(batch: FrameBatch, row: int) -> tuple[int, int, bytes]:
+    return int(batch.t_ns[row]), int(batch.can_id[row]), batch.data[row].tobytes()
 
 
 def read_log(path: Path) -> Log:
