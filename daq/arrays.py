@@ -127,7 +127,7 @@ def _groups(
             time_s=t_s,
             t_ns=np.rint(t_s * 1e9).astype(np.int64),
             values=members,
-            quality=_quality(members),
+            quality=np.isnan(list(members.values())).any(axis=0) * np.uint8(Quality.MISSING),
         )
         for t_s, members in clocks
     )
@@ -138,11 +138,6 @@ def _column(where: str, name: str, data: ArrayLike) -> NDArray[np.float64]:
         return np.array(data, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(where, f"channel {name}: {error}", "give real numbers") from error
-
-
-def _quality(members: Mapping[str, NDArray[np.float64]]) -> NDArray[np.uint8]:
-    missing = np.isnan(np.array(list(members.values()))).any(axis=0)
-    return np.asarray(missing * np.uint8(Quality.MISSING), dtype=np.uint8)
 
 
 def _added_mass(given: AddedMassLike | None) -> AddedMass:

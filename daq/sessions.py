@@ -46,35 +46,30 @@ class Session:
 
     def _repr_html_(self) -> str:
         """Return the HTML that a notebook shows: runs and channels."""
-        return _html(self)
-
-
-def _html(session: Session) -> str:
-    """Return vehicle, runs and channels of a session as HTML."""
-    runs = [
-        [
-            run.label,
-            str(run.status),
-            str(max((len(group.time_s) for group in run.groups), default=0)),
-            str(run.losses.measured),
-            "; ".join(run.reasons),
+        runs = [
+            [
+                run.label,
+                str(run.status),
+                str(max((len(group.time_s) for group in run.groups), default=0)),
+                str(run.losses.measured),
+                "; ".join(run.reasons),
+            ]
+            for run in self.runs
         ]
-        for run in session.runs
-    ]
-    channels = [
-        [c.name, str(c.quantity), c.unit, c.corner.value if c.corner else "body", f"{c.delay_s:g}"]
-        for c in session.channels
-    ]
-    weights = {
-        state.name: sum(weight.mass_kg for weight in state.added.weights)
-        for state in session.mass_states
-    }
-    loads = ", ".join(f"{name} (+{kg:g} kg)" if kg else name for name, kg in weights.items())
-    return (
-        html_line(f"Session of {session.vehicle.name}; mass states: {loads}")
-        + html_table("Runs", ["run", "status", "samples", "lost frames", "reasons"], runs)
-        + html_table("Channels", ["channel", "quantity", "unit", "place", "delay, s"], channels)
-    )
+        channels = [
+            [c.name, str(c.quantity), c.unit, str(c.corner or "body"), f"{c.delay_s:g}"]
+            for c in self.channels
+        ]
+        weights = {
+            state.name: sum(weight.mass_kg for weight in state.added.weights)
+            for state in self.mass_states
+        }
+        loads = ", ".join(f"{name} (+{kg:g} kg)" if kg else name for name, kg in weights.items())
+        return (
+            html_line(f"Session of {self.vehicle.name}; mass states: {loads}")
+            + html_table("Runs", ["run", "status", "samples", "lost frames", "reasons"], runs)
+            + html_table("Channels", ["channel", "quantity", "unit", "place", "delay, s"], channels)
+        )
 
 
 def session_part(session: Session, sensors: Collection[str], buses: Collection[int]) -> Session:
@@ -91,17 +86,15 @@ def session_part(session: Session, sensors: Collection[str], buses: Collection[i
         c for c in session.channels if not sensors or sensor_of_signal(c.signal) in sensors
     )
     names = {channel.name for channel in channels}
-    runs = tuple(_part(run, names, buses) for run in session.runs)
-    return replace(session, channels=channels, runs=runs)
-
-
-def _part(run: Run, channels: Collection[str], buses: Collection[int]) -> Run:
-    groups = (
-        replace(group, values={n: v for n, v in group.values.items() if n in channels})
-        for group in run.groups
-    )
-    frames = run.frames.on_buses(buses)
-    return replace(run, groups=tuple(group for group in groups if group.values), frames=frames)
+    runs = []
+    for run in session.runs:
+        groups = (
+            replace(group, values={n: v for n, v in group.values.items() if n in names})
+            for group in run.groups
+        )
+        kept = tuple(group for group in groups if group.values)
+        runs.append(replace(run, groups=kept, frames=run.frames.on_buses(buses)))
+    return replace(session, channels=channels, runs=tuple(runs))
 
 
 def notes_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
@@ -110,12 +103,21 @@ def notes_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
     `provenance`: provenance of a session from any source; text that is not our JSON is returned
     unchanged.
     """
-    return _parsed(provenance.get("notes", ""), _note)
+
+    def words(note: Mapping[str, Any]) -> str:
+        if not note["by"]:  # a mark set by the terminal, not written by a person
+            return ""
+        about = f"{note['label']}: " if note["label"] else ""
+        return f"{about}{note['text']} ({note['by']})"
+
+    return _parsed(provenance.get("notes", ""), words)
 
 
 def overrides_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
     """Return the warnings that were overridden: subject, reason and name."""
-    return _parsed(provenance.get("overrides", ""), _override)
+    return _parsed(
+        provenance.get("overrides", ""), lambda o: f"{o['subject']}: {o['reason']} ({o['by']})"
+    )
 
 
 def _parsed(text: str, words: Callable[[Mapping[str, Any]], str]) -> tuple[str, ...]:
@@ -123,14 +125,3 @@ def _parsed(text: str, words: Callable[[Mapping[str, Any]], str]) -> tuple[str, 
         return tuple(dict.fromkeys(line for item in json.loads(text) if (line := words(item))))
     except (ValueError, KeyError, TypeError, RecursionError):
         return (text,) if text else ()
-
-
-def _note(note: Mapping[str, Any]) -> str:
-    if not note["by"]:  # a mark set by the terminal, not written by a person
-        return ""
-    about = f"{note['label']}: " if note["label"] else ""
-    return f"{about}{note['text']} ({note['by']})"
-
-
-def _override(override: Mapping[str, Any]) -> str:
-    return f"{override['subject']}: {override['reason']} ({override['by']})"

@@ -174,17 +174,13 @@ class HubWeight:
         return replace(self, sigma_kg=self.sigma_kg or _BY_SCALES * self.mass_kg)
 
 
-def _no_matrix() -> NDArray[np.float64]:
-    return np.zeros((7, 7))
-
-
 @dataclass(frozen=True, slots=True)
 class AddedMass:
     """Mass that a mass state adds to the vehicle; the baseline adds none."""
 
     weights: tuple[BodyWeight | HubWeight, ...] = ()
     """Known weights at known positions."""
-    matrix: NDArray[np.float64] = field(default_factory=_no_matrix)
+    matrix: NDArray[np.float64] = field(default_factory=lambda: np.zeros((7, 7)))
     """A mass matrix given directly, about the baseline CG, in the order `DOF`, shape (7, 7)."""
 
     def __post_init__(self) -> None:

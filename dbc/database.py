@@ -166,12 +166,18 @@ def parse_codec(text: str, name: str) -> Codec:
         more = f", and {len(findings) - 1} more" if findings[1:] else ""
         where = findings[0].where or name
         raise InputError(where, findings[0].text + more, "correct that line or give another file")
-    messages = _unique_names(kept)
-    for layout, unique in zip(kept, messages, strict=True):
-        if unique.name != layout.name:
-            what = f"has the name of another: it is {unique.name} here"
+    named = Counter(layout.name for layout in kept)
+    numbers = Counter((layout.name, layout.can_id) for layout in kept)
+    messages = []
+    for layout in kept:
+        unique = layout.name
+        if named[layout.name] > 1:
+            twin = "x" * (layout.is_extended and numbers[layout.name, layout.can_id] > 1)
+            unique = f"{layout.name}_0x{layout.can_id:X}{twin}"
+            what = f"has the name of another: it is {unique} here"
             source.note(source.line(_number(layout)), f"message {layout.name}", what)
-    return Codec(messages, tuple(source.left_out), tuple(source.notes))
+        messages.append(replace(layout, name=unique))
+    return Codec(tuple(messages), tuple(source.left_out), tuple(source.notes))
 
 
 def _number(message: MessageLayout) -> int:
@@ -266,7 +272,10 @@ def _layout(
     named = Counter(each.name for each in layouts)
     roles = _roles(signals)
     for part in ("m", "b"):  # by selector value, else by start bit
-        layouts = [_told_apart(each, part) if named[each.name] > 1 else each for each in layouts]
+        for i, each in enumerate(layouts):
+            number = each.start if part == "b" else next(iter(each.selected_by), (None,))[0]
+            if named[each.name] > 1 and number is not None:
+                layouts[i] = replace(each, name=f"{each.name}_{part}{number}")
         named = Counter(each.name for each in layouts)
     by_name = {each.name: each for each in layouts}
     for each in layouts:
@@ -307,15 +316,6 @@ def _layout(
         is_j1939=message.is_extended_frame and message.protocol == "j1939",
     )
     return layout, faults
-
-
-def _told_apart(signal: SignalLayout, part: str) -> SignalLayout:
-    number = signal.start
-    if part == "m":
-        if not signal.selected_by:
-            return signal
-        number = signal.selected_by[0][0]
-    return replace(signal, name=f"{signal.name}_{part}{number}")
 
 
 def _fault(signal: Signal, length: int) -> str | None:
@@ -403,15 +403,3 @@ def _roles(signals: Sequence[Signal]) -> dict[str, str]:
             raise ValueError(f"has two signals with the {ROLE} {role}")
         roles[role] = signal.name
     return roles
-
-
-def _unique_names(messages: Sequence[MessageLayout]) -> tuple[MessageLayout, ...]:
-    """Return messages of different identifiers, each under its own name."""
-    named = Counter(message.name for message in messages)
-    numbers = Counter((message.name, message.can_id) for message in messages)
-    unique = []
-    for m in messages:
-        twin = "x" * (m.is_extended and numbers[m.name, m.can_id] > 1)
-        name = f"{m.name}_0x{m.can_id:X}{twin}" if named[m.name] > 1 else m.name
-        unique.append(replace(m, name=name))
-    return tuple(unique)

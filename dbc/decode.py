@@ -109,21 +109,23 @@ class Codec:
         extended = np.flatnonzero(flags & np.uint16(FrameFlag.EXTENDED))
         keys = batch.bus[extended].astype(np.uint64) << np.uint64(32) | batch.can_id[extended]
         distinct, inverse = np.unique(keys, return_inverse=True)
-        places = [self._extended_place(key & 0xFFFF_FFFF, key >> 32) for key in distinct.tolist()]
+        places = []
+        for key in distinct.tolist():
+            can_id, bus = key & 0xFFFF_FFFF, key >> 32
+            own = (self._places.get((where, can_id, True)) for where in (bus, None))
+            place = next((place for place in own if place is not None), None)
+            if place is None:
+                # Messages of one group from several sources differ in their identifiers only.
+                group = _parameter_group(can_id)
+                groups = (self._groups.get((where, group), ()) for where in (bus, None))
+                both = [place for places in groups for place in places]
+                place = both[0] if len(both) == 1 else len(self.messages)
+            places.append(place)
         index[extended] = np.array(places, np.uint16)[inverse]
         error = (flags & np.uint16(FrameFlag.ERROR)) != 0
         remote = ((flags & np.uint16(FrameFlag.REMOTE)) != 0) & ~error
         index[error | remote] = unknown + 1
         return index, int(np.count_nonzero(error)), int(np.count_nonzero(remote))
-
-    def _extended_place(self, can_id: int, bus: int) -> int:
-        for where in (bus, None):
-            if (place := self._places.get((where, can_id, True))) is not None:
-                return place
-        # Several messages of one group belong to several sources: only their identifiers differ.
-        group = _parameter_group(can_id)
-        both = [*self._groups.get((bus, group), ()), *self._groups.get((None, group), ())]
-        return both[0] if len(both) == 1 else len(self.messages)
 
     def decode(self, batch: FrameBatch) -> Decoded:
         """Decode a block of frames.

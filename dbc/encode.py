@@ -31,7 +31,12 @@ def encode_message(
     payload = np.zeros((n, 8 if layout.length <= 8 else 64), np.uint8)
     for name, bits in raw.items():
         signal = layout.signal(name)
-        _insert(payload, signal, np.where(_present(layout, signal, raw, n), bits, np.uint64(0)))
+        sent = np.where(_present(layout, signal, raw, n), bits, np.uint64(0))
+        for byte in range(signal.first_byte, signal.last_byte + 1):  # bits that are set stay set
+            steps = signal.last_byte - byte if signal.is_big_endian else byte - signal.first_byte
+            down = 8 * steps - signal.low_bit
+            part = sent >> np.uint64(down) if down >= 0 else sent << np.uint64(-down)
+            payload[:, byte] |= (part & np.uint64(0xFF)).astype(np.uint8)
     if layout.crc is not None:
         byte = layout.signal(layout.crc).first_byte
         payload[:, byte] = CRC_RULES[layout.crc_rule](covered(payload, byte, layout.length))
@@ -74,12 +79,3 @@ def _present(
         )
         signal = layout.signal(signal.selector)
     return present
-
-
-def _insert(payload: NDArray[np.uint8], signal: SignalLayout, bits: NDArray[np.uint64]) -> None:
-    """Put bits into the payload, byte by byte; bits that are already set stay set."""
-    for byte in range(signal.first_byte, signal.last_byte + 1):
-        steps = signal.last_byte - byte if signal.is_big_endian else byte - signal.first_byte
-        down = 8 * steps - signal.low_bit
-        part = bits >> np.uint64(down) if down >= 0 else bits << np.uint64(-down)
-        payload[:, byte] |= (part & np.uint64(0xFF)).astype(np.uint8)

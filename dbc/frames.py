@@ -87,14 +87,7 @@ class FrameBatch:
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Self:
         """Return the frames that `index` (mask, positions or slice) picks."""
-        return type(self)(
-            self.t_ns[index],
-            self.can_id[index],
-            self.flags[index],
-            self.bus[index],
-            self.length[index],
-            self.data[index],
-        )
+        return type(self)(*(getattr(self, name)[index] for name, _ in _COLUMNS))
 
     def by_time(self) -> Self:
         """Return the frames in order of time; those of one time keep theirs."""
@@ -118,34 +111,17 @@ class FrameBatch:
     @classmethod
     def empty(cls) -> Self:
         """Return a batch of no frames."""
-        return cls(
-            np.zeros(0, np.int64),
-            np.zeros(0, np.uint32),
-            np.zeros(0, np.uint16),
-            np.zeros(0, np.uint8),
-            np.zeros(0, np.uint8),
-            np.zeros((0, 8), np.uint8),
-        )
+        return cls(*(np.zeros((0, 8) if name == "data" else 0, kind) for name, kind in _COLUMNS))
 
     @classmethod
     def concatenate(cls, batches: Sequence[Self]) -> Self:
         """Join batches in the order given; payloads are widened to 64 bytes if any is."""
         if len(batches) < 2:
             return batches[0] if batches else cls.empty()
+        columns = {name: [getattr(batch, name) for batch in batches] for name, _ in _COLUMNS[:-1]}
         width = max(batch.data.shape[1] for batch in batches)
-        data = [b.data if b.data.shape[1] == width else _widened(b.data, width) for b in batches]
-        return cls(
-            np.concatenate([batch.t_ns for batch in batches]),
-            np.concatenate([batch.can_id for batch in batches]),
-            np.concatenate([batch.flags for batch in batches]),
-            np.concatenate([batch.bus for batch in batches]),
-            np.concatenate([batch.length for batch in batches]),
-            np.concatenate(data),
-        )
-
-
-def _widened(data: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
-    return np.pad(data, ((0, 0), (0, width - data.shape[1])))
+        data = [np.pad(b.data, ((0, 0), (0, width - b.data.shape[1]))) for b in batches]
+        return cls(*map(np.concatenate, columns.values()), np.concatenate(data))
 
 
 _COLUMNS = (

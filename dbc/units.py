@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 
 from .errors import InputError
@@ -91,24 +92,9 @@ _WORDS = {word: unit for unit, words in _OTHERS.items() for word in words.split(
 
 
 def to_si(unit: str) -> SiUnit:
-    """Return the conversion of a DBC's unit to SI.
+    """Return the conversion of a DBC's unit to SI; an empty unit is that of plain numbers.
 
-    UTF-8 text that was once read as Windows-1252 is recognised.
-
-    Parameters
-    ----------
-    unit : str
-        As in the DBC; empty for plain numbers.
-
-    Returns
-    -------
-    SiUnit
-        The conversion.
-
-    Raises
-    ------
-    InputError
-        If the table does not hold the unit.
+    Raises InputError if the table does not hold the unit.
     """
     known = known_si(unit)
     if known is None:
@@ -120,19 +106,8 @@ def to_si(unit: str) -> SiUnit:
 
 def known_si(unit: str) -> SiUnit | None:
     """Return what `to_si` returns; None if the table does not hold the unit."""
-    spelled = _respell(_remedy(unit))
-    return _KNOWN.get(_WORDS.get(spelled, spelled))
-
-
-def _remedy(unit: str) -> str:
-    """Undo the reading of UTF-8 bytes as Windows-1252, which adds a wrong letter before a sign."""
-    try:
-        return unit.encode("cp1252").decode("utf-8")
-    except UnicodeError:
-        return unit
-
-
-def _respell(unit: str) -> str:
+    with suppress(UnicodeError):  # UTF-8 that was read as Windows-1252 has a wrong letter more
+        unit = unit.encode("cp1252").decode("utf-8")
     for written, plain in _SPELLINGS:
         unit = unit.replace(written, plain)
-    return unit
+    return _KNOWN.get(_WORDS.get(unit, unit))
