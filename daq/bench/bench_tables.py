@@ -23,7 +23,7 @@ from dbc.crc import CRC_RULES
 
 from ..channels import AT_CORNER, Quantity
 from ..runs import Excitation
-from ..vehicle import Corner
+from ..vehicle import BodyWeight, Corner, HubWeight
 from .campaign import Method
 
 
@@ -231,6 +231,13 @@ class WeightTable(Table):
         if self.hub is not None and self.position_sigma_m:
             raise ValueError("position_sigma_m is for a weight on the body, not on a hub")
         return self
+
+    def weight(self) -> BodyWeight | HubWeight:
+        """Return the weight on the body or on a hub."""
+        if self.x_m is not None and self.y_m is not None:
+            return BodyWeight(**self.model_dump(exclude={"hub"}))
+        assert self.hub is not None  # ensured above
+        return HubWeight(self.mass_kg, self.hub, self.sigma_kg)
 
 
 class FactTable(Table):

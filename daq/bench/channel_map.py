@@ -163,10 +163,6 @@ def load_channel_map(path: Path) -> ChannelMap:
         else usual
         for channel in table.channel
     }
-    return ChannelMap(bench, MappingProxyType(clocks), _runs(table, bench, where))
-
-
-def _runs(table: ChannelMapFile, bench: Bench, where: str) -> tuple[GivenRun, ...]:
     states = [state.name for state in bench.mass_states]
     done: Counter[tuple[str, str]] = Counter()
     runs = []
@@ -177,4 +173,4 @@ def _runs(table: ChannelMapFile, bench: Bench, where: str) -> tuple[GivenRun, ..
         done[run.mass_state, run.excitation] += 1
         step = Step(run.mass_state, run.excitation, done[run.mass_state, run.excitation])
         runs.append(GivenRun(step, run.start_s, run.stop_s))
-    return tuple(runs)
+    return ChannelMap(bench, MappingProxyType(clocks), tuple(runs))

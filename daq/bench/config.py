@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
@@ -10,30 +11,20 @@ from types import MappingProxyType
 
 from dbc import Codec, read_dbc
 
-from ..channels import SI_UNITS, Channel, message_of
+from ..channels import Channel, message_of
 from ..errors import InputError
 from ..runs import ADDED, BASELINE
 from ..vehicle import (
     AddedMass,
-    BodyWeight,
     Fact,
     FactQuantity,
-    HubWeight,
     MassState,
     Structure,
     Vehicle,
     VehicleGeometry,
     parameter_names,
 )
-from .bench_tables import (
-    BenchFile,
-    ChannelTable,
-    MessageRule,
-    SampleSet,
-    SensorTable,
-    TriggerConfig,
-    WeightTable,
-)
+from .bench_tables import BenchFile, MessageRule, SampleSet, SensorTable, TriggerConfig
 from .campaign import Campaign, Origin, Procedure
 from .databases import Database, database_codec, read_databases, stored_databases, stored_text
 from .message_rules import check_sets, ruled_codec
@@ -141,13 +132,9 @@ def load_bench(path: Path | None) -> Bench:
     """
     if path is None:
         return parse_bench(default_bench_text(), "bench.toml (shipped)", Path())
-    bench = parse_bench(toml_text(path, "name a bench.toml"), str(path), path.parent)
-    _refuse_slips(bench, str(path))
-    return bench
-
-
-def _refuse_slips(bench: Bench, where: str) -> None:
-    """Raise InputError for a slip that a new file must not have; recorded ones are read with it."""
+    where = str(path)
+    bench = parse_bench(toml_text(path, "name a bench.toml"), where, path.parent)
+    # Slips that a new file must not have; recorded ones are read with them.
     kinds = bench.campaign.excitations
     if len(set(kinds)) < len(kinds):
         what = "campaign.excitations names a kind of bump twice"
@@ -157,6 +144,7 @@ def _refuse_slips(bench: Bench, where: str) -> None:
         if fact.value <= 0.0 and fact.quantity in positive:
             what = f"fact {fact.quantity}: is {fact.value:g}"
             raise InputError(where, what, "state a value above 0")
+    return bench
 
 
 def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None) -> Bench:
@@ -180,27 +168,32 @@ def bench_of(table: BenchFile, text: str, where: str, dbc_text: str) -> Bench:
     come from a bus.  Raises InputError if two things have the same name, a fact has an unknown
     quantity, or the name of a signal is too long for a session file.
     """
-    for kind, names in (
-        ("sensor", [sensor.name for sensor in table.sensor]),
-        ("channel", [channel.name for channel in table.channel]),
-        ("message", [message.name for message in table.message]),
-        ("sample set", [sample_set.name for sample_set in table.sample_set]),
+    for kind, tables in (
+        ("sensor", table.sensor),
+        ("channel", table.channel),
+        ("message", table.message),
+        ("sample set", table.sample_set),
     ):
-        for name in names:
-            if names.count(name) > 1:
+        for name, times in Counter(each.name for each in tables).items():
+            if times > 1:
                 raise InputError(where, f"{kind} {name} occurs twice", "give each its own name")
-    tables = table.bus if isinstance(table.bus, list) else [table.bus]
-    buses = tuple(BusConfig(bus.interface, bus.channel, bus.bitrate, bus.name) for bus in tables)
-    taken = [(bus.interface, bus.channel) for bus in buses]
-    for interface, name in taken:
-        if taken.count((interface, name)) > 1:
+    stated = table.bus if isinstance(table.bus, list) else [table.bus]
+    buses = tuple(BusConfig(**bus.model_dump()) for bus in stated)
+    for (interface, name), times in Counter((b.interface, b.channel) for b in buses).items():
+        if times > 1:
             what = f"bus {interface} {name} occurs twice"
             raise InputError(where, what, "give each [[bus]] its own channel")
     sensors = tuple(
         Sensor(s.name, s.database, _bus_of(s, buses, where), s.id_offset, MappingProxyType(s.ids))
         for s in table.sensor
     )
-    channels = tuple(_channel(c) for c in table.channel)
+    channels = tuple(
+        Channel(
+            **channel.model_dump(exclude={"calibrated"}),
+            calibrated=channel.calibrated.isoformat() if channel.calibrated else "",
+        )
+        for channel in table.channel
+    )
     if sensors and dbc_text:
         databases = stored_databases(dbc_text)
         messages = [m for s in sensors for m in sensors_codec([s], databases, len(buses)).messages]
@@ -230,17 +223,15 @@ def bench_of(table: BenchFile, text: str, where: str, dbc_text: str) -> Bench:
         buses=buses,
         vehicle=Vehicle(
             table.vehicle.name,
-            VehicleGeometry(geometry.a_m, geometry.b_m, geometry.t_f_m, geometry.t_r_m)
-            if geometry
-            else None,
+            VehicleGeometry(*geometry.model_dump().values()) if geometry else None,
             structure,
-            tuple(Fact(fact.quantity, fact.value, fact.sigma) for fact in table.fact),
+            tuple(Fact(**fact.model_dump()) for fact in table.fact),
             decided,
         ),
         channels=channels,
         mass_states=(
             MassState(BASELINE),
-            MassState(ADDED, AddedMass(tuple(_weight(w) for w in table.weight))),
+            MassState(ADDED, AddedMass(tuple(weight.weight() for weight in table.weight))),
         ),
         campaign=Campaign(tuple(table.campaign.excitations), table.campaign.repeats),
         bump_s=table.campaign.bump_s,
@@ -334,26 +325,6 @@ def _completed(table: BenchFile) -> BenchFile:
             "sample_set": table.sample_set or ready.sample_set,
         }
     )
-
-
-def _weight(table: WeightTable) -> BodyWeight | HubWeight:
-    if table.x_m is not None and table.y_m is not None:
-        return BodyWeight(
-            table.mass_kg,
-            table.x_m,
-            table.y_m,
-            table.height_m,
-            table.sigma_kg,
-            table.position_sigma_m,
-        )
-    assert table.hub is not None  # ensured by WeightTable
-    return HubWeight(table.mass_kg, table.hub, table.sigma_kg)
-
-
-def _channel(table: ChannelTable) -> Channel:
-    fields = table.model_dump()
-    fields["calibrated"] = table.calibrated.isoformat() if table.calibrated else ""
-    return Channel(unit=SI_UNITS.get(table.quantity, ""), **fields)
 
 
 def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
