@@ -127,7 +127,11 @@ def _groups(
             time_s=t_s,
             t_ns=np.rint(t_s * 1e9).astype(np.int64),
             values=members,
-            quality=np.isnan(list(members.values())).any(axis=0) * np.uint8(Quality.MISSING),
+            quality=np.where(
+                np.isnan(list(members.values())).any(axis=0),
+                np.uint8(Quality.MISSING),
+                np.uint8(0),
+            ),
         )
         for t_s, members in clocks
     )

@@ -7,6 +7,8 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from dbc.frames import FrameBatch
+
 from .channels import Channel, Quantity, sensor_of_signal
 from .documents import html_line, html_table
 from .errors import InputError
@@ -43,6 +45,16 @@ class Session:
     def units(self) -> dict[str, str]:
         """SI unit of each channel, by its name."""
         return {channel.name: channel.unit for channel in self.channels}
+
+    @property
+    def frames(self) -> FrameBatch:
+        """All raw frames in order of time; frames in two runs only once."""
+        parts, last_ns = list[FrameBatch](), -(1 << 63)
+        for run in sorted(self.runs, key=lambda run: run.t0_ns):
+            if len(run.frames):  # a window holds all frames of its time
+                parts.append(run.frames.select(run.frames.t_ns > last_ns))
+                last_ns = max(last_ns, int(run.frames.t_ns.max()))
+        return FrameBatch.concatenate(parts).by_time()
 
     def _repr_html_(self) -> str:
         """Return the HTML that a notebook shows: runs and channels."""

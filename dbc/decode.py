@@ -113,14 +113,14 @@ class Codec:
         for key in distinct.tolist():
             can_id, bus = key & 0xFFFF_FFFF, key >> 32
             own = (self._places.get((where, can_id, True)) for where in (bus, None))
-            place = next((place for place in own if place is not None), None)
-            if place is None:
+            position = next((number for number in own if number is not None), None)
+            if position is None:
                 # Messages of one group from several sources differ in their identifiers only.
                 group = _parameter_group(can_id)
                 groups = (self._groups.get((where, group), ()) for where in (bus, None))
-                both = [place for places in groups for place in places]
-                place = both[0] if len(both) == 1 else len(self.messages)
-            places.append(place)
+                both = [number for numbers in groups for number in numbers]
+                position = both[0] if len(both) == 1 else len(self.messages)
+            places.append(position)
         index[extended] = np.array(places, np.uint16)[inverse]
         error = (flags & np.uint16(FrameFlag.ERROR)) != 0
         remote = ((flags & np.uint16(FrameFlag.REMOTE)) != 0) & ~error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,8 @@ class FrameBatch:
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Self:
         """Return the frames that `index` (mask, positions or slice) picks."""
-        return type(self)(*(getattr(self, name)[index] for name, _ in _COLUMNS))
+        columns: dict[str, Any] = {name: getattr(self, name)[index] for name, _ in _COLUMNS}
+        return type(self)(**columns)
 
     def by_time(self) -> Self:
         """Return the frames in order of time; those of one time keep theirs."""
@@ -111,17 +112,26 @@ class FrameBatch:
     @classmethod
     def empty(cls) -> Self:
         """Return a batch of no frames."""
-        return cls(*(np.zeros((0, 8) if name == "data" else 0, kind) for name, kind in _COLUMNS))
+        columns: dict[str, Any] = {name: np.zeros(0, kind) for name, kind in _COLUMNS[:-1]}
+        return cls(**columns, data=np.zeros((0, 8), np.uint8))
 
     @classmethod
     def concatenate(cls, batches: Sequence[Self]) -> Self:
         """Join batches in the order given; payloads are widened to 64 bytes if any is."""
         if len(batches) < 2:
             return batches[0] if batches else cls.empty()
-        columns = {name: [getattr(batch, name) for batch in batches] for name, _ in _COLUMNS[:-1]}
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(batch, name) for batch in batches])
+            for name, _ in _COLUMNS[:-1]
+        }
         width = max(batch.data.shape[1] for batch in batches)
-        data = [np.pad(b.data, ((0, 0), (0, width - b.data.shape[1]))) for b in batches]
-        return cls(*map(np.concatenate, columns.values()), np.concatenate(data))
+        data = [
+            b.data
+            if b.data.shape[1] == width
+            else np.pad(b.data, ((0, 0), (0, width - b.data.shape[1])))
+            for b in batches
+        ]
+        return cls(**columns, data=np.concatenate(data))
 
 
 _COLUMNS = (

@@ -83,6 +83,26 @@ def _checked(message: can.Message, arrived_ns: int) -> tuple[int, int, int, int,
     return t_ns, can_id, flags, length, bytes(payload)
 
 
+def messages_of(frames: FrameBatch, start_ns: int = 0) -> Iterator[can.Message]:
+    """Yield frames as messages of python-can, stamped in seconds from `start_ns`."""
+    # Half a nanosecond is added, because the BLF writer truncates digits instead of rounding.
+    since_s = ((frames.t_ns - start_ns) + 0.5) * 1e-9
+    columns = (since_s, frames.can_id, frames.flags, frames.bus, frames.length)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    payload, width = frames.data.tobytes(), frames.data.shape[1]
+    for i, (time_s, can_id, flags, bus, length) in enumerate(rows):
+        message = can.Message(
+            timestamp=time_s,
+            arbitration_id=can_id,
+            is_rx=not flags & FrameFlag.TRANSMITTED,
+            channel=bus,
+            dlc=length,
+            data=None if flags & FrameFlag.REMOTE else payload[i * width : i * width + length],
+            **{name: bool(flags & flag) for name, flag in _FLAGS.items()},
+        )
+        yield message
+
+
 _FAST_DATA = 4
 """Assumed ratio of data to nominal bit rate of FD frames; bench.toml has no data bit rate."""
 

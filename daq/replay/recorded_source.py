@@ -15,7 +15,6 @@ from ..errors import InputError
 from ..journal.folder import recordings
 from ..journal.reader import read_journal
 from ..sessions import Session
-from .replay import recorded_frames
 
 AROUND_NS = 2_000_000_000
 """Time before the first and after the last run that is also replayed, ns: the trigger needs the
@@ -35,7 +34,7 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
     `path`: its file; the journal from which it was built is in the folder `journal` in its folder.
     Raises InputError if the journal is missing or incomplete.
     """
-    runs = FrameBatch.concatenate(list(recorded_frames(session)))
+    runs = session.frames
     if len(runs):
         span = (int(runs.t_ns.min()) - AROUND_NS, int(runs.t_ns.max()) + AROUND_NS)
         for recording in recordings(path.parent / "journal"):

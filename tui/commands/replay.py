@@ -38,7 +38,7 @@ def replay(
     from daq import read_session
     from daq.bus.interfaces import open_buses
     from daq.formats.log import read_log
-    from daq.replay.replay import play, recorded_frames
+    from daq.replay.replay import play
     from dbc import FrameBatch, counted
 
     from ..bench import log_and_bench, shared_bench
@@ -48,7 +48,7 @@ def replay(
     source, bench = log_and_bench(source, bench)
     described = shared_bench(bench, interface, channel)
     log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
-    batches: Iterable[FrameBatch] = log or recorded_frames(read_session(source))
+    batches: Iterable[FrameBatch] = log or [read_session(source).frames]
     read = 0
 
     def wanted() -> Iterable[FrameBatch]:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,28 +15,18 @@ from ...bench.campaign import Origin
 from ...errors import InputError
 from ...sessions import Session
 
-if TYPE_CHECKING:
-    import can
-
 _NS_PER_MS, _NS_PER_US = 1_000_000, 1000
 _BLF_RESERVED = 72
 """Offset of the reserved part of the head of a BLF, bytes; readers skip it."""
 
 
 def session_frames(session: Session) -> FrameBatch:
-    """Return all raw frames of a session in order of time; frames in two runs only once.
-
-    Raises InputError if the session has none.
-    """
-    batches = [run.frames for run in session.runs if len(run.frames)]
-    if not batches:
+    """Return all raw frames of a session (`Session.frames`); raises InputError if it has none."""
+    frames = session.frames
+    if not len(frames):
         what = "its runs hold no raw frames"
         raise InputError("session", what, "export the decoded channels: mf4, mat, csv, parquet")
-    parts, last_ns = [], np.iinfo(np.int64).min
-    for batch in sorted(batches, key=lambda batch: int(batch.t_ns.min())):
-        parts.append(batch.select(batch.t_ns > last_ns))  # a window holds all frames of its time
-        last_ns = max(last_ns, int(batch.t_ns.max()))
-    return FrameBatch.concatenate(parts).by_time()
+    return frames
 
 
 def frames_left_out(session: Session) -> tuple[str, ...]:
@@ -61,13 +49,15 @@ def write_blf(session: Session, path: Path) -> tuple[str, ...]:
     """
     import can
 
+    from ...bus.interfaces import messages_of
+
     frames = session_frames(session)
     start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
     with can.BLFWriter(path) as writer:
         # Times count from a start in whole milliseconds, because seconds since 1970 in a float64
         # have steps of 238 ns.
         writer.start_timestamp = 0.0
-        for message in _messages(frames, start_ns):
+        for message in messages_of(frames, start_ns):
             writer.on_message_received(message)
         writer.start_timestamp = start_ns * 1e-9
         writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
@@ -79,6 +69,8 @@ def write_blf(session: Session, path: Path) -> tuple[str, ...]:
 def write_asc(session: Session, path: Path) -> tuple[str, ...]:
     """Write an ASC log; as `write_blf`, but with times in whole microseconds."""
     import can
+
+    from ...bus.interfaces import messages_of
 
     frames = session_frames(session)
     start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
@@ -93,7 +85,7 @@ def write_asc(session: Session, path: Path) -> tuple[str, ...]:
             stream.write(f"// origin: {origin}\n")
         stream.write(f"Begin Triggerblock {day}\n   0.000000 Start of measurement\n")
         writer.header_written = True
-        for message in _messages(frames, start_ns):
+        for message in messages_of(frames, start_ns):
             writer.on_message_received(message)
     return _lost_in_text(frames, "ASC")
 
@@ -102,9 +94,11 @@ def write_candump(session: Session, path: Path) -> tuple[str, ...]:
     """Write a log of candump; as `write_asc`."""
     import can
 
+    from ...bus.interfaces import messages_of
+
     frames = session_frames(session)
     with can.CanutilsLogWriter(path) as writer:
-        for message in _messages(frames, 0):
+        for message in messages_of(frames, 0):
             if origin := _unlike_real(session):  # an interface's name, as it has no comments
                 message.channel = f"{origin}{message.channel}"
             writer.on_message_received(message)
@@ -133,30 +127,3 @@ def _lost_in_text(frames: FrameBatch, name: str) -> tuple[str, ...]:
     if errors:
         notes.append(f"{name} keeps only the times of {counted(errors, 'error frame')}")
     return tuple(notes)
-
-
-def _messages(frames: FrameBatch, start_ns: int) -> Iterator[can.Message]:
-    """Yield frames as messages of python-can, stamped in seconds from `start_ns`."""
-    import can
-
-    # Half a nanosecond is added, because the BLF writer truncates digits instead of rounding.
-    since_s = ((frames.t_ns - start_ns) + 0.5) * 1e-9
-    columns = (since_s, frames.can_id, frames.flags, frames.bus, frames.length)
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    payload, width = frames.data.tobytes(), frames.data.shape[1]
-    for i, (time_s, can_id, flags, bus, length) in enumerate(rows):
-        remote = bool(flags & FrameFlag.REMOTE)
-        yield can.Message(
-            timestamp=time_s,
-            arbitration_id=can_id,
-            is_extended_id=bool(flags & FrameFlag.EXTENDED),
-            is_remote_frame=remote,
-            is_error_frame=bool(flags & FrameFlag.ERROR),
-            is_fd=bool(flags & FrameFlag.FD),
-            bitrate_switch=bool(flags & FrameFlag.BITRATE_SWITCH),
-            error_state_indicator=bool(flags & FrameFlag.ERROR_STATE),
-            is_rx=not flags & FrameFlag.TRANSMITTED,
-            channel=bus,
-            dlc=length,
-            data=None if remote else payload[i * width : i * width + length],
-        )
