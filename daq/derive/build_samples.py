@@ -16,7 +16,6 @@ import numpy as np
 
 from dbc import Codec
 from dbc.frames import FrameBatch
-from dbc.samples import Decoded
 
 from ..bench.config import Bench
 from ..channels import Quantity
@@ -24,7 +23,7 @@ from ..errors import InputError
 from ..journal.contents import HopCounts
 from ..journal.format import JournalHead
 from ..runlog.run_log import Code, LoggedRun, LoggedStatus, RunLog, finding_record, fold
-from ..runs import Event, Losses, Run, RunStatus, SampleGroup
+from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import converter as health
 from ..samples import trigger
 from ..samples.groups import sample_groups, timekeeping
@@ -48,7 +47,15 @@ def journal_provenance(
 
     `frames`: of each run.  `loss`: the losses of the journal, in words.
     """
-    digest = hashlib.sha256("".join(map(_digest, frames)).encode()).hexdigest()
+    of_runs = (hashlib.sha256(run.data.data.tobytes() + run.t_ns.data.tobytes()) for run in frames)
+    digest = hashlib.sha256("".join(run.hexdigest() for run in of_runs).encode()).hexdigest()
+    judged = [run for run in run_log.runs if run.findings]
+    verdicts = {run.label: [finding_record(f) for f in run.findings] for run in judged}
+    said = {
+        "verdicts": json.dumps(verdicts),
+        "notes": json.dumps([asdict(note) for note in run_log.notes]),
+        "overrides": json.dumps([asdict(override) for override in run_log.overrides]),
+    }
     return {
         # The same recording gives the same uuid, however often its session is built.
         "uuid": str(uuid.UUID(head.recording or digest[:32])),
@@ -57,30 +64,13 @@ def journal_provenance(
         "origin": str(head.origin),
         "frames_sha256": digest,
         "journal_losses": loss or "none",
-        **_remarks(run_log),
+        **{name: text for name, text in said.items() if text not in ("{}", "[]")},
     }
 
 
 def utc_text(t_ns: int) -> str:
     """Return a time, ns since 1970, as ISO 8601 in whole seconds."""
     return datetime.fromtimestamp(t_ns * 1e-9, UTC).isoformat(timespec="seconds")
-
-
-def _digest(frames: FrameBatch) -> str:
-    """Return the SHA-256 of a run's frames."""
-    digest = hashlib.sha256(frames.data.data)
-    digest.update(frames.t_ns.data)
-    return digest.hexdigest()
-
-
-def _remarks(run_log: RunLog) -> dict[str, str]:
-    """Return the findings on each run and the remarks of persons, as JSON."""
-    judged = [run for run in run_log.runs if run.findings]
-    found = {run.label: [finding_record(f) for f in run.findings] for run in judged}
-    notes = json.dumps([asdict(note) for note in run_log.notes])
-    overrides = json.dumps([asdict(override) for override in run_log.overrides])
-    said = {"verdicts": json.dumps(found), "notes": notes, "overrides": overrides}
-    return {name: text for name, text in said.items() if text not in ("{}", "[]")}
 
 
 def build_session(
@@ -124,7 +114,12 @@ def session_of_runs(
     in_time = sorted(enumerate(run_log.runs), key=lambda pair: pair[1].t_ns)
     for number, logged in in_time:
         runs[number] = _run(bench, codec, mapped, logged, frames[number], events, hops)
-        hops = _after(hops, bench.trigger.window_ns(logged.t_ns)[1])
+        if len(hops.t_ns):  # the losses up to here are counted; two runs may share a block
+            stop_ns = bench.trigger.window_ns(logged.t_ns)[1]
+            last = min(int(np.searchsorted(hops.t_ns, stop_ns)), len(hops.t_ns) - 1)
+            t_ns = hops.t_ns[last:].copy()
+            t_ns[0] = np.iinfo(np.int64).min
+            hops = HopCounts(t_ns, hops.counts[last:])
     return Session(
         vehicle=bench.vehicle,
         channels=tuple(m.channel for m in mapped),
@@ -132,16 +127,6 @@ def session_of_runs(
         runs=tuple(runs[number] for number in sorted(runs)),
         provenance=provenance,
     )
-
-
-def _after(hops: HopCounts, stop_ns: int) -> HopCounts:
-    """Return the losses without those of the blocks up to a time: two runs may share a block."""
-    if not len(hops.t_ns):
-        return hops
-    last = min(int(np.searchsorted(hops.t_ns, stop_ns)), len(hops.t_ns) - 1)
-    t_ns = hops.t_ns[last:].copy()
-    t_ns[0] = np.iinfo(np.int64).min
-    return HopCounts(t_ns, hops.counts[last:])
 
 
 def check_runs(bench: Bench, events: Sequence[Event], run_log: RunLog) -> None:
@@ -170,11 +155,18 @@ def _run(
     `frames`: frames in its window.  `events`: all events; those in its window are kept.
     """
     start_ns, stop_ns = bench.trigger.window_ns(run.t_ns)
-    own = [event for event in events if start_ns <= event.t_ns <= stop_ns]
+    kept = []
+    for event in events:
+        if not start_ns <= event.t_ns <= stop_ns or event.code in _NOT_OF_A_RUN:
+            continue
+        if len(raw := event.text.encode()) > _TEXT_BYTES:
+            event = replace(event, text=f"{raw[: _TEXT_BYTES - 3].decode('utf-8', 'ignore')}...")
+        kept.append(event)
     decoded = codec.decode(frames)
     groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
     reasons = (*run.reasons, *_shortcomings(mapped, groups, frames, start_ns, stop_ns))
     rejected = bool(reasons) or run.status is LoggedStatus.REJECTED
+    sensors = health.advance(codec.messages, health.HealthState(), decoded).losses
     return Run(
         mass_state=run.mass_state,
         excitation=run.excitation,
@@ -184,17 +176,10 @@ def _run(
         groups=groups,
         status=RunStatus.REJECTED if rejected else RunStatus.ACCEPTED,
         reasons=reasons,
-        losses=_losses(codec, decoded, hops, start_ns, stop_ns),
-        events=tuple(_short(event) for event in own if event.code not in _NOT_OF_A_RUN),
+        losses=health.losses_added(sensors, hops.between(start_ns, stop_ns).of_a_run),
+        events=tuple(kept),
         frames=frames,
     )
-
-
-def _short(event: Event) -> Event:
-    if len(event.text.encode()) <= _TEXT_BYTES:
-        return event
-    cut = event.text.encode()[: _TEXT_BYTES - 3].decode("utf-8", "ignore")
-    return replace(event, text=f"{cut}...")
 
 
 def _shortcomings(
@@ -221,8 +206,3 @@ def _shortcomings(
             span = f"{max(group.time_s[0], 0.0):.2f} to {group.time_s[-1]:.2f} s"
             reasons[f"{m.message.name} was received only from {span} of {length_s:.2f} s"] = None
     return tuple(reasons)
-
-
-def _losses(codec: Codec, decoded: Decoded, hops: HopCounts, start_ns: int, stop_ns: int) -> Losses:
-    sensors = health.advance(codec.messages, health.HealthState(), decoded).losses
-    return health.losses_added(sensors, hops.between(start_ns, stop_ns).of_a_run)

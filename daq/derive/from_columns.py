@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,6 @@ from ..runs import Event, Run, RunStatus, SampleGroup
 from ..samples import trigger
 from ..samples.columns import Column, Columns
 from ..samples.groups import group_names
-from ..samples.mapping import Column as Trace
 from ..samples.mapping import channel_values, si_unit
 from ..sessions import Session
 from .build_samples import EDGE_S, utc_text
@@ -191,24 +190,18 @@ def bumps_in(channel_map: ChannelMap, recorded: Recording) -> tuple[Event, ...]:
         if name in triggers and len(group.t_ns)
     }
     state, events = trigger.TriggerState(), list[Event]()
-    for block in _blocks(traces):
+    # Pieces of one second: the trigger's work grows with the square of their length.
+    first = min((int(t_ns[0]) for t_ns, _ in traces.values()), default=0)
+    seconds = {s for t, _ in traces.values() for s in np.unique((t - first) // _BLOCK_NS).tolist()}
+    for second in sorted(seconds):
+        span = first + second * _BLOCK_NS, first + (second + 1) * _BLOCK_NS
+        block = {}
+        for name, (t_ns, value) in traces.items():
+            rows = slice(*np.searchsorted(t_ns, span))
+            block[name] = t_ns[rows], value[rows]
         state, fresh = trigger.advance(channel_map.bench.trigger, state, block)
         events += fresh
     return tuple(event for event in events if event.code == trigger.BUMP)
-
-
-def _blocks(traces: Mapping[str, Trace]) -> Iterator[dict[str, Trace]]:
-    """Yield pieces of one second: the trigger's work grows with the square of their length."""
-    if not traces:
-        return
-    first = min(int(t_ns[0]) for t_ns, _ in traces.values())
-    edges = np.unique(np.concatenate([(t - first) // _BLOCK_NS for t, _ in traces.values()]))
-    for edge in edges.tolist():
-        span = first + edge * _BLOCK_NS, first + (edge + 1) * _BLOCK_NS
-        rows = {name: slice(*np.searchsorted(t_ns, span)) for name, (t_ns, _) in traces.items()}
-        yield {
-            name: (t_ns[rows[name]], value[rows[name]]) for name, (t_ns, value) in traces.items()
-        }
 
 
 def bump_run(channel_map: ChannelMap, recorded: Recording, step: Step, bump: Event) -> Run:
@@ -234,7 +227,14 @@ def given_run(channel_map: ChannelMap, recorded: Recording, given: GivenRun) -> 
             columns = (time_s, group.t_ns[rows], values, group.quality[rows])
             groups.append(SampleGroup(group.name, *columns))
         if used & values.keys():
-            reasons += _shortcomings(group.name, time_s, stop_s - start_s)
+            length_s = stop_s - start_s
+            if len(time_s) < 2:
+                reasons.append(f"{group.name} has {counted(len(time_s), 'sample')}")
+                continue
+            edge_s = EDGE_S + 2.0 * float(np.median(np.diff(time_s)))
+            if time_s[0] > edge_s or time_s[-1] < length_s - edge_s:
+                span = f"{time_s[0]:.2f} to {time_s[-1]:.2f} s of {length_s:.2f} s"
+                reasons.append(f"{group.name} reaches only from {span}")
     missing = used - {name for group in recorded.groups for name in group.values}
     reasons += [f"{name} has no value" for name in sorted(missing)]
     return Run(
@@ -247,15 +247,6 @@ def given_run(channel_map: ChannelMap, recorded: Recording, given: GivenRun) -> 
         status=RunStatus.REJECTED if reasons else RunStatus.ACCEPTED,
         reasons=tuple(reasons),
     )
-
-
-def _shortcomings(name: str, time_s: NDArray[np.float64], length_s: float) -> list[str]:
-    if len(time_s) < 2:
-        return [f"{name} has {counted(len(time_s), 'sample')}"]
-    edge_s = EDGE_S + 2.0 * float(np.median(np.diff(time_s)))
-    if time_s[0] <= edge_s and time_s[-1] >= length_s - edge_s:
-        return []
-    return [f"{name} reaches only from {time_s[0]:.2f} to {time_s[-1]:.2f} s of {length_s:.2f} s"]
 
 
 def session_from_columns(

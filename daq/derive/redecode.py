@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Mapping
-from dataclasses import astuple, replace
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec, parse_bench
-from ..bus.source import HopLosses
 from ..errors import BumpbenchError, InputError
 from ..journal.contents import HopCounts
-from ..runs import Event, Run, RunStatus
+from ..runs import RunStatus
 from ..samples import trigger
 from ..sessions import Session
 from .build_samples import build_session
@@ -39,30 +39,24 @@ def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[st
     if not session.runs:
         raise InputError(where, "has no run", "name a session that was recorded or imported")
     new = _built(session, bench)
-    judged = _judged_before(session)
+    texts = session.provenance
+    known: list[tuple[str, ...]] = [() for _ in session.runs]
+    with suppress(KeyError, BumpbenchError):  # then every reason counts as the operator's
+        before = parse_bench(texts["bench_toml"], "bench.toml", Path(), texts["dbc"])
+        known = [run.reasons for run in _built(session, before).runs]
     runs = []
-    for old, run, known in zip(session.runs, new.runs, judged, strict=True):
-        kept = tuple(r for r in old.reasons if r not in known and r not in run.reasons)
+    for old, run, old_reasons in zip(session.runs, new.runs, known, strict=True):
+        kept = tuple(r for r in old.reasons if r not in old_reasons and r not in run.reasons)
         reasons = (*run.reasons, *kept)
         status = RunStatus.REJECTED if reasons else RunStatus.ACCEPTED
         if old.status is RunStatus.REJECTED and not old.reasons:
             status = RunStatus.REJECTED
         runs.append(replace(run, events=old.events, reasons=reasons, status=status))
-    texts = {"dbc": bench.dbc_text, "bench_toml": bench.text}
-    origin = session.provenance.get("uuid", "")
+    origin = texts.get("uuid", "")
     name = uuid.uuid5(uuid.NAMESPACE_OID, origin + bench.dbc_text + bench.text)
-    about = {**session.provenance, **provenance, **texts, "uuid": str(name), "redecoded": origin}
+    about = {**texts, **provenance, "dbc": bench.dbc_text, "bench_toml": bench.text}
+    about |= {"uuid": str(name), "redecoded": origin}
     return replace(new, runs=tuple(runs), provenance=about)
-
-
-def _judged_before(session: Session) -> list[tuple[str, ...]]:
-    """Return the reasons of rejection that the old decoding gives for each run."""
-    try:
-        texts = session.provenance
-        bench = parse_bench(texts["bench_toml"], "bench.toml", Path(), texts["dbc"])
-        return [run.reasons for run in _built(session, bench).runs]
-    except (KeyError, BumpbenchError):  # then every reason counts as the operator's
-        return [() for _ in session.runs]
 
 
 def _built(session: Session, bench: Bench) -> Session:
@@ -70,25 +64,17 @@ def _built(session: Session, bench: Bench) -> Session:
     steps = [Step(run.mass_state, run.excitation, run.repeat) for run in session.runs]
     bench = with_steps(bench, steps)
     codec = bench_codec(bench)
-    built = [
-        build_session(bench, codec, run.frames, [_bump(session, run)], _hops(run), {})
-        for run in session.runs
-    ]
+    built = []
+    for run in session.runs:
+        bumps = [e for e in run.events if e.code == trigger.BUMP and e.text == run.label]
+        if not bumps:
+            what = f"run {run.label} does not state the time of its bump"
+            where = session.provenance.get("uuid", "session")
+            raise InputError(where, what, "record or import it again")
+        # Losses between wire and session are kept; the others are counted again.
+        before = run.losses
+        lost = (before.bus_dropped, before.bus_garbled, 0, before.queue_dropped)
+        end_ns = np.array([int(run.frames.t_ns.max())])
+        hops = HopCounts(end_ns, np.array([lost], np.int64))
+        built.append(build_session(bench, codec, run.frames, bumps[:1], hops, {}))
     return joined(built)
-
-
-def _bump(session: Session, run: Run) -> Event:
-    for event in run.events:
-        if event.code == trigger.BUMP and event.text == run.label:
-            return event
-    what = f"run {run.label} does not state the time of its bump"
-    raise InputError(session.provenance.get("uuid", "session"), what, "record or import it again")
-
-
-def _hops(run: Run) -> HopCounts:
-    """Return the losses between wire and session; other losses are counted again."""
-    lost = HopLosses(
-        run.losses.bus_dropped, run.losses.bus_garbled, queue_dropped=run.losses.queue_dropped
-    )
-    end_ns = np.array([int(run.frames.t_ns.max())])
-    return HopCounts(end_ns, np.array([astuple(lost)], np.int64))

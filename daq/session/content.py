@@ -6,7 +6,7 @@ a file, and the checksums are computed from it in both.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from typing import Any
@@ -50,19 +50,8 @@ Content = dict[str, Item]
 
 def groups_in(content: Content, path: str) -> list[str]:
     """Return the names of the groups in a group, sorted."""
-    return _members(content, path, datasets=False)
-
-
-def datasets_in(content: Content, path: str) -> list[str]:
-    """Return the names of the datasets in a group, sorted."""
-    return _members(content, path, datasets=True)
-
-
-def _members(content: Content, path: str, *, datasets: bool) -> list[str]:
-    pairs = ((name.rpartition("/"), item.values is not None) for name, item in content.items())
-    return sorted(
-        last for (above, _, last), is_data in pairs if above == path and is_data is datasets
-    )
+    groups = (name.rpartition("/") for name, item in content.items() if item.values is None)
+    return sorted(last for above, _, last in groups if above == path)
 
 
 def with_checksums(content: Content) -> Content:
@@ -105,17 +94,14 @@ def _digests(content: Content) -> dict[str, str]:
         run = "/".join(parts[:3])
         total = totals.get(run) or totals.get("/".join(parts[:2]))
         if total is not None:
-            _hash(total.update, path, content[path])
+            item = content[path]
+            shown = {k: v for k, v in item.attributes.items() if k != CHECKSUM}
+            total.update(ascii((path, sorted(shown.items()))).encode())
+            if item.values is not None:
+                values = np.asarray(item.values, item.values.dtype.newbyteorder("<"), order="C")
+                total.update(ascii((values.dtype.str, values.shape)).encode())
+                total.update(values.tobytes())
     for run in runs:
         stated = content[run].attributes.get(CHECKSUM, totals[run].hexdigest())
         totals["/runs"].update(ascii((run, stated)).encode())
     return {part: total.hexdigest() for part, total in totals.items()}
-
-
-def _hash(update: Callable[[Any], None], path: str, item: Item) -> None:
-    shown = {k: v for k, v in item.attributes.items() if k != CHECKSUM}
-    update(ascii((path, sorted(shown.items()))).encode())
-    if item.values is not None:
-        values = np.asarray(item.values, item.values.dtype.newbyteorder("<"), order="C")
-        update(ascii((values.dtype.str, values.shape)).encode())
-        update(values)

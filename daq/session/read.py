@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 
-from ..channels import Channel, Quantity
+from ..channels import Channel
 from ..errors import InputError
 from ..runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
 from ..sessions import Session
@@ -28,7 +28,7 @@ from ..vehicle import (
     Vehicle,
     VehicleGeometry,
 )
-from .content import Content, SchemaError, changed_parts, datasets_in, groups_in
+from .content import Content, SchemaError, changed_parts, groups_in
 from .hdf5 import read_content
 from .schema import (
     CHANNEL_COLUMNS,
@@ -112,13 +112,18 @@ def _session(content: Content) -> Session:
         for name, value in about.items()
         if name.startswith("provenance_")
     }
-    for name in datasets_in(content, "/config"):
-        raw = _values(content, f"/config/{name}", "u1")
-        provenance[name] = raw.tobytes().decode("utf-8", "surrogateescape")
+    for path in content:
+        folder, _, name = path.rpartition("/")
+        if folder == "/config":
+            raw = _values(content, path, "u1")
+            provenance[name] = raw.tobytes().decode("utf-8", "surrogateescape")
     states = [f"/mass_states/{name}" for name in groups_in(content, "/mass_states")]
     states.sort(key=lambda path: _attribute(content, path, "order", int))
     rows = _rows(content, "/channels", CHANNEL_COLUMNS, {"name", "quantity", "unit"})
-    channels = tuple(_channel(row) for row in rows)
+    for row in rows:
+        row["corner"] = row.get("corner") or None
+        row["at_cg"] = bool(row.get("at_cg"))
+    channels = tuple(Channel(**row) for row in rows)
     runs = tuple(_run(content, f"/runs/{name}") for name in groups_in(content, "/runs"))
     measured = {name for run in runs for group in run.groups for name in group.values}
     unknown = measured - {channel.name for channel in channels}
@@ -155,13 +160,6 @@ def _vehicle(content: Content) -> Vehicle:
             if f"element_{name}" in about
         },
     )
-
-
-def _channel(row: dict[str, Any]) -> Channel:
-    row["quantity"] = Quantity(row["quantity"])
-    row["corner"] = Corner(row["corner"]) if row.get("corner") else None
-    row["at_cg"] = bool(row.get("at_cg"))
-    return Channel(**row)
 
 
 def _mass_state(content: Content, path: str) -> MassState:

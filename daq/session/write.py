@@ -200,7 +200,9 @@ def _table(
 ) -> Content:
     """Return a group with rows as one dataset per column."""
     arrays = {
-        name: np.array([_cell(row[name], dtype) for row in rows], dtype)
+        name: np.array(
+            [_text(row[name], dtype) if dtype[0] == "S" else row[name] for row in rows], dtype
+        )
         for name, dtype in columns.items()
     }
     group = {path: Item(attributes or {})}
@@ -225,9 +227,7 @@ def _along(
     return counts | arrays
 
 
-def _cell(value: Any, dtype: str) -> Any:
-    if not dtype.startswith("S"):
-        return value
+def _text(value: object, dtype: str) -> bytes:
     raw = str(value).encode("utf-8", "surrogateescape")
     if len(raw) > int(dtype[1:]):
         what = f"{value!r} is longer than {dtype[1:]} bytes"
