@@ -26,36 +26,17 @@ def session_from_arrays(
     vehicle: Vehicle | str | None = None,
     bump_s: float = float("nan"),
 ) -> Session:
-    """Make a session from arrays in memory.
+    """Return a session of arrays in memory: all runs accepted, repeats counted in the order given.
 
-    Parameters
-    ----------
-    runs : iterable of (mass_state, excitation, {channel: (t_s, values)})
-        `mass_state` is "baseline" or "added", `excitation` a value of `Excitation`.  Times in s,
-        increasing, (n,); values SI, (n,), NaN where a sample is missing.  A record may begin at
-        rest before the bump (then the noise is measured during that rest) or in the free decay.
-    channels : iterable of Channel, optional
-        Description of the channels named in `runs`.  Default: the seven accelerations of the paper,
-        named as the degrees of freedom: z_s theta phi z_uA z_uB z_uC z_uD; z_s within 0.2 m of the
-        CG.
-    delta_mass : (7, 7) or (7,) array_like, sequence of weights, or AddedMass, optional
-        Mass that the state "added" adds: a mass matrix about the baseline CG, its diagonal, or
-        weights with their positions.
-    vehicle : Vehicle or str, optional
-        The vehicle as far as it is known beforehand, or only its name.
-    bump_s : float
-        Duration of the bump, s, if it is known; else the start of the decay is found from the
-        misfit.
-
-    Returns
-    -------
-    Session
-        All runs accepted; repeats are counted in the order given.
-
-    Raises
-    ------
-    InputError
-        If the data are inconsistent; names the run and the channel.
+    `runs`: (mass_state, excitation, {channel: (t_s, values)}) each; "baseline" or "added", a
+    value of `Excitation`, times in s, increasing, (n,), and values SI, (n,), NaN where a sample
+    is missing.  A record may begin at rest before the bump (then the noise is measured there) or
+    in the free decay. `channels`: the channels named in `runs`; default: the seven accelerations
+    of the paper, z_s theta phi z_uA z_uB z_uC z_uD, z_s within 0.2 m of the CG.  `delta_mass`:
+    what the state "added" adds: a mass matrix about the baseline CG, (7, 7), its diagonal, (7,),
+    or weights with their positions. `vehicle`: as far as it is known, or its name.  `bump_s`:
+    duration of the bump, s; NaN: the start of the decay is found from the misfit.  Raises
+    InputError, with run and channel, if the data are inconsistent.
     """
     described = tuple(paper_channels() if channels is None else channels)
     known = {channel.name: channel for channel in described}

@@ -94,15 +94,12 @@ def rewritten(path: Path) -> Iterator[Path]:
 def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     """Move new files to their targets when the body of the `with` has written all of them.
 
-    This is the only way in which a file is written anew.  Yields the paths to write to: empty files
-    in the folder of each target, with the same ending, because some writers choose the format by
-    it.  Their names cannot be guessed and none of them exists before (``O_EXCL``), so nobody who
-    may write in the folder can lay a link there, and two processes that write the same file do not
-    meet: what the last one wrote stays.  The data are on the disk before a file gets its name, and
-    the name is on the disk when this returns.  The access rights of a file that is replaced stay; a
-    link is replaced, not followed.  A later write deletes what a killed process left.
-
-    Raises OSError if a file cannot be written, synced or moved; the targets are then unchanged.
+    This is the only way in which a file is written anew.  Yields empty files to write to, in the
+    folder of each target, with its ending and a name that nobody can guess (``O_EXCL``).  The data
+    are on the disk before a file gets its name, and the name when this returns.  Access rights of
+    a replaced file stay; a link is replaced, not followed.  A later write deletes what a killed
+    process left.  Raises OSError if a file cannot be written, synced or moved; the targets are
+    then unchanged.
     """
     parts: list[Path] = []
     try:

@@ -123,14 +123,11 @@ def wrong_weights(
     """Return the one weight on the body that the sag contradicts, if changing it alone explains it.
 
     It tries each weight with another mass, the other sign of x or of y, and front for rear.  An
-    axle sinks by its load over its two springs, and the body rolls by the moment over the springs
-    of both axles (and a usual car's bars); weights on hubs load no suspension spring.
-
-    `weights`: as stated.  `car`: its lengths and springs.  `sag_m`: change of suspension travel at
-    rest by the weights, m, positive in compression; an axle without both travels is not used.
-    `sigma_m`: standard uncertainty of each, m (friction of the dampers).  `spread`, `axle_spread`:
-    standard uncertainty of the logarithm of both springs together, and of each axle's; the defaults
-    are for the springs of `expected_car`.
+    axle sinks by its load over its springs; the body rolls by the moment over all springs and a
+    usual car's bars.  `sag_m`: change of suspension travel at rest, m, positive in compression; an
+    axle without both is not used.  `sigma_m`: its standard uncertainty.  `spread`, `axle_spread`:
+    of the logarithm of all springs, and of each axle's; the defaults are for the springs of
+    `expected_car`.
     """
     body = [(i, w) for i, w in enumerate(weights) if isinstance(w, BodyWeight)]
     axles = [

@@ -1,15 +1,10 @@
 """Defines the vehicle as data: axes, degrees of freedom, parameters, added mass.
 
 Axes are those of ISO 8855: x forward, y left, z up; positive pitch is nose down, positive roll
-lifts the left side.  The seven degrees of freedom are in the order `DOF` everywhere.  A point of
-the body at (x, y) from the centre of gravity (CG) of the sprung mass moves vertically by
-``z_s - x theta + y phi``.
-
-The position of the CG is not known when a person measures.  Positions of sensors and weights are
-therefore given from the **middle of the front axle**: x forward (so most positions are negative), y
-left.  The CG of the unloaded sprung mass lies at x = -a.
-
-This file holds data only; matrices are assembled in `identify.model.matrices`, forces in `daq.sim`.
+lifts the left side.  A point of the body at (x, y) from the centre of gravity (CG) of the sprung
+mass moves vertically by ``z_s - x theta + y phi``.  The CG is not known when a person measures:
+positions of sensors and weights are given from the **middle of the front axle**, x forward (so
+most are negative), y left; the CG of the unloaded sprung mass lies at x = -a.
 """
 
 from __future__ import annotations

@@ -172,30 +172,14 @@ class Codec:
     def encode(
         self, message: str, values: Mapping[str, ArrayLike], counter_start: int = 0
     ) -> NDArray[np.uint8]:
-        """Encode frames of one message.
+        """Return frames of one message, payloads padded with zeros, (n, 8) or (n, 64) uint8.
 
-        Parameters
-        ----------
-        message : str
-            Name of the message.
-        values : mapping of signal name to (n,) array
-            Values in the DBC's own units, rounded here to the nearest raw value.  Signals that
-            are not given have all bits 0.
-        counter_start : int
-            Counter of the first frame; it grows by one with each later frame, and wraps.
-
-        Returns
-        -------
-        (n, 8) or (n, 64) uint8
-            Payloads padded with zeros, with counter and checksum filled in.
-
-        Raises
-        ------
-        KeyError
-            If the DBC has no message or signal of that name.
-        ValueError
-            If a value does not fit in its bits (a saturating sensor must saturate before), if
-            columns differ in length, or if the counter or the checksum is given.
+        `values`: by signal, (n,), in the DBC's own units, rounded to the nearest raw value; all
+        bits of other signals are 0.  `counter_start`: counter of the first frame; it grows by one
+        with each, and wraps.  Counter and checksum are filled in here.  Raises KeyError if the DBC
+        has no such message or signal, ValueError if a value does not fit in its bits (a
+        saturating sensor must saturate before), columns differ in length, or counter or checksum
+        is given.
         """
         return encode_message(self.message(message), values, counter_start)
 

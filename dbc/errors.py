@@ -15,17 +15,7 @@ def printable(text: str, limit: int = 160) -> str:
 
 
 class BumpbenchError(Exception):
-    """One line: where, what is wrong, and what to do about it.
-
-    Parameters
-    ----------
-    where : str
-        Subject of the error: file, `FILE:LINE`, bus or option.
-    what : str
-        What is wrong, with the numbers.
-    advice : str
-        What the reader can do now.
-    """
+    """One line: where (a file, `FILE:LINE`, a bus, an option), what is wrong, and advice."""
 
     def __init__(self, where: str, what: str, advice: str) -> None:
         self.where = printable(where)

@@ -119,16 +119,12 @@ def default_bench_text() -> str:
 
 
 def load_bench(path: Path | None) -> Bench:
-    """Read bench.toml, or the shipped one if `path` is None.
+    """Return the bench of a bench.toml, or the shipped one if `path` is None.
 
     Without `[[channel]]` tables the shipped channels are used, which fit the shipped DBC; with
     ``dbc = "layout:NAME"`` those of that ready map (`daq.bench.ready_maps`), and its messages and
-    sample sets, unless the file states its own.
-
-    Raises
-    ------
-    InputError
-        With file and key, if the file cannot be read, holds an unknown key or a bad value.
+    sample sets, unless the file states its own.  Raises InputError, with file and key, if the file
+    cannot be read, holds an unknown key or a bad value.
     """
     if path is None:
         return parse_bench(default_bench_text(), "bench.toml (shipped)", Path())

@@ -81,15 +81,11 @@ def build_session(
     hops: HopCounts,
     provenance: dict[str, str],
 ) -> Session:
-    """Cut the runs from a recording.
+    """Return the session of a recording: one run for each bump, with its verdict.
 
     A run reaches from `pre_s` before to `post_s` after a `bump` event.  Known delays of the
-    channels are not subtracted from the times: the identification does this, with the uncertainties
-    of the delays.
-
-    `codec`: the bench's DBC (`config.bench_codec`).  `frames`: all frames in order of arrival.
-    `events`: as the recorder stored them.  `hops`: losses between wire and journal.  `provenance`:
-    taken over.  Returns one run for each bump, with its verdict.  A run is always rejected if the
+    channels are not subtracted from the times: the identification does this.  `frames`: all, in
+    order of arrival.  `hops`: losses between wire and journal.  A run is always rejected if the
     recording, or a message that the identification needs, does not cover it.  Raises InputError if
     a channel does not fit the DBC, or a bump is of no mass state of the bench.
     """

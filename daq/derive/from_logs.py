@@ -202,17 +202,8 @@ class RecordedFrames(Protocol):
 def session_from_log(bench: Bench, log: RecordedFrames) -> Session:
     """Return the session of a log: its bumps are the runs of the campaign, in this order.
 
-    Parameters
-    ----------
-    bench : Bench
-        The bench at the time of the log, with its campaign.
-    log : Log or other blocks of frames
-        As returned by `daq.formats.log.read_log`.
-
-    Raises
-    ------
-    InputError
-        If bench.toml, DBC and log contradict each other.
+    `bench`: as it was at the time of the log.  Raises InputError if bench.toml, DBC and log
+    contradict each other.
     """
     codec = bench_codec(bench)
     intake = Intake(bench, codec)

@@ -22,15 +22,11 @@ from .from_logs import joined, with_steps
 
 
 def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[str, str]) -> Session:
-    """Decode all runs again; the times of the bumps are kept.
+    """Return a session decoded again with a bench's databases and channels; bumps keep their times.
 
-    A reason of a rejection is removed if the new decoding does not confirm it.  A reason that the
-    old decoding did not give comes from the operator and is kept.
-
-    `session`: a session with the raw frames of its runs.  `bench`: a bench with the new DBC; its
-    vehicle, weights and channels replace those of the session.  `where`: name of the session, for
-    messages.  `provenance`: entries to store in addition to the DBC and bench.toml.  Raises
-    InputError if a run has no raw frames, or channels and DBC do not fit.
+    A reason of a rejection goes if the new decoding does not confirm it; a reason that the old
+    decoding did not give comes from the operator and is kept.  `provenance`: entries beside DBC
+    and bench.toml. Raises InputError if a run has no raw frames, or channels and DBC do not fit.
     """
     for run in session.runs:
         if not len(run.frames):

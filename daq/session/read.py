@@ -46,23 +46,10 @@ _Kind = TypeVar("_Kind", str, int, float)
 
 
 def read_session(path: Path | str) -> Session:
-    """Read a session file.
+    """Return the session in a file, with its raw frames.
 
-    Parameters
-    ----------
-    path : Path or str
-        HDF5, schema v1, of any origin.
-
-    Returns
-    -------
-    Session
-        The whole session, including raw frames.
-
-    Raises
-    ------
-    InputError
-        If the file does not exist, is not a session, has a newer schema, is damaged, or was changed
-        after it was written.
+    Raises InputError if the file does not exist, is not a session, has a newer schema, is
+    damaged, or was changed after it was written.
     """
     content = read_content(path)
     for part in changed_parts(content):

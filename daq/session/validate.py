@@ -43,22 +43,9 @@ _LARGEST = {
 
 
 def validate_session(path: Path | str) -> tuple[Finding, ...]:
-    """Return findings on a session file.
+    """Return findings on a session file of any origin, errors first; without errors it is valid.
 
-    Parameters
-    ----------
-    path : Path or str
-        A file of any origin.
-
-    Returns
-    -------
-    tuple of Finding
-        The findings, errors first; the file is valid if there are no errors.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read at all.
+    Raises InputError if it cannot be read at all.
     """
     content = read_content(path)
     findings = list(_unchanged(content))

@@ -37,20 +37,10 @@ from .schema import (
 
 
 def write_session(path: Path | str, session: Session) -> None:
-    """Write a session file; after any failure it is complete or absent.
+    """Write a session file; after any failure it is complete or absent.  It replaces an older one.
 
-    Parameters
-    ----------
-    path : Path or str
-        Replaced if it exists.
-    session : Session
-        The session to write.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written (no permission, no space), or a name in the session
-        is not possible in HDF5.
+    Raises InputError if the file cannot be written (no permission, no space), or a name in the
+    session is not possible in HDF5.
     """
     path = Path(path)
     image = write_image(with_checksums(_content(session)))

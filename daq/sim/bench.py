@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from enum import StrEnum
@@ -21,7 +21,7 @@ from ..channels import Channel
 from ..check.push_test import ORDER
 from ..control.messages import Phase, Status
 from ..errors import BusError
-from ..runlog.run_log import LoggedStatus, Remark
+from ..runlog.run_log import LoggedStatus
 from ..runs import BASELINE, Excitation
 from ..samples.trigger import trigger_channels
 from ..vehicle import Corner
@@ -192,15 +192,12 @@ def push_frames(
 class SimulatedBench:
     """A bench whose car is bumped as in the campaign, as a `daq.bus.source.FrameSource`.
 
-    Frames have the car's own time, which runs `speed` times as fast as the host's.  Counters,
-    clocks and noise always continue, also between reads.
-
-    `bench`: campaign, weights, channels, trigger and bit rate.  `seed`: determines every draw and
-    all noise.  `speed`: speed of the car's time; infinite: `read` does not wait and returns piece
-    after piece.  `wish`: function that returns the recorder's status; the car is bumped when the
-    recorder is armed, with the bump that is due.  None: the car is not bumped.  `fault`: spoils
-    only the second bump.  `start_ns`: time stamp of the start, ns since 1970 UTC.  Raises
-    InputError as `daq.sim.ecu.campaign_frames`.
+    Frames have the car's own time, which runs `speed` times as fast as the host's; infinite:
+    `read` returns piece after piece.  Counters, clocks and noise always continue.  `seed`:
+    determines every draw and all noise.  `wish`: returns the recorder's status; the car is bumped
+    when the recorder is armed, with the bump that is due; None: it is not bumped.  `fault`: spoils
+    only the second bump. `start_ns`: time stamp of the start.  Raises InputError as
+    `daq.sim.ecu.campaign_frames`.
     """
 
     def __init__(
@@ -275,7 +272,19 @@ class SimulatedBench:
             self._unplug_s = np.inf
             host = self._speed if np.isfinite(self._speed) else 1.0
             self._plugged_s = stop_s + UNPLUGGED_S * host
-        return self._sampled(stop_s)
+        span_s = (self._done_s, max(stop_s, self._done_s))
+        self._done_s = span_s[1]
+        batch = self._rig.frames(
+            self._act, self._begun_s, span_s, self._rng, self._start_ns, self._free_ns
+        )
+        if not len(batch):
+            return batch
+        sent_s = (batch.t_ns - self._start_ns) * 1e-9
+        batch = batch.select((sent_s < self._gap_s[0]) | (sent_s >= self._gap_s[1]))
+        for number, waiting in tuple(self._others.items()):
+            waiting.append(batch.select(batch.bus == number))
+            batch = batch.select(batch.bus != number)
+        return batch
 
     def losses(self) -> SourceLosses:
         """Return no losses: the counters in the frames show the losses of this bus."""
@@ -315,18 +324,16 @@ class SimulatedBench:
                 self._wait_and_bump(step, status)
                 return
         self._due_s = np.inf
-        self._heed(status.notes)
-        if self._asked:
-            self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
-
-    def _heed(self, notes: Sequence[Remark]) -> None:
-        """Push the corner that a new mark asks for: `push FL`, as the bench check sets it."""
-        seen = len(notes) if self._notes is None else self._notes
-        for note in notes[seen if seen <= len(notes) else 0 :]:  # another recording begins at 0
+        # A new mark of the bench check asks for a push: `push FL`.
+        seen = len(status.notes) if self._notes is None else self._notes
+        seen = seen if seen <= len(status.notes) else 0  # another recording begins at 0
+        for note in status.notes[seen:]:
             word, _, corner = note.text.partition(" ")
             if word == "push" and corner in set(Corner):
                 self._asked.append(Corner(corner))
-        self._notes = len(notes)
+        self._notes = len(status.notes)
+        if self._asked:
+            self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
 
     @property
     def _next_fault(self) -> Fault | None:
@@ -353,21 +360,6 @@ class SimulatedBench:
 
     def _begin(self, act: Act) -> None:
         self._act, self._begun_s = act, self._done_s
-
-    def _sampled(self, stop_s: float) -> FrameBatch:
-        span_s = (self._done_s, max(stop_s, self._done_s))
-        self._done_s = span_s[1]
-        batch = self._rig.frames(
-            self._act, self._begun_s, span_s, self._rng, self._start_ns, self._free_ns
-        )
-        if not len(batch):
-            return batch
-        sent_s = (batch.t_ns - self._start_ns) * 1e-9
-        batch = batch.select((sent_s < self._gap_s[0]) | (sent_s >= self._gap_s[1]))
-        for number, waiting in tuple(self._others.items()):
-            waiting.append(batch.select(batch.bus == number))
-            batch = batch.select(batch.bus != number)
-        return batch
 
 
 class OtherBus:

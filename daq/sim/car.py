@@ -180,7 +180,15 @@ def draw(
     same campaign.  Raises InputError if a fault is declared for no channel, or two for the same
     one.
     """
-    faults = _by_channel(car.faults, [channel.name for channel in channels])
+    faults = {fault.channel: fault for fault in car.faults}
+    names = [channel.name for channel in channels]
+    for fault in car.faults:
+        if fault.channel not in names:
+            what = f"no channel {fault.channel!r} for this fault"
+            raise InputError("simulated car", what, f"channels are {', '.join(names)}")
+        if faults[fault.channel] is not fault:
+            what = f"channel {fault.channel} has two faults"
+            raise InputError("simulated car", what, "state them as one")
     rng = np.random.default_rng([seed, 0])
     gains = np.random.default_rng([seed, 4])  # its own: stated gains leave the other draws alone
     messages = dict.fromkeys(message_of(channel.signal) for channel in channels)
@@ -206,19 +214,25 @@ def draw(
             bias=bias,
             low_pass_hz=channel.low_pass_hz,
             low_pass_order=channel.low_pass_order,
-            gain=_true_gain(channel, gains),
+            gain=1.0
+            if not channel.scale_sigma
+            else 1.0 + channel.scale_sigma * float(gains.standard_normal()),
         )
-        fault = faults.get(channel.name)
-        sensors[channel.name] = sensor if fault is None else spoilt(sensor, fault)
-    loads = {state.name: _as_loaded(state.added, rng) for state in mass_states}
+        sensors[channel.name] = (
+            spoilt(sensor, faults[channel.name]) if channel.name in faults else sensor
+        )
+    loads = {}
+    for state in mass_states:  # as scales and tape measured them; first all masses, then places
+        weighed = [
+            replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
+            for weight in state.added.weights
+        ]
+        for i, weight in enumerate(weighed):
+            if isinstance(weight, BodyWeight):
+                x_m, y_m = weight.position_sigma_m * rng.standard_normal(2)
+                weighed[i] = replace(weight, x_m=weight.x_m + x_m, y_m=weight.y_m + y_m)
+        loads[state.name] = replace(state.added, weights=tuple(weighed))
     return Truth(car.parameters, loads, sensors, clocks)
-
-
-def _true_gain(channel: Channel, rng: np.random.Generator) -> float:
-    """Return the ratio of the true to the stated scale of the sensor."""
-    if not channel.scale_sigma:
-        return 1.0
-    return 1.0 + channel.scale_sigma * float(rng.standard_normal())
 
 
 def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
@@ -233,38 +247,6 @@ def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
         gain=sensor.gain * fault.gain,
         limit=fault.limit,
     )
-
-
-def _by_channel(faults: tuple[SensorFault, ...], channels: list[str]) -> dict[str, SensorFault]:
-    result: dict[str, SensorFault] = {}
-    for fault in faults:
-        if fault.channel not in channels:
-            what = f"no channel {fault.channel!r} for this fault"
-            raise InputError("simulated car", what, f"channels are {', '.join(channels)}")
-        if fault.channel in result:
-            what = f"channel {fault.channel} has two faults"
-            raise InputError("simulated car", what, "state them as one")
-        result[fault.channel] = fault
-    return result
-
-
-def _as_loaded(added: AddedMass, rng: np.random.Generator) -> AddedMass:
-    """Return the true weights for the weights as measured by scales and tape."""
-    weighed = [
-        replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
-        for weight in added.weights
-    ]
-    placed = (
-        replace(
-            weight,
-            x_m=weight.x_m + weight.position_sigma_m * rng.standard_normal(),
-            y_m=weight.y_m + weight.position_sigma_m * rng.standard_normal(),
-        )
-        if isinstance(weight, BodyWeight)
-        else weight
-        for weight in weighed
-    )
-    return replace(added, weights=tuple(placed))
 
 
 def true_parameters(car: SimulatedCar) -> dict[str, float]:

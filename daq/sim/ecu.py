@@ -15,11 +15,11 @@ from ..bench.campaign import Step
 from ..bench.config import Bench, BusConfig
 from ..channels import Channel, message_of, signal_of
 from ..errors import InputError
-from ..runs import BASELINE, Excitation
+from ..runs import BASELINE
 from .car import ClockTruth, SimulatedCar, Truth, truth
 from .elements import Array
 from .engine import Plant
-from .motion import Bump, Kinematics, Motion, Moving, drive
+from .motion import Bump, Kinematics, Moving, drive
 from .plant import load_car
 from .sensors import Installation, install, low_passed, signal_values, true_reading
 
@@ -159,19 +159,25 @@ def campaign_frames(
     start_ns: int,
     steps: Iterable[Step] | None = None,
 ) -> Iterator[FrameBatch]:
-    """Simulate a campaign, as a recorder would see it on the bus.
+    """Yield the frames of a campaign, a block a run: rest (`car.lead_s`), bump and free decay.
 
-    `seed`: determines every draw (`car.truth`) and all noise.  `start_ns`: time stamp of the start,
-    ns since 1970 UTC.  `steps`: bumps of its kinds in any order and number, each taken when the
-    block before it has been used; default: those of the bench in order.  Yields one block per run:
-    `car.lead_s` of rest, the bump and the free decay.  Time and counters continue from run to run;
-    stamps are taken at the end of each transmission.  Messages that carry no channel are not sent.
-    Raises InputError if a channel's signal is not in the DBC, its message has no cycle time or is
-    too long for classic CAN, its unit does not fit, a fault has no channel, or the weights would
-    tip the car over.
+    `seed`: determines every draw (`car.draw`) and all noise.  `start_ns`: time stamp of the start,
+    ns. `steps`: bumps in any order and number; default: those of the bench.  Time and counters
+    continue from run to run.  Messages without channels are not sent.  Raises InputError if a
+    channel's signal is not in the DBC, its message has no cycle time or is too long for classic
+    CAN, its unit does not fit, a fault has no channel, or the weights would tip the car over.
     """
     rig = rig_of(bench, codec, car, seed)
-    motions = _motions(bench, rig)
+    motions = {}
+    for mass_state, kind in dict.fromkeys(
+        (s.mass_state, s.excitation) for s in bench.campaign.steps
+    ):  # repeats are the same motion with other noise
+        bump = Bump(kind, bench.procedure.bump_height_m, car.lead_s, bench.bump_s)
+        try:
+            motions[mass_state, kind] = drive(rig.plants[mass_state], bump, car.run_s)
+        except ValueError as error:
+            what = f"mass state {mass_state}: {error}"
+            raise InputError("bench.toml", what, "move the weights inwards") from error
     free_ns = [start_ns] * len(bench.buses)
     for number, step in enumerate(bench.campaign.steps if steps is None else steps):
         rng = np.random.default_rng([seed, 1, number])
@@ -179,25 +185,6 @@ def campaign_frames(
         act = rig.act(motions[step.mass_state, step.excitation], car.run_s, car.run_s)
         span_s = (start_s, start_s + car.run_s)
         yield rig.frames(act, start_s, span_s, rng, start_ns, free_ns)
-
-
-def _motions(bench: Bench, rig: Rig) -> dict[tuple[str, Excitation], Motion]:
-    """Return the motion of each kind of run; repeats are the same motion with other noise.
-
-    Raises InputError if the weights of a mass state would tip the car over.
-    """
-    car, motions = rig.car, {}
-    for mass_state, kind in dict.fromkeys(
-        (s.mass_state, s.excitation) for s in bench.campaign.steps
-    ):
-        bump = Bump(kind, bench.procedure.bump_height_m, car.lead_s, bench.bump_s)
-        try:
-            motions[mass_state, kind] = drive(rig.plants[mass_state], bump, car.run_s)
-        except ValueError as error:
-            raise InputError(
-                "bench.toml", f"mass state {mass_state}: {error}", "move the weights inwards"
-            ) from error
-    return motions
 
 
 def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...]:
@@ -260,38 +247,31 @@ def on_the_buses(
         on_bus = [burst for burst in bursts if (burst.message.bus or 0) == number]
         if not on_bus:
             continue
-        batch = _on_the_wire(on_bus, number, bus.bitrate, start_ns, free_ns[number])
+        messages = [burst.message for burst in on_bus]
+        owner = np.repeat(np.arange(len(on_bus)), [len(burst.release_s) for burst in on_bus])
+        release_s = np.concatenate([burst.release_s for burst in on_bus])
+        t_ns = transmit(
+            start_ns + np.rint(release_s * 1e9).astype(np.int64),
+            np.array([priority(m) for m in messages])[owner],
+            np.array([frame_time_ns(m, bus.bitrate) for m in messages])[owner],
+            free_ns[number],
+        )
+        order = np.argsort(t_ns)
+        owner = owner[order]
+        flags = [FrameFlag.EXTENDED if m.is_extended else 0 for m in messages]
+        batch = FrameBatch(
+            t_ns=t_ns[order],
+            can_id=np.array([m.can_id for m in messages], np.uint32)[owner],
+            flags=np.array(flags, np.uint16)[owner],
+            bus=np.full(len(owner), number, np.uint8),
+            length=np.array([m.length for m in messages], np.uint8)[owner],
+            data=np.concatenate([burst.payload for burst in on_bus])[order],
+        )
         if len(batch):
             free_ns[number] = int(batch.t_ns[-1])
         batches.append(batch)
     merged = FrameBatch.concatenate(batches)
     return merged if len(batches) == 1 else merged.by_time()
-
-
-def _on_the_wire(
-    bursts: Sequence[Burst], bus: int, bitrate: int, start_ns: int, free_ns: int
-) -> FrameBatch:
-    """Merge the frames of one bus in the order in which it carries them."""
-    messages = [burst.message for burst in bursts]
-    owner = np.repeat(np.arange(len(bursts)), [len(burst.release_s) for burst in bursts])
-    release_s = np.concatenate([burst.release_s for burst in bursts])
-    t_ns = transmit(
-        start_ns + np.rint(release_s * 1e9).astype(np.int64),
-        np.array([priority(m) for m in messages])[owner],
-        np.array([frame_time_ns(m, bitrate) for m in messages])[owner],
-        free_ns,
-    )
-    order = np.argsort(t_ns)
-    owner = owner[order]
-    flags = [FrameFlag.EXTENDED if m.is_extended else 0 for m in messages]
-    return FrameBatch(
-        t_ns=t_ns[order],
-        can_id=np.array([m.can_id for m in messages], np.uint32)[owner],
-        flags=np.array(flags, np.uint16)[owner],
-        bus=np.full(len(owner), bus, np.uint8),
-        length=np.array([m.length for m in messages], np.uint8)[owner],
-        data=np.concatenate([burst.payload for burst in bursts])[order],
-    )
 
 
 def frame_time_ns(message: MessageLayout, bitrate: int) -> int:

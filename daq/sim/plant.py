@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..vehicle import AddedMass, BodyWeight, Corner, VehicleParameters
-from .elements import ALIKE, NONE, Array, DamperCurve, Imperfections, PerCorner
+from .elements import ALIKE, NONE, Array, Imperfections, PerCorner
 from .engine import CORNER, STATE, Plant, balances
 
 GRAVITY_M_S2 = 9.80665
@@ -44,11 +44,16 @@ def load_car(
         (front if c.front else rear).times(factor)
         for c, factor in zip(Corner, i.damper, strict=True)
     ]
+    ways = [(damper.compression.bends, damper.rebound.bends) for damper in dampers]
+    bends = np.zeros((4, 2, max(len(points) for both in ways for points in both), 2))
+    for corner, both in enumerate(ways):
+        for way, points in enumerate(both):  # a change of 0 fills up
+            bends[corner, way, : len(points)] = np.reshape(points, (-1, 2))
     half_width_m, none = per_corner(p.t_f, p.t_r), np.zeros((4, 1))
     rubbing, beta = i.friction, per_corner(*i.tyre_progression_per_m)
     linear = Plant(
         np.zeros(4, CORNER),
-        _bends(dampers),
+        bends,
         _gravity(p, added, i),
         np.asarray(np.linalg.inv(-inertia_forces(p, added, i, np.eye(7))), dtype=np.float64),
     ).other(
@@ -81,16 +86,6 @@ def load_car(
         ride_m=bare[3:] - corner_motion(linear, bare),
         squash_m=-bare[3:],
     )
-
-
-def _bends(dampers: list[DamperCurve]) -> Array:
-    """Return the kinks of four dampers, (4, 2, j, 2); a change of 0 fills up."""
-    ways = [(damper.compression.bends, damper.rebound.bends) for damper in dampers]
-    bends = np.zeros((4, 2, max(len(bends) for both in ways for bends in both), 2))
-    for corner, both in enumerate(ways):
-        for way, points in enumerate(both):
-            bends[corner, way, : len(points)] = np.reshape(points, (-1, 2))
-    return bends
 
 
 def inertia_forces(
