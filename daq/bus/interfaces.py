@@ -281,14 +281,13 @@ def _reason(error: BaseException) -> str:
 
 
 class PythonCanSource:
-    """A python-can bus read in blocks.
+    """A python-can bus, open, read in blocks of frames with the bus number `index`.
 
-    `bus`: open; closed by `close`.  `name`: name of the bus in messages.  `index`: number of the
-    bus in its frames.  `gather_s`: time, s, for which stamped frames may collect in the interface;
-    it is then asked, and never waits itself: backends measure that by the wall clock, which may be
-    set back by an hour.  With 0 each frame is read when it arrives, and the block ends `GATHER_S`
-    after the first.  `now_ns`: the host's clock, ns since 1970.  `on_axis`: converts stamps of the
-    wall clock, (n,) int64 (`SteadyClock.from_wall`).
+    `gather_s`: time, s, for which stamped frames may collect in the interface; it is then asked,
+    and never waits itself: backends measure that by the wall clock, which may be set.  With 0 each
+    frame is read when it arrives, and the block ends `GATHER_S` after the first.  `now_ns`: the
+    host's clock. `on_axis`: converts stamps of the wall clock, (n,) int64
+    (`SteadyClock.from_wall`).
     """
 
     def __init__(
@@ -321,7 +320,11 @@ class PythonCanSource:
                 if _is_fault(error) or self._garbled_in_a_row >= GARBLED_UNTIL_GONE:
                     if messages:
                         break  # the next call raises
-                    raise self._gone(error) from error
+                    what, advice = (
+                        f"has gone: {_reason(error)}",
+                        "check plug and power, start again",
+                    )
+                    raise BusError(self.name, what, advice) from error
                 self._garbled += 1
                 continue
             self._garbled_in_a_row = 0
@@ -346,11 +349,6 @@ class PythonCanSource:
         self._drops.count()  # the last count that can be read
         with contextlib.suppress(Exception):  # some backends cannot close a lost device
             self._bus.shutdown()
-
-    def _gone(self, error: Exception) -> BusError:
-        return BusError(
-            self.name, f"has gone: {_reason(error)}", "check plug and power, then start again"
-        )
 
     def _batch(self, messages: list[can.Message], arrived_ns: list[int]) -> FrameBatch:
         rows = []

@@ -77,10 +77,16 @@ class Link:
         now_s = self._clock()
         if len(frames):
             self._had_frames, self._alive_s, self._pause_s = True, now_s, BACK_OFF_S[0]
-        elif self._may_hide_loss() and now_s - self._alive_s >= SILENT_S:
+        elif (
+            self._source is not None
+            and self._had_frames
+            and self.config.interface not in _REPORTS_LOSS
+            and now_s - self._alive_s >= SILENT_S
+        ):
             self._alive_s = now_s
             self._drop()
-        down = not len(frames) and self._is_down()
+        source = self._source
+        down = not len(frames) and isinstance(source, Interface) and source.interface_down
         self._facts = replace(
             self._facts, heartbeat_s=now_s, losses=self._losses(), interface_down=down
         )
@@ -95,14 +101,6 @@ class Link:
         self._halted.set()
         self._drop()
         self._facts = replace(self._facts, connected=False, losses=self._before)
-
-    def _is_down(self) -> bool:
-        return isinstance(self._source, Interface) and self._source.interface_down
-
-    def _may_hide_loss(self) -> bool:
-        """Return whether silence may be caused by an unplugged device."""
-        open_and_was_heard = self._source is not None and self._had_frames
-        return open_and_was_heard and self.config.interface not in _REPORTS_LOSS
 
     def _open(self, timeout_s: float) -> None:
         wait_s = self._next_try_s - self._clock()

@@ -12,11 +12,10 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
@@ -67,28 +66,12 @@ _KINDS: dict[int, FrameFlag] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class SlcanFrames:
-    """The frames in a piece of the byte stream."""
+def parse_slcan(stream: bytes) -> tuple[FrameBatch, int, int]:
+    """Return the frames in the complete lines of a byte stream, stamped with the place of their CR.
 
-    end: NDArray[np.int64]
-    """Position of the CR of each frame, shape (n,)."""
-    can_id: NDArray[np.uint32]
-    flags: NDArray[np.uint16]
-    length: NDArray[np.uint8]
-    data: NDArray[np.uint8]
-    """Payloads; identifier, flags, length and payload are columns of a `FrameBatch`."""
-    garbled: int
-    """Number of lines that are neither frames nor answers."""
-    used: int
-    """Number of bytes up to the end of the last line; the rest is the beginning of a line."""
-
-
-def parse_slcan(stream: bytes) -> SlcanFrames:
-    """Decode all complete lines of an slcan byte stream.
-
-    An adapter may append its own millisecond stamp (4 hex digits, command `Z1`): it wraps every
-    minute and is not used.
+    Also the number of lines that are neither frames nor answers, and of the bytes up to the end of
+    the last line.  An adapter may append its own millisecond stamp (4 hex digits, command `Z1`): it
+    wraps every minute and is not used.
     """
     octets = np.frombuffer(stream, np.uint8)
     ends = np.flatnonzero((octets == _CR) | (octets == _BELL))
@@ -116,7 +99,8 @@ def parse_slcan(stream: bytes) -> SlcanFrames:
             rows = lines[codes == code]
             rows = rows[(sizes[rows] == width) | (sizes[rows] == width + 4)]
             nibbles = _NIBBLE[octets[starts[rows, None] + np.arange(1, width)]]
-            ids = _number(nibbles[:, :digits])
+            powers = 16 ** np.arange(digits - 1, -1, -1, dtype=np.int64)
+            ids = nibbles[:, :digits].astype(np.int64) @ powers
             fine = (nibbles != _NO_DIGIT).all(axis=1)
             fine &= ids < (1 << 29 if properties & FrameFlag.EXTENDED else 1 << 11)
             rows, nibbles = rows[fine], nibbles[fine, digits + 1 :]
@@ -126,20 +110,8 @@ def parse_slcan(stream: bytes) -> SlcanFrames:
             data[rows, :size] = nibbles[:, ::2] << 4 | nibbles[:, 1::2]
             good[rows] = True
     width = 8 if length.max(initial=0) <= 8 else 64
-    return SlcanFrames(
-        ends[good],
-        can_id[good],
-        flags[good],
-        length[good],
-        data[good, :width],
-        garbled=int(np.sum(~good & ~answer)),
-        used=used,
-    )
-
-
-def _number(nibbles: NDArray[np.uint8]) -> NDArray[np.int64]:
-    powers = 16 ** np.arange(nibbles.shape[1] - 1, -1, -1, dtype=np.int64)
-    return np.asarray(nibbles.astype(np.int64) @ powers, np.int64)
+    frames = FrameBatch(ends, can_id, flags, length * np.uint8(0), length, data[:, :width])
+    return frames.select(good), int(np.sum(~good & ~answer)), used
 
 
 class SlcanSource:
@@ -222,21 +194,14 @@ class SlcanSource:
         self._repeat_setup_s = None
         sizes = [len(self._begun) + len(pieces[0]), *map(len, pieces[1:])]
         stream = self._begun + b"".join(pieces)
-        frames = parse_slcan(stream)
-        self._garbled += frames.garbled
+        frames, garbled, used = parse_slcan(stream)
+        self._garbled += garbled
         # A line that is too long is replaced by a character with which no line begins: it counts as
         # one garbled line when it ends, and memory stays bounded.
-        rest = stream[frames.used :]
-        self._begun = rest if len(rest) <= LONGEST_LINE else b"?"
-        piece = np.searchsorted(np.cumsum(sizes), frames.end, side="right")
-        return FrameBatch(
-            np.array(read_ns, np.int64)[piece],
-            frames.can_id,
-            frames.flags,
-            np.full(len(frames.end), self._index),
-            frames.length,
-            frames.data,
-        )
+        self._begun = stream[used:] if len(stream) - used <= LONGEST_LINE else b"?"
+        piece = np.searchsorted(np.cumsum(sizes), frames.t_ns, side="right")
+        t_ns, bus = np.array(read_ns, np.int64)[piece], np.full(len(frames), self._index)
+        return replace(frames, t_ns=t_ns, bus=bus)
 
 
 def open_slcan(channel: str, bitrate: int, bus: int) -> SlcanSource:

@@ -198,15 +198,11 @@ def frame_columns(
 
 
 class SocketCanSource:
-    """An open CAN_RAW socket read in blocks.
+    """An open CAN_RAW socket read in blocks, with the bus number `index`.
 
     For some milliseconds after the first socket with stamps was opened, the kernel stamps frames
-    only when they are read.  Unlike other sources it may be closed while another thread is reading;
-    `read` then returns at once.
-
-    `sock`: bound to one interface; closed by `close`.  `name`: name of the bus in messages.
-    `index`: number of the bus in its frames.  `steady_clock`: converts the kernel's stamps, and
-    stamps frames that have none.
+    only when they are read.  It may be closed while another thread is reading; `read` then returns
+    at once. `steady_clock`: converts the kernel's stamps, and stamps frames that have none.
     """
 
     def __init__(

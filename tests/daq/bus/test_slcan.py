@@ -171,13 +171,13 @@ def test_a_line_that_is_no_frame_is_counted_and_its_neighbours_are_kept(line: by
 
 
 def test_answers_and_commands_are_no_frames_and_no_errors() -> None:
-    frames = parse_slcan(b"\r\az\rZ\r\r\at1231ab\r\a\rC\rS8\rO\r")
+    frames, garbled, _ = parse_slcan(b"\r\az\rZ\r\r\at1231ab\r\a\rC\rS8\rO\r")
     assert list(frames.can_id) == [0x123]
-    assert frames.garbled == 0
+    assert garbled == 0
 
 
 def test_lower_case_and_adapter_time_stamps_are_understood() -> None:
-    frames = parse_slcan(b"T1abcdef02FfEe\rt1231abEA5F\r")
+    frames, _, _ = parse_slcan(b"T1abcdef02FfEe\rt1231abEA5F\r")
     assert list(frames.can_id) == [0x1ABCDEF0, 0x123]
     assert bytes(frames.data[0, :2]) == b"\xff\xee"
     assert list(frames.length) == [2, 1]

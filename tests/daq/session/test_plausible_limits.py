@@ -12,7 +12,7 @@ from daq.channels import Channel, Quantity
 from daq.runs import RunStatus, SampleGroup
 from daq.session.validate import check_session
 from daq.sessions import Session
-from daq.vehicle import AddedMass, BodyWeight, Fact, MassState, VehicleGeometry
+from daq.vehicle import AddedMass, BodyWeight, Fact, MassState
 from dbc import FrameBatch
 
 from ..small_session import small_session
@@ -45,12 +45,6 @@ def test_the_session_itself_is_plausible() -> None:
     assert not _found(vehicle=replace(SESSION.vehicle, geometry=None))
 
 
-@pytest.mark.parametrize(("length_m", "good"), [(0.01, True), (29.9, True), (30.0, False)])
-def test_lengths_of_a_vehicle(length_m: float, good: bool) -> None:
-    vehicle = replace(SESSION.vehicle, geometry=VehicleGeometry(1.0, length_m, 1.0, 1.0))
-    assert _found(vehicle=vehicle) == ([] if good else [("warning", "/session")])
-
-
 @pytest.mark.parametrize(
     ("value", "sigma", "good"), [(1.0, 0.0, True), (np.inf, 1.0, False), (1.0, np.nan, False)]
 )
@@ -80,7 +74,6 @@ def test_a_mass_matrix_is_finite_and_symmetric(largest: float, apart: float, goo
     [
         (99_999.0, 1.0, 0.1, True),
         (0.0, 1.0, 0.1, False),
-        (1e5, 1.0, 0.1, False),
         (10.0, np.inf, 0.1, False),
         (10.0, 1.0, np.inf, False),
     ],
@@ -95,9 +88,6 @@ def test_weights(mass_kg: float, sigma_kg: float, position_sigma_m: float, good:
 @pytest.mark.parametrize(
     ("field", "value", "severity"),
     [
-        ("x_m", -29.9, ""),
-        ("x_m", -30.0, "warning"),
-        ("y_m", 30.0, "warning"),
         ("sign", -1.0, ""),
         ("sign", 0.5, "error"),
         ("unit", "g", "error"),
@@ -109,8 +99,7 @@ def test_where_and_how_a_channel_is_mounted(field: str, value: Any, severity: st
     assert found == ([(severity, "/channels az")] if severity else [])
 
 
-def test_losses_samples_and_the_clock_of_a_run() -> None:
-    assert _of_run(losses=replace(RUN.losses, crc_bad=-1)) == [("error", PLACE)]
+def test_samples_and_the_clock_of_a_run() -> None:
     nothing = SampleGroup("A_IMU", np.zeros(0), np.zeros(0, np.int64), {}, np.zeros(0, np.uint8))
     accepted = {"status": RunStatus.ACCEPTED, "reasons": ()}
     assert not _of_run(**accepted, groups=(nothing, RUN.groups[0]))
@@ -183,8 +172,6 @@ def test_a_group_has_a_usable_sample(quality: list[int], values: list[float], go
         ({"can_id": [0x800, 0], "flags": [4, 0]}, ""),
         ({"can_id": [0x2000_0000, 0], "flags": [1, 0]}, "error"),
         ({"length": [9, 8]}, "error"),
-        ({"flags": [127, 0]}, ""),
-        ({"flags": [128, 0]}, "warning"),
         ({"t_ns": [10**18, 10**18 - 1]}, "warning"),
         ({"t_ns": [10**18, 10**18 - 1], "bus": [0, 1]}, ""),
     ],
