@@ -29,7 +29,6 @@ from daq.session import write_session
 from tui.cli import run
 
 from .formats.channel_files import WRITERS, Tables
-from .formats.loggers import write_logger_mf4
 from .formats.mixed import mixed
 from .formats.test_import_round_trips import write_with_python_can
 from .small_session import small_session
@@ -75,7 +74,7 @@ def seeds(folder: Path) -> dict[str, tuple[bytes, Reader]]:
         write_with_python_can(folder / f"a{suffix}", plain)
         found[f"log {suffix}"] = (folder / f"a{suffix}").read_bytes(), log
     found["log packed"] = gzip.compress(found["log .log"][0]), log
-    write_logger_mf4(folder / "a.mf4", mixed(80))
+    write_with_python_can(folder / "a.mf4", mixed(80))
     found["log .mf4"] = (folder / "a.mf4").read_bytes(), log
     time_s = np.arange(60) * np.float64(0.005)
     imu, hub = {"az": np.cos(time_s), "roll": np.sin(time_s)}, {"fl": time_s[::2] ** 2}

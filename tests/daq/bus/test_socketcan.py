@@ -24,7 +24,6 @@ from daq.bus.source import BLOCK_FRAMES, SocketDrops
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 
-from ...multicast import own_group
 from .socketcan_feed import NOW_NS, Feed, frame, mixed_frames
 
 
@@ -136,30 +135,6 @@ def test_every_frame_that_did_not_fit_is_counted_even_those_at_the_end(udp: Feed
         dropped = udp.source.losses().dropped
         assert dropped > 1_000  # or the socket did not overrun
         assert received + dropped == sent
-
-
-def test_the_counter_that_comes_with_a_frame_is_counted_without_asking(
-    udp: Feed, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(socketcan, "drop_counter", lambda sock: None)
-    udp.send(*[frame(data=bytes(8))] * 25_000)
-    received = len(udp.read_all())
-    assert udp.source.losses().dropped == 0  # all frames in the queue are older than the drops
-    udp.send(frame(7))
-    assert list(udp.read().can_id) == [7]
-    assert received + udp.source.losses().dropped == 25_000
-
-
-def test_the_drop_counter_has_32_bits_and_may_be_behind(
-    feed: Feed, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    answers = iter([0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_0000, 5, None])
-    monkeypatch.setattr(socketcan, "drop_counter", lambda sock: next(answers))
-    counts = []
-    for _ in range(6):
-        feed.read()
-        counts.append(feed.source.losses().dropped)
-    assert counts == [0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_FFF0, 2**32 + 5, 2**32 + 5]
 
 
 # SocketCAN: interfaces that go down or away, silence, closing, and opening ------------------------
@@ -286,16 +261,6 @@ def test_opening_asks_for_fd_and_all_error_frames(monkeypatch: pytest.MonkeyPatc
     assert CanSocket.asked[1, 40] == 1  # SO_RXQ_OVFL
 
 
-def test_an_interface_that_is_not_there_leaves_nothing_open(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(socket, "socket", CanSocket)
-    before = open_descriptors()
-    with pytest.raises(BusError, match=r"can9: cannot be opened: .*No such device.*ip link"):
-        open_source(BusConfig("socketcan", "can9", 500_000), 1)
-    assert open_descriptors() == before
-
-
 # Stamps and counters that the kernel adds to frames, and which frames it echoes -------------------
 
 
@@ -314,8 +279,6 @@ def test_echoes_are_marked_and_what_cannot_be_a_frame_is_left_out(
 
 
 # Datagrams that found no room in the buffer of a socket -------------------------------------------
-
-GROUP = own_group(76)
 
 
 def test_what_was_sent_and_not_received_was_dropped() -> None:
@@ -338,19 +301,6 @@ def test_what_was_sent_and_not_received_was_dropped() -> None:
     assert drops.count() == 500 - received  # closed
 
 
-def test_a_bus_without_a_socket_drops_nothing() -> None:
-    def no_descriptor() -> int:
-        raise NotImplementedError
-
-    assert SocketDrops(no_descriptor).count() == 0
-    near, far = os.pipe()
-    lowest = _lowest_free(near)
-    assert SocketDrops(lambda: near).count() == 0
-    assert _lowest_free(near) == lowest  # nothing of it is left open
-    os.close(near)
-    os.close(far)
-
-
 def _emptied(reader: socket.socket) -> int:
     """Receive what a socket holds; return the number of datagrams."""
     received = 0
@@ -358,10 +308,3 @@ def _emptied(reader: socket.socket) -> int:
         while reader.recv(16):
             received += 1
     return received
-
-
-def _lowest_free(descriptor: int) -> int:
-    """Return the number that the next descriptor will have."""
-    free = os.dup(descriptor)
-    os.close(free)
-    return free

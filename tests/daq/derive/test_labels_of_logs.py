@@ -13,7 +13,6 @@ from daq.derive.from_logs import (
     Intake,
     LogPart,
     labelled,
-    numbered,
     parse_runs,
 )
 from daq.errors import InputError
@@ -27,13 +26,6 @@ B1 = Step("baseline", Excitation.BOUNCE, 1)
 B2 = Step("baseline", Excitation.BOUNCE, 2)
 R1 = Step("baseline", Excitation.ROLL, 1)
 NO_HOPS = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
-
-
-def test_repeats_are_counted_in_the_order_of_the_list() -> None:
-    assert parse_runs("baseline:bounce, baseline:roll,baseline:bounce") == (B1, R1, B2)
-    added = Step("added", Excitation.BOUNCE, 1)
-    assert parse_runs("baseline:bounce,added:bounce") == (B1, added)
-    assert numbered([]) == ()
 
 
 @pytest.mark.parametrize("text", ["", "baseline", "baseline:jump", "baseline:bounce:1", "a:roll,"])

@@ -11,7 +11,6 @@ import pytest
 from daq.formats.log import Log, read_log
 from dbc import FrameBatch
 
-from .loggers import write_logger_mf4
 from .mixed import Frame, frames_in, mixed
 from .test_import_round_trips import write_with_python_can
 
@@ -27,10 +26,11 @@ def read_all(path: Path) -> tuple[Log, list[Frame]]:
 def test_every_frame_of_an_unfinished_mf4_is_kept_whatever_the_file_is_called(
     tmp_path: Path, packed: bool
 ) -> None:
-    path = tmp_path / "a.dat"
-    write_logger_mf4(path, FRAMES)
-    if packed:
-        path.write_bytes(gzip.compress(path.read_bytes(), 1))
+    path = tmp_path / "a.mf4"
+    write_with_python_can(path, FRAMES)
+    raw = path.read_bytes().replace(b"MDF     ", b"UnFinMF ", 1)
+    path = path.rename(tmp_path / "a.dat")
+    path.write_bytes(gzip.compress(raw, 1) if packed else raw)
     log, found = read_all(path)
     assert found == FRAMES
     assert not log.loss.any, log.loss.text
@@ -50,33 +50,17 @@ def test_mf4_that_counts_buses_from_0(tmp_path: Path) -> None:
 def test_a_frame_whose_identifier_cannot_be_is_left_out_and_named(
     tmp_path: Path, name: str
 ) -> None:
-    write = write_logger_mf4 if name == ".mf4" else write_with_python_can
     path = tmp_path / f"a{name}"
     plain = replace(FRAMES[0], can_id=0x7FF, length=1, data=b"\x12")
     kept = [replace(plain, t_us=n * 1000) for n in range(20)]
     kept.append(replace(kept[-1], t_us=30_000, can_id=0x800, extended=True))
-    write(path, [*kept, replace(plain, t_us=25_000, can_id=0x800)])
+    write_with_python_can(path, [*kept, replace(plain, t_us=25_000, can_id=0x800)])
     log, frames = read_all(path)
     assert [(f.can_id, f.extended) for f in frames] == [(0x7FF, False)] * 20 + [(0x800, True)]
     assert "1 records unreadable" in log.loss.text
     assert "800" in log.loss.text.split("; ")[1]
     if name != ".asc":
         assert "first 0x800 with 11 bits at 2025-10-09T08:53:20.025000" in log.loss.text
-
-
-def test_an_mf4_without_the_kind_of_identifiers_has_29_bits_where_11_do_not_do(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "a.mf4"
-    plain = replace(FRAMES[0], length=1, data=b"\x12")
-    write_logger_mf4(path, [replace(plain, can_id=n, t_us=n) for n in (0x7FF, 0x800)])
-    path.write_bytes(path.read_bytes().replace(b"CAN_DataFrame.IDE", b"CAN_DataFrame.IDQ"))
-    log, frames = read_all(path)
-    assert [(f.can_id, f.extended) for f in frames] == [(0x7FF, False), (0x800, True)]
-    assert not log.loss.any
-
-
-CLASSIC = [f for f in mixed(400, seed=3) if not (f.fd or f.remote or f.error)]
 
 
 @pytest.mark.parametrize("tail", ["", "  Length = 240000 BitCount = 124 ID = 256"])

@@ -242,20 +242,6 @@ def test_the_first_frame_comes_after_a_second_and_the_others_at_their_speed(
     assert clock_of_recorded_source.slept_s == pytest.approx([1.0, second_s], abs=1e-3)
 
 
-def test_nobody_waits_longer_than_asked_or_shorter_than_it_takes_to_gather(
-    clock_of_recorded_source: FalseTime,
-) -> None:
-    source = RecordedSource(_frames([0, 0.001, 0.5]), 0, 1.0, 0)
-    assert len(source.read(0.3)) == 0
-    assert source.read(9.0).can_id.tolist() == [0]
-    assert source.read(9.0).can_id.tolist() == [1]
-    assert len(source.read(0.25)) == 0
-    assert source.read(9.0).can_id.tolist() == [2]
-    assert len(source.read(0.125)) == 0
-    slept = [0.3, 0.7, 0.01, 0.25, 0.239, 0.125]
-    assert clock_of_recorded_source.slept_s == pytest.approx(slept, abs=1e-3)
-
-
 def _session(*spans: tuple[float, float]) -> Session:
     """Return a session with a run of each span, a frame each tenth of a second."""
     runs = []

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from daq.errors import InputError
-from daq.runs import Event
 from daq.session import read_session, write_session
 from daq.sessions import Session
 from daq.vehicle import MassState
@@ -64,15 +63,3 @@ def test_a_name_has_1_to_64_printable_bytes(
     assert [channel.name for channel in found.channels] == [c.name for c in session.channels]
     assert {state.name for state in found.mass_states} == {s.name for s in session.mass_states}
     assert [g.name for g in found.runs[0].groups] == [g.name for g in session.runs[0].groups]
-
-
-@pytest.mark.parametrize(("text", "good"), [("ä" * 80, True), ("ä" * 80 + "b", False)])
-def test_a_text_of_an_event_has_160_bytes(tmp_path: Path, text: str, good: bool) -> None:
-    run = replace(BARE.runs[0], events=(Event(1, "note", 0.0, text),))
-    session = replace(BARE, runs=(run,))
-    if good:
-        write_session(tmp_path / "car.h5", session)
-        assert read_session(tmp_path / "car.h5").runs[0].events == run.events
-        return
-    with pytest.raises(InputError, match="longer than 160 bytes"):
-        write_session(tmp_path / "car.h5", session)

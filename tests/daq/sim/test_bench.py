@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from itertools import takewhile
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from daq.recorder.recording import Recording
 from daq.runlog.run_log import LoggedStatus, Remark
 from daq.runs import BASELINE, Excitation
 from daq.samples.converter import HealthState, advance
-from daq.sim import bench as simulated
 from daq.sim.bench import PIECE_S, PUSHES_S, Fault, SimulatedBench, push_frames
 from daq.sim.car import SimulatedCar
 from daq.vehicle import Corner
@@ -128,23 +126,6 @@ def test_a_mark_of_the_bench_check_asks_for_a_push() -> None:
     assert np.max(np.abs(rest)) < 3.0
     pushed_s = np.flatnonzero(travel.value > 5.0) * np.median(np.diff(travel.t_ns)) * 1e-9
     assert 0.2 < np.ptp(pushed_s) < 1.2  # once
-
-
-@pytest.mark.parametrize("speed", [1.0, 4.0])
-def test_a_read_waits_until_the_next_block_is_due_and_no_longer_than_it_may(
-    monkeypatch: pytest.MonkeyPatch, speed: float
-) -> None:
-    """Blocks of 20 ms; a reader that is behind by more does not wait at all."""
-    clock_s, waits = [100.0], list[float]()
-    clock = SimpleNamespace(monotonic=lambda: clock_s[0], sleep=waits.append)
-    monkeypatch.setattr(simulated, "time", clock)
-    bench, status = short_bench(), _idle()
-    source = SimulatedBench(bench, bench_codec(bench), SimulatedCar(), 1, speed, lambda: status)
-    for passed_s, timeout_s in ((0.005, 1.0), (0.005, 0.01), (0.1, 1.0)):
-        clock_s[0] += passed_s
-        source.read(timeout_s)
-    source.dismantle()
-    assert waits == pytest.approx([0.015, 0.01, 0.0])
 
 
 def bumps_s(frames: FrameBatch) -> list[float]:
