@@ -14,7 +14,6 @@ from pathlib import Path
 
 from .errors import InputError
 
-NOFOLLOW: int = getattr(os, "ONOFOLLOW", 0)  # Windows has no such flag
 _LEFT_S = 3600.0
 """Time, s, after which a partial file is of a killed process: no file is written for that long."""
 
@@ -104,9 +103,14 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     parts: list[Path] = []
     try:
         for target in targets:
-            _delete_left(target)
+            # What a killed process left is deleted.
+            stem, suffix = glob.escape(target.stem), glob.escape(target.suffix)
+            with suppress(OSError):
+                for old in target.parent.glob(f".{stem}.*.tmp{suffix}"):
+                    if time.time() - old.stat().st_mtime > _LEFT_S:
+                        old.unlink()
             part = target.parent / f".{target.stem}.{secrets.token_hex(8)}.tmp{target.suffix}"
-            fd = os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR | NOFOLLOW, 0o666)
+            fd = os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
             parts.append(part)
             with suppress(OSError):  # a new file: as the umask sets
                 before = target.lstat()
@@ -129,16 +133,6 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
             part.unlink(missing_ok=True)
 
 
-def _delete_left(target: Path) -> None:
-    """Delete the partial files of a target that nobody has written to for an hour."""
-    with suppress(OSError):
-        left = target.parent.glob(f".{glob.escape(target.stem)}.*.tmp{glob.escape(target.suffix)}")
-        for part in left:
-            with suppress(OSError):
-                if time.time() - part.lstat().st_mtime > _LEFT_S:
-                    part.unlink()
-
-
 def sync_data(fd: int) -> None:
     """Return when the data written to an open file are on the disk; its times may follow later.
 
@@ -158,68 +152,33 @@ def sync_data(fd: int) -> None:
 
 def sync_file(path: Path) -> None:
     """Return when the content of a file is on the disk."""
-    _sync(path, os.O_RDWR | NOFOLLOW)
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
 
 
 def sync_folder(folder: Path) -> None:
     """Return when the names in a folder are on the disk."""
     if os.name == "posix":  # other systems cannot open a folder
-        _sync(folder, os.O_RDONLY)
-
-
-def _sync(path: Path, mode: int) -> None:
-    fd = os.open(path, mode)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)
-
-
-# --------------------------------------------------------------------------------------------------
-# Opens regular files only, so that nothing else under a file's name can hang or mislead a reader
-#
-# Opening a FIFO waits for a writer, reading a device may never end, and a symbolic link may lead
-# to either.
-
-_KINDS = {
-    stat.S_IFLNK: "a symbolic link",
-    stat.S_IFDIR: "a directory",
-    stat.S_IFIFO: "a FIFO",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
-# Another file may take its place between the check and the opening; not on Windows.
-_FLAGS = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-
-
-def open_regular(path: Path, advice: str) -> int:
-    """Return a descriptor of a regular file, for reading.
-
-    Raises InputError, with `advice`, if it is not a regular file or cannot be opened.
-    """
-    try:
-        _check(path, path.lstat(), advice)
-        fd = os.open(path, _FLAGS | getattr(os, "O_BINARY", 0))
+        fd = os.open(folder, os.O_RDONLY)
         try:
-            _check(path, os.fstat(fd), advice)
-        except InputError:
+            os.fsync(fd)
+        finally:
             os.close(fd)
-            raise
-    except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), advice) from error
-    return fd
 
 
 def is_regular(path: Path) -> bool:
     """Return whether a path names a regular file, and not a symbolic link to one."""
+    return path.is_file() and not path.is_symlink()
+
+
+def open_regular(path: Path, advice: str) -> int:
+    """Return a descriptor of a regular file, for reading: a FIFO would wait for a writer.
+
+    Raises InputError, with `advice`, if it is not a regular file or cannot be opened.
+    """
+    if os.path.lexists(path) and not is_regular(path):
+        raise InputError(str(path), "is not a regular file", advice)
     try:
-        return stat.S_ISREG(path.lstat().st_mode)
-    except OSError:
-        return False
-
-
-def _check(path: Path, found: os.stat_result, advice: str) -> None:
-    kind = stat.S_IFMT(found.st_mode)
-    if kind != stat.S_IFREG:
-        raise InputError(str(path), f"is {_KINDS.get(kind, 'no file')}, not a file", advice)
+        return os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+    except OSError as error:
+        raise InputError(str(path), error.strerror or str(error), advice) from error

@@ -13,7 +13,6 @@ from collections import deque
 from contextlib import suppress
 from pathlib import Path
 
-from daq.files import NOFOLLOW
 from dbc import counted
 
 BURST, PER_S = 5, 60.0
@@ -171,7 +170,7 @@ def _kept(path: Path) -> Path:
 
 def open_log(path: Path) -> int:
     """Return the descriptor of a log, created or to be continued; a link is not followed."""
-    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | NOFOLLOW, 0o640)
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o640)
 
 
 def _opened(path: Path) -> int:
