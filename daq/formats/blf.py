@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any
 
@@ -95,7 +96,11 @@ def read_blf(file: Readable, where: str, size: int | None, loss: LogLoss) -> Ite
     if not _FILE.size <= header_bytes <= 1 << 16:
         raise InputError(where, f"is not a BLF: its header has {header_bytes} bytes", _ADVICE)
     file.read(header_bytes - _FILE.size)
-    start_ns = _systemtime_ns(fields[14:22])
+    year, month, _, day, hour, minute, second, milliseconds = fields[14:22]
+    start_ns = 0  # the header has no date: times are relative
+    with suppress(ValueError):
+        date = datetime(year, month, day, hour, minute, second, milliseconds * 1000, tzinfo=UTC)
+        start_ns = max(round(date.timestamp() * 1000) * 1_000_000, 0)
     if size is not None and size < claimed:
         what = f"has {size} of the {claimed} bytes that its header states"
         loss.add(what, bytes_cut=claimed - size)
@@ -168,16 +173,6 @@ def _unpacked(body: bytes, size: int, loss: LogLoss) -> tuple[bytes, bool]:
         lost = max(claimed - len(data), 1)
         loss.add("a container has another content than it states", bytes_cut=lost)
     return data, is_whole
-
-
-def _systemtime_ns(fields: tuple[int, ...]) -> int:
-    """Return a SYSTEMTIME as ns since 1970 UTC; 0 if it is not one: times are then relative."""
-    year, month, _, day, hour, minute, second, milliseconds = fields
-    try:
-        date = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
-    except ValueError:
-        return 0
-    return max(round(date.timestamp()) * 1_000_000_000 + milliseconds * 1_000_000, 0)
 
 
 def _records(text: NDArray[np.uint8], places: NDArray[Any], layout: np.dtype[Any]) -> NDArray[Any]:

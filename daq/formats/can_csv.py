@@ -36,17 +36,10 @@ class CsvParser:
             if length > 8:  # not stated, but no classic frame is longer
                 flags |= FD
             payload = a2b_base64(data, strict_mode=True) if data else b""
-            return _stamp(time), number(identifier[2:], 16), flags, 0, length, payload
-        except (ValueError, KeyError):
+            try:
+                t_ns = nanoseconds(time)
+            except ValueError:  # Python writes small ones with an exponent
+                t_ns = round(float(time) * 1e9)
+            return t_ns, number(identifier[2:], 16), flags, 0, length, payload
+        except (ValueError, KeyError, OverflowError):
             return None if cells != [b""] else 0
-
-
-def _stamp(text: bytes) -> int:
-    """Return a time stamp in ns; Python writes small ones with an exponent."""
-    try:
-        return nanoseconds(text)
-    except ValueError:
-        seconds = float(text)
-        if not abs(seconds) < 1e10:
-            raise
-        return round(seconds * 1e9)

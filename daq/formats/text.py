@@ -189,7 +189,15 @@ def read_lines(
             if not known:
                 raise InputError(where, "begins with no line of a known log", "check what it is")
             if block.endswith(b"\n") or _is_whole(block, found.frames, recent, parse):
-                _count_lost(found, block, before, loss)
+                if found.bad:
+                    first = found.bad[0]
+                    line = block.split(b"\n", first + 1)[first].strip()
+                    shown = printable(line.decode("ascii", "backslashreplace"), 60)
+                    note = f"line {before + first + 1} is not a frame: {shown!r}"
+                    loss.add(note, garbled=len(found.bad))
+                for number_of_line, frames in found.dropped:
+                    note = f"line {before + number_of_line + 1} states"
+                    loss.add(f"{note} {counted(frames, 'lost frame')}", dropped=frames)
                 recent = found.frames
                 yield found.frames
             elif len(found.frames) or found.bad:
@@ -217,14 +225,3 @@ def _is_whole(text: bytes, frames: FrameBatch, before: FrameBatch, parse: LinePa
             return False
     same = (before.can_id == frames.can_id[0]) & (before.flags == frames.flags[0])
     return parse.states_length or bool((same & (before.length == frames.length[0])).any())
-
-
-def _count_lost(found: Parsed, block: bytes, before: int, loss: LogLoss) -> None:
-    if found.bad:
-        first = found.bad[0]
-        line = block.split(b"\n", first + 1)[first].decode("ascii", "backslashreplace")
-        note = f"line {before + first + 1} is not a frame: {printable(line.strip(), 60)!r}"
-        loss.add(note, garbled=len(found.bad))
-    for line_number, frames in found.dropped:
-        note = f"line {before + line_number + 1} states {counted(frames, 'lost frame')}"
-        loss.add(note, dropped=frames)

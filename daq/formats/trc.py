@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from decimal import Decimal, InvalidOperation
 
 from dbc.frames import FD_LENGTHS
@@ -76,7 +77,7 @@ class TrcParser:
         """Return the frame in a line; else 1 if the line states an overrun, 0 if it does not."""
         try:
             return self._parsed(line)
-        except (ValueError, IndexError):
+        except (ValueError, IndexError, KeyError):
             return None if line.strip() else 0
 
     def _parsed(self, line: bytes) -> Record | int:
@@ -87,9 +88,15 @@ class TrcParser:
         tokens = line.split(None, place["D"])
         text = tokens[place["D"]] if len(tokens) > place["D"] else b""
         word = text[:5].lower()
-        flags = self._flags(tokens, word)
-        if flags is None:
+        if "T" not in place:  # 2) 1842 0008 4 ERROR 00 19 08 08
+            is_frame = tokens[place["I"]].upper() != _NOT_A_FRAME
+            stated = (ERROR if word == b"error" else 0) if is_frame else None
+        else:
+            types = _TYPES_2 if self._version >= "2" else _TYPES_1
+            stated = types[tokens[place["T"]].lower()]
+        if stated is None:
             return int(bool(_OVERRUN.search(line)))
+        flags = stated
         offset_ns = nanoseconds(tokens[place["O"]].replace(b",", b".")) // 1000
         if self._start_ns and abs(offset_ns) >= LONGEST_NS:
             raise ValueError(line)
@@ -114,18 +121,6 @@ class TrcParser:
         data = b"" if flags & REMOTE else spaced_bytes(text, length, 16)
         return t_ns, can_id, flags, bus, length, data
 
-    def _flags(self, tokens: list[bytes], word: bytes) -> int | None:
-        """Return the flags that the type of a line states; raises ValueError if it is unknown."""
-        if "T" not in self._place:  # 2) 1842 0008 4 ERROR 00 19 08 08
-            if tokens[self._place["I"]].upper() == _NOT_A_FRAME:
-                return None
-            return ERROR if word == b"error" else 0
-        types = _TYPES_2 if self._version >= "2" else _TYPES_1
-        kind = tokens[self._place["T"]].lower()
-        if kind not in types:
-            raise ValueError(kind)
-        return types[kind]
-
     def _header(self, line: bytes) -> None:
         name, _, value = line.decode("ascii", "replace").partition("=")
         value = value.strip()
@@ -134,7 +129,10 @@ class TrcParser:
             self._place = _places(_COLUMNS[self._version])
             self.has_header = True
         elif name == ";$STARTTIME":
-            self._start_ns = _days_ns(value)
+            with suppress(InvalidOperation, OverflowError, ValueError):
+                days = Decimal(value.replace(",", ".")) - _EPOCH_DAYS
+                ns = int(days * 86_400_000_000_000)
+                self._start_ns = ns if 0 <= ns < 1 << 62 else 0
         elif name == ";$COLUMNS":
             letters = value.replace(",", "")
             if len(set(letters)) == len(letters) and {*"OTID"} <= {*letters} <= {*"NOTBIdRlLD"}:
@@ -143,12 +141,3 @@ class TrcParser:
 
 def _places(columns: str) -> dict[str, int]:
     return {letter: place for place, letter in enumerate(columns)}
-
-
-def _days_ns(text: str) -> int:
-    """Return days since 1899-12-30 as ns since 1970; 0 if the text is not a number."""
-    try:
-        ns = int((Decimal(text.replace(",", ".")) - _EPOCH_DAYS) * 86_400_000_000_000)
-    except (InvalidOperation, OverflowError, ValueError):
-        return 0
-    return ns if 0 <= ns < 1 << 62 else 0

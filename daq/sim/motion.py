@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -179,18 +178,6 @@ def drive(
         spans.append(_Span(begin_s, (stop_s - begin_s) / count, states, rates))
         state = states[-1].copy()
     return Motion(plant, bump, first, (spans[0], spans[1]))
-
-
-def drive_all(
-    plants: Sequence[Plant],
-    bumps: Sequence[Bump],
-    end_s: float,
-    starts: Sequence[Array] | None = None,
-) -> list[Motion]:
-    """Drive several cars over a bump each; arguments and errors are those of `drive`."""
-    given = [None] * len(plants) if starts is None else starts
-    cars = zip(plants, bumps, given, strict=True)
-    return [drive(plant, bump, end_s, start) for plant, bump, start in cars]
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from daq.sessions import Session
 from daq.sim.car import NOISE, SensorFault, SensorTruth, SimulatedCar, Spread, spoilt
 from daq.sim.elements import NONE, Friction, Imperfections
 from daq.sim.engine import Plant
-from daq.sim.motion import Bump, Motion, drive_all
+from daq.sim.motion import Bump, Motion, drive
 from daq.sim.plant import GRAVITY_M_S2, load_car
 from daq.sim.sensors import Installation, install, low_passed, measured, true_reading
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Vehicle
@@ -286,7 +286,8 @@ def _motions(
     keys = [(state, excitation) for state in (BASELINE, ADDED) for excitation in excitations]
     plants = [_plant(car, state) for state, _ in keys]
     bumps = [Bump(excitation, bump_m, REST_S, BUMP_S) for _, excitation in keys]
-    return dict(zip(keys, drive_all(plants, bumps, RUN_S), strict=True))
+    motions = [drive(plant, bump, RUN_S) for plant, bump in zip(plants, bumps, strict=True)]
+    return dict(zip(keys, motions, strict=True))
 
 
 @cache

@@ -21,7 +21,7 @@ from daq.sessions import Session
 from daq.sim.car import SensorTruth, SimulatedCar, Truth, draw
 from daq.sim.elements import Array
 from daq.sim.engine import Plant
-from daq.sim.motion import Bump, Kinematics, Motion, Moving, drive_all, standing
+from daq.sim.motion import Bump, Kinematics, Motion, Moving, drive, standing
 from daq.sim.plant import load_car
 from daq.sim.sensors import Installation, install, low_pass, measured, true_reading
 from daq.vehicle import MassState, Vehicle
@@ -127,7 +127,9 @@ def _driven(plants: Mapping[str, Plant], plan: Plan, rng: np.random.Generator) -
     starts = [standing(plant, share) for plant, share in zip(run_by_run, stuck, strict=True)]
     roads = [Bump(b.excitation, b.height_m, plan.rest_s, plan.bump_s) for b in plan.bumps]
     end_s = plan.rest_s + plan.bump_s + plan.decay_s
-    return drive_all(run_by_run, roads, end_s, starts)
+    given: Sequence[Array | None] = starts or [None] * len(roads)
+    cars = zip(run_by_run, roads, given, strict=True)
+    return [drive(plant, road, end_s, start) for plant, road, start in cars]
 
 
 def _sampled(

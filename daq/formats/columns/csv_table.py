@@ -77,8 +77,8 @@ def _form(path: Path) -> _Form:
         rows = [next(csv.reader([line], delimiter=separator), []) for line in lines[:2000]]
         full = next((i for i, row in enumerate(rows) if _is_data(row, separator)), None)
         if full is not None:
-            first = full
-            while first > 0 and _is_sparse(rows[first - 1], rows[full], separator):
+            first = full  # lines above it with one value and gaps are data too
+            while first > 0 and _is_data(rows[first - 1], separator, len(rows[full])):
                 first -= 1
             names = _headings(rows[:first], rows[full])
             return _Form(encoding, separator, first, names)
@@ -86,21 +86,17 @@ def _form(path: Path) -> _Form:
     raise InputError(str(path), what, "name a file of channels, or export it with one of these")
 
 
-def _is_data(row: Sequence[str], separator: str) -> bool:
-    """Return whether a line has numbers in most of its cells and in at least two."""
-    cells = [cell.strip() for cell in row]
+def _is_data(row: Sequence[str], separator: str, sparse: int = 0) -> bool:
+    """Return whether a line has numbers in most of its cells and in at least two.
+
+    `sparse`: number of cells of a line of data that may have one number or date and else gaps.
+    """
+    cells = [cell.strip() for cell in row if cell.strip()]
     numbers = sum(_is_number(cell, separator) for cell in cells)
-    times = sum(bool(_DATE.match(cell)) for cell in cells)
-    filled = sum(bool(cell) for cell in cells)
-    return len(row) > 1 and numbers > 0 and numbers + times >= max(2, (2 * filled + 2) // 3)
-
-
-def _is_sparse(row: Sequence[str], data: Sequence[str], separator: str) -> bool:
-    """Return whether a line above the first full line of data is data: one value, else gaps."""
-    filled = [cell.strip() for cell in row if cell.strip()]
-    if len(row) != len(data) or len(filled) != 1:
-        return False
-    return _is_number(filled[0], separator) or bool(_DATE.match(filled[0]))
+    dates = sum(bool(_DATE.match(cell)) for cell in cells)
+    if sparse:
+        return len(row) == sparse and len(cells) == 1 and numbers + dates == 1
+    return len(row) > 1 and numbers > 0 and numbers + dates >= max(2, (2 * len(cells) + 2) // 3)
 
 
 def _is_number(cell: str, separator: str) -> bool:
@@ -114,7 +110,8 @@ def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Headi
     names, units = [""] * n, [""] * n
     if wide:
         last = [*wide[-1], *[""] * n][:n]
-        if len(wide) > 1 and all(map(_is_unit, last)) and any(last):
+        units_only = all(c.strip("[]()") != c or known_si(c) is not None for c in last)
+        if len(wide) > 1 and units_only and any(last):
             units = [cell.strip("[]()") for cell in last]
             last = [*wide[-2], *[""] * n][:n]
         names = last
@@ -127,11 +124,6 @@ def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Headi
         taken = any(each.name == name for each in headings)
         headings.append(Heading(f"{name}:{i + 1}" if taken else name, units[i], "table"))
     return tuple(headings)
-
-
-def _is_unit(cell: str) -> bool:
-    plain = cell.strip("[]()")
-    return plain != cell or known_si(plain) is not None
 
 
 def _read(path: Path, form: _Form, wanted: Sequence[Heading]) -> Table:

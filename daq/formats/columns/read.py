@@ -149,7 +149,15 @@ def _read_mdf(path: Path, choose: Choose) -> Table:
                 unit = str(channel.unit or getattr(rule, "unit", "") or "")
                 headings.append(Heading(full, unit, clock, int(about.cycles_nr)))
         chosen = choose(headings)
-        values = {each.name: _mdf_values(mdf, *places[each.name]) for each in chosen}
+        values = {}
+        for each in chosen:
+            group, index = places[each.name]
+            signal = mdf.get(group=group, index=index, ignore_invalidation_bits=True)
+            samples, invalid = np.asarray(signal.samples), signal.invalidation_bits
+            if invalid is not None and samples.dtype.kind in "iuf":
+                bits = np.asarray(getattr(invalid, "bits", invalid), bool)
+                samples = np.where(bits, np.nan, samples)
+            values[each.name] = samples
         times = {
             clock: np.asarray(mdf.get_master(number), np.float64)
             for clock, number in clocks.items()
@@ -157,14 +165,6 @@ def _read_mdf(path: Path, choose: Choose) -> Table:
         }
         start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
         return Table(values, times, max(start_ns, 0))
-
-
-def _mdf_values(mdf: Any, group: int, index: int) -> NDArray[Any]:
-    signal = mdf.get(group=group, index=index, ignore_invalidation_bits=True)
-    values, invalid = np.asarray(signal.samples), signal.invalidation_bits
-    if invalid is None or values.dtype.kind not in "iuf":
-        return values
-    return np.where(np.asarray(getattr(invalid, "bits", invalid), bool), np.nan, values)
 
 
 def _read_matlab(path: Path, choose: Choose) -> Table:
