@@ -140,10 +140,3 @@ def test_multiplexed_signals_exist_where_their_selectors_say_so(
         except DecodeError:
             continue  # cantools gives up on a frame with an undefined selector
         assert {name: values[i] for name, values in rows.items() if i in values} == theirs
-
-
-def test_a_message_without_payload_has_no_samples() -> None:
-    codec = parse_codec(database([Message("Sync", 0x80, False, 0, ())]), "sync.dbc")
-    decoded = codec.decode(block([b"", b""], 0x80))
-    assert dict(decoded.samples) == {}
-    assert decoded.counts.unknown_id == 0

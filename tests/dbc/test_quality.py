@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from dbc import Quality, parse_codec, shipped_dbc
-from dbc.crc import CRC_RULES
 
 from .frames import block
 from .polynomial import crc8_by_division
 
 SHIPPED = parse_codec(shipped_dbc(), "bumpbench.dbc")
-
-
-@settings(max_examples=50, deadline=None, derandomize=True, database=None)
-@given(st.lists(st.binary(min_size=7, max_size=7), min_size=1, max_size=5))
-def test_crc_is_the_remainder_of_a_division(rows: list[bytes]) -> None:
-    ours = CRC_RULES["crc8_j1850"](np.frombuffer(b"".join(rows), np.uint8).reshape(-1, 7))
-    assert ours.tolist() == [crc8_by_division(row) for row in rows]
 
 
 def test_a_flipped_bit_marks_every_sample_of_its_frame_and_keeps_the_values() -> None:

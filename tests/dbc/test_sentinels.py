@@ -96,17 +96,3 @@ def test_floats_and_64_bits_have_sentinels_too() -> None:
     sent = [b"\xff" * 8, b"\xfe" + b"\xff" * 7]
     samples = parse_codec(wide, "x.dbc").decode(block(sent, 5))["M.s"]
     assert samples.quality.tolist() == [Quality.SENTINEL, 0]
-
-
-def test_selectors_and_counters_keep_their_numbers() -> None:
-    both = (
-        'VERSION ""\n\nBU_: A\n\nBO_ 5 M: 4 A\n SG_ top M : 0|8@1+ (1,0) [0|0] "" A\n'
-        ' SG_ one m255 : 8|8@1+ (1,0) [0|0] "" A\n SG_ n : 16|8@1+ (1,0) [0|0] "" A\n\n'
-        'BA_DEF_ SG_ "SignalRole" ENUM "value","counter","crc8_j1850";\n'
-        'BA_ "SignalRole" SG_ 5 n 1;\nVAL_ 5 top 255 "invalid" ;\nVAL_ 5 n 255 "invalid" ;\n'
-    )
-    decoded = parse_codec(both, "x.dbc").decode(block([b"\xff\x07\xff\x00"], 5))
-    assert decoded["M.one"].value.tolist() == [7]
-    assert decoded["M.n"].value.tolist() == [255]
-    assert decoded["M.n"].quality.tolist() == [0]
-    assert decoded["M.top"].quality.tolist() == [Quality.SENTINEL]

@@ -43,12 +43,6 @@ def test_utf8_that_was_read_as_windows_text_is_recognised(spelling: str) -> None
     assert to_si(misread) == to_si(spelling)
 
 
-def test_degrees_celsius_have_their_zero_at_273_15_kelvin() -> None:
-    celsius = to_si("degC")
-    assert celsius.factor * 20 + celsius.offset == pytest.approx(293.15, rel=1e-15)
-    assert celsius.unit == "K"
-
-
 @pytest.mark.parametrize("unit", ["furlong", "M/S2", "m/s3", "deg/h", "\x1b[31m", "\ud800", "°x"])
 def test_an_unknown_unit_is_refused_and_not_guessed(unit: str) -> None:
     with pytest.raises(InputError, match="not known") as refusal:

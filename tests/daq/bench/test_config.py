@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from daq.bench.bench_tables import campaign_limits
 from daq.bench.config import bench_codec, load_bench, parse_bench
 from daq.errors import InputError
 from daq.samples.mapping import map_channels
 from daq.vehicle import Structure
-from dbc.frames import FrameBatch
 
 DBC = """VERSION ""
 BU_: A B
@@ -91,23 +88,6 @@ def test_an_element_that_is_not_stated_is_neither_forced_nor_forbidden(
     vehicle = parse_bench(text, "bench.toml", Path(), DBC).vehicle
     assert vehicle.structure == Structure(*structure)
     assert vehicle.elements == elements
-
-
-def test_the_checksum_rule_of_the_bench_decides_which_frames_count() -> None:
-    text = _message("Acc", 'crc = "crc"', 'crc_rule = "xor8"')
-    codec = bench_codec(parse_bench(text + CHANNEL, "b", Path(), DBC))
-    data = np.zeros((2, 8), np.uint8)
-    data[:, :4] = [[1, 2, 4, 7], [1, 2, 4, 6]]
-    n = np.zeros(2)
-    frames = FrameBatch(
-        np.arange(2), np.full(2, 16, np.uint32), n.astype(np.uint16), n.astype(np.uint8),
-        np.full(2, 4, np.uint8), data,
-    )  # fmt: skip
-    decoded = codec.decode(frames)
-    assert decoded.counts.crc_bad == 1
-    assert (decoded["Acc.up"].quality != 0).tolist() == [False, True]
-    sent = codec.encode("Acc", {"up": np.array([5.13])})
-    assert sent[0, 3] == sent[0, 0] ^ sent[0, 1] ^ sent[0, 2]
 
 
 MISTAKES = {
@@ -273,28 +253,6 @@ def test_a_file_that_the_bench_names_and_that_cannot_be_read_is_named_with_its_l
 
 
 # Numbers of bench.toml have a lowest and a highest: most of what lies beyond is a wrong unit ------
-
-
-@pytest.mark.parametrize(
-    ("key", "accepted", "refused", "limits"),
-    [
-        ("repeats", ("1", "100"), ("0", "101"), (1.0, 100.0, False)),
-        ("bump_height_mm", ("0.001", "0.5", "200.0"), ("0.0", "200.1"), (0.0, 200.0, True)),
-        ("accept_after_s", ("0.0", "60.0"), ("-0.01", "60.1"), (0.0, 60.0, False)),
-    ],
-)
-def test_numbers_of_a_campaign_have_a_lowest_and_a_highest(
-    key: str,
-    accepted: tuple[str, ...],
-    refused: tuple[str, ...],
-    limits: tuple[float, float, bool],
-) -> None:
-    for number in accepted:
-        parse_bench(f"[campaign]\n{key} = {number}\n", "bench.toml", Path())
-    for number in refused:
-        with pytest.raises(InputError, match=key):
-            parse_bench(f"[campaign]\n{key} = {number}\n", "bench.toml", Path())
-    assert campaign_limits(key) == limits
 
 
 WEIGHT = "[[weight]]\nmass_kg = {}\nx_m = {}\ny_m = {}\n"

@@ -6,15 +6,13 @@ import math
 import struct
 from collections.abc import Container
 from datetime import date
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Method, Procedure, instruction, sketch
+from daq.bench.campaign import Method, Procedure, sketch
 from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.ready_maps import ready_map_names
 from daq.check.check import check_bench
 from daq.errors import InputError
 from daq.runs import Excitation, SampleGroup
@@ -158,10 +156,6 @@ REST: dict[str, tuple[list[tuple[int, bytes]], dict[str, float]]] = {
 }
 
 
-def test_every_layout_is_tested() -> None:
-    assert set(ready_map_names()) == set(REST)
-
-
 @pytest.mark.parametrize("name", REST)
 def test_values_and_units_of_one_sample(name: str) -> None:
     frames, expected = REST[name]
@@ -273,35 +267,7 @@ def test_an_unknown_layout_is_one_line() -> None:
         _bench("nosuch")
 
 
-def test_a_layout_yields_to_what_the_file_states() -> None:
-    text = (
-        'dbc = "layout:bosch_mm7"\n[[message]]\nname = "TX1"\ncycle_ms = 5\ncounter = "counter"\n'
-        '[[channel]]\nname = "z"\nsignal = "TX3.acc_z"\nquantity = "body_acceleration"\n'
-    )
-    bench = parse_bench(text, "x", Path())
-    assert [channel.name for channel in bench.channels] == ["z"]
-    cycles = {m.name: m.cycle_s for m in bench_codec(bench).messages}
-    assert cycles == {"TX1": 0.005, "TX2": 0.01, "TX3": 0.01}
-    assert [each.name for each in bench.sample_sets] == ["mm7"]
-
-
 #  -------------------------------------------------------------------------------------------------
-
-EVERY = list(product(Method, Excitation))
-
-
-@pytest.mark.parametrize(("method", "excitation"), EVERY)
-def test_every_bump_is_described_and_sketched(method: Method, excitation: Excitation) -> None:
-    procedure = Procedure(method, bump_height_m=0.125)
-    reported = instruction(procedure, excitation)
-    assert reported.endswith(".")
-    pushed_warp = method is Method.PUSH and excitation is Excitation.WARP
-    assert ("125 mm" in reported) is not pushed_warp
-    lines = sketch(procedure, excitation)
-    assert len(lines) <= 8
-    assert all(len(line) <= 30 and line.isascii() and line.isprintable() for line in lines)
-    assert "front" in lines[0]
-    assert "125 mm" in lines[-1]
 
 
 @pytest.mark.parametrize("method", [Method.ROLL_OVER, Method.DROP])

@@ -11,7 +11,6 @@ from daq.bench.channel_map import load_channel_map
 from daq.bench.config import Bench, load_bench, parse_bench
 from daq.errors import InputError
 from daq.runs import Excitation
-from daq.vehicle import Corner, HubWeight
 
 
 def parse(text: str) -> Bench:
@@ -64,6 +63,9 @@ def text(length: int) -> str:
         (MESSAGE + 'time_signal = "t"\n', "time_wrap", ("0.001",), ("0.0",)),
         ("[calibration]\n", "max_age_days", ("1", "100000"), ("0",)),
         ("[campaign]\n", "excitations", ('["roll"]',), ("[]",)),
+        ("[campaign]\n", "repeats", ("1", "100"), ("0", "101")),
+        ("[campaign]\n", "bump_height_mm", ("0.001", "200.0"), ("0.0", "200.1")),
+        ("[campaign]\n", "accept_after_s", ("0.0", "60.0"), ("-0.01", "60.1")),
         ("[campaign.instructions]\n", "roll", (text(200),), (text(201),)),
     ],
 )  # fmt: skip
@@ -134,20 +136,6 @@ def test_a_slip_is_refused_in_a_file_and_read_where_it_was_recorded(
     with pytest.raises(InputError, match=why):
         load_bench(tmp_path / "bench.toml")
     parse(written)
-
-
-def test_what_goes_together_is_taken() -> None:
-    two = parse('[[bus]]\nchannel = "a"\n[[bus]]\nchannel = "a"\ninterface = "x"\n')
-    assert [(bus.interface, bus.channel) for bus in two.buses] == [("virtual", "a"), ("x", "a")]
-    names = "".join(f'[[bus]]\nchannel = "c{n}"\n' for n in range(16))
-    assert len(parse(names).buses) == 16
-    parse(SENSOR + 'dbc = "a.dbc"\nids = { M = 0 }\n')
-    parse(SENSOR + 'dbc = "a.dbc"\nid_offset = 1\n')
-    parse(UNUSED.replace("IMU_Accel.acc_z", 128 * "x") + f'serial_number = "{32 * "ä"}"\n')
-    (weight,) = parse(HUB + "sigma_kg = 0.1\n").mass_states[1].added.weights
-    assert weight == HubWeight(4.0, Corner.FRONT_LEFT, 0.1)
-    travel = parse(TRAVEL + "motion_ratio = 0.6\nmotion_ratio_sigma = 0.15\n").channels[0]
-    assert (travel.motion_ratio, travel.motion_ratio_sigma) == (0.6, 0.15)
 
 
 def test_what_a_bench_is_if_nothing_is_stated() -> None:

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench, with_database
+from daq.bench.config import bench_codec, load_bench, parse_bench, with_database
 from daq.bench.databases import stored_databases, stored_text
-from daq.bench.ready_maps import ready_tables, sensor_map
 from daq.errors import InputError
 from daq.samples.trigger import bench_mapping
 from dbc import Samples
@@ -121,11 +120,6 @@ def test_a_bench_of_one_bus_takes_frames_of_any_number() -> None:
     assert {message.bus for message in codec.messages} == {None}
 
 
-def test_a_bench_on_several_buses_is_not_put_on_one() -> None:
-    with pytest.raises(InputError, match="sensors on 2 buses, and one bus is named"):
-        on_bus(sensor_bench(), "socketcan", "can5")
-
-
 def test_ready_maps_of_two_like_sensors_are_told_apart() -> None:
     text = """
     [[bus]]
@@ -167,12 +161,6 @@ def test_a_corrected_database_takes_the_place_of_its_namesake(tmp_path: Path) ->
         with_database(sensor_bench(), tmp_path / "foreign.dbc")
 
 
-def test_a_damaged_list_of_databases_is_one_line() -> None:
-    for text in ("{", '{"bumpbench_databases": 3}', "{}"):
-        with pytest.raises(InputError, match="the list of databases is damaged"):
-            stored_databases(text)
-
-
 def test_a_motion_ratio_makes_wheel_travel_of_sensor_travel() -> None:
     text = TEXT.replace(
         'signal = "pot_fl.Position"', 'signal = "pot_fl.Position"\nmotion_ratio = 0.5\ntare = 0.1'
@@ -184,19 +172,3 @@ def test_a_motion_ratio_makes_wheel_travel_of_sensor_travel() -> None:
     samples = Samples("pot_fl.TPDO1.Position", t_ns, np.array([10.0, 20.0]), good)  # mm
     np.testing.assert_allclose(pot.values(samples), [0.02 - 0.1, 0.04 - 0.1])
     assert pot.step == pytest.approx(2e-5)  # 0.01 mm of the sensor are 0.02 mm of the wheel
-
-
-def test_a_bench_that_states_no_tables_gets_those_of_the_ready_map() -> None:
-    added = ready_tables([("imu", "layout:bosch_mm7"), ("own", "own.dbc")], {})
-    assert added == {
-        "message": sensor_map("imu", "layout:bosch_mm7")["message"],
-        "sample_set": sensor_map("imu", "layout:bosch_mm7")["sample_set"],
-        "channel": sensor_map("imu", "layout:bosch_mm7")["channel"],
-    }
-    for kind, stated in (
-        ("message", {"name": added["message"][0]["name"]}),
-        ("sample_set", {"messages": [added["message"][0]["name"]]}),
-        ("channel", {"signal": "imu.x"}),
-    ):
-        rest = ready_tables([("imu", "layout:bosch_mm7")], {kind: [stated]})
-        assert {name for name in added if rest[name] != added[name]} == {kind}

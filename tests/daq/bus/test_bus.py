@@ -169,16 +169,6 @@ def test_a_block_is_bounded_and_the_rest_comes_with_the_next() -> None:
     assert [len(source.read(0.0)) for _ in range(3)] == [2048, 5, 0]
 
 
-def test_what_gathered_unread_is_read_without_a_wait_by_the_wall_clock() -> None:
-    bus = ScriptedBus(*[frame(i) for i in range(5)])
-    source = source_on(bus, gather_s=0.02)
-    began_s = time.monotonic()
-    assert list(source.read(0.1).can_id) == list(range(5))
-    assert len(source.read(0.05)) == 0
-    assert time.monotonic() - began_s >= 0.07
-    assert set(bus.waits) == {0.0}
-
-
 def test_a_virtual_bus_carries_the_clock_of_its_sender() -> None:
     config = BusConfig("virtual", "test_bus_clock", 1_000_000)
     start_ns = time.time_ns() - 3600 * 10**9

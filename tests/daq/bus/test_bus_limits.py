@@ -63,32 +63,6 @@ def test_a_multicast_socket_hears_its_own_groups_alone_and_begins_empty(
             assert receiving.recv(100) == b"own"
 
 
-@pytest.mark.parametrize(("silent_s", "closed"), [(4.9, False), (5.1, True)])
-def test_a_bus_is_opened_again_after_five_seconds_of_silence(silent_s: float, closed: bool) -> None:
-    clock = Clock()
-    first, second = Source(clock, [ONE]), Source(clock, [])
-    link = link_to(clock, first, second)
-    link.read(0.1)
-    assert len(link.read(0.1)) == len(ONE)
-    clock.now_s += silent_s
-    assert not len(link.read(0.0))
-    assert first.closed is closed
-
-
-@pytest.mark.parametrize("ended", ["halt", "close"])
-def test_a_link_that_has_ended_opens_nothing_any_more(ended: str) -> None:
-    clock = Clock()
-    source = Source(clock, [ONE])
-    link = link_to(clock, OSError("not yet"), source)
-    assert not len(link.read(0.0))
-    getattr(link, ended)()
-    clock.now_s += 60.0
-    for _ in range(3):
-        assert not len(link.read(0.0))
-    assert source.frames == 0
-    assert not link.facts().connected
-
-
 @pytest.mark.parametrize(
     ("error", "what", "advice"),
     [
@@ -105,3 +79,15 @@ def test_why_a_bus_was_lost_is_said(error: Exception, what: str, advice: str) ->
         link.read(0.0)
     facts = link.facts()
     assert (facts.connected, facts.error, facts.advice) == (False, what, advice)
+
+
+@pytest.mark.parametrize(("silent_s", "closed"), [(4.9, False), (5.1, True)])
+def test_a_bus_is_opened_again_after_five_seconds_of_silence(silent_s: float, closed: bool) -> None:
+    clock = Clock()
+    first, second = Source(clock, [ONE]), Source(clock, [])
+    link = link_to(clock, first, second)
+    link.read(0.1)
+    assert len(link.read(0.1)) == len(ONE)
+    clock.now_s += silent_s
+    assert not len(link.read(0.0))
+    assert first.closed is closed

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from daq.bus.error_frames import ControllerState, ErrorClass, describe_error_frame
 from daq.bus.interfaces import wire_bits
@@ -84,14 +82,6 @@ def test_counters_are_read_where_the_frame_says_so_and_show_the_state(
     assert said.text == f"{tx} transmit and {rx} receive errors counted"
 
 
-def test_older_drivers_send_counters_with_a_change_of_state_and_no_class_for_them() -> None:
-    said = describe_error_frame(0x004, bytes.fromhex("0008000000006000"))
-    assert (said.tx_errors, said.rx_errors) == (0x60, 0)
-    assert said.state is ControllerState.WARNING
-    # data[6..7] of a bus error belong to the driver
-    assert describe_error_frame(0x088, bytes.fromhex("0000000000000102")).tx_errors is None
-
-
 def test_bus_off_is_bus_off_whatever_the_counters_say() -> None:
     assert of(0x240, "0000000000000000")[0] is ControllerState.BUS_OFF
     assert of(0x044, "0010000000000000")[0] is ControllerState.BUS_OFF
@@ -110,13 +100,6 @@ def test_bus_off_is_bus_off_whatever_the_counters_say() -> None:
 )
 def test_details_are_given_in_words(can_id: int, data: str, text: str) -> None:
     assert of(can_id, data)[1].startswith(text)
-
-
-@given(st.integers(0, 0xFFFFFFFF), st.binary(max_size=64))
-def test_whatever_comes_is_one_printable_line(can_id: int, data: bytes) -> None:
-    said = describe_error_frame(can_id, data)
-    assert said.text
-    assert said.text.isprintable()
 
 
 # The time of a frame on the wire, in bits counted by hand -----------------------------------------

@@ -8,7 +8,6 @@ import socket
 import threading
 import time
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -52,17 +51,6 @@ def test_frames_of_every_kind_arrive_as_python_can_dissects_them(feed: Feed) -> 
         assert FrameFlag(int(got.flags[i])) == expected
         assert got.length[i] == length
         assert bytes(got.data[i]) == (b"" if remote else data).ljust(64, b"\0")
-
-
-def test_classic_frames_make_narrow_blocks_that_later_frames_leave_alone(feed: Feed) -> None:
-    feed.send(frame(1, bytes(8)), frame(2, b"12345678"))
-    plain = feed.read()
-    feed.send(frame(3, b"abcdefgh"), frame(4, b"x"))
-    feed.read()
-    assert plain.data.shape == (2, 8)
-    assert list(plain.can_id) == [1, 2]
-    assert bytes(plain.data[1]) == b"12345678"
-    assert list(plain.length) == [8, 8]
 
 
 def with_byte(raw: bytes, position: int, value: int) -> bytes:
@@ -171,22 +159,6 @@ def test_an_interface_that_was_taken_down_is_reported_and_read_on(faulty: Feed) 
     assert not faulty.source.interface_down
 
 
-@pytest.mark.parametrize("waiting", [1, 4, 5])
-def test_frames_that_waited_when_it_was_taken_down_are_no_sign_of_life(
-    faulty: Feed, monkeypatch: pytest.MonkeyPatch, waiting: int
-) -> None:
-    """The kernel returns the fault first, and only then the frames that came before it."""
-    monkeypatch.setattr(socketcan, "BLOCK_FRAMES", 2)
-    faulty.source._buffers = FaultyBuffers(2)
-    faulty.send(*map(frame, range(1, waiting + 1)))
-    FaultyBuffers.faults = [errno.ENETDOWN]
-    assert list(faulty.read_all().can_id) == list(range(1, waiting + 1))
-    assert faulty.source.interface_down
-    faulty.send(frame(9))
-    assert list(faulty.read().can_id) == [9]
-    assert not faulty.source.interface_down
-
-
 @pytest.mark.parametrize("code", [errno.ENODEV, errno.EBADF, errno.ENXIO])
 def test_an_interface_that_has_gone_hands_out_its_last_frames_first(
     faulty: Feed, code: int
@@ -220,10 +192,6 @@ def test_closing_wakes_a_thread_that_is_reading(feed: Feed) -> None:
     with pytest.raises(BusError, match="closed"):
         feed.read()
     assert feed.receiving.fileno() == -1
-
-
-def open_descriptors() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 class CanSocket(socket.socket):

@@ -14,7 +14,6 @@ from daq.bus.source import HopLosses
 from daq.channels import Channel, Quantity
 from daq.derive.build_samples import build_session
 from daq.derive.build_session import derive
-from daq.errors import InputError
 from daq.journal.contents import HopCounts
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
@@ -160,14 +159,6 @@ def test_incomplete_runs_are_rejected_with_the_reason(n_hub: int, n_rate: int, r
     assert _run(_bench(ACC_FL, PITCH), frames).status is RunStatus.REJECTED
 
 
-@pytest.mark.parametrize("label", ["loaded_bounce_1", "baseline_jump_1", ""])
-def test_a_bump_that_is_no_run_is_not_passed_over(label: str) -> None:
-    bench = _bench(ACC_FL)
-    stray = replace(BUMP, text=label)
-    with pytest.raises(InputError, match=f"a bump '{label}', which is not a run"):
-        build_session(bench, CODEC, _frames(CODEC, "HUB_Front"), (stray,), NO_HOPS, {})
-
-
 def test_every_attempt_is_a_run_with_what_was_decided_on_it() -> None:
     late_ns = BUMP.t_ns + 5_000_000_000
     events = [
@@ -221,16 +212,6 @@ def test_the_last_bench_toml_holds_and_what_persons_said_goes_along(tmp_path: Pa
     assert (note["text"], note["label"], note["by"]) == ("wet floor", BUMP.text, "Ann")
     (override,) = json.loads(session.provenance["overrides"])
     assert (override["subject"], override["reason"]) == ("bus", "known")
-
-
-MULTIPLEXED = """VERSION ""
-BU_: A
-BO_ 5 M: 4 A
- SG_ which M : 0|8@1+ (1,0) [0|0] "" A
- SG_ left m0 : 8|16@1- (0.01,0) [0|0] "m/s2" A
- SG_ right m1 : 8|16@1- (0.01,0) [0|0] "m/s2" A
- SG_ always : 24|8@1- (1,0) [0|0] "m/s2" A
-"""
 
 
 def test_simulated_samples_get_their_true_times() -> None:

@@ -13,9 +13,7 @@ from daq.derive.from_logs import (
     Intake,
     LogPart,
     labelled,
-    parse_runs,
 )
-from daq.errors import InputError
 from daq.journal.contents import HopCounts
 from daq.runs import Event, Excitation
 from dbc import FrameBatch
@@ -23,15 +21,8 @@ from dbc import FrameBatch
 from ..small_campaign import START_NS, bumps, small_bench, small_codec
 
 B1 = Step("baseline", Excitation.BOUNCE, 1)
-B2 = Step("baseline", Excitation.BOUNCE, 2)
 R1 = Step("baseline", Excitation.ROLL, 1)
 NO_HOPS = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
-
-
-@pytest.mark.parametrize("text", ["", "baseline", "baseline:jump", "baseline:bounce:1", "a:roll,"])
-def test_what_is_no_run(text: str) -> None:
-    with pytest.raises(InputError, match="is not a run"):
-        parse_runs(text)
 
 
 def _part(*codes: str) -> LogPart:

@@ -6,14 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from daq.bench.config import Bench, parse_bench
 from daq.derive.redecode import redecoded
-from daq.errors import InputError
 from daq.runs import Losses, Run, RunStatus
 from daq.sessions import Session
-from dbc import FrameBatch
 
 from .test_sensors_on_buses import imported
 
@@ -33,13 +29,6 @@ def _again(session: Session, **provenance: str) -> Session:
 
 def _verdict(run: Run) -> tuple[str, tuple[str, ...]]:
     return run.status.value, run.reasons
-
-
-def test_a_run_without_raw_frames_is_refused_and_named() -> None:
-    label = imported().runs[0].label
-    with pytest.raises(InputError, match=f"{label} has no raw frames") as refused:
-        _again(_with(frames=FrameBatch.empty()))
-    assert refused.value.where == "old.h5"
 
 
 def test_what_the_operator_decided_stays() -> None:

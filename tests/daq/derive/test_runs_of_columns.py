@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from daq.bench.campaign import Step
 from daq.bench.channel_map import ChannelMap, GivenRun, load_channel_map
 from daq.derive.from_columns import Recording, given_run, recording
-from daq.errors import InputError
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.samples.columns import Column, Columns
 
@@ -92,15 +91,6 @@ def test_times_of_a_column(
     assert_allclose(found_s, times_s, rtol=1e-15, atol=1e-12)
 
 
-@pytest.mark.parametrize("times_s", [[0.0, 1.0, 1.0], [0.0, 2.0, 1.0]])
-def test_times_that_do_not_increase_are_refused(times_s: list[float]) -> None:
-    with pytest.raises(InputError, match="do not increase"):
-        recording(_map(), _file({"fl": [1.0] * 3}, times_s={"table": times_s}))
-    # Rows in which nothing was sampled do not matter.
-    holed = _file({"fl": [1.0, nan, 2.0]}, times_s={"table": [0.0, 9.0, 1.0]})
-    assert recording(_map(), holed).groups[0].time_s.tolist() == [0.0, 1.0]
-
-
 def _groups(fl: Any, fr: Any) -> list[SampleGroup]:
     file = _file({"fl": fl, "fr": fr}, times_s={"table": np.arange(len(fl))})
     return list(recording(_map("", ("fl", "fr")), file).groups)
@@ -130,16 +120,6 @@ def _found(rate_hz: float = 10.0, length_s: float = 10.0, start_ns: int = T0_S *
     return recording(_map(), file)
 
 
-def test_a_run_is_the_window_that_is_given() -> None:
-    run = given_run(_map(), _found(), GivenRun(STEP, 2.0, 4.0))
-    assert (run.label, run.status, run.reasons) == ("baseline_roll_2", RunStatus.ACCEPTED, ())
-    assert run.t0_ns == (T0_S + 2) * S
-    (group,) = run.groups
-    assert_allclose(group.time_s, np.arange(20) / 10, atol=1e-12)
-    assert_allclose(group.values["fl"], 4.0 + np.arange(20) / 5)
-    assert_array_equal(group.t_ns, (T0_S + 2) * S + np.arange(20) * 100_000_000)
-
-
 @pytest.mark.parametrize(
     ("start_s", "stop_s", "good"),
     [
@@ -154,28 +134,3 @@ def test_a_run_is_covered_by_its_samples(start_s: float, stop_s: float, good: bo
     run = given_run(_map(), _found(), GivenRun(STEP, start_s, stop_s))
     assert run.status is (RunStatus.ACCEPTED if good else RunStatus.REJECTED)
     assert len(run.reasons) == (0 if good else 1)
-
-
-def test_a_run_without_samples_is_rejected_and_says_of_what() -> None:
-    none = given_run(_map(), _found(), GivenRun(STEP, 20.0, 21.0))
-    assert (none.status, none.reasons, none.groups) == (
-        RunStatus.REJECTED,
-        ("table has 0 samples",),
-        (),
-    )
-    one = given_run(_map(), _found(), GivenRun(STEP, 2.0, 2.05))
-    assert one.reasons == ("table has 1 sample",)
-    two = given_run(_map(), _found(), GivenRun(STEP, 2.0, 2.15))
-    assert two.status is RunStatus.ACCEPTED
-    file = _file(
-        {"fl": [1.0, 2.0], "fr": [nan, nan]}, times_s={"table": [0.0, 0.1]}, start_ns=T0_S * S
-    )
-    lacking = given_run(
-        _map("", ("fl", "fr")), recording(_map("", ("fl", "fr")), file), GivenRun(STEP, 0.0, 0.2)
-    )
-    assert lacking.reasons == ("fr has no value",)
-
-
-TRIGGER = (
-    "[campaign]\nbump_s = 0.3\n[trigger]\nlevel = 3.0\npre_s = 0.5\npost_s = 1.5\nrest_s = 0.2\n"
-)

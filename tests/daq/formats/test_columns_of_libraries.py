@@ -58,15 +58,6 @@ def test_channels_have_the_name_and_the_times_of_their_group(tmp_path: Path) -> 
     assert held.times_s[held.columns["IMU/az"].clock].tolist() == [0.0, 0.25, 0.5]
 
 
-def test_values_that_are_invalid_are_missing(tmp_path: Path) -> None:
-    path = tmp_path / "a.mf4"
-    bits = np.array([False, True, False])
-    _write(path, [("g", [_signal("x", invalidation_bits=bits), _signal("y")])])
-    held = read_columns(path, ()).columns
-    np.testing.assert_array_equal(held["g/x"].values, [0.0, np.nan, 2.0])
-    np.testing.assert_array_equal(held["g/y"].values, X)
-
-
 BEGAN = datetime(2026, 5, 31, 10, tzinfo=UTC)
 BEGAN_NS = 1_780_221_600_000_000_000
 
@@ -105,7 +96,6 @@ def test_columns_of_parquet(tmp_path: Path) -> None:
 
 
 ROW = np.arange(300.0)
-WIDE = np.arange(300.0 * 256).reshape(300, 256)
 DATASETS: dict[str, tuple[Any, dict[str, float]]] = {
     "one dimension": (ROW, {"x": 1}),
     "a row": (ROW.reshape(1, -1), {"x": 1}),

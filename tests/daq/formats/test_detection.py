@@ -10,8 +10,7 @@ import pytest
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.formats.columns import read_columns
-from daq.formats.log import BLF, Log, detect, read_logs
+from daq.formats.log import detect, read_logs
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 
@@ -78,29 +77,6 @@ def test_what_is_no_log(tmp_path: Path, content: bytes, what: str) -> None:
         detect(path)
 
 
-def test_what_is_no_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is a directory"):
-        detect(tmp_path)
-    with pytest.raises(InputError, match="no such file"):
-        detect(tmp_path / "absent")
-    with pytest.raises(InputError, match="not a regular file"):
-        detect(Path("/dev/null"))
-    unreadable = Path("/proc/self/mem")  # a regular file whose first byte cannot be read
-    with pytest.raises(InputError, match="cannot be read"):
-        detect(unreadable)
-    with pytest.raises(InputError, match="cannot be read"):
-        read_columns(unreadable, ())
-    with pytest.raises(InputError, match="cannot be read"):
-        list(Log([unreadable], BLF))
-
-
-def test_a_log_without_a_frame_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.trc"
-    path.write_text(";$FILEVERSION=1.0\n")
-    with pytest.raises(InputError, match=r"no frame \(TRC\)$|no frame \(TRC\)"):
-        list(Log([path]))
-
-
 def test_segments_of_a_journal_that_follow_each_other_are_one_log(tmp_path: Path) -> None:
     head = JournalHead("", "", "test", 1_800_000_000 * 10**9, 0)
     with JournalWriter(tmp_path, head, RecorderConfig(reserve_bytes=0.0)) as journal:
@@ -117,16 +93,3 @@ def test_segments_of_a_journal_that_follow_each_other_are_one_log(tmp_path: Path
 
 _TRC = ";$FILEVERSION=1.1\n1) 1.5 Rx 0123 2 0A FF\n"
 _CSV = "timestamp,arbitration_id,extended,remote,error,dlc,data\n1.5,0x123,0,0,0,1,/w==\n"
-LAST_LINES: dict[str, tuple[str, str, bool]] = {
-    # The length that a line states shows that it is whole; of a byte, two digits do.
-    "ASC": (ASC, "1.6 1 7FE Rx d 2 11 22", True),
-    "ASC, half a byte": (ASC, "1.6 1 7FF Rx d 1 1", False),
-    "TRC": (_TRC, "2) 1.6 Rx 0124 1 0A", True),
-    "TRC, half a byte": (_TRC, "2) 1.6 Rx 0123 2 0A F", False),
-    "python-can": (_CSV, "1.6,0x124,0,0,0,2,/wE=", True),
-    "python-can, cut": (_CSV, "1.6,0x123,0,0,0,1,/w=", False),
-    # Where no length is stated, a frame like it does.
-    "candump": (CANDUMP, "(1.6) can0 123#0A", True),
-    "candump, another": (CANDUMP, "(1.6) can0 124#0A", False),
-    "candump, shorter": (CANDUMP, "(1.6) can0 123#", False),
-}

@@ -28,11 +28,6 @@ def _seconds(parser: LineParser, *blocks: str) -> list[float]:
     ]
 
 
-def _has_header(parser: LineParser, text: bytes) -> bool:
-    parsed(text, parser)
-    return parser.has_header
-
-
 def _local(*date: int) -> float:
     """Return local time, as seconds since 1970."""
     year, month, day, hour, minute, second = (*date, 0, 0, 0)[:6]

@@ -37,15 +37,6 @@ def test_every_frame_of_an_unfinished_mf4_is_kept_whatever_the_file_is_called(
     assert log.share == 1.0
 
 
-def test_mf4_that_counts_buses_from_0(tmp_path: Path) -> None:
-    path = tmp_path / "a.mf4"
-    one = [replace(f, bus=1) for f in FRAMES[:20]]
-    write_with_python_can(path, one)
-    assert {f.bus for f in read_all(path)[1]} == {0}
-    write_with_python_can(path, [replace(FRAMES[0], bus=0), *one])
-    assert {f.bus for f in read_all(path)[1]} == {0, 1}
-
-
 @pytest.mark.parametrize("name", [".mf4", ".blf", ".asc"])
 def test_a_frame_whose_identifier_cannot_be_is_left_out_and_named(
     tmp_path: Path, name: str

@@ -11,7 +11,6 @@ import zlib
 
 import pytest
 
-from daq.errors import InputError
 from daq.formats.blf import read_blf
 from daq.formats.source import LogLoss
 from dbc import FrameBatch
@@ -99,10 +98,6 @@ def _read(raw: bytes, size: int | None = None) -> tuple[list[str], LogLoss]:
     ledger = LogLoss()
     batches = list(read_blf(io.BytesIO(raw), "a.blf", size, ledger))
     return shown(FrameBatch.concatenate(batches)), ledger
-
-
-def _ids(frames: list[str]) -> list[str]:
-    return [frame.split()[2] for frame in frames]
 
 
 CLASSIC = _object(1, _classic())
@@ -213,7 +208,6 @@ def test_a_chain_of_objects_and_the_bytes_that_are_none(name: str) -> None:
     assert (loss.garbled, loss.bytes_cut) == (0, lost)
 
 
-HALF = zlib.compress(CLASSIC * 2)[:-9]
 CONTAINERS = {
     "packed": (_container(CLASSIC), 1, 0),
     "plain": (_container(CLASSIC, method=0), 1, 0),
@@ -246,22 +240,3 @@ def test_a_container_and_the_bytes_that_are_lost_with_it(name: str) -> None:
     content, frames, lost = CONTAINERS[name]
     found, loss = _read(_file(content))
     assert (len(found), loss.garbled, loss.bytes_cut) == (frames, 0, lost)
-
-
-@pytest.mark.parametrize(
-    ("raw", "what"),
-    [(b"LOGH" + bytes(200), "LOGG"), (_file(b"")[:71], "header")],
-)
-def test_what_is_no_blf_is_refused(raw: bytes, what: str) -> None:
-    with pytest.raises(InputError, match=what):
-        _read(raw)
-
-
-def test_16_mib_without_an_object_are_refused_and_behind_one_are_passed_over() -> None:
-    nothing = _container(bytes(1 << 23))
-    assert _read(_file(nothing * 2))[1].bytes_cut == 1 << 24
-    with pytest.raises(InputError, match="no object"):
-        _read(_file(nothing * 2 + _container(bytes(1 << 19))))
-    frames, loss = _read(_file(_container(CLASSIC) + nothing * 2 + _container(CLASSIC)))
-    assert frames == [SEEN] * 2
-    assert loss.bytes_cut == 1 << 24

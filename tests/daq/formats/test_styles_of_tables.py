@@ -110,14 +110,6 @@ NAMES = "IMU/az,IMU/ax,HUB/az,HUB,speed"
 
 
 @pytest.mark.parametrize(
-    ("wanted", "full"),
-    [("IMU/az", "IMU/az"), ("ax", "IMU/ax"), ("HUB", "HUB"), ("speed", "speed")],
-)
-def test_a_column_by_its_name_or_its_end(tmp_path: Path, wanted: str, full: str) -> None:
-    assert _named(tmp_path / "a.csv", NAMES, wanted) == full
-
-
-@pytest.mark.parametrize(
     ("names", "wanted", "said"),
     [
         (NAMES, "az", ["2 columns", "IMU/az, HUB/az"]),

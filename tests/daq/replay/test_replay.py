@@ -125,42 +125,7 @@ def test_every_kind_of_frame_is_sent_as_it_is_but_no_error_frame(clock: FalseTim
         assert bytes(message.data) == frame.data
 
 
-def test_stamps_of_the_sender_pass_through_a_virtual_bus() -> None:
-    batch = frames(20)
-    with (
-        can.Bus(interface="virtual", channel="player", preserve_timestamps=True) as sender,
-        can.Bus(interface="virtual", channel="player", preserve_timestamps=True) as receiver,
-    ):
-        assert list(play([batch], sender, None)) == [20]
-        got = [receiver.recv(timeout=0) for _ in range(20)]
-    stamps = np.array([message.timestamp for message in got if message is not None])
-    np.testing.assert_allclose(stamps - 1.7e9, (batch.t_ns - START_NS) * 1e-9, atol=1e-6)
-
-
 # Sending frames: gaps, steps back, several buses and patience, each limit on both sides -----------
-
-
-def _at(times_s: list[float]) -> FrameBatch:
-    batch = frames(len(times_s))
-    return replace(batch, t_ns=np.array([START_NS + round(t * 1e9) for t in times_s]))
-
-
-@pytest.mark.parametrize(
-    ("times_s", "passed_s"),
-    [
-        ([0.0, 9.9], 9.9),
-        ([0.0, 10.1], 0.0),  # what lies between two runs is skipped
-        ([0.0, 10.1, 11.0], 0.9),
-        ([0.0, 5.0, 4.1, 5.2], 5.2),  # a step back within a second is disorder
-        ([0.0, 5.0, 3.9, 5.2], 6.3),  # a longer one is another log
-        ([0.0, 9.0, 18.0], 18.0),
-    ],
-)
-def test_how_long_a_recording_takes(
-    clock: FalseTime, times_s: list[float], passed_s: float
-) -> None:
-    list(play([_at(times_s)], Wire(clock), 1.0))
-    assert clock.now_s - 100.0 == pytest.approx(passed_s, abs=1e-3)
 
 
 def test_a_frame_goes_to_the_bus_of_its_number_or_to_the_first(clock: FalseTime) -> None:
@@ -183,13 +148,6 @@ def test_a_bus_has_two_seconds_to_take_a_frame(
         with pytest.raises(BusError):
             list(play([frames(1)], wire, None))
     assert sum(clock.slept_s) == pytest.approx(2.0475)
-
-
-def test_a_frame_that_a_bus_can_never_take_ends_it_at_once(clock: FalseTime) -> None:
-    wire = Wire(clock, refusals=1, error=ValueError("no CAN FD"))
-    with pytest.raises(BusError, match="no CAN FD"):
-        list(play([frames(1)], wire, None))
-    assert not clock.slept_s
 
 
 # A recording played as a bus: when each frame comes, by a false clock, and which are played -------
@@ -255,12 +213,6 @@ def _session(*spans: tuple[float, float]) -> Session:
 
 def _seconds(frames: FrameBatch) -> list[float]:
     return [round((t - START_NS_OF_RECORDED_SOURCE) / S, 3) for t in frames.t_ns.tolist()]
-
-
-def test_frames_of_runs_that_overlap_come_once_and_in_order() -> None:
-    session = _session((5.0, 5.4), (1.0, 1.3), (1.2, 1.5), (1.3, 1.4))
-    seconds = [1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 5.0, 5.1, 5.2, 5.3, 5.4]
-    assert _seconds(session.frames) == seconds
 
 
 def _journal(

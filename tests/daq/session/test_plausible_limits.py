@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from daq.channels import Channel, Quantity
-from daq.runs import RunStatus, SampleGroup
 from daq.session.validate import check_session
 from daq.sessions import Session
-from daq.vehicle import AddedMass, BodyWeight, Fact, MassState
+from daq.vehicle import AddedMass, MassState
 from dbc import FrameBatch
 
 from ..small_session import small_session
@@ -45,15 +44,6 @@ def test_the_session_itself_is_plausible() -> None:
     assert not _found(vehicle=replace(SESSION.vehicle, geometry=None))
 
 
-@pytest.mark.parametrize(
-    ("value", "sigma", "good"), [(1.0, 0.0, True), (np.inf, 1.0, False), (1.0, np.nan, False)]
-)
-def test_a_fact_is_two_numbers(value: float, sigma: float, good: bool) -> None:
-    fact = _forced(Fact("total_mass_kg", 1500.0, 1.0), value=value, sigma=sigma)
-    found = _found(vehicle=replace(SESSION.vehicle, facts=(fact,)))
-    assert found == ([] if good else [("error", "/session/facts")])
-
-
 def _with_mass(added: AddedMass) -> list[tuple[str, str]]:
     return _found(mass_states=(MassState("baseline"), MassState("added", added)))
 
@@ -70,22 +60,6 @@ def test_a_mass_matrix_is_finite_and_symmetric(largest: float, apart: float, goo
 
 
 @pytest.mark.parametrize(
-    ("mass_kg", "sigma_kg", "position_sigma_m", "good"),
-    [
-        (99_999.0, 1.0, 0.1, True),
-        (0.0, 1.0, 0.1, False),
-        (10.0, np.inf, 0.1, False),
-        (10.0, 1.0, np.inf, False),
-    ],
-)
-def test_weights(mass_kg: float, sigma_kg: float, position_sigma_m: float, good: bool) -> None:
-    values = {"mass_kg": mass_kg, "sigma_kg": sigma_kg, "position_sigma_m": position_sigma_m}
-    weight = _forced(BodyWeight(10.0, 0.0, 0.0, 0.0, 0.0, 0.0), **values)
-    found = _with_mass(AddedMass((weight,), np.eye(7)))
-    assert found == ([] if good else [("warning", "/mass_states/added")])
-
-
-@pytest.mark.parametrize(
     ("field", "value", "severity"),
     [
         ("sign", -1.0, ""),
@@ -99,17 +73,6 @@ def test_where_and_how_a_channel_is_mounted(field: str, value: Any, severity: st
     assert found == ([(severity, "/channels az")] if severity else [])
 
 
-def test_samples_and_the_clock_of_a_run() -> None:
-    nothing = SampleGroup("A_IMU", np.zeros(0), np.zeros(0, np.int64), {}, np.zeros(0, np.uint8))
-    accepted = {"status": RunStatus.ACCEPTED, "reasons": ()}
-    assert not _of_run(**accepted, groups=(nothing, RUN.groups[0]))
-    assert _of_run(**accepted, groups=(nothing,)) == [("error", PLACE)]
-    year_2000_ns = 946_684_800 * 10**9
-    assert _of_run(t0_ns=year_2000_ns - 1, groups=()) == [("warning", PLACE)]
-    assert not _of_run(t0_ns=year_2000_ns, groups=())
-    assert not _of_run(t0_ns=year_2000_ns - 1, groups=(), frames=FrameBatch.empty())
-
-
 @pytest.mark.parametrize(
     ("time_s", "good"),
     [([0.0, 0.125, 0.25], True), ([0.0, 0.125, 0.125], False), ([0.0, np.nan, 0.25], False)],
@@ -117,14 +80,6 @@ def test_samples_and_the_clock_of_a_run() -> None:
 def test_time_increases(time_s: list[float], good: bool) -> None:
     found = _of_run(groups=(replace(IMU, time_s=np.array(time_s)),))
     assert found == ([] if good else [("error", f"{PLACE}/A_IMU")])
-
-
-@pytest.mark.parametrize(("late_ms", "good"), [(490, True), (510, False), (-510, False)])
-def test_the_two_times_of_a_sample_agree_within_half_a_second(late_ms: int, good: bool) -> None:
-    t_ns = IMU.t_ns.copy()
-    t_ns[1] += late_ms * 1_000_000
-    found = _of_run(groups=(replace(IMU, t_ns=t_ns),))
-    assert found == ([] if good else [("warning", f"{PLACE}/A_IMU")])
 
 
 @pytest.mark.parametrize(
@@ -147,20 +102,6 @@ def test_the_largest_value_that_a_bump_can_give(quantity: Quantity, limit: float
         group = replace(IMU, values={"x": np.array([0.0, value, np.nan])})
         found = _found(channels=channels, runs=(replace(RUN, groups=(group,)),))
         assert found == ([] if good else [("warning", f"{PLACE}/A_IMU/x")])
-
-
-@pytest.mark.parametrize(
-    ("quality", "values", "good"),
-    [
-        ([0, 0, 0], [np.nan, 1.0, np.nan], True),
-        ([0, 2, 0], [np.nan, 1.0, np.nan], False),
-        ([2, 0, 2], [1.0, 1.0, 1.0], True),
-        ([1, 1, 1], [1.0, 1.0, 1.0], True),  # a gap in a counter leaves a sample usable
-    ],
-)
-def test_a_group_has_a_usable_sample(quality: list[int], values: list[float], good: bool) -> None:
-    group = replace(IMU, quality=np.array(quality, np.uint8), values={"az": np.array(values)})
-    assert _of_run(groups=(group,)) == ([] if good else [("warning", f"{PLACE}/A_IMU")])
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import inf
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from daq.runs import Excitation
 from daq.sim.car import SimulatedCar, present_parameters, true_parameters
 from daq.sim.elements import NONE, Branch, DamperCurve, Friction, Imperfections
 from daq.sim.engine import Plant, balances
-from daq.sim.motion import Bump, Motion, drive, dropped, pushed, pushed_down
+from daq.sim.motion import Bump, Motion, drive, pushed, pushed_down
 from daq.sim.plant import GRAVITY_M_S2, contact, corner_motion, forces, load_car, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleParameters
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
@@ -193,28 +192,6 @@ def test_free_decay_is_the_matrix_exponential(excitation: Excitation) -> None:
         np.testing.assert_allclose(k.acceleration[:, i], (system @ expected)[7:], atol=1e-6)
 
 
-@pytest.mark.parametrize("damping_ns_m", [0.0, 150.0])
-def test_the_bump_is_that_of_a_linear_system_driven_by_a_half_sine(damping_ns_m: float) -> None:
-    """On the bump state and road together follow z' = M z, whose solution is an exponential."""
-    car = Imperfections(
-        tyre_damping_front_ns_m=damping_ns_m, tyre_damping_rear_ns_m=damping_ns_m
-    )  # fmt: skip
-    plant, road = load_car(P, WEIGHTS, car), bump(Excitation.WARP)
-    model, turn = linearised(plant), np.pi / 0.2
-    lifted = 0.05 * np.array([0, 0, 0, 1, 0, 0, 1]) * 192e3
-    rising = 0.05 * turn * np.array([0, 0, 0, 1, 0, 0, 1]) * damping_ns_m
-    system = np.zeros((16, 16))
-    system[:14, :14] = model.A
-    system[7:14, 14:] = np.linalg.solve(model.M, np.array([lifted, rising]).T)
-    system[14, 15], system[15, 14] = turn, -turn
-    found = drive(plant, road, 1.0).at(np.array([0.55, 0.6, 0.7]))
-    for i, elapsed in enumerate((0.05, 0.1, 0.2)):
-        expected = (expm(system * elapsed) @ np.eye(16)[15])[:14]
-        moved = found.pose[:, i] - static_pose(plant)[:, 0]
-        np.testing.assert_allclose(moved, expected[:7], atol=1e-9)
-        np.testing.assert_allclose(found.velocity[:, i], expected[7:], atol=1e-7)
-
-
 @pytest.mark.parametrize(
     ("car", "height_m", "most_m_s2"),
     [(NONE, 0.05, 1e-8), (NONE, 0.13, 1e-3), (SIDED, 0.05, 2e-3), (REAL, 0.05, 2e-2)],
@@ -314,57 +291,6 @@ def test_the_road_is_equation_34_under_the_chosen_wheels() -> None:
     ):  # fmt: skip
         road, _ = Bump(kind, 0.09, 0.1, 0.2).road(t)
         np.testing.assert_allclose(road, np.outer(wheels, rise), atol=1e-15)
-
-
-@pytest.mark.parametrize("ratio", [1.0, 1.4])
-def test_a_bumped_car_stays_where_it_sticks(ratio: float) -> None:
-    """Friction holds: the car comes to rest off its free level, and does not creep back."""
-    rough = Imperfections(friction=Friction(80.0, 80.0, static_ratio=ratio))
-    plant, late_s = load_car(P, AddedMass(), rough), np.linspace(2.0, 3.0, 101)
-    motion = drive(plant, Bump(Excitation.PITCH, 0.05, 0.0, 0.2), 3.1)
-    moved = motion.at(late_s).pose - static_pose(plant)
-    # It trembles about there, on rubber and seals that hardly damp.
-    assert np.abs(moved[0].mean()) > 3e-4
-    assert np.ptp(moved[0]) < 4e-4
-    # What friction carries is what the springs are short of.
-    carried = 80.0 * motion.states(late_s)[14:18].mean(axis=1)
-    spring = axles(P.k_sf, P.k_sr) * (moved[3:] - corner_motion(plant, moved))
-    np.testing.assert_allclose(carried, -spring.mean(axis=1), atol=2.0)
-    assert np.abs(carried).max() < 80.0 * ratio
-
-
-def test_mounts_lie_between_no_mount_and_no_damper() -> None:
-    t_s, road = np.linspace(0.701, 1.29, 500), bump(Excitation.WARP)
-    bare = Imperfections(friction=Friction(40.0, 40.0), damper_front=SOFT, damper_rear=HARD)
-
-    def moved(
-        front: float, rear: float, car: Imperfections = bare, p: VehicleParameters = P
-    ) -> Array:
-        plant = load_car(p, AddedMass(), replace(car, mount_n_m=(front, rear)))
-        return drive(plant, road, 1.3).at(t_s).acceleration
-
-    without, soft, stiff = moved(inf, inf), moved(1e6, 1e6), moved(1e7, 1e7)
-    assert np.abs(soft - without).max() > 0.5  # a mount of a real car is seen
-    assert np.abs(stiff - without).max() < 0.2 * np.abs(soft - without).max()
-    assert np.abs(moved(5e5, inf) - moved(5e5, 3e7)).max() < 0.15
-    # A damper that does not yield moves with its wheel, and the mount is a spring between.
-    hard = moved(5e3, 7e3, car=NONE, p=replace(P, c_sf=1e7, c_sr=1e7))
-    springs = replace(P, k_sf=P.k_sf + 5e3, k_sr=P.k_sr + 7e3, c_sf=0.0, c_sr=0.0)
-    np.testing.assert_allclose(hard, moved(inf, inf, car=NONE, p=springs), atol=0.1)
-
-
-def test_a_car_on_blocks_stands_higher_until_they_go() -> None:
-    plant = load_car(P, AddedMass())
-    rest = static_pose(plant)
-    release = dropped(plant, Excitation.BOUNCE, 0.05, 1.0, 1.2)
-    up = np.array([0.05, 0.0, 0.0, 0.05, 0.05, 0.05, 0.05])
-    assert (release.held - rest)[:, 0] == pytest.approx(up, abs=1e-9)
-    found = release.at(np.array([0.0, 0.999, 1.0, 1.1]))
-    assert found.pose[0, :3] - rest[0] == pytest.approx([0.05] * 3)
-    assert 0.0 < found.pose[0, 3] - rest[0, 0] < 0.05
-    nose_up = (dropped(plant, Excitation.PITCH, 0.05, 1.0, 1.01).held - rest)[:, 0]
-    assert nose_up[1] < 0.0
-    assert nose_up[3] > nose_up[5] > -0.01
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from daq.bench.campaign import Campaign, Step
 from daq.bench.config import Bench, load_bench
@@ -47,18 +46,6 @@ def decoded(batches: list[FrameBatch], codec: Codec) -> Decoded:
     return codec.decode(FrameBatch.concatenate(batches))
 
 
-def quiet_run(
-    codec: Codec, excitation: Excitation, height_m: float = 0.05
-) -> dict[str, NDArray[np.float64]]:
-    shipped = load_bench(None)
-    exact = tuple(replace(channel, gain_sigma=0.0) for channel in shipped.channels)
-    campaign = Campaign((excitation,), 1, ("baseline",))
-    procedure = replace(shipped.procedure, bump_height_m=height_m)
-    bench = replace(shipped, channels=exact, campaign=campaign, procedure=procedure)
-    (batch,) = campaign_frames(bench, codec, QUIET, SEED, START_NS)
-    return {name: samples.value for name, samples in codec.decode(batch).samples.items()}
-
-
 def test_the_next_bump_is_asked_for_when_the_run_before_it_was_used(codec: Codec) -> None:
     roll, bounce = (Step("baseline", kind, 1) for kind in (Excitation.ROLL, Excitation.BOUNCE))
     asked = []
@@ -76,13 +63,6 @@ def test_the_next_bump_is_asked_for_when_the_run_before_it_was_used(codec: Codec
         seen.append(float(np.ptp(samples["IMU_Rate.rate_x"].value)))
     assert len(seen) == 3
     assert seen[1] < 0.1 * min(seen[0], seen[2])
-
-
-def test_no_two_frames_are_on_the_wire_at_once(batches: list[FrameBatch], codec: Codec) -> None:
-    joined = FrameBatch.concatenate(batches)
-    takes = {m.can_id: frame_time_ns(m, 1_000_000) for m in codec.messages}
-    duration = np.array([takes[can_id] for can_id in joined.can_id.tolist()])
-    assert (joined.t_ns[1:] - duration[1:] >= joined.t_ns[:-1]).all()
 
 
 def test_every_frame_decodes_and_counters_run_through_the_campaign(decoded: Decoded) -> None:
@@ -117,19 +97,6 @@ def test_a_seed_decides_everything(batches: list[FrameBatch], codec: Codec) -> N
     assert not np.array_equal(other.t_ns[:100], batches[0].t_ns[:100])
 
 
-def test_bounce_lifts_all_wheels_alike_and_roll_only_the_left(codec: Codec) -> None:
-    bounce, roll = (quiet_run(codec, e) for e in (Excitation.BOUNCE, Excitation.ROLL))
-    for front in ("travel_fl", "travel_fr"):
-        assert bounce[f"SUSP_Front.{front}"].max() > 20.0
-    np.testing.assert_array_equal(bounce["SUSP_Front.travel_fl"], bounce["SUSP_Front.travel_fr"])
-    assert roll["SUSP_Front.travel_fl"].max() > 20.0
-    assert roll["SUSP_Front.travel_fl"].max() > 2 * roll["SUSP_Front.travel_fr"].max()
-    assert np.abs(bounce["IMU_Rate.rate_x"]).max() == 0.0
-    # The left side goes up first: positive roll rate.
-    rate = roll["IMU_Rate.rate_x"]
-    assert rate[np.flatnonzero(np.abs(rate) > 1.0)[0]] > 0
-
-
 def test_a_frame_carries_the_value_of_its_true_delay_ago(codec: Codec) -> None:
     bench = replace(load_bench(None), campaign=Campaign((Excitation.BOUNCE,), 1, ("baseline",)))
     hub = [c for c in bench.channels if c.signal.startswith("HUB_Front")]
@@ -150,18 +117,6 @@ def refused(bench: Bench, codec: Codec) -> str:
     with pytest.raises(InputError) as caught:
         next(campaign_frames(bench, codec, CAR, SEED, START_NS))
     return str(caught.value)
-
-
-def test_a_channel_that_is_not_in_the_dbc_is_named(codec: Codec) -> None:
-    bench = load_bench(None)
-    for signal in ("HUB_Front.acc_xx", "Nobody.acc_fl"):
-        wrong = replace(bench, channels=(replace(bench.channels[6], signal=signal),))
-        assert f"signal {signal} is not in" in refused(wrong, codec)
-
-
-def test_a_message_without_a_cycle_time_cannot_be_sent() -> None:
-    text = shipped_dbc().replace('BA_ "GenMsgCycleTime" BO_ 272 1;\n', "")
-    assert "HUB_Front has no cycle time" in refused(load_bench(None), parse_codec(text, "x"))
 
 
 def test_weights_that_tip_the_car_over_are_refused(codec: Codec) -> None:

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from daq.bench.campaign import Campaign
 from daq.bench.config import load_bench
-from daq.errors import InputError
 from daq.runs import Excitation
-from daq.sim.car import SensorFault, SimulatedCar, Spread, truth
+from daq.sim.car import SensorFault, SimulatedCar, Spread
 from daq.sim.ecu import campaign_frames
 from daq.sim.plant import GRAVITY_M_S2
 from daq.sim.sensors import low_pass
@@ -90,17 +89,3 @@ def test_a_low_passed_channel_is_the_filter_of_the_sound_one(
     # Frames come every millisecond: filtering them is a coarser way to the same.
     np.testing.assert_allclose(found, low_pass(sound, 0.001, 20.0, 2), atol=0.004)
     assert np.abs(found - sound).max() > 0.3
-
-
-@pytest.mark.parametrize(
-    ("faults", "message"),
-    [
-        ((SensorFault("hub"),), "no channel 'hub' for this fault"),
-        ((SensorFault("pitch_rate"), SensorFault("pitch_rate")), "pitch_rate has two faults"),
-    ],
-)
-def test_a_fault_that_fits_no_channel_is_refused(
-    faults: tuple[SensorFault, ...], message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        truth(load_bench(None), SimulatedCar(faults=faults), 1)
