@@ -100,16 +100,16 @@ def sag_stiffness(
     the weights.  None for an axle if a corner has no travel, or did not sink under a load.
     """
     body = [w for w in weights if isinstance(w, BodyWeight)]
-    found: list[float | None] = []
+    springs: list[float | None] = []
     for front, load_kg in zip((True, False), axle_loads(body, wheelbase_m), strict=True):
         corners = [c for c in Corner if c.front is front]
         if not all(c in before_m and c in after_m for c in corners):
-            found.append(None)
+            springs.append(None)
             continue
         sum_m = sum(after_m[c] - before_m[c] for c in corners)
         stiffness = load_kg * G_M_S2 / sum_m if sum_m else 0.0
-        found.append(stiffness if stiffness > 0.0 else None)
-    return found[0], found[1]
+        springs.append(stiffness if stiffness > 0.0 else None)
+    return springs[0], springs[1]
 
 
 def wrong_weights(
@@ -201,14 +201,16 @@ def _misfit(
     steps, grid = np.linspace(-3.0, 3.0, 31), np.linspace(-6.0, 6.0, 49)[:, None, None, None]
     stiff = expected * np.exp(spread * steps)[:, None, None]
     cost = ((seen - stiff * np.exp(share * grid)) / sigma) ** 2 + grid**2
-    own = grid.ravel()[cost.argmin(axis=0)]
+    shift = grid.ravel()[cost.argmin(axis=0)]
     least = cost.min(axis=0)
     for _ in range(4):  # Gauss-Newton from the best point of the grid
-        sag = stiff * np.exp(share * own)
+        sag = stiff * np.exp(share * shift)
         slope = share * sag / sigma
-        own = np.clip(slope * ((seen - sag) / sigma + slope * own) / (1.0 + slope**2), -9.0, 9.0)
-        sag = stiff * np.exp(share * own)
-        least = np.minimum(least, ((seen - sag) / sigma) ** 2 + own**2)
+        shift = np.clip(
+            slope * ((seen - sag) / sigma + slope * shift) / (1.0 + slope**2), -9.0, 9.0
+        )
+        sag = stiff * np.exp(share * shift)
+        least = np.minimum(least, ((seen - sag) / sigma) ** 2 + shift**2)
     return np.asarray((least.sum(axis=2) + steps[:, None] ** 2).min(axis=0))
 
 

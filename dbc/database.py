@@ -372,13 +372,13 @@ def _signal(signal: Signal) -> SignalLayout:
 
 def _ranges(values: Sequence[int]) -> tuple[tuple[int, int], ...]:
     """Return whole numbers as inclusive ranges."""
-    found: list[tuple[int, int]] = []
+    ranges: list[tuple[int, int]] = []
     for value in sorted(values):
-        if found and value <= found[-1][1] + 1:
-            found[-1] = found[-1][0], value
+        if ranges and value <= ranges[-1][1] + 1:
+            ranges[-1] = ranges[-1][0], value
         else:
-            found.append((value, value))
-    return tuple(found)
+            ranges.append((value, value))
+    return tuple(ranges)
 
 
 def _role(signal: Signal) -> str:

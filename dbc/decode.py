@@ -112,8 +112,8 @@ class Codec:
         places = []
         for key in distinct.tolist():
             can_id, bus = key & 0xFFFF_FFFF, key >> 32
-            own = (self._places.get((where, can_id, True)) for where in (bus, None))
-            position = next((number for number in own if number is not None), None)
+            exact = (self._places.get((where, can_id, True)) for where in (bus, None))
+            position = next((number for number in exact if number is not None), None)
             if position is None:
                 # Messages of one group from several sources differ in their identifiers only.
                 group = _parameter_group(can_id)

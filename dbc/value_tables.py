@@ -48,7 +48,7 @@ def names_no_value(label: str) -> bool:
     Camel case and every character that is not a letter separate words; case does not matter.  A
     negated fault ("no error", "error free", "fault not present") is a value.
     """
-    words = " ".join(found.lower() for found in _WORD.findall(label))
+    words = " ".join(word.lower() for word in _WORD.findall(label))
     plain = _NEGATED.sub(" ", _FILLERS.sub("", words)).strip()
     return bool(_NOTHING.fullmatch(words) or _NO_VALUE.search(plain))
 
@@ -67,5 +67,5 @@ def sentinels(signal: SignalLayout, table: Mapping[int, str]) -> tuple[int, ...]
     patterns = {raw % size for raw in table if -(size >> 1) <= raw < size}
     if len(patterns) == size:
         return ()
-    found = {raw % size for raw in named if -(size >> 1) <= raw < size}
-    return tuple(sorted(raw - size if raw > high else raw for raw in found))
+    codes = {raw % size for raw in named if -(size >> 1) <= raw < size}
+    return tuple(sorted(raw - size if raw > high else raw for raw in codes))

@@ -81,14 +81,14 @@ _FRONT, _REAR = (0, 1), (2, 3)
 
 def instruction(procedure: Procedure, excitation: Excitation) -> str:
     """Return the operator's instruction for a bump."""
-    own = procedure.instructions.get(excitation, "")
+    stated = procedure.instructions.get(excitation, "")
     bump = BUMPS[excitation]
     usual = {
         Method.ROLL_OVER: bump.roll_over,
         Method.DROP: bump.drop,
         Method.PUSH: bump.push,
     }[procedure.method]
-    return own or usual.format(mm=f"{procedure.bump_height_m * 1e3:g}")
+    return stated or usual.format(mm=f"{procedure.bump_height_m * 1e3:g}")
 
 
 def sketch(procedure: Procedure, excitation: Excitation) -> tuple[str, ...]:

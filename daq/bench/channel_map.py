@@ -143,7 +143,7 @@ def load_channel_map(path: Path) -> ChannelMap:
     """
     text, where = toml_text(path, "name a channel map"), str(path)
     table = validated(text, where, ChannelMapFile)
-    own = set(ChannelTable.model_fields)
+    keys = set(ChannelTable.model_fields)
     described = BenchFile(
         vehicle=table.vehicle,
         campaign=table.campaign,
@@ -151,7 +151,7 @@ def load_channel_map(path: Path) -> ChannelMap:
         weight=table.weight,
         fact=table.fact,
         calibration=table.calibration,
-        channel=[ChannelTable(**channel.model_dump(include=own)) for channel in table.channel],
+        channel=[ChannelTable(**channel.model_dump(include=keys)) for channel in table.channel],
     )
     bench = bench_of(described, text, where, "")
     usual = Clock(table.time.column, table.time.unit, table.time.rate_hz)

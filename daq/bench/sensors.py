@@ -77,7 +77,7 @@ def sensors_codec(
 def _own_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[MessageLayout]:
     """Return the messages of a database as one sensor sends them, with its identifiers."""
     where = f"sensor {sensor.name}"
-    found = []
+    sent = []
     listed = dict(sensor.ids)
     for message in codec.messages:
         keys = [key for key in listed if key == message.name or _number(key) == message.can_id]
@@ -88,15 +88,15 @@ def _own_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[Message
         if not 0 <= can_id < 1 << bits:
             what = f"{message.name} would have the identifier {can_id:#x}, not one of {bits} bits"
             raise InputError(where, what, "correct id_offset or ids")
-        own = f"{sensor.name}.{message.name}"
-        found.append(replace(message, name=own, can_id=can_id, bus=bus))
+        full = f"{sensor.name}.{message.name}"
+        sent.append(replace(message, name=full, can_id=can_id, bus=bus))
     names = {message.name for message in codec.messages}
     numbers = {message.can_id for message in codec.messages}
     for key in listed:
         if key not in names and _number(key) not in numbers:
             what = f"ids names {key}, which is not in {sensor.database}"
             raise InputError(where, what, "name a message of the database, or its identifier")
-    return found
+    return sent
 
 
 def _number(key: str) -> int | None:
@@ -140,15 +140,15 @@ def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
     the sensor have the signal.
     """
     owner, _, name = signal.rpartition(".")
-    found = [
+    names = [
         message.name
         for message in messages
         if owner in (message.name, message.name.rpartition(".")[0])
         and any(s.name == name for s in message.signals)
     ]
-    if owner in found:
+    if owner in names:
         return signal
-    if len(found) > 1:
-        what = f"{signal} is in {' and in '.join(found[:2])}"
-        raise InputError("bench.toml", what, f"write {found[0]}.{name} or {found[1]}.{name}")
-    return f"{found[0]}.{name}" if found else signal
+    if len(names) > 1:
+        what = f"{signal} is in {' and in '.join(names[:2])}"
+        raise InputError("bench.toml", what, f"write {names[0]}.{name} or {names[1]}.{name}")
+    return f"{names[0]}.{name}" if names else signal

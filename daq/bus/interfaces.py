@@ -191,8 +191,8 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
     bus_ = open_bus(config)
     gather_s = GATHER_S if config.interface in _STAMPED_BY_KERNEL | _STAMPED_BY_DRIVER else 0.0
     if config.interface in _STAMPED_BY_KERNEL:
-        with contextlib.suppress(Exception), _socket_of(bus_) as own:
-            if own.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2 >= RECEIVE_BUFFER_BYTES:
+        with contextlib.suppress(Exception), _socket_of(bus_) as sock:
+            if sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2 >= RECEIVE_BUFFER_BYTES:
                 gather_s = LONG_GATHER_S
     if config.interface in _WALL_CLOCK_STAMPS:
         on_axis = STEADY_CLOCK.from_wall
@@ -216,20 +216,20 @@ def open_bus(config: BusConfig) -> can.BusABC:
             bitrate=config.bitrate,
             **_OPTIONS.get(config.interface, {}),
         )
-    with contextlib.suppress(Exception), _socket_of(bus) as own:  # most are no socket
-        enlarge_buffer(own)
-        keep_to_own_group(own)
+    with contextlib.suppress(Exception), _socket_of(bus) as sock:  # most are no socket
+        enlarge_buffer(sock)
+        keep_to_own_group(sock)
     return bus
 
 
 @contextlib.contextmanager
 def _socket_of(bus: can.BusABC) -> Iterator[socket.socket]:
     """Lend the socket of a bus; raises any exception if it has none."""
-    own = socket.socket(fileno=bus.fileno())
+    sock = socket.socket(fileno=bus.fileno())
     try:
-        yield own
+        yield sock
     finally:
-        own.detach()  # the descriptor belongs to the bus
+        sock.detach()  # the descriptor belongs to the bus
 
 
 @contextlib.contextmanager

@@ -217,8 +217,8 @@ class SocketDrops:
         return self._last
 
     def _read(self) -> int | None:
-        own = socket.socket(fileno=self._fileno())
+        sock = socket.socket(fileno=self._fileno())
         try:
-            return drop_counter(own)
+            return drop_counter(sock)
         finally:
-            own.detach()  # the descriptor belongs to the bus
+            sock.detach()  # the descriptor belongs to the bus

@@ -181,13 +181,13 @@ def _run(
 def _shortcomings(
     mapped: Sequence[MappedChannel],
     groups: Sequence[SampleGroup],
-    own: FrameBatch,
+    frames: FrameBatch,
     start_ns: int,
     stop_ns: int,
 ) -> tuple[str, ...]:
     """Return the reasons for which a run certainly cannot be used, found without identification."""
     length_s = (stop_ns - start_ns) * 1e-9
-    end_s = (int(own.t_ns.max()) - start_ns) * 1e-9 if len(own) else 0.0
+    end_s = (int(frames.t_ns.max()) - start_ns) * 1e-9 if len(frames) else 0.0
     if end_s < length_s - EDGE_S:
         return (f"the recording ended {length_s - end_s:.2f} s before the run did",)
     group_of = {name: group for group in groups for name in group.values}

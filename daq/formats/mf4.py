@@ -145,8 +145,8 @@ def _frames(mdf: Any, group: _Group, rows: slice, start_ns: int, loss: LogLoss) 
         about = {"group": group.number, "index": group.fields[name], "raw": raw}
         about |= {"record_offset": rows.start, "record_count": n}
         with redirect_stdout(StringIO()):  # it prints what it does not understand
-            found = mdf.get(**about, samples_only=True, ignore_invalidation_bits=True)
-        return np.asarray(found[0])
+            columns = mdf.get(**about, samples_only=True, ignore_invalidation_bits=True)
+        return np.asarray(columns[0])
 
     def whole(name: str) -> NDArray[np.int64]:
         """Return a field; one that is converted to words (Rx, Tx) as it is stored."""

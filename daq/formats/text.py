@@ -184,23 +184,23 @@ def read_lines(
         if tail.strip() and not more:
             blocks.append(tail)
         for block in blocks:
-            found = parsed(block, parse)
-            known |= parse.has_header or len(found.frames) > 0
+            result = parsed(block, parse)
+            known |= parse.has_header or len(result.frames) > 0
             if not known:
                 raise InputError(where, "begins with no line of a known log", "check what it is")
-            if block.endswith(b"\n") or _is_whole(block, found.frames, recent, parse):
-                if found.bad:
-                    first = found.bad[0]
+            if block.endswith(b"\n") or _is_whole(block, result.frames, recent, parse):
+                if result.bad:
+                    first = result.bad[0]
                     line = block.split(b"\n", first + 1)[first].strip()
                     shown = printable(line.decode("ascii", "backslashreplace"), 60)
                     note = f"line {before + first + 1} is not a frame: {shown!r}"
-                    loss.add(note, garbled=len(found.bad))
-                for number_of_line, frames in found.dropped:
+                    loss.add(note, garbled=len(result.bad))
+                for number_of_line, frames in result.dropped:
                     note = f"line {before + number_of_line + 1} states"
                     loss.add(f"{note} {counted(frames, 'lost frame')}", dropped=frames)
-                recent = found.frames
-                yield found.frames
-            elif len(found.frames) or found.bad:
+                recent = result.frames
+                yield result.frames
+            elif len(result.frames) or result.bad:
                 loss.add(f"line {before + 1} has no end", bytes_cut=len(block))
             before += block.count(b"\n")
         if zeros:

@@ -121,7 +121,7 @@ def _check(items: Sequence[tuple[str, h5py.Group | h5py.Dataset]], file_bytes: i
     """Raise SchemaError if a file states types or sizes that no session has."""
     import h5py
 
-    left = min(_MAX_BYTES, _SPARE_BYTES + _MAX_RATIO * file_bytes)
+    spare = min(_MAX_BYTES, _SPARE_BYTES + _MAX_RATIO * file_bytes)
     for path, item in items:
         if isinstance(item, h5py.Group):
             continue
@@ -135,8 +135,8 @@ def _check(items: Sequence[tuple[str, h5py.Group | h5py.Dataset]], file_bytes: i
             raise SchemaError(path, "is not a dataset of this file")
         whole = prod(item.shape) * dtype.itemsize
         chunk = prod(item.chunks or ()) * dtype.itemsize
-        left -= whole
-        if left < 0 or chunk > _MAX_CHUNK_BYTES:
+        spare -= whole
+        if spare < 0 or chunk > _MAX_CHUNK_BYTES:
             raise SchemaError(path, f"claims {whole} bytes in chunks of {chunk}, too much")
 
 
@@ -179,10 +179,10 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         yield file
 
 
-def _attributes(found: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
+def _attributes(item: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
     """Return the attributes of simple types; sessions have no others."""
     result: dict[str, Attribute] = {}
-    stored = found.attrs
+    stored = item.attrs
     for name in stored:
         value = None if name in _OF_HDF5 else stored[name]
         if isinstance(value, np.ndarray):
@@ -248,7 +248,7 @@ def _group(parent: h5py.Group, name: str) -> h5py.Group:
     """Return a group that is in this file, because a link could lead to another file."""
     import h5py
 
-    found = parent[name] if isinstance(parent.get(name, getlink=True), h5py.HardLink) else None
-    if not isinstance(found, h5py.Group):
+    group = parent[name] if isinstance(parent.get(name, getlink=True), h5py.HardLink) else None
+    if not isinstance(group, h5py.Group):
         raise ValueError(f"{name} is absent or a link")
-    return found
+    return group

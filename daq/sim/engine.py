@@ -153,12 +153,12 @@ def balance(
         suspension[i] = state[3 + i] - (state[0] - c.x_m * state[1] + c.y_m * state[2])
     squeeze = (suspension[0], suspension[1], suspension[2], suspension[3])
     for i in range(4):
-        c, own = corners[i], squeeze[i]
-        u = own - c.ride_m
-        force = c.spring_n_m * own + (c.quadratic_n_m2 + c.cubic_n_m3 * u) * u * u
+        c, travel = corners[i], squeeze[i]
+        u = travel - c.ride_m
+        force = c.spring_n_m * travel + (c.quadratic_n_m2 + c.cubic_n_m3 * u) * u * u
         if u > c.stop_gap_m:
             force += c.stop_n_m * (u - c.stop_gap_m)
-        force += c.bar_n_m * (own - squeeze[i ^ 1])  # i ^ 1: the other corner of the axle
+        force += c.bar_n_m * (travel - squeeze[i ^ 1])  # i ^ 1: the other corner of the axle
         force += c.friction_n * state[14 + i]
         if c.mount_n_m < np.inf:
             force += c.mount_n_m * state[18 + i]

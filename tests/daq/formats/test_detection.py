@@ -91,5 +91,3 @@ def test_segments_of_a_journal_that_follow_each_other_are_one_log(tmp_path: Path
     assert sum(len(batch) for batch in found[0]) == 4
 
 
-_TRC = ";$FILEVERSION=1.1\n1) 1.5 Rx 0123 2 0A FF\n"
-_CSV = "timestamp,arbitration_id,extended,remote,error,dlc,data\n1.5,0x123,0,0,0,1,/w==\n"
