@@ -255,22 +255,28 @@ def _layout(
         raise ValueError("is a container of other messages")
     if message.length > 64:
         raise ValueError(f"has {message.length} bytes, not 0 to 64")
-    signals = []
+    layouts: list[SignalLayout] = []
     faults: dict[str, str] = {}
+    roles: dict[str, str] = {}
     for signal in message.signals:
         if (can_id, signal.name) in source.lost:
             continue
-        fault = _fault(signal, message.length)
-        selected = signal.multiplexer_signal is not None and signal.multiplexer_ids
-        if (can_id, signal.name) in source.multiplexed and not selected:
+        role, layout = _role(signal), _signal(signal)
+        fault = _fault(layout, message.length)
+        if (can_id, signal.name) in source.multiplexed and not layout.selected_by:
             fault = "is multiplexed without one clear selector"
         if fault:
             faults[signal.name] = fault
-        else:
-            signals.append(signal)
-    layouts = list(map(_signal, signals))
+            continue
+        layouts.append(layout)
+        if role == "value":
+            continue
+        if role != "counter" and role not in CRC_RULES:
+            raise ValueError(f"has {signal.name} with the {ROLE} {role}, which is unknown")
+        if role in roles or (role in CRC_RULES and not CRC_RULES.keys().isdisjoint(roles)):
+            raise ValueError(f"has two signals with the {ROLE} {role}")
+        roles[role] = signal.name
     named = Counter(each.name for each in layouts)
-    roles = _roles(signals)
     for part in ("m", "b"):  # by selector value, else by start bit
         for i, each in enumerate(layouts):
             number = each.start if part == "b" else next(iter(each.selected_by), (None,))[0]
@@ -302,7 +308,7 @@ def _layout(
             f"has no usable signal: {next(iter(faults))} {next(iter(faults.values()))}"
         )
     cycle_ms = message.cycle_time
-    layout = MessageLayout(
+    whole = MessageLayout(
         name=message.name,
         can_id=message.frame_id,
         is_extended=message.is_extended_frame,
@@ -315,27 +321,26 @@ def _layout(
         senders=tuple(message.senders),
         is_j1939=message.is_extended_frame and message.protocol == "j1939",
     )
-    return layout, faults
+    return whole, faults
 
 
-def _fault(signal: Signal, length: int) -> str | None:
+def _fault(signal: SignalLayout, length: int) -> str | None:
     """Return why the bits of a signal cannot be decoded; None if they can."""
     if not signal.name:
         return "has no name"
     if not 1 <= signal.length <= 64 or not 0 <= signal.start < 512:
         return f"has {signal.length} bits from bit {signal.start}, outside any payload"
-    numbers = signal.conversion.scale, signal.conversion.offset
     try:
-        ends = [number * 2.0**signal.length for number in numbers]
+        ends = [number * 2.0**signal.length for number in (signal.factor, signal.offset)]
     except OverflowError:
         ends = [math.inf]
     if not all(map(math.isfinite, ends)):
         return "has a factor or offset beyond float64"
-    if numbers[0] == 0:
+    if signal.factor == 0:
         return "has the factor 0: all its values would be the same"
-    if signal.conversion.is_float and signal.length not in (16, 32, 64):
+    if signal.is_float and signal.length not in (16, 32, 64):
         return f"is a float of {signal.length} bits, not 16, 32 or 64"
-    last = _signal(signal).last_byte
+    last = signal.last_byte
     return f"ends in byte {last + 1} of a message of {length}" if last >= length else None
 
 
@@ -347,6 +352,12 @@ def _signal(signal: Signal) -> SignalLayout:
     )
     if low is not None and high is not None and low > high and conversion.scale < 0:
         low, high = high, low  # in an ARXML: converted from the limits of the raw values
+    ranges: list[tuple[int, int]] = []
+    for value in sorted(signal.multiplexer_ids or ()):
+        if ranges and value <= ranges[-1][1] + 1:
+            ranges[-1] = ranges[-1][0], value
+        else:
+            ranges.append((value, value))
     layout = SignalLayout(
         name=signal.name,
         unit=signal.unit or "",
@@ -360,25 +371,13 @@ def _signal(signal: Signal) -> SignalLayout:
         minimum=low,
         maximum=high,
         selector=signal.multiplexer_signal,
-        selected_by=_ranges(signal.multiplexer_ids or ()),
+        selected_by=tuple(ranges),
         sentinels=(),
     )
     if not conversion.choices or _role(signal) != "value":
         return layout
-    return replace(
-        layout, sentinels=sentinels(layout, {raw: str(n) for raw, n in conversion.choices.items()})
-    )
-
-
-def _ranges(values: Sequence[int]) -> tuple[tuple[int, int], ...]:
-    """Return whole numbers as inclusive ranges."""
-    ranges: list[tuple[int, int]] = []
-    for value in sorted(values):
-        if ranges and value <= ranges[-1][1] + 1:
-            ranges[-1] = ranges[-1][0], value
-        else:
-            ranges.append((value, value))
-    return tuple(ranges)
+    table = {raw: str(label) for raw, label in conversion.choices.items()}
+    return replace(layout, sentinels=sentinels(layout, table))
 
 
 def _role(signal: Signal) -> str:
@@ -388,18 +387,3 @@ def _role(signal: Signal) -> str:
     choices = attribute.definition.choices or ()
     value = attribute.value  # an ENUM states the index, a STRING the text
     return choices[value] if isinstance(value, int) and 0 <= value < len(choices) else str(value)
-
-
-def _roles(signals: Sequence[Signal]) -> dict[str, str]:
-    """Return the names of the counter and the checksum of a message, by role."""
-    roles: dict[str, str] = {}
-    for signal in signals:
-        role = _role(signal)
-        if role == "value":
-            continue
-        if role != "counter" and role not in CRC_RULES:
-            raise ValueError(f"has {signal.name} with the {ROLE} {role}, which is unknown")
-        if role in roles or (role in CRC_RULES and not CRC_RULES.keys().isdisjoint(roles)):
-            raise ValueError(f"has two signals with the {ROLE} {role}")
-        roles[role] = signal.name
-    return roles
