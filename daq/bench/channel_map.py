@@ -35,15 +35,18 @@ from .toml_file import toml_text, validated
 _Rate = Annotated[float, Field(gt=0, le=1e7)]
 
 
-class TimeTable(Table):
-    """`[time]`: the clock of all channels that state none."""
+class Clock(Table):
+    """The source of a channel's times; as `[time]` that of all channels that state none."""
 
     column: str = ""
+    """The column of its times; empty: times from the rate, or as stated in the file."""
     unit: Annotated[str, Field(max_length=16)] = ""
+    """Unit of that column; empty: as stated in the file, or else s."""
     rate_hz: _Rate | None = None
+    """Samples per second, counted from the beginning of the file."""
 
     @model_validator(mode="after")
-    def _one_clock(self) -> TimeTable:
+    def _one_clock(self) -> Clock:
         if self.column and self.rate_hz:
             raise ValueError("a clock has either column or rate_hz")
         return self
@@ -82,7 +85,7 @@ class RunTable(Table):
 class ChannelMapFile(Table):
     """A complete channel map."""
 
-    time: TimeTable = TimeTable()
+    time: Clock = Clock()
     vehicle: VehicleTable = VehicleTable()
     campaign: CampaignTable = CampaignTable()
     trigger: TriggerConfig = TriggerConfig()
@@ -91,18 +94,6 @@ class ChannelMapFile(Table):
     calibration: CalibrationTable = CalibrationTable()
     run: Annotated[list[RunTable], Field(default_factory=list)]
     channel: Annotated[list[ColumnTable], Field(min_length=1, max_length=1000)]
-
-
-@dataclass(frozen=True, slots=True)
-class Clock:
-    """The source of a channel's times."""
-
-    column: str = ""
-    """The column of its times; empty: times from the rate, or as stated in the file."""
-    unit: str = ""
-    """Unit of that column; empty: as stated in the file, or else s."""
-    rate_hz: float | None = None
-    """Samples per second, counted from the beginning of the file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,15 +145,15 @@ def load_channel_map(path: Path) -> ChannelMap:
         channel=[ChannelTable(**channel.model_dump(include=keys)) for channel in table.channel],
     )
     bench = bench_of(described, text, where, "")
-    usual = Clock(table.time.column, table.time.unit, table.time.rate_hz)
-    clocks = {
-        channel.name: Clock(
-            channel.time_column, channel.time_unit or table.time.unit, channel.rate_hz
-        )
-        if channel.time_column or channel.rate_hz
-        else usual
-        for channel in table.channel
-    }
+    clocks = {}
+    for channel in table.channel:
+        clocks[channel.name] = table.time
+        if channel.time_column or channel.rate_hz:
+            clocks[channel.name] = Clock(
+                column=channel.time_column,
+                unit=channel.time_unit or table.time.unit,
+                rate_hz=channel.rate_hz,
+            )
     states = [state.name for state in bench.mass_states]
     done: Counter[tuple[str, str]] = Counter()
     runs = []
