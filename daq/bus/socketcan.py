@@ -38,28 +38,13 @@ from .source import (
 
 CLASSIC_BYTES, FD_BYTES = 16, 72
 FRAME = np.dtype(
-    [
-        ("can_id", np.uint32),
-        ("length", np.uint8),
-        ("flags", np.uint8),
-        ("reserved", np.uint8),
-        ("raw_dlc", np.uint8),
-        ("data", np.uint8, (64,)),
-    ]
+    [("can_id", "u4"), ("length", "u1"), ("flags", "u1"), ("unused", "u1", 2), ("data", "u1", 64)]
 )
 """`struct canfd_frame`; a `struct can_frame` equals its first 16 bytes."""
 _HEADER = np.dtype(
-    [
-        ("name", np.uintp),
-        ("name_bytes", np.uint32),
-        ("pieces", np.uintp),
-        ("piece_count", np.uintp),
-        ("control", np.uintp),
-        ("control_bytes", np.uintp),
-        ("flags", np.int32),
-        ("padding", np.int32),
-        ("size", np.uint32),
-    ],
+    [("name", np.uintp), ("name_bytes", np.uint32), ("pieces", np.uintp)]
+    + [("piece_count", np.uintp), ("control", np.uintp), ("control_bytes", np.uintp)]
+    + [("flags", np.int32), ("padding", np.int32), ("size", np.uint32)],
     align=True,
 )
 """`struct mmsghdr`."""
@@ -81,25 +66,14 @@ def _kind(option: int) -> int:
 
 _STAMP, _DROPS = _kind(SO_TIMESTAMPNS), _kind(_SO_RXQ_OVFL)
 
-# The three top bits of can_id: extended, remote, error.
-_TOP = [tuple(bool(top & bit) for bit in (4, 2, 1)) for top in range(8)]
-_FLAGS = np.array(
-    [
-        extended * FrameFlag.EXTENDED | remote * FrameFlag.REMOTE | error * FrameFlag.ERROR
-        for extended, remote, error in _TOP
-    ],
-    np.uint16,
-)
-_ID_LIMIT = np.array([1 << 29 if ext or error else 1 << 11 for ext, _, error in _TOP], np.uint32)
-_FD_FLAGS = np.array(
-    [
-        FrameFlag.FD
-        | bool(bits & 1) * FrameFlag.BITRATE_SWITCH
-        | bool(bits & 2) * FrameFlag.ERROR_STATE
-        for bits in range(4)
-    ],
-    np.uint16,
-)
+_TOP, _BITS = np.arange(8), np.arange(4)
+_FLAGS = (_TOP >> 2) * int(FrameFlag.EXTENDED) | (_TOP >> 1 & 1) * int(FrameFlag.REMOTE)
+_FLAGS = (_FLAGS | (_TOP & 1) * int(FrameFlag.ERROR)).astype(np.uint16)
+"""Flags by the three top bits of can_id: extended, remote, error."""
+_ID_LIMIT = np.where(_TOP & 5, 1 << 29, 1 << 11).astype(np.uint32)
+_FD_FLAGS = (_BITS & 1) * int(FrameFlag.BITRATE_SWITCH) | (_BITS >> 1) * int(FrameFlag.ERROR_STATE)
+_FD_FLAGS = (_FD_FLAGS | int(FrameFlag.FD)).astype(np.uint16)
+"""Flags of an FD frame by the two lowest bits of its own flags."""
 _OCTET = np.arange(64, dtype=np.uint8)
 
 

@@ -89,5 +89,3 @@ def test_segments_of_a_journal_that_follow_each_other_are_one_log(tmp_path: Path
     found = read_logs([*segments[:2], other, segments[2]])
     assert [log.paths for log in found] == [tuple(segments[:2]), (other,), (segments[2],)]
     assert sum(len(batch) for batch in found[0]) == 4
-
-
