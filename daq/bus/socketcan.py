@@ -42,9 +42,10 @@ FRAME = np.dtype(
 )
 """`struct canfd_frame`; a `struct can_frame` equals its first 16 bytes."""
 _HEADER = np.dtype(
-    [("name", np.uintp), ("name_bytes", np.uint32), ("pieces", np.uintp)]
-    + [("piece_count", np.uintp), ("control", np.uintp), ("control_bytes", np.uintp)]
-    + [("flags", np.int32), ("padding", np.int32), ("size", np.uint32)],
+    {
+        "names": "name name_bytes pieces count control control_bytes flags padding size".split(),
+        "formats": ["P", "u4", "P", "P", "P", "P", "i4", "i4", "u4"],
+    },
     align=True,
 )
 """`struct mmsghdr`."""
@@ -89,7 +90,7 @@ class FrameBuffers:
         self._pieces["base"] = self.frames.ctypes.data + place * FRAME.itemsize
         self._pieces["size"] = FRAME.itemsize
         self.headers["pieces"] = self._pieces.ctypes.data + place * _PIECE.itemsize
-        self.headers["piece_count"] = 1
+        self.headers["count"] = 1
         self.headers["control"] = self.control.ctypes.data + place * _CONTROL_WORDS * _WORD
         self.headers["control_bytes"] = _CONTROL_WORDS * _WORD
         self._address = self.headers.ctypes.data
