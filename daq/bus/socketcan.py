@@ -42,10 +42,10 @@ FRAME = np.dtype(
 )
 """`struct canfd_frame`; a `struct can_frame` equals its first 16 bytes."""
 _HEADER = np.dtype(
-    {
-        "names": "name name_bytes pieces count control control_bytes flags padding size".split(),
-        "formats": ["P", "u4", "P", "P", "P", "P", "i4", "i4", "u4"],
-    },
+    [
+        *[("name", "P"), ("name_bytes", "u4"), ("pieces", "P"), ("count", "P"), ("control", "P")],
+        *[("control_bytes", "P"), ("flags", "i4"), ("padding", "i4"), ("size", "u4")],
+    ],
     align=True,
 )
 """`struct mmsghdr`."""
