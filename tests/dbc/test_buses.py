@@ -47,3 +47,11 @@ def test_a_message_of_no_bus_is_decoded_from_each() -> None:
     frames = block([bytes([k, *[0] * 7]) for k in range(4)], 300)
     frames = replace(frames, bus=np.array([0, 3, 7, 255], np.uint8))
     assert two_buses().decode(frames)["N.s"].value.tolist() == [0, 1, 2, 3]
+
+
+def test_a_message_of_the_bus_goes_before_one_of_any_bus() -> None:
+    codec = Codec((replace(M, name="any"), replace(M, name="own", bus=2)))
+    frames = block([b"\1" + bytes(7), b"\2" + bytes(7)], 256)
+    decoded = codec.decode(replace(frames, bus=np.array([1, 2], np.uint8)))
+    assert decoded["any.s"].value.tolist() == [1]
+    assert decoded["own.s"].value.tolist() == [2]

@@ -88,3 +88,12 @@ def test_what_was_encoded_decodes_to_the_nearest_step() -> None:
 def test_what_cannot_be_sent_is_refused(values: dict[str, ArrayLike], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         SHIPPED.encode("IMU_Accel", values)
+
+
+def test_a_multiplexed_signal_needs_its_selector() -> None:
+    text = (
+        'VERSION ""\n\nBU_: A\n\nBO_ 5 M: 2 A\n'
+        ' SG_ top M : 0|8@1+ (1,0) [0|0] "" A\n SG_ s m1 : 8|8@1+ (1,0) [0|0] "" A\n'
+    )
+    with pytest.raises(ValueError, match=r"M\.s needs its selector top"):
+        parse_codec(text, "x.dbc").encode("M", {"s": [1]})

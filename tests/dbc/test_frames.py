@@ -38,3 +38,8 @@ def test_frames_on_buses() -> None:
     assert FRAMES.on_buses({1, 2}).can_id.tolist() == [1, 2, 4]
     assert FRAMES.on_buses({3}).can_id.tolist() == []
     assert FRAMES.on_buses(frozenset()) is FRAMES
+
+
+def test_frames_of_one_time_keep_their_order() -> None:
+    frames = _frames([1, 0] * 500, [0] * 1000)
+    assert frames.by_time().can_id.tolist() == [*range(1, 1000, 2), *range(0, 1000, 2)]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from dbc import UNUSABLE, Quality, parse_codec
 from dbc.value_tables import names_no_value
+from tui.cli import run
 
 from .frames import block
 
@@ -96,3 +99,34 @@ def test_floats_and_64_bits_have_sentinels_too() -> None:
     sent = [b"\xff" * 8, b"\xfe" + b"\xff" * 7]
     samples = parse_codec(wide, "x.dbc").decode(block(sent, 5))["M.s"]
     assert samples.quality.tolist() == [Quality.SENTINEL, 0]
+
+
+def test_selectors_and_counters_keep_their_numbers() -> None:
+    both = (
+        'VERSION ""\n\nBU_: A\n\nBO_ 5 M: 4 A\n SG_ top M : 0|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ one m255 : 8|8@1+ (1,0) [0|0] "" A\n SG_ n : 16|8@1+ (1,0) [0|0] "" A\n\n'
+        'BA_DEF_ SG_ "SignalRole" ENUM "value","counter","crc8_j1850";\n'
+        'BA_ "SignalRole" SG_ 5 n 1;\nVAL_ 5 top 255 "invalid" ;\nVAL_ 5 n 255 "invalid" ;\n'
+    )
+    decoded = parse_codec(both, "x.dbc").decode(block([b"\xff\x07\xff\x00"], 5))
+    assert decoded["M.one"].value.tolist() == [7]
+    assert decoded["M.n"].value.tolist() == [255]
+    assert decoded["M.n"].quality.tolist() == [0]
+    assert decoded["M.top"].quality.tolist() == [Quality.SENTINEL]
+
+
+def test_decode_writes_what_is_a_value(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "x.dbc").write_text(
+        'VERSION ""\n\nBU_: A\n\nBO_ 42 P: 8 A\n SG_ st : 0|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ n : 8|8@1+ (1,0) [0|0] "" A\n SG_ travel : 16|16@1+ (0.01,0) [0|0] "mm" A\n'
+        'VAL_ 42 st 0 "Error free" 1 "Error active" 2 "Error passive" ;\n'
+        'VAL_ 42 n 0 "Fault not present" 1 "Fault present" ;\n'
+        'VAL_ 42 travel 65533 "No signal" 65534 "Open circuit" 65535 "Short circuit" ;\n'
+    )
+    sent = ("0A00", "FDFF", "FEFF", "FFFF")
+    lines = [f"({k}.0) can0 02A#0000{raw}00000000\n" for k, raw in enumerate(sent, 1)]
+    (tmp_path / "x.log").write_text("".join(lines))
+    assert run(["decode", str(tmp_path / "x.log"), "--dbc", str(tmp_path / "x.dbc")]) == 0
+    rows = capsys.readouterr().out.splitlines()[1:]
+    assert [row.partition(",P,")[2] for row in rows if "travel" not in row] == ["st,0,", "n,0,"] * 4
+    assert [row for row in rows if "travel" in row] == ["1.000000000,P,travel,0.1,mm"]

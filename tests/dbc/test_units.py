@@ -53,3 +53,36 @@ def test_an_unknown_unit_is_refused_and_not_guessed(unit: str) -> None:
 def test_every_unit_of_the_shipped_database_is_known() -> None:
     units = {s.unit for m in parse_codec(shipped_dbc(), "shipped").messages for s in m.signals}
     assert {to_si(unit).unit for unit in units} == {"1", "m/s2", "rad/s", "m"}
+
+
+SI = {
+    "1": {"1": 1.0, "%": 0.01},
+    "m/s2": {"mm/s2": 0.001},
+    "rad/s": {"mrad/s": 0.001},
+    "rad/s2": {"rad/s2": 1.0},
+    "rad": {"rad": 1.0, "deg": 0.017453292519943295},
+    "m": {"in": 0.0254},
+    "m/s": {"m/s": 1.0, "mm/s": 0.001, "kph": 0.2777777777777778},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "Hz": {"Hz": 1.0, "kHz": 1000.0},
+    "N": {"N": 1.0, "kN": 1000.0},
+    "kg": {"kg": 1.0},
+    "V": {"V": 1.0, "mV": 0.001},
+    "A": {"A": 1.0, "mA": 0.001},
+    "Pa": {"bar": 1e5, "kPa": 1000.0, "Pa": 1.0},
+    "K": {"K": 1.0},
+}
+
+
+def test_each_unit_is_that_of_the_si() -> None:
+    for si, units in SI.items():
+        for unit, factor in units.items():
+            known = to_si(unit)
+            assert known.factor == pytest.approx(factor, rel=1e-15)
+            assert (known.offset, known.unit) == (0.0, si)
+
+
+def test_degrees_celsius_have_their_zero_at_273_15_kelvin() -> None:
+    celsius = to_si("degC")
+    assert celsius.factor * 20 + celsius.offset == pytest.approx(293.15, rel=1e-15)
+    assert celsius.unit == "K"

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from daq.bench.config import bench_codec, load_bench, parse_bench
 from daq.errors import InputError
 from daq.samples.mapping import map_channels
+from daq.session import read_session, write_session
 from daq.vehicle import Structure
+from dbc.frames import FrameBatch
 
 DBC = """VERSION ""
 BU_: A B
@@ -289,3 +292,40 @@ def test_a_number_in_the_wrong_unit_is_refused(
     for number in refused:
         with pytest.raises(InputError, match=key):
             parse_bench(text.format(number), "bench.toml", Path())
+
+
+def test_the_checksum_rule_of_the_bench_decides_which_frames_count() -> None:
+    text = _message("Acc", 'crc = "crc"', 'crc_rule = "xor8"')
+    codec = bench_codec(parse_bench(text + CHANNEL, "b", Path(), DBC))
+    data = np.zeros((2, 8), np.uint8)
+    data[:, :4] = [[1, 2, 4, 7], [1, 2, 4, 6]]
+    n = np.zeros(2)
+    frames = FrameBatch(
+        np.arange(2), np.full(2, 16, np.uint32), n.astype(np.uint16), n.astype(np.uint8),
+        np.full(2, 4, np.uint8), data,
+    )  # fmt: skip
+    decoded = codec.decode(frames)
+    assert decoded.counts.crc_bad == 1
+    assert (decoded["Acc.up"].quality != 0).tolist() == [False, True]
+    sent = codec.encode("Acc", {"up": np.array([5.13])})
+    assert sent[0, 3] == sent[0, 0] ^ sent[0, 1] ^ sent[0, 2]
+
+
+def test_a_unit_stated_for_a_signal_takes_the_place_of_that_of_the_dbc() -> None:
+    bench = parse_bench(CHANNEL, "b", Path(), DBC)
+    (mapped,) = map_channels(bench.channels, bench_codec(bench).messages, "car.dbc")
+    assert (mapped.channel.unit, mapped.factor) == ("m/s2", 9.80665)
+
+
+def test_what_is_known_of_a_sensor_goes_into_the_session(tmp_path: Path) -> None:
+    from daq.arrays import session_from_arrays
+
+    bench = parse_bench(CHANNEL, "b", Path(), DBC)
+    time_s = np.arange(10) * 0.01
+    session = session_from_arrays(
+        [("baseline", "bounce", {"z": (time_s, np.ones(10))})], channels=bench.channels
+    )
+    write_session(tmp_path / "s.h5", session)
+    (channel,) = read_session(tmp_path / "s.h5").channels
+    assert (channel.serial_number, channel.calibrated) == ("A-17", "2026-03-01")
+    assert channel.signal_unit == "g"

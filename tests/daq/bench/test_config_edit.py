@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from daq.bench.campaign import Method
 from daq.bench.config import Bench, default_bench_text, parse_bench
 from daq.bench.edit import with_campaign, with_channel, with_facts, with_vehicle, with_weights
+from daq.errors import InputError
 from daq.runs import Excitation
 from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure
 
@@ -161,3 +162,40 @@ def test_any_number_goes_through_to_the_last_bit(
     assert bench.mass_states[1].added.weights == tuple(second)
     assert next(c for c in bench.channels if c.name == "pitch_rate").tare == tare
     assert _comments(text) >= {"Bench of hall 3, ask Erna.", "How we bump:", "more costs a day"}
+
+
+@pytest.mark.parametrize(
+    ("edit", "named"),
+    [
+        (lambda t: with_weights(t, [HubWeight(-1.0, Corner.FRONT_LEFT)]), "weight.0.mass_kg"),
+        (lambda t: with_weights(t, [BodyWeight(1.0, float("nan"), 0.0)]), "weight.0.x_m"),
+        (lambda t: with_facts(t, [Fact("colour", 1.0, 1.0)]), "colour"),
+        (lambda t: with_channel(t, "nose", sign=1), "nose"),
+        (lambda t: with_channel(t, "travel_fl", sign=2), "travel_fl"),
+        (lambda t: with_channel(t, "travel_fl", tare=float("inf")), "tare"),
+        (lambda t: with_campaign(t, (), 1, Method.DROP, 0.04, 3.0), "excitations"),
+        (lambda t: with_campaign(t, (Excitation.ROLL,), 0, Method.DROP, 0.04, 3.0), "repeats"),
+        (lambda t: with_campaign(t, (Excitation.ROLL,), 1, Method.DROP, 0.5, 3.0), "bump_height"),
+        (lambda t: with_vehicle(t + "\n[vehicle", "a", Structure()), "TOML"),
+        (lambda t: with_vehicle(t + "\nodd = 1\n", "a", Structure()), "odd"),
+    ],
+)
+def test_what_a_bench_may_not_say_names_its_field(edit: Callable[[str], Any], named: str) -> None:
+    with pytest.raises(InputError) as error:
+        edit(SHIPPED)
+    assert named in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "wrong", "edit"),
+    [
+        ("weight", "weight = 3\n", lambda text: with_weights(text, [])),
+        ("fact", 'fact = "a"\n', lambda text: with_facts(text, [])),
+    ],
+)
+def test_a_value_that_is_wrong_already_is_named_and_not_replaced(
+    key: str, wrong: str, edit: Callable[[str], str]
+) -> None:
+    with pytest.raises(InputError, match=f"bench.toml:1: {key}: must be a valid list"):
+        edit(wrong)

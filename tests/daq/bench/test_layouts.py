@@ -7,11 +7,12 @@ import struct
 from collections.abc import Container
 from datetime import date
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Method, Procedure, sketch
+from daq.bench.campaign import Method, Procedure, instruction, sketch
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.check.check import check_bench
 from daq.errors import InputError
@@ -278,3 +279,62 @@ def test_the_sketch_marks_the_wheels_of_the_bump(method: Method) -> None:
         for kind in Excitation
     ]
     assert counts == [4, 2, 2, 2, 2]
+
+
+def test_messages_that_come_before_their_time_stamp_are_bound_to_it() -> None:
+    rows: list[Row] = []
+    for k in range(300):
+        t = 0.01 * k
+        rows += [
+            (t, 0x605, struct.pack("<4h", k, 0, -981, 0)),
+            (t + 2e-4, 0x608, struct.pack("<4h", k, 0, 0, 0)),
+            (t + 4e-4, 0x630, struct.pack("<q", 1_460_000_000_000 + 10 * k)[:6] + b"\0\0"),
+        ]
+    del rows[3 * 200], rows[3 * 100 + 2]  # an acceleration, and before it a time stamp
+    group = _groups("oxts_rt", frame_batch(rows))["rt"]
+    number = np.rint(group.time_s / 0.01).astype(int)
+    np.testing.assert_allclose(group.values["roll_rate"], number * 0.01 * DEG, atol=1e-12)
+    assert number.tolist() == list(range(300))
+    assert np.flatnonzero(np.isnan(group.values["body_acc_x"])).tolist() == [200]
+    np.testing.assert_allclose(np.diff(group.time_s), 0.01, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("lost", "verdict"),
+    [(7, Severity.NOTE), (8, Severity.WARNING), (250, Severity.WARNING), (251, Severity.ERROR)],
+)
+def test_a_hundredth_of_a_sample_set_and_two_more_may_lack_a_frame(
+    lost: int, verdict: Severity
+) -> None:
+    bench = _bench("xsens_mti")
+    rows = _xsens_rows(500, 100, {(k, 3) for k in range(100, 100 + lost)})
+    report = check_bench(bench, bench_codec(bench), frame_batch(rows), TODAY)
+    (line,) = [x for x in report.lines if x.subject == "sample set mti"]
+    assert line.severity is verdict
+    assert (line.figures["samples"], line.figures["incomplete"]) == (500, lost)
+    assert line.figures["rate_hz"] == pytest.approx(100.0, rel=1e-3)
+    if verdict is not Severity.NOTE:
+        assert line.text == f"{lost} of 500 samples lack a frame"
+
+
+def test_a_wrong_time_unit_does_not_spoil_the_times() -> None:
+    group = _groups("xsens_mti", frame_batch(_xsens_rows(300, 1)))["mti"]
+    assert np.abs(group.time_s - np.arange(300) * 0.01).max() < 3e-3  # those of arrival
+
+
+def test_a_layout_yields_to_what_the_file_states() -> None:
+    text = (
+        'dbc = "layout:bosch_mm7"\n[[message]]\nname = "TX1"\ncycle_ms = 5\ncounter = "counter"\n'
+        '[[channel]]\nname = "z"\nsignal = "TX3.acc_z"\nquantity = "body_acceleration"\n'
+    )
+    bench = parse_bench(text, "x", Path())
+    assert [channel.name for channel in bench.channels] == ["z"]
+    cycles = {m.name: m.cycle_s for m in bench_codec(bench).messages}
+    assert cycles == {"TX1": 0.005, "TX2": 0.01, "TX3": 0.01}
+    assert [each.name for each in bench.sample_sets] == ["mm7"]
+
+
+def test_the_words_of_the_bench_come_first() -> None:
+    own = Procedure(instructions=MappingProxyType({Excitation.ROLL: "Left wheels over the plank."}))
+    assert instruction(own, Excitation.ROLL) == "Left wheels over the plank."
+    assert instruction(own, Excitation.PITCH) == instruction(Procedure(), Excitation.PITCH)

@@ -11,6 +11,7 @@ from daq.bench.channel_map import load_channel_map
 from daq.bench.config import Bench, load_bench, parse_bench
 from daq.errors import InputError
 from daq.runs import Excitation
+from daq.vehicle import Corner, HubWeight
 
 
 def parse(text: str) -> Bench:
@@ -204,3 +205,65 @@ def test_what_a_channel_map_says(tmp_path: Path) -> None:
     assert found.columns == ("A", "a" * 120, "C", "t", "u")
     (run,) = found.runs
     assert (run.step.label, run.start_s, run.stop_s) == ("baseline_roll_1", 10.0, 3610.0)
+
+
+@pytest.mark.parametrize(("length", "refused"), [(60, False), (61, True)])
+def test_a_channel_has_a_name_of_sixty_letters_at_most(length: int, refused: bool) -> None:
+    written = UNUSED.replace('"a"', text(length))
+    if refused:
+        with pytest.raises(InputError, match="name"):
+            parse(written)
+    else:
+        assert parse(written).channels[0].name == "a" * length
+    sensor = SENSOR.replace('"a"', text(length - 30)) + 'dbc = "a.dbc"\n'
+    if refused:
+        with pytest.raises(InputError, match="name"):
+            parse(sensor)
+    else:
+        parse(sensor)
+
+
+def test_a_bar_may_be_negative(tmp_path: Path) -> None:
+    """Springs of a solid axle act with a lever in roll."""
+    bars = '[vehicle.structure]\nanti_roll_bars = true\n[[fact]]\nquantity = "k_af"\nsigma = 1\n'
+    (tmp_path / "bench.toml").write_text(bars + "value = -1\n")
+    assert load_bench(tmp_path / "bench.toml").vehicle.facts[0].value == -1.0
+
+
+def test_what_goes_together_is_taken() -> None:
+    two = parse('[[bus]]\nchannel = "a"\n[[bus]]\nchannel = "a"\ninterface = "x"\n')
+    assert [(bus.interface, bus.channel) for bus in two.buses] == [("virtual", "a"), ("x", "a")]
+    names = "".join(f'[[bus]]\nchannel = "c{n}"\n' for n in range(16))
+    assert len(parse(names).buses) == 16
+    parse(SENSOR + 'dbc = "a.dbc"\nids = { M = 0 }\n')
+    parse(SENSOR + 'dbc = "a.dbc"\nid_offset = 1\n')
+    parse(UNUSED.replace("IMU_Accel.acc_z", 128 * "x") + f'serial_number = "{32 * "ä"}"\n')
+    (weight,) = parse(HUB + "sigma_kg = 0.1\n").mass_states[1].added.weights
+    assert weight == HubWeight(4.0, Corner.FRONT_LEFT, 0.1)
+    travel = parse(TRAVEL + "motion_ratio = 0.6\nmotion_ratio_sigma = 0.15\n").channels[0]
+    assert (travel.motion_ratio, travel.motion_ratio_sigma) == (0.6, 0.15)
+
+
+def test_the_recorders_numbers_are_taken_in_their_units() -> None:
+    stated = (
+        "[recorder]\nsegment_mb = 2.0\nsegment_minutes = 3.0\nkeep_gb = 4.0\nreserve_mb = 5.0\n"
+        "silent_s = 6.0\n"
+    )
+    recorder = parse(stated).recorder
+    assert (recorder.segment_bytes, recorder.segment_s) == (2e6, 180.0)
+    assert (recorder.keep_bytes, recorder.reserve_bytes) == (4e9, 5e6)
+    assert recorder.silent_s == 6.0
+
+
+def test_a_channel_map_describes_car_campaign_trigger_and_weights(tmp_path: Path) -> None:
+    path = tmp_path / "map.toml"
+    path.write_text(
+        '[vehicle]\nname = "T5"\n[campaign]\nrepeats = 7\n[trigger]\nlevel = 4.5\n'
+        "[calibration]\nmax_age_days = 30\n" + HUB + FACT + "sigma = 2.0\n" + MAP,
+        "utf-8",
+    )
+    bench = load_channel_map(path).bench
+    assert (bench.vehicle.name, bench.campaign.repeats, bench.trigger.level) == ("T5", 7, 4.5)
+    assert bench.calibration_days == 30
+    assert bench.mass_states[1].added.weights == (HubWeight(4.0, Corner.FRONT_LEFT),)
+    assert [(fact.value, fact.sigma) for fact in bench.vehicle.facts] == [(1500.0, 2.0)]

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.bench.config import bench_codec, load_bench, parse_bench, with_database
-from daq.bench.databases import stored_databases, stored_text
+from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench, with_database
+from daq.bench.databases import Database, stored_databases, stored_text
+from daq.bench.edit import with_channel
+from daq.bench.ready_maps import ready_tables, sensor_map
 from daq.errors import InputError
 from daq.samples.trigger import bench_mapping
 from dbc import Samples
@@ -172,3 +174,78 @@ def test_a_motion_ratio_makes_wheel_travel_of_sensor_travel() -> None:
     samples = Samples("pot_fl.TPDO1.Position", t_ns, np.array([10.0, 20.0]), good)  # mm
     np.testing.assert_allclose(pot.values(samples), [0.02 - 0.1, 0.04 - 0.1])
     assert pot.step == pytest.approx(2e-5)  # 0.01 mm of the sensor are 0.02 mm of the wheel
+
+
+def test_a_signal_that_two_messages_of_a_sensor_have_is_asked_for_in_full() -> None:
+    twice = IMU.replace("GyrX", "AccX").replace("deg/s", "g")
+    text = TEXT.replace("imu_a.GyrX", "imu_a.AccX")
+    with pytest.raises(InputError, match=r"imu_a\.AccX is in imu_a\.Accel and in imu_a\.Rate"):
+        parse_bench(
+            text, "bench.toml", Path(), stored_text((Database("imu.dbc", twice), *DATABASES[1:]))
+        )
+
+
+def test_a_bench_on_several_buses_is_not_put_on_one() -> None:
+    with pytest.raises(InputError, match="sensors on 2 buses, and one bus is named"):
+        on_bus(sensor_bench(), "socketcan", "can5")
+
+
+def test_a_channel_of_a_ready_map_is_edited() -> None:
+    text = '[[sensor]]\nname = "imu"\nlayout = "xsens_mti"\n' + channel("x", "b.c", "unused")
+    text = text.replace("[[channel]]", '[[sensor]]\nname = "b"\ndbc = "b.dbc"\n\n[[channel]]')
+    edited = with_channel(text, "imu_body_acc_z", sign=-1, tare=9.8)
+    bench = parse_bench(edited, "bench.toml", Path(), "")
+    (changed,) = [c for c in bench.channels if c.name == "imu_body_acc_z"]
+    assert (changed.sign, changed.tare, changed.signal) == (-1, 9.8, "imu.Acceleration.acc_z")
+    assert with_channel(TEXT, "pot_fr", sign=-1).count("sign = -1") == TEXT.count("sign = -1") + 1
+
+
+def test_a_damaged_list_of_databases_is_one_line() -> None:
+    for text in ("{", '{"bumpbench_databases": 3}', "{}"):
+        with pytest.raises(InputError, match="the list of databases is damaged"):
+            stored_databases(text)
+
+
+@pytest.mark.parametrize(
+    ("lines", "reason"),
+    [
+        ("motion_ratio_sigma = 0.33", None),
+        ("motion_ratio_sigma = 0.34", "more than a third of motion_ratio"),
+        ("motion_ratio = 0.6\nmotion_ratio_sigma = 0.21", "more than a third of motion_ratio"),
+        ("motion_ratio = 10.1", "less than or equal to 10"),
+    ],
+)
+def test_a_motion_ratio_has_limits(lines: str, reason: str | None) -> None:
+    def stated(signal: str) -> str:
+        return TEXT.replace(f'signal = "{signal}"', f'signal = "{signal}"\n{lines}')
+
+    if reason is None:
+        _use(stated("pot_fl.Position"))
+    else:
+        assert reason in read(stated("pot_fl.Position"))
+    if "10" not in lines:
+        assert "motion_ratio is for suspension_travel" in read(stated("hubs.FL"))
+
+
+def test_a_bench_that_states_no_tables_gets_those_of_the_ready_map() -> None:
+    added = ready_tables([("imu", "layout:bosch_mm7"), ("own", "own.dbc")], {})
+    assert added == {
+        "message": sensor_map("imu", "layout:bosch_mm7")["message"],
+        "sample_set": sensor_map("imu", "layout:bosch_mm7")["sample_set"],
+        "channel": sensor_map("imu", "layout:bosch_mm7")["channel"],
+    }
+    for kind, stated in (
+        ("message", {"name": added["message"][0]["name"]}),
+        ("sample_set", {"messages": [added["message"][0]["name"]]}),
+        ("channel", {"signal": "imu.x"}),
+    ):
+        rest = ready_tables([("imu", "layout:bosch_mm7")], {kind: [stated]})
+        assert {name for name in added if rest[name] != added[name]} == {kind}
+
+
+def test_a_sensor_without_a_bus_is_on_the_only_one() -> None:
+    text = TEXT.replace('[[bus]]\ninterface = "virtual"\nchannel = "can1"\nname = "rear"\n', "")
+    text = text.replace('bus = "rear"\n', "").replace('bus = "can0"\n', "").replace("bus = 0\n", "")
+    text = text.replace('name = "imu_b"', 'name = "imu_b"\nid_offset = 16')
+    bench = parse_bench(text, "bench.toml", Path(), STORED)
+    assert {sensor.bus for sensor in bench.sensors} == {0}

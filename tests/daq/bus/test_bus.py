@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -249,3 +250,43 @@ def test_a_bus_that_cannot_be_opened_is_one_line_with_advice(
         opening(BusConfig(interface, channel, 1_000_000))
     assert "\n" not in str(caught.value)
     assert caught.value.advice
+
+
+def test_what_gathered_unread_is_read_without_a_wait_by_the_wall_clock() -> None:
+    bus = ScriptedBus(*[frame(i) for i in range(5)])
+    source = source_on(bus, gather_s=0.02)
+    began_s = time.monotonic()
+    assert list(source.read(0.1).can_id) == list(range(5))
+    assert len(source.read(0.05)) == 0
+    assert time.monotonic() - began_s >= 0.07
+    assert set(bus.waits) == {0.0}
+
+
+class LostBus(ScriptedBus):
+    """A bus whose device was pulled out."""
+
+    shut = False
+
+    def shutdown(self) -> None:
+        super().shutdown()
+        self.shut = True
+        raise OSError("no such device")
+
+
+def test_closing_a_lost_device_raises_nothing() -> None:
+    bus = LostBus()
+    source_on(bus).close()
+    assert bus.shut
+
+
+def test_vendor_libraries_that_are_missing_say_nothing_on_the_terminal() -> None:
+    code = (
+        "from daq.bus.interfaces import open_bus\nfrom daq.bench.config import BusConfig\n"
+        "for name in ('kvaser', 'vector', 'pcan'):\n"
+        "    try: open_bus(BusConfig(name, '0', 1000000))\n"
+        "    except OSError: pass\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, check=True, timeout=60, env=os.environ
+    )
+    assert (done.stdout, done.stderr) == (b"", b"")

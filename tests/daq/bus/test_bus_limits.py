@@ -11,6 +11,7 @@ import pytest
 
 from daq.bus.source import enlarge_buffer, keep_to_own_group
 from daq.errors import BusError
+from dbc import FrameBatch
 
 from .test_bus import ScriptedBus, frame, parse_error, source_on
 from .test_link import ONE, Clock, Source, link_to
@@ -91,3 +92,28 @@ def test_a_bus_is_opened_again_after_five_seconds_of_silence(silent_s: float, cl
     clock.now_s += silent_s
     assert not len(link.read(0.0))
     assert first.closed is closed
+
+
+@pytest.mark.parametrize("ended", ["halt", "close"])
+def test_a_link_that_has_ended_opens_nothing_any_more(ended: str) -> None:
+    clock = Clock()
+    source = Source(clock, [ONE])
+    link = link_to(clock, OSError("not yet"), source)
+    assert not len(link.read(0.0))
+    getattr(link, ended)()
+    clock.now_s += 60.0
+    for _ in range(3):
+        assert not len(link.read(0.0))
+    assert source.frames == 0
+    assert not link.facts().connected
+
+
+def test_a_bus_that_is_opened_for_the_first_time_was_not_opened_again() -> None:
+    clock = Clock()
+    link = link_to(clock, OSError("not yet"), Source(clock, []), Source(clock, []))
+    clock.now_s += 1.0
+    link.read(0.0)
+    clock.now_s += 1.0
+    assert link.read(0.0) is not None
+    assert (link.facts().connected, link.facts().reopened) == (True, 0)
+    assert isinstance(link.read(0.0), FrameBatch)

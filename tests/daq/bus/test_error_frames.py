@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from daq.bus.error_frames import ControllerState, ErrorClass, describe_error_frame
 from daq.bus.interfaces import wire_bits
@@ -126,3 +128,37 @@ def test_bits_of_a_frame_with_one_stuff_bit_in_thirty(flags: int, length: int, b
         np.array([length, 8], np.uint8), np.zeros((2, 64), np.uint8),
     )  # fmt: skip
     assert wire_bits(frames) == pytest.approx([bits * 31 / 30, 111 * 31 / 30])
+
+
+def test_the_controller_byte_means_nothing_in_frames_of_other_classes() -> None:
+    said = describe_error_frame(0x080, bytes.fromhex("0021000000000000"))
+    assert said.state is None
+    assert not said.overrun
+
+
+def test_older_drivers_send_counters_with_a_change_of_state_and_no_class_for_them() -> None:
+    said = describe_error_frame(0x004, bytes.fromhex("0008000000006000"))
+    assert (said.tx_errors, said.rx_errors) == (0x60, 0)
+    assert said.state is ControllerState.WARNING
+    # data[6..7] of a bus error belong to the driver
+    assert describe_error_frame(0x088, bytes.fromhex("0000000000000102")).tx_errors is None
+
+
+@given(st.integers(0, 0xFFFFFFFF), st.binary(max_size=64))
+def test_whatever_comes_is_one_printable_line(can_id: int, data: bytes) -> None:
+    said = describe_error_frame(can_id, data)
+    assert said.text
+    assert said.text.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("bit", "violation"),
+    [
+        (0x01, "single bit"), (0x02, "frame format"), (0x04, "bit stuffing"),
+        (0x08, "dominant bit not sent"), (0x10, "recessive bit not sent"), (0x20, "overload"),
+        (0x40, "active error flag"), (0x80, "while sending"),
+    ],
+)  # fmt: skip
+def test_each_violation_has_its_bit(bit: int, violation: str) -> None:
+    """CAN_ERR_PROT_*, data[2]."""
+    assert of(0x008, f"0000{bit:02x}")[1] == f"protocol violated ({violation})"

@@ -204,3 +204,38 @@ def test_frames_of_a_socket_are_on_the_axis() -> None:
         (t_ns,) = source.read(1.0).t_ns.tolist()
     source.close()
     assert 0 <= t_ns - begun_ns - 3600 * S < 10 * S
+
+
+def test_an_axis_that_goes_on_never_begins_before_its_end() -> None:
+    host = Host()
+    end_ns = host.wall() + 7200 * S
+    host.axis.begin(end_ns)
+    stamps = np.array([host.wall() - 5, host.wall()])
+    assert host.axis.from_wall(stamps).tolist() == [end_ns - 5, end_ns]
+    host.pass_time(2.0)
+    assert host.axis.now_ns() == end_ns + 2 * S
+    host.set_ns += 10_000 * S  # the time server answers at last
+    assert host.axis.from_wall(np.array([host.wall()])).tolist() == [end_ns + 2 * S]
+    host.axis.begin(end_ns)  # a clock that is ahead is believed
+    assert host.axis.now_ns() == host.wall()
+
+
+def test_a_clock_that_is_set_again_and_again() -> None:
+    host = Host()
+    stamps_ns: list[int] = []
+    for _ in range(100):  # 100 times a second on, four times a second
+        host.pass_time(0.25)
+        stamps = [host.wall()]
+        host.set_ns += S
+        host.pass_time(0.001)
+        stamps.append(host.wall())
+        stamps_ns += host.axis.from_wall(np.array(stamps, np.int64)).tolist()
+    steps = np.diff(stamps_ns)
+    assert set(steps.tolist()) == {250_000_000, 1_000_000}
+
+
+def test_what_is_slewed_is_left_alone() -> None:
+    host = Host()
+    stamps = np.array([host.wall()], np.int64)
+    host.set_ns += 900_000
+    assert host.axis.from_wall(stamps) is stamps

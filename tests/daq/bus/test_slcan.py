@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.bus.slcan import (
+    BITRATE_CODES,
     LONGEST_LINE,
     SlcanSource,
     open_slcan,
@@ -255,3 +256,40 @@ def test_an_unplugged_adapter_is_a_bus_that_has_gone() -> None:
 def test_a_bit_rate_that_the_protocol_does_not_know_is_named_with_those_it_does() -> None:
     with pytest.raises(BusError, match=r"333000 bit/s.*1000000"):
         open_slcan("/dev/null", 333_000, 0)
+
+
+@given(st.lists(st.binary(max_size=40), max_size=10), st.binary(max_size=300))
+@settings(max_examples=150, deadline=None)
+def test_any_bytes_whatever_become_frames_or_counts(lines: list[bytes], tail: bytes) -> None:
+    source = source_of(*(line + b"\r" for line in lines), tail)
+    got = read_all(source)
+    ends = sum((line + b"\r").count(b"\r") + line.count(b"\a") for line in lines)
+    ends += tail.count(b"\r") + tail.count(b"\a")
+    assert len(got) + source.losses().garbled <= ends
+
+
+def test_a_frame_that_ends_in_an_error_is_garbled() -> None:
+    frames, garbled, _ = parse_slcan(b"t1231ab\at1231ab\r")
+    assert (len(frames), garbled) == (1, 1)
+
+
+def test_a_line_is_opened_at_its_rate_and_the_bus_at_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened: list[tuple[str, int, Line]] = []
+
+    def serial_for_url(device: str, *, baudrate: int, exclusive: bool, **options: Any) -> Line:
+        assert exclusive
+        assert options == {"timeout": 0, "write_timeout": 1}
+        opened.append((device, baudrate, Line([])))
+        return opened[-1][2]
+
+    monkeypatch.setattr("serial.serial_for_url", serial_for_url)
+    for rest, baud in (("", 115_200), ("@3000000", 3_000_000), ("@", 115_200)):
+        assert open_slcan(f"/dev/ttyUSB0{rest}", 500_000, 3).name == f"slcan /dev/ttyUSB0{rest}"
+        assert opened[-1][:2] == ("/dev/ttyUSB0", baud)
+    rates = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000, 83_300)
+    assert set(rates) == set(BITRATE_CODES)
+    for code, rate in enumerate(rates):
+        open_slcan("x", rate, 0)
+        assert opened[-1][2].written == b"C\rS%d\rO\r" % code

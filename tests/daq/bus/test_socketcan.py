@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,13 @@ from can.interfaces.socketcan.socketcan import dissect_can_frame
 
 from daq.bench.config import BusConfig
 from daq.bus import socketcan
-from daq.bus.interfaces import open_source
+from daq.bus.interfaces import open_bus, open_source
 from daq.bus.socketcan import FrameBuffers, SocketCanSource, frame_columns
 from daq.bus.source import BLOCK_FRAMES, SocketDrops
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 
+from ...multicast import own_group
 from .socketcan_feed import NOW_NS, Feed, frame, mixed_frames
 
 
@@ -276,3 +278,101 @@ def _emptied(reader: socket.socket) -> int:
         while reader.recv(16):
             received += 1
     return received
+
+
+def test_classic_frames_make_narrow_blocks_that_later_frames_leave_alone(feed: Feed) -> None:
+    feed.send(frame(1, bytes(8)), frame(2, b"12345678"))
+    plain = feed.read()
+    feed.send(frame(3, b"abcdefgh"), frame(4, b"x"))
+    feed.read()
+    assert plain.data.shape == (2, 8)
+    assert list(plain.can_id) == [1, 2]
+    assert bytes(plain.data[1]) == b"12345678"
+    assert list(plain.length) == [8, 8]
+
+
+def test_a_length_code_above_8_is_8_bytes(feed: Feed) -> None:
+    raw = bytearray(frame(data=b"12345678"))
+    raw[7] = 13  # raw DLC, which some drivers report in addition to the length
+    feed.send(bytes(raw))
+    batch = feed.read()
+    assert list(batch.length) == [8]
+    assert bytes(batch.data[0]) == b"12345678"
+
+
+def test_the_counter_that_comes_with_a_frame_is_counted_without_asking(
+    udp: Feed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(socketcan, "drop_counter", lambda sock: None)
+    udp.send(*[frame(data=bytes(8))] * 25_000)
+    received = len(udp.read_all())
+    assert udp.source.losses().dropped == 0  # all frames in the queue are older than the drops
+    udp.send(frame(7))
+    assert list(udp.read().can_id) == [7]
+    assert received + udp.source.losses().dropped == 25_000
+
+
+def test_the_drop_counter_has_32_bits_and_may_be_behind(
+    feed: Feed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = iter([0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_0000, 5, None])
+    monkeypatch.setattr(socketcan, "drop_counter", lambda sock: next(answers))
+    counts = []
+    for _ in range(6):
+        feed.read()
+        counts.append(feed.source.losses().dropped)
+    assert counts == [0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_FFF0, 2**32 + 5, 2**32 + 5]
+
+
+@pytest.mark.parametrize("waiting", [1, 4, 5])
+def test_frames_that_waited_when_it_was_taken_down_are_no_sign_of_life(
+    faulty: Feed, monkeypatch: pytest.MonkeyPatch, waiting: int
+) -> None:
+    """The kernel returns the fault first, and only then the frames that came before it."""
+    monkeypatch.setattr(socketcan, "BLOCK_FRAMES", 2)
+    faulty.source._buffers = FaultyBuffers(2)
+    faulty.send(*map(frame, range(1, waiting + 1)))
+    FaultyBuffers.faults = [errno.ENETDOWN]
+    assert list(faulty.read_all().can_id) == list(range(1, waiting + 1))
+    assert faulty.source.interface_down
+    faulty.send(frame(9))
+    assert list(faulty.read().can_id) == [9]
+    assert not faulty.source.interface_down
+
+
+def open_descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_an_interface_that_is_not_there_leaves_nothing_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(socket, "socket", CanSocket)
+    before = open_descriptors()
+    with pytest.raises(BusError, match=r"can9: cannot be opened: .*No such device.*ip link"):
+        open_source(BusConfig("socketcan", "can9", 500_000), 1)
+    assert open_descriptors() == before
+
+
+GROUP = own_group(76)
+
+
+def test_the_losses_of_udp_multicast_are_the_kernels() -> None:
+    config = BusConfig("udp_multicast", GROUP, 1_000_000)
+    source: Any = open_source(config, 0)
+    try:
+        bus: Any = open_bus(config)
+        with bus, socket.socket(fileno=os.dup(source._bus.fileno())) as twin:
+            for option in (socket.SO_RCVBUF, 33):  # small, also if it was made large by force
+                twin.setsockopt(socket.SOL_SOCKET, option, 4096)
+            for _ in range(200):
+                bus._multicast.send(b"\xc1" * 400)  # each is one datagram, and garbled
+        before = -1
+        while source.losses().garbled > before:
+            before = source.losses().garbled
+            assert not len(source.read(0.05))
+        losses = source.losses()
+        assert losses.dropped > 0
+        assert losses.dropped + losses.garbled == 200
+    finally:
+        source.close()

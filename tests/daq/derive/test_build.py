@@ -14,6 +14,7 @@ from daq.bus.source import HopLosses
 from daq.channels import Channel, Quantity
 from daq.derive.build_samples import build_session
 from daq.derive.build_session import derive
+from daq.errors import InputError
 from daq.journal.contents import HopCounts
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
@@ -235,3 +236,22 @@ def test_simulated_samples_get_their_true_times() -> None:
     assert len(late) == 6
     for name, error_s in late.items():
         assert np.abs(error_s).max() < 20e-6, name
+
+
+def test_losses_on_the_way_belong_to_the_run_in_which_they_happened() -> None:
+    frames = _frames(CODEC, "HUB_Front")
+    t_ns = START_NS + np.arange(1, 20) * 100_000_000
+    counts = np.zeros((19, 4), np.int64)
+    counts[3:] = [5, 6, 7, 8]  # before the run
+    counts[12:] += [1, 2, 3, 4]  # in it
+    counts[17:] += 100  # after it
+    run = _session(_bench(ACC_FL), frames, HopCounts(t_ns, counts)).runs[0]
+    assert (run.losses.bus_dropped, run.losses.bus_garbled, run.losses.queue_dropped) == (1, 2, 4)
+
+
+@pytest.mark.parametrize("label", ["loaded_bounce_1", "baseline_jump_1", ""])
+def test_a_bump_that_is_no_run_is_not_passed_over(label: str) -> None:
+    bench = _bench(ACC_FL)
+    stray = replace(BUMP, text=label)
+    with pytest.raises(InputError, match=f"a bump '{label}', which is not a run"):
+        build_session(bench, CODEC, _frames(CODEC, "HUB_Front"), (stray,), NO_HOPS, {})

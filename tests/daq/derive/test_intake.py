@@ -32,3 +32,12 @@ def test_every_frame_around_a_bump_is_kept_whatever_the_blocks(size: int) -> Non
     for bump_s in 0.5 + 1.2 * np.arange(8):
         near = (t_s > bump_s - 0.09) & (t_s < bump_s + 0.49)
         assert np.isin(t_s[near], kept_s).all()
+
+
+def test_a_block_that_reaches_far_beyond_its_bump_loses_nothing_before_it() -> None:
+    frames = bumps(small_codec(), 4)
+    cut = 450  # between the pre-trigger of the first bump, from 0.4 s, and the bump at 0.5 s
+    pieces = [frames.select(slice(0, cut)), frames.select(slice(cut, len(frames)))]
+    kept = _kept(pieces)
+    assert (kept.t_ns - START_NS).min() <= 0.41e9
+    np.testing.assert_array_equal(kept.t_ns, _kept(blocks(frames)).t_ns)

@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Step
+from daq.bench.campaign import Campaign, Step
 from daq.bus.source import HopLosses
 from daq.derive.from_logs import (
     Intake,
     LogPart,
     labelled,
+    parse_runs,
+    with_steps,
 )
+from daq.errors import InputError
 from daq.journal.contents import HopCounts
 from daq.runs import Event, Excitation
 from dbc import FrameBatch
@@ -81,3 +84,22 @@ def test_a_log_goes_on_with_the_one_before_within_a_second(gap_ns: int, goes_on:
     assert intake.goes_on_with(_frame(START_NS))
     intake.take(_frame(START_NS), HopLosses())
     assert intake.goes_on_with(_frame(START_NS + gap_ns)) is goes_on
+
+
+B2 = Step("baseline", Excitation.BOUNCE, 2)
+
+
+@pytest.mark.parametrize("text", ["", "baseline", "baseline:jump", "baseline:bounce:1", "a:roll,"])
+def test_what_is_no_run(text: str) -> None:
+    with pytest.raises(InputError, match="is not a run"):
+        parse_runs(text)
+
+
+def test_a_bench_gets_the_campaign_of_the_steps_if_its_own_lacks_one() -> None:
+    bench = replace(small_bench(), campaign=Campaign((Excitation.BOUNCE,), 2, ("baseline",)))
+    assert with_steps(bench, [B2, B1]) is bench
+    wider = with_steps(bench, [R1, B2])
+    assert wider.campaign.excitations == (Excitation.ROLL, Excitation.BOUNCE)
+    assert (wider.campaign.repeats, wider.campaign.mass_states) == (2, ("baseline",))
+    with pytest.raises(InputError, match="'moon' is not on this bench"):
+        with_steps(bench, [Step("moon", Excitation.ROLL, 1)])

@@ -6,10 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from daq.bench.config import Bench, parse_bench
 from daq.derive.redecode import redecoded
-from daq.runs import Losses, Run, RunStatus
+from daq.errors import InputError
+from daq.runs import Event, Losses, Run, RunStatus
 from daq.sessions import Session
+from dbc import FrameBatch
 
 from .test_sensors_on_buses import imported
 
@@ -76,3 +80,19 @@ def test_the_new_session_says_where_it_comes_from() -> None:
     again = redecoded(old, commented, "old.h5", {}).provenance
     assert again["uuid"] != new.provenance["uuid"]
     assert again["bench_toml"].startswith("# x")
+
+
+def test_a_run_without_raw_frames_is_refused_and_named() -> None:
+    label = imported().runs[0].label
+    with pytest.raises(InputError, match=f"{label} has no raw frames") as refused:
+        _again(_with(frames=FrameBatch.empty()))
+    assert refused.value.where == "old.h5"
+
+
+def test_a_run_that_does_not_state_when_its_bump_was_is_refused() -> None:
+    run = imported().runs[0]
+    bump = next(event for event in run.events if event.text == run.label)
+    others = (Event(bump.t_ns, "note", 1.0, run.label), replace(bump, text="baseline_roll_9"))
+    with pytest.raises(InputError, match=run.label):
+        _again(_with(events=others))
+    assert _again(_with(events=(*others, bump))).runs[0].t0_ns == run.t0_ns

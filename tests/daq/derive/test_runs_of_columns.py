@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from daq.bench.campaign import Step
 from daq.bench.channel_map import ChannelMap, GivenRun, load_channel_map
-from daq.derive.from_columns import Recording, given_run, recording
+from daq.derive.from_columns import Recording, bumps_in, given_run, recording, session_from_columns
+from daq.errors import InputError
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.samples.columns import Column, Columns
 
@@ -134,3 +136,78 @@ def test_a_run_is_covered_by_its_samples(start_s: float, stop_s: float, good: bo
     run = given_run(_map(), _found(), GivenRun(STEP, start_s, stop_s))
     assert run.status is (RunStatus.ACCEPTED if good else RunStatus.REJECTED)
     assert len(run.reasons) == (0 if good else 1)
+
+
+@pytest.mark.parametrize("times_s", [[0.0, 1.0, 1.0], [0.0, 2.0, 1.0]])
+def test_times_that_do_not_increase_are_refused(times_s: list[float]) -> None:
+    with pytest.raises(InputError, match="do not increase"):
+        recording(_map(), _file({"fl": [1.0] * 3}, times_s={"table": times_s}))
+    # Rows in which nothing was sampled do not matter.
+    holed = _file({"fl": [1.0, nan, 2.0]}, times_s={"table": [0.0, 9.0, 1.0]})
+    assert recording(_map(), holed).groups[0].time_s.tolist() == [0.0, 1.0]
+
+
+def test_a_run_is_the_window_that_is_given() -> None:
+    run = given_run(_map(), _found(), GivenRun(STEP, 2.0, 4.0))
+    assert (run.label, run.status, run.reasons) == ("baseline_roll_2", RunStatus.ACCEPTED, ())
+    assert run.t0_ns == (T0_S + 2) * S
+    (group,) = run.groups
+    assert_allclose(group.time_s, np.arange(20) / 10, atol=1e-12)
+    assert_allclose(group.values["fl"], 4.0 + np.arange(20) / 5)
+    assert_array_equal(group.t_ns, (T0_S + 2) * S + np.arange(20) * 100_000_000)
+
+
+def test_a_run_without_samples_is_rejected_and_says_of_what() -> None:
+    none = given_run(_map(), _found(), GivenRun(STEP, 20.0, 21.0))
+    assert (none.status, none.reasons, none.groups) == (
+        RunStatus.REJECTED,
+        ("table has 0 samples",),
+        (),
+    )
+    one = given_run(_map(), _found(), GivenRun(STEP, 2.0, 2.05))
+    assert one.reasons == ("table has 1 sample",)
+    two = given_run(_map(), _found(), GivenRun(STEP, 2.0, 2.15))
+    assert two.status is RunStatus.ACCEPTED
+    file = _file(
+        {"fl": [1.0, 2.0], "fr": [nan, nan]}, times_s={"table": [0.0, 0.1]}, start_ns=T0_S * S
+    )
+    lacking = given_run(
+        _map("", ("fl", "fr")), recording(_map("", ("fl", "fr")), file), GivenRun(STEP, 0.0, 0.2)
+    )
+    assert lacking.reasons == ("fr has no value",)
+
+
+TRIGGER = (
+    "[campaign]\nbump_s = 0.3\n[trigger]\nlevel = 3.0\npre_s = 0.5\npost_s = 1.5\nrest_s = 0.2\n"
+)
+
+
+def test_bumps_are_found_in_groups_that_begin_at_different_times() -> None:
+    time_s = np.arange(4000) / 500.0
+    value = np.where((time_s >= 3.0) & (time_s < 3.2), 20.0, 0.0)
+    # The second channel begins five seconds later, after a second in which neither is sampled.
+    file = _file(
+        {"fl": value[:2000], "fr": value},
+        times_s={"a": time_s[:2000], "b": time_s + 5.0},
+        clocks={"fl": "a", "fr": "b"},
+        start_ns=T0_S * S,
+    )
+    known = _map(TRIGGER, ("fl", "fr"))
+    bumps = bumps_in(known, recording(known, file))
+    assert [bump.t_ns for bump in bumps] == [(T0_S + 3) * S, (T0_S + 8) * S]
+
+
+def test_the_same_files_give_a_session_of_the_same_name() -> None:
+    known, found = _map(), _found()
+    runs = [given_run(known, found, GivenRun(STEP, 2.0, 4.0))]
+    one = session_from_columns(known, found.channels, runs, {"software": "x"}).provenance
+    assert one == session_from_columns(known, found.channels, runs, {"software": "x"}).provenance
+    assert one["created"] == "2026-05-31T10:00:02+00:00"
+    assert (one["software"], one["channel_map"]) == ("x", known.bench.text)
+    other = [given_run(known, found, GivenRun(STEP, 2.0, 4.1))]
+    assert session_from_columns(known, found.channels, other, {}).provenance["uuid"] != one["uuid"]
+    group = replace(runs[0].groups[0], values={"fl": runs[0].groups[0].values["fl"] * 2})
+    changed = [replace(runs[0], groups=(group,))]
+    found_uuid = session_from_columns(known, found.channels, changed, {}).provenance["uuid"]
+    assert found_uuid != one["uuid"]
+    assert session_from_columns(known, (), [], {}).provenance["created"].startswith("1970-01-01")

@@ -13,9 +13,12 @@ from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.databases import stored_databases
 from daq.bus.source import HopLosses
 from daq.check.check import check_bench
+from daq.derive.build_session import derive
 from daq.derive.from_logs import Intake, labelled, session_from_parts
 from daq.derive.redecode import redecoded
 from daq.errors import InputError
+from daq.journal.format import JournalHead
+from daq.journal.writer import JournalWriter
 from daq.session import read_session, write_session
 from daq.sessions import Session, session_part
 from daq.sim.car import SimulatedCar
@@ -109,3 +112,15 @@ def test_a_part_of_a_session_has_the_sensors_and_buses_that_are_asked_for() -> N
     assert len(whole.runs[0].frames) == len(imported().runs[0].frames)
     with pytest.raises(InputError, match="its sensors: hubs, imu_a, imu_b, pot_fl"):
         session_part(imported(), ["imu_c"], [])
+
+
+def test_a_journal_needs_nothing_else(tmp_path: Path) -> None:
+    bench = sensor_bench()
+    head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 5)
+    with JournalWriter(tmp_path, head) as journal:
+        journal.append(frames(), HopLosses())
+        journal.append_events(list(imported().runs[0].events))
+    derive(journal.paths, tmp_path / "session.h5")
+    session = read_session(tmp_path / "session.h5")
+    for name in ("acc_a", "acc_b", "pot_rr", "hub_fl"):
+        assert level(session, name) == level(imported(), name)

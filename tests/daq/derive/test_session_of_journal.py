@@ -139,3 +139,12 @@ def test_a_journal_of_an_older_version_is_built(
         assert len(campaign.build().session.runs) == 1
     session = read_session(campaign.target)
     assert session.provenance["origin"] == "real"
+
+
+def test_a_segment_that_is_still_written_is_no_loss(campaign: Campaign) -> None:
+    campaign.run()
+    campaign.writer.append(bumps(small_codec(), 1).select(slice(0, 5)), NO_LOSSES)
+    assert campaign.writer.paths[-1].name.startswith("open_")
+    derived = derive(campaign.writer.paths, campaign.target)
+    assert (derived.loss, len(derived.session.runs)) == ("", 1)
+    assert read_session(campaign.target).provenance["journal_losses"] == "none"

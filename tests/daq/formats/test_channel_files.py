@@ -161,3 +161,24 @@ def test_what_is_no_table_is_refused(
     make(path)
     with pytest.raises(InputError, match=why):
         read_columns(path, ())
+
+
+@pytest.mark.parametrize(("last", "fits"), [(4_102_444_799.0, True), (4_102_444_800.0, False)])
+def test_times_after_2100_are_in_another_unit(tmp_path: Path, last: float, fits: bool) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,fl [g]\n{last - 2.0!r},1\n{last - 1.0!r},2\n{last!r},3\n")
+    known = mapped(path, f'[time]\ncolumn = "t"\n{HUB}')
+    if fits:
+        found = recording(known, read_columns(path, known.columns))
+        assert found.start_ns == round(last - 2.0) * 1_000_000_000
+        return
+    with pytest.raises(InputError, match=r"its times t reach 4.1.*after 2100 \(state their unit"):
+        recording(known, read_columns(path, known.columns))
+
+
+def test_a_unit_that_does_not_fit_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,fl [mm]\n0,1\n1,2\n")
+    known = mapped(path, f'[time]\ncolumn = "t"\n{HUB}')
+    with pytest.raises(InputError, match=r"fl has unit 'mm' in .*a.csv; hub_acceleration needs"):
+        recording(known, read_columns(path, known.columns))

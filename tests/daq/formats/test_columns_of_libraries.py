@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from daq.errors import InputError
 from daq.formats.columns import read_columns
 
 if TYPE_CHECKING:
@@ -145,3 +146,40 @@ def test_structs_of_matlab(tmp_path: Path) -> None:
         "deep" + "/s" * 12: ("", "deep" + "/s" * 11),
     }
     assert {name: (c.unit, c.clock) for name, c in held.items()} == expected
+
+
+def test_a_channel_without_a_unit_has_that_of_its_conversion(tmp_path: Path) -> None:
+    from asammdf.blocks.conversion_utils import from_dict
+
+    rule = from_dict({"a": 2.0, "b": 0.0})
+    rule.unit = "m/s2"
+    path = tmp_path / "a.mf4"
+    _write(path, [("IMU", [_signal("az", conversion=rule), _signal("ax")])])
+    units = {name: column.unit for name, column in read_columns(path, ()).columns.items()}
+    assert units == {"IMU/az": "m/s2", "IMU/ax": ""}
+
+
+def test_values_that_are_invalid_are_missing(tmp_path: Path) -> None:
+    path = tmp_path / "a.mf4"
+    bits = np.array([False, True, False])
+    _write(path, [("g", [_signal("x", invalidation_bits=bits), _signal("y")])])
+    held = read_columns(path, ()).columns
+    np.testing.assert_array_equal(held["g/x"].values, [0.0, np.nan, 2.0])
+    np.testing.assert_array_equal(held["g/y"].values, X)
+
+
+WIDE = np.arange(300.0 * 256).reshape(300, 256)
+
+
+def test_tables_are_not_wider_than_256_columns_and_no_images(tmp_path: Path) -> None:
+    tables = {"wide": WIDE, "wider": np.zeros((300, 257)), "cube": np.zeros((2, 2, 2))}
+    savemat(tmp_path / "a.mat", tables)
+    assert set(read_columns(tmp_path / "a.mat", ()).columns) == {f"wide:{n}" for n in range(1, 257)}
+
+
+def test_a_name_that_occurs_twice_is_to_be_written_in_full(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    savemat(path, {"a": {"fl": ROW}, "b": {"fl": -ROW}})
+    with pytest.raises(InputError, match=r"has 2 columns 'fl' \(write one of a/fl, b/fl\)"):
+        read_columns(path, ("fl",))
+    assert read_columns(path, ("b/fl",)).columns["b/fl"].values[1] == -1.0

@@ -10,7 +10,8 @@ import pytest
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.formats.log import detect, read_logs
+from daq.formats.columns import read_columns
+from daq.formats.log import BLF, Log, detect, read_logs
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 
@@ -89,3 +90,38 @@ def test_segments_of_a_journal_that_follow_each_other_are_one_log(tmp_path: Path
     found = read_logs([*segments[:2], other, segments[2]])
     assert [log.paths for log in found] == [tuple(segments[:2]), (other,), (segments[2],)]
     assert sum(len(batch) for batch in found[0]) == 4
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a directory"):
+        detect(tmp_path)
+    with pytest.raises(InputError, match="no such file"):
+        detect(tmp_path / "absent")
+    with pytest.raises(InputError, match="not a regular file"):
+        detect(Path("/dev/null"))
+    unreadable = Path("/proc/self/mem")  # a regular file whose first byte cannot be read
+    with pytest.raises(InputError, match="cannot be read"):
+        detect(unreadable)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_columns(unreadable, ())
+    with pytest.raises(InputError, match="cannot be read"):
+        list(Log([unreadable], BLF))
+
+
+def test_frames_and_the_share_that_was_read_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.write_text("".join(f"(1.{n:06d}) can0 123#01\n" for n in range(50_000)))
+    log = Log([path])
+    assert (log.share, log.frames) == (0.0, 0)
+    seen = [(log.share, log.frames) for _ in log]
+    assert seen[0][1] < 50_000
+    assert 0.0 < seen[0][0] < 1.0
+    assert [share for share, _ in seen] == sorted(share for share, _ in seen)
+    assert (log.share, log.frames) == (1.0, 50_000)
+
+
+def test_a_log_without_a_frame_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.trc"
+    path.write_text(";$FILEVERSION=1.0\n")
+    with pytest.raises(InputError, match=r"no frame \(TRC\)$|no frame \(TRC\)"):
+        list(Log([path]))

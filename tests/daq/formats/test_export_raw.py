@@ -6,9 +6,12 @@ from pathlib import Path
 
 import can
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
+from daq.errors import InputError
 from daq.formats.export import ExportFormat, export_session
+from daq.sessions import Session
 from dbc import FrameBatch
 from dbc.frames import FrameFlag
 
@@ -121,3 +124,11 @@ def test_frames_of_overlapping_runs_are_written_once(tmp_path: Path) -> None:
     with can.BLFReader(tmp_path / "car.blf") as reader:
         messages = list(reader)
     _is_kept(FRAMES.select(slice(0, 250)), messages, lambda i: {"is_rx"} if ERROR[i] else set())
+
+
+@pytest.mark.parametrize("form", [ExportFormat.BLF, ExportFormat.ASC, ExportFormat.CANDUMP])
+def test_a_session_of_plain_arrays_has_no_frames(tmp_path: Path, form: ExportFormat) -> None:
+    session: Session = small_session(FrameBatch.empty())
+    with pytest.raises(InputError, match="hold no raw frames"):
+        export_session(session, tmp_path / "car.x", form)
+    assert not list(tmp_path.iterdir())

@@ -186,3 +186,9 @@ def test_zeros_after_a_power_cut_are_counted_with_the_line_that_they_cut() -> No
     ):
         found, loss = _read(raw)
         assert (found, loss.garbled, loss.bytes_cut) == (frames, garbled, cut)
+
+
+def test_a_line_without_an_end_is_no_text_log() -> None:
+    assert _read(LINE + b"(" + b"1" * 65_535)[1].bytes_cut == 65_536
+    with pytest.raises(InputError, match="not a text log"):
+        _read(LINE + b"(" + b"1" * 65_536)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import struct
 import zlib
 from pathlib import Path
@@ -13,7 +14,7 @@ from daq.formats.log import read_log
 from dbc import FrameBatch
 
 from .mixed import Frame, frames_in, mixed
-from .test_import_round_trips import write_with_python_can
+from .test_import_round_trips import write_journal, write_with_python_can
 
 TEXTS = (".asc", ".log", ".csv", ".trc")
 PLAIN = [f for f in mixed(12_000) if not (f.fd or f.remote or f.error)]
@@ -121,3 +122,54 @@ def test_claims_of_a_blf_are_not_believed(tmp_path: Path) -> None:
         assert lost, name
     with pytest.raises(InputError, match="has no object"):
         list(read_log(_blf(path, *[_container(bytes(1 << 23))] * 4)))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_a_packed_log_cut_off_gives_what_was_packed_before(tmp_path: Path, share: float) -> None:
+    whole, path = tmp_path / "a.log", tmp_path / "a.log.gz"
+    write_with_python_can(whole, PLAIN[:3000])
+    packed = gzip.compress(whole.read_bytes())
+    path.write_bytes(packed[: int(len(packed) * share)])
+    found, lost = _read(path)
+    assert (share - 0.1) * 3000 < len(found) < 3000
+    assert found == _read(whole)[0][: len(found)]
+    assert "it cannot be unpacked to its end" in lost
+
+
+@pytest.mark.parametrize("suffix", TEXTS)
+def test_a_line_that_is_no_frame_is_counted_and_named(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    write_with_python_can(path, PLAIN[:100])
+    frames = _read(path)[0]
+    lines = path.read_bytes().split(b"\n")
+    row = next(i for i in range(40, 60) if len(lines[i]) > 20)
+    whole = lines[row]
+    # Cut within the payload: the rest of the line is gone, but the line has an end.
+    lines[row] = whole.rstrip()[: -5 if suffix == ".log" else -2]
+    path.write_bytes(b"\n".join(lines))
+    found, lost = _read(path)
+    assert len(found) == len(frames) - 1
+    assert [f for f in frames if f not in found]
+    assert f"1 records unreadable; line {row + 1} " in lost
+
+
+def test_a_cut_journal_gives_its_whole_blocks(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    write_journal(path, PLAIN[:1200])
+    raw = path.read_bytes()
+    path.write_bytes(raw[: len(raw) // 2])
+    found, lost = _read(path)
+    assert found == PLAIN[: len(found)]
+    assert len(found) % 300 == 0
+    assert found
+    assert "torn" in lost
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, case: str) -> None:
+    suffix, content, why = HOSTILE[case]
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=why) as caught:
+        list(read_log(path))
+    assert "\n" not in str(caught.value)

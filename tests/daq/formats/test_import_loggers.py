@@ -84,3 +84,12 @@ def test_frames_of_fd_in_the_short_form_by_a_dlc_in_decimal(
         (fd, length, bytes([0x11 if base == "hex" else 11] * length)),
         (False, 2, bytes([0x11 if base == "hex" else 11] * 2)),
     ]
+
+
+def test_mf4_that_counts_buses_from_0(tmp_path: Path) -> None:
+    path = tmp_path / "a.mf4"
+    one = [replace(f, bus=1) for f in FRAMES[:20]]
+    write_with_python_can(path, one)
+    assert {f.bus for f in read_all(path)[1]} == {0}
+    write_with_python_can(path, [replace(FRAMES[0], bus=0), *one])
+    assert {f.bus for f in read_all(path)[1]} == {0, 1}

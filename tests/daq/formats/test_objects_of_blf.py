@@ -11,6 +11,7 @@ import zlib
 
 import pytest
 
+from daq.errors import InputError
 from daq.formats.blf import read_blf
 from daq.formats.source import LogLoss
 from dbc import FrameBatch
@@ -240,3 +241,36 @@ def test_a_container_and_the_bytes_that_are_lost_with_it(name: str) -> None:
     content, frames, lost = CONTAINERS[name]
     found, loss = _read(_file(content))
     assert (len(found), loss.garbled, loss.bytes_cut) == (frames, 0, lost)
+
+
+def test_a_file_shorter_than_its_header_states_is_cut_off() -> None:
+    raw = _file(_container(CLASSIC))
+    for more, lost in ((0, 0), (1, 1), (1000, 1000)):
+        stated = _file(_container(CLASSIC), claimed=len(raw) + more)
+        assert _read(stated, len(stated))[1].bytes_cut == lost
+        assert _read(stated)[1].bytes_cut == 0  # of a packed file the size is not known
+
+
+@pytest.mark.parametrize("header", [0, 71, 65_537])
+def test_an_impossible_length_of_the_header_is_refused(header: int) -> None:
+    with pytest.raises(InputError, match=f" {header} bytes"):
+        _read(_file(_container(CLASSIC), header=header))
+
+
+@pytest.mark.parametrize(
+    ("raw", "what"),
+    [(b"LOGH" + bytes(200), "LOGG"), (_file(b"")[:71], "header")],
+)
+def test_what_is_no_blf_is_refused(raw: bytes, what: str) -> None:
+    with pytest.raises(InputError, match=what):
+        _read(raw)
+
+
+def test_16_mib_without_an_object_are_refused_and_behind_one_are_passed_over() -> None:
+    nothing = _container(bytes(1 << 23))
+    assert _read(_file(nothing * 2))[1].bytes_cut == 1 << 24
+    with pytest.raises(InputError, match="no object"):
+        _read(_file(nothing * 2 + _container(bytes(1 << 19))))
+    frames, loss = _read(_file(_container(CLASSIC) + nothing * 2 + _container(CLASSIC)))
+    assert frames == [SEEN] * 2
+    assert loss.bytes_cut == 1 << 24

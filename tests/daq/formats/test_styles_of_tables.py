@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
-from daq.formats.columns import read_columns
+from daq.formats.columns import read_columns, table
 
 Expected = dict[str, tuple[str, list[float]]]
 nan = float("nan")
@@ -152,3 +152,42 @@ def test_rows_with_a_field_too_many_and_cells_that_are_no_numbers_are_counted(
         "2 rows have a field too many, the first in line 3",
         "1 cell is no number, the first in line 7, column x",
     )
+
+
+def test_a_long_table_is_known_by_its_first_lines(tmp_path: Path) -> None:
+    head = "t;x\n"
+    rows = [f"{n};{n},5\n" for n in range(30_000)]
+    (tmp_path / "a.csv").write_text(head + "".join(rows), "utf-8")
+    assert (tmp_path / "a.csv").stat().st_size > 1 << 18
+    held = read_columns(tmp_path / "a.csv", ["x"]).columns
+    assert list(held) == ["x"]
+    np.testing.assert_array_equal(held["x"].values, np.arange(30_000) + 0.5)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "utf-16"])
+def test_a_long_table_has_the_encoding_of_its_head(tmp_path: Path, encoding: str) -> None:
+    text = "t;rate\ns;°/s\n" + "".join(f"{n};{n}\n" for n in range(30_000)) + "µ\n"
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+    held = read_columns(tmp_path / "a.csv", ()).columns
+    assert [(each, column.unit) for each, column in held.items()] == [("t", "s"), ("rate", "°/s")]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "full"),
+    [("IMU/az", "IMU/az"), ("ax", "IMU/ax"), ("HUB", "HUB"), ("speed", "speed")],
+)
+def test_a_column_by_its_name_or_its_end(tmp_path: Path, wanted: str, full: str) -> None:
+    assert _named(tmp_path / "a.csv", NAMES, wanted) == full
+
+
+def test_a_table_is_read_up_to_the_largest_number_of_values(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Two columns of three lines are six values; a column not asked for does not count."""
+    monkeypatch.setattr(table, "MAX_VALUES", 6)
+    path = tmp_path / "a.csv"
+    path.write_text("a,b,c\n" + "1,2,3\n" * 3)
+    assert [len(c.values) for c in read_columns(path, "ab").columns.values()] == [3, 3]
+    path.write_text("a,b,c\n" + "1,2,3\n" * 4)
+    with pytest.raises(InputError, match="has 8 values"):
+        read_columns(path, "ab")

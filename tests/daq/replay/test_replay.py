@@ -240,3 +240,112 @@ def test_a_session_whose_journal_has_less_than_it_cannot_be_played_alone(
         _journal(tmp_path / "journal", times_s)
     with pytest.raises(InputError, match=r"car\.h5"):
         whole_frames(_session((5.0, 5.1)), tmp_path / "car.h5")
+
+
+def test_stamps_of_the_sender_pass_through_a_virtual_bus() -> None:
+    batch = frames(20)
+    with (
+        can.Bus(interface="virtual", channel="player", preserve_timestamps=True) as sender,
+        can.Bus(interface="virtual", channel="player", preserve_timestamps=True) as receiver,
+    ):
+        assert list(play([batch], sender, None)) == [20]
+        got = [receiver.recv(timeout=0) for _ in range(20)]
+    stamps = np.array([message.timestamp for message in got if message is not None])
+    np.testing.assert_allclose(stamps - 1.7e9, (batch.t_ns - START_NS) * 1e-9, atol=1e-6)
+
+
+def _at(times_s: list[float]) -> FrameBatch:
+    batch = frames(len(times_s))
+    return replace(batch, t_ns=np.array([START_NS + round(t * 1e9) for t in times_s]))
+
+
+@pytest.mark.parametrize(
+    ("times_s", "passed_s"),
+    [
+        ([0.0, 9.9], 9.9),
+        ([0.0, 10.1], 0.0),  # what lies between two runs is skipped
+        ([0.0, 10.1, 11.0], 0.9),
+        ([0.0, 5.0, 4.1, 5.2], 5.2),  # a step back within a second is disorder
+        ([0.0, 5.0, 3.9, 5.2], 6.3),  # a longer one is another log
+        ([0.0, 9.0, 18.0], 18.0),
+    ],
+)
+def test_how_long_a_recording_takes(
+    clock: FalseTime, times_s: list[float], passed_s: float
+) -> None:
+    list(play([_at(times_s)], Wire(clock), 1.0))
+    assert clock.now_s - 100.0 == pytest.approx(passed_s, abs=1e-3)
+
+
+def test_a_frame_that_a_bus_can_never_take_ends_it_at_once(clock: FalseTime) -> None:
+    wire = Wire(clock, refusals=1, error=ValueError("no CAN FD"))
+    with pytest.raises(BusError, match="no CAN FD"):
+        list(play([frames(1)], wire, None))
+    assert not clock.slept_s
+
+
+def test_patience_begins_anew_with_each_frame(clock: FalseTime) -> None:
+    class Moody(Wire):
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
+            super().send(msg, timeout)
+            self.refusals = 3
+
+    list(play([frames(2)], Moody(clock, refusals=3), None))
+    assert clock.slept_s == pytest.approx([0.0005, 0.001, 0.002] * 2)
+
+
+def test_frames_of_other_buses_take_their_time_and_are_left_out(
+    clock_of_recorded_source: FalseTime,
+) -> None:
+    source = RecordedSource(_frames([0, 2, 4, 5], [1, 0, 1, 0]), 0, 1.0, 0)
+    clock_of_recorded_source.now_s += 20
+    assert source.read(0.0).t_ns.tolist() == [2 * S, 5 * S]
+
+
+def test_nobody_waits_longer_than_asked_or_shorter_than_it_takes_to_gather(
+    clock_of_recorded_source: FalseTime,
+) -> None:
+    source = RecordedSource(_frames([0, 0.001, 0.5]), 0, 1.0, 0)
+    assert len(source.read(0.3)) == 0
+    assert source.read(9.0).can_id.tolist() == [0]
+    assert source.read(9.0).can_id.tolist() == [1]
+    assert len(source.read(0.25)) == 0
+    assert source.read(9.0).can_id.tolist() == [2]
+    assert len(source.read(0.125)) == 0
+    slept = [0.3, 0.7, 0.01, 0.25, 0.239, 0.125]
+    assert clock_of_recorded_source.slept_s == pytest.approx(slept, abs=1e-3)
+
+
+def test_a_block_has_no_more_than_2048_frames(clock_of_recorded_source: FalseTime) -> None:
+    source = RecordedSource(_frames([0.0] * 3000), 0, 1.0, 0)
+    clock_of_recorded_source.now_s += 2
+    assert [len(source.read(0.0)) for _ in range(3)] == [2048, 952, 0]
+
+
+def test_a_run_without_frames_is_passed_over() -> None:
+    session = _session((1.0, 1.1), (3.0, 3.1))
+    empty = replace(
+        session.runs[0], frames=FrameBatch.empty(), t0_ns=START_NS_OF_RECORDED_SOURCE + 2 * S
+    )
+    mixed = replace(session, runs=(*session.runs, empty))
+    assert len(mixed.frames) == 4
+
+
+def test_the_journal_is_the_recording_that_has_the_runs(tmp_path: Path) -> None:
+    for began, times in enumerate(([5.0], [4.0, 5.0, 5.1], [5.0, 5.1, 6.0, 6.1])):
+        _journal(tmp_path / "journal", times, START_NS_OF_RECORDED_SOURCE + began)
+    found = _seconds(whole_frames(_session((5.0, 5.1)), tmp_path / "car.h5"))
+    assert found == [4.0, 5.0, 5.1]
+
+
+def test_a_session_without_frames_cannot_be_played(tmp_path: Path) -> None:
+    _journal(tmp_path / "journal", [5.0])
+    session = small_session(FrameBatch.empty())
+    with pytest.raises(InputError, match="cannot be replayed alone"):
+        whole_frames(session, tmp_path / "car.h5")
+
+
+def test_frames_of_runs_that_overlap_come_once_and_in_order() -> None:
+    session = _session((5.0, 5.4), (1.0, 1.3), (1.2, 1.5), (1.3, 1.4))
+    seconds = [1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 5.0, 5.1, 5.2, 5.3, 5.4]
+    assert _seconds(session.frames) == seconds

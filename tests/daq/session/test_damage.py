@@ -6,6 +6,7 @@ import os
 import random
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import replace
 from io import BytesIO
 from itertools import product
 from pathlib import Path
@@ -224,3 +225,32 @@ def test_what_is_no_session_is_refused(tmp_path: Path, path: Path) -> None:
         "pipe.h5": "is not a regular file",
     }.items():
         _refused(tmp_path / name, what)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda file: file["session"].attrs.modify("vehicle", "another"),
+        lambda file: file[RUN].attrs.modify("status", "accepted"),
+        lambda file: file[f"{HUB}/hub_fl"].attrs.modify("units", "mm/s2"),
+        lambda file: file.__delitem__("runs/r003_baseline_roll_3"),
+        lambda file: file.move("mass_states/added", "mass_states/other"),
+        lambda file: file["runs"].attrs.__delitem__("content_sha256"),
+        lambda file: file[RUN].attrs.modify("content_sha256", "0" * 64),
+    ],
+)
+def test_names_attributes_and_runs_count(path: Path, edit: Callable[[h5py.File], None]) -> None:
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    _refused(path, "was changed or damaged")
+    assert _errors(path)
+
+
+def test_a_channel_without_a_value_is_found(tmp_path: Path) -> None:
+    session = small_session()
+    run_, group = session.runs[0], session.runs[0].groups[0]
+    silent = replace(group, values={**group.values, "hub_fl": np.full(len(group.time_s), np.nan)})
+    runs = (replace(run_, groups=(silent, *run_.groups[1:])), *session.runs[1:])
+    write_session(tmp_path / "car.h5", replace(session, runs=runs))
+    found = [(f.severity, f.where, f.text) for f in validate_session(tmp_path / "car.h5")]
+    assert found == [(Severity.WARNING, f"/{HUB}/hub_fl", "has no value in this run")]

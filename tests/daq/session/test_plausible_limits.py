@@ -11,7 +11,7 @@ import pytest
 from daq.channels import Channel, Quantity
 from daq.session.validate import check_session
 from daq.sessions import Session
-from daq.vehicle import AddedMass, MassState
+from daq.vehicle import AddedMass, Fact, MassState
 from dbc import FrameBatch
 
 from ..small_session import small_session
@@ -123,3 +123,34 @@ def test_raw_frames(columns: dict[str, list[int]], severity: str) -> None:
     types = {"t_ns": "i8", "can_id": "u4", "flags": "u2", "bus": "u1", "length": "u1", "data": "u1"}
     frames = FrameBatch(**{name: np.array(whole[name], dtype) for name, dtype in types.items()})
     assert _of_run(frames=frames) == ([(severity, PLACE)] if severity else [])
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "good"), [(1.0, 0.0, True), (np.inf, 1.0, False), (1.0, np.nan, False)]
+)
+def test_a_fact_is_two_numbers(value: float, sigma: float, good: bool) -> None:
+    fact = _forced(Fact("total_mass_kg", 1500.0, 1.0), value=value, sigma=sigma)
+    found = _found(vehicle=replace(SESSION.vehicle, facts=(fact,)))
+    assert found == ([] if good else [("error", "/session/facts")])
+
+
+@pytest.mark.parametrize(("late_ms", "good"), [(490, True), (510, False), (-510, False)])
+def test_the_two_times_of_a_sample_agree_within_half_a_second(late_ms: int, good: bool) -> None:
+    t_ns = IMU.t_ns.copy()
+    t_ns[1] += late_ms * 1_000_000
+    found = _of_run(groups=(replace(IMU, t_ns=t_ns),))
+    assert found == ([] if good else [("warning", f"{PLACE}/A_IMU")])
+
+
+@pytest.mark.parametrize(
+    ("quality", "values", "good"),
+    [
+        ([0, 0, 0], [np.nan, 1.0, np.nan], True),
+        ([0, 2, 0], [np.nan, 1.0, np.nan], False),
+        ([2, 0, 2], [1.0, 1.0, 1.0], True),
+        ([1, 1, 1], [1.0, 1.0, 1.0], True),  # a gap in a counter leaves a sample usable
+    ],
+)
+def test_a_group_has_a_usable_sample(quality: list[int], values: list[float], good: bool) -> None:
+    group = replace(IMU, quality=np.array(quality, np.uint8), values={"az": np.array(values)})
+    assert _of_run(groups=(group,)) == ([] if good else [("warning", f"{PLACE}/A_IMU")])

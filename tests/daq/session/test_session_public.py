@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 import h5py
+import netCDF4
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -72,3 +73,16 @@ def test_the_page_gives_the_types(path: Path) -> None:
             assert file[place][name].dtype == np.dtype(dtype)
             assert f"{name} {dtype}" in page
     assert len(page.splitlines()) < 80
+
+
+def test_netcdf_c_opens_it(path: Path) -> None:
+    session = small_session()
+    with netCDF4.Dataset(path) as file:
+        assert file.Conventions == "CF-1.10"
+        hub = file["runs/r001_baseline_roll_1/HUB_Front"]
+        assert hub["hub_fl"].units == "m/s2"
+        assert_array_equal(hub["hub_fl"][:], session.runs[0].groups[0].values["hub_fl"])
+        raw = file["runs/r001_baseline_roll_1/raw_bus0"]
+        frames = session.runs[0].frames
+        assert_array_equal(raw["data"][:], frames.data[frames.bus == 0])
+        assert raw["data"].dimensions == ("frame", "byte")

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import pytest
 
 from daq.errors import InputError
+from daq.runs import Event
 from daq.session import read_session, write_session
 from daq.sessions import Session
 from daq.vehicle import MassState
@@ -63,3 +65,37 @@ def test_a_name_has_1_to_64_printable_bytes(
     assert [channel.name for channel in found.channels] == [c.name for c in session.channels]
     assert {state.name for state in found.mass_states} == {s.name for s in session.mass_states}
     assert [g.name for g in found.runs[0].groups] == [g.name for g in session.runs[0].groups]
+
+
+@pytest.mark.parametrize(("text", "good"), [("ä" * 80, True), ("ä" * 80 + "b", False)])
+def test_a_text_of_an_event_has_160_bytes(tmp_path: Path, text: str, good: bool) -> None:
+    run = replace(BARE.runs[0], events=(Event(1, "note", 0.0, text),))
+    session = replace(BARE, runs=(run,))
+    if good:
+        write_session(tmp_path / "car.h5", session)
+        assert read_session(tmp_path / "car.h5").runs[0].events == run.events
+        return
+    with pytest.raises(InputError, match="longer than 160 bytes"):
+        write_session(tmp_path / "car.h5", session)
+
+
+def test_the_first_group_of_the_first_run_is_the_default(tmp_path: Path) -> None:
+    path = tmp_path / "car.h5"
+    write_session(path, SESSION)
+    with h5py.File(path) as file:
+        assert file.attrs["default"] == "runs/r001_baseline_roll_1/HUB_Front"
+        hub = file["runs/r002_baseline_roll_2/HUB_Front"]
+        assert hub.attrs["signal"] == "hub_fl"
+        assert hub.attrs["auxiliary_signals"].tolist() == [b"hub_fr"]
+        assert (hub.attrs["axes"], hub.attrs["channels"]) == ("time", "hub_fl\nhub_fr")
+        assert hub["quality"].attrs["flag_masks"].tolist() == [1, 2, 4, 8, 16, 32]
+        assert len(hub["quality"].attrs["flag_meanings"].split()) == 6
+        assert hub["hub_fl"].attrs["dbc_signal"] == "HUB_Front.a"
+        assert hub["hub_fl"].attrs["quantity"] == "hub_acceleration"
+        assert hub["time"].attrs["units"] == "s"
+        assert hub["t_ns"].attrs["units"] == "ns"
+        assert file["mass_states/added"].attrs["order"] == 1
+    none = replace(BARE, runs=(replace(BARE.runs[0], groups=()), *SESSION.runs[1:2]))
+    write_session(path, none)
+    with h5py.File(path) as file:
+        assert "default" not in file.attrs

@@ -20,6 +20,7 @@ from daq.errors import BusError
 from daq.recorder.recording import Recording
 from daq.runlog.run_log import LoggedStatus, Remark
 from daq.runs import BASELINE, Excitation
+from daq.samples.converter import HealthState, advance
 from daq.sim.bench import PIECE_S, PUSHES_S, Fault, SimulatedBench, push_frames
 from daq.sim.car import SimulatedCar
 from daq.vehicle import Corner
@@ -178,3 +179,32 @@ def test_a_bench_is_proposed_from_rest_and_pushes_as_it_is() -> None:
         table = proposed.text.partition(f'signal = "pot_{node}.')[2].partition("[[")[0]
         assert f'corner = "{corner}"' in table
         assert "sign = -1" in table
+
+
+def test_a_bench_that_nobody_waits_for_rests() -> None:
+    bench = short_bench()
+    frames = _read(_resting(), 3.0)
+    acc = bench_codec(bench).decode(frames)["HUB_Front.acc_fl"].value
+    assert len(acc) == pytest.approx(3000, abs=2)
+    assert np.std(acc) * 9.80665 == pytest.approx(0.15, rel=0.1)
+    assert np.mean(acc) == pytest.approx(1.0, abs=0.1)
+
+
+def test_counters_and_stamps_run_on_through_all_pieces() -> None:
+    codec = bench_codec(short_bench())
+    frames = _read(_resting(), 2.0)
+    assert np.all(np.diff(frames.t_ns) > 0)
+    assert advance(codec.messages, HealthState(), codec.decode(frames)).losses.measured == 0
+
+
+def test_a_push_on_a_corner_presses_its_suspension_together_first() -> None:
+    source = _resting()
+    source.push(Corner.REAR_LEFT)
+    samples = bench_codec(short_bench()).decode(_read(source, 2.0))
+    peaks = {
+        name: float(np.max(samples[f"SUSP_{axle}.travel_{name}"].value))
+        for axle, names in (("Front", ("fl", "fr")), ("Rear", ("rl", "rr")))
+        for name in names
+    }
+    assert max(peaks, key=lambda name: peaks[name]) == "rl"
+    assert peaks["rl"] > 5.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from daq.runs import Excitation
 from daq.sim.car import SimulatedCar, present_parameters, true_parameters
 from daq.sim.elements import NONE, Branch, DamperCurve, Friction, Imperfections
 from daq.sim.engine import Plant, balances
-from daq.sim.motion import Bump, Motion, drive, pushed, pushed_down
+from daq.sim.motion import Bump, Motion, drive, dropped, pushed, pushed_down, standing
 from daq.sim.plant import GRAVITY_M_S2, contact, corner_motion, forces, load_car, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleParameters
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
@@ -348,3 +349,115 @@ def test_true_parameters_are_means_of_the_corners_of_an_axle() -> None:
     assert set(present_parameters(SimulatedCar())) == set(truth) - {
         "k_af", "k_ar", "c_tf", "c_tr", "y_s", "F_cf", "F_cr",
     }  # fmt: skip
+
+
+def test_added_mass_sinks_into_progressive_springs_and_tyres() -> None:
+    """The bare car defines where springs bend; weights press it further, by their own law."""
+    even = replace(P, a=1.4, b=1.4, k_sf=20e3, k_sr=20e3, k_tf=2e5, k_tr=2e5)
+    bent = Imperfections(
+        quadratic_n_m2=(4e4, 4e4), cubic_n_m3=(5e5, 5e5), tyre_progression_per_m=(5.0, 5.0)
+    )
+    weight = AddedMass((BodyWeight(200.0, -1.4, 0.0),))
+    bare, loaded = (static_pose(load_car(even, mass, bent)) for mass in (AddedMass(), weight))
+    np.testing.assert_allclose(bare, static_pose(load_car(even, AddedMass())), atol=1e-12)
+    share, sunk = 50.0 * G, (bare - loaded)[3, 0]
+    assert 2e5 * sunk * (1.0 + 5.0 * sunk) == pytest.approx(share, rel=1e-9)
+    u = (bare - loaded)[0, 0] - sunk
+    assert 20e3 * u + 4e4 * u**2 + 5e5 * u**3 == pytest.approx(share, rel=1e-9)
+
+
+@pytest.mark.parametrize("damping_ns_m", [0.0, 150.0])
+def test_the_bump_is_that_of_a_linear_system_driven_by_a_half_sine(damping_ns_m: float) -> None:
+    """On the bump state and road together follow z' = M z, whose solution is an exponential."""
+    car = Imperfections(
+        tyre_damping_front_ns_m=damping_ns_m, tyre_damping_rear_ns_m=damping_ns_m
+    )  # fmt: skip
+    plant, road = load_car(P, WEIGHTS, car), bump(Excitation.WARP)
+    model, turn = linearised(plant), np.pi / 0.2
+    lifted = 0.05 * np.array([0, 0, 0, 1, 0, 0, 1]) * 192e3
+    rising = 0.05 * turn * np.array([0, 0, 0, 1, 0, 0, 1]) * damping_ns_m
+    system = np.zeros((16, 16))
+    system[:14, :14] = model.A
+    system[7:14, 14:] = np.linalg.solve(model.M, np.array([lifted, rising]).T)
+    system[14, 15], system[15, 14] = turn, -turn
+    found = drive(plant, road, 1.0).at(np.array([0.55, 0.6, 0.7]))
+    for i, elapsed in enumerate((0.05, 0.1, 0.2)):
+        expected = (expm(system * elapsed) @ np.eye(16)[15])[:14]
+        moved = found.pose[:, i] - static_pose(plant)[:, 0]
+        np.testing.assert_allclose(moved, expected[:7], atol=1e-9)
+        np.testing.assert_allclose(found.velocity[:, i], expected[7:], atol=1e-7)
+
+
+def test_the_error_of_a_linear_car_falls_with_the_fourth_power_of_the_step() -> None:
+    plant, t_s = load_car(P, WEIGHTS), np.array([0.69])
+    pose = [
+        drive(plant, bump(Excitation.ROLL), 1.6, step_s=step_s).at(t_s).pose
+        for step_s in (1e-3, 5e-4, 5e-5)
+    ]
+    errors = [np.abs(one - pose[2]).max() for one in pose[:2]]
+    assert errors[0] > 12.0 * errors[1] > 1e-12
+
+
+def test_a_car_without_dampers_loses_four_friction_forces_a_cycle() -> None:
+    """Coulomb: with a short pre-sliding length the amplitude of heave falls by 4 F / k a cycle."""
+    hard = 100.0 * P.k_tf  # a tyre that hardly yields: one degree of freedom is left
+    even = replace(P, c_sf=0.0, c_sr=0.0, k_sf=20e3, k_sr=20e3, a=1.4, b=1.4, k_tf=hard, k_tr=hard)
+    rough = Imperfections(friction=Friction(25.0, 25.0, presliding_m=2e-5))
+    plant = load_car(even, AddedMass(), rough)
+    start = standing(plant)
+    start[0] += 0.04
+    motion = drive(plant, Bump(Excitation.BOUNCE, 0.0, 0.0, 0.1), 2.6, start)
+    cycles = np.arange(4)
+    found = motion.at(cycles * 2 * np.pi * np.sqrt(even.m_s / 80e3)).pose[0] - static_pose(plant)[0]
+    np.testing.assert_allclose(found, 0.04 - cycles * 4 * 100.0 / 80e3, atol=1e-4)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.4])
+def test_a_bumped_car_stays_where_it_sticks(ratio: float) -> None:
+    """Friction holds: the car comes to rest off its free level, and does not creep back."""
+    rough = Imperfections(friction=Friction(80.0, 80.0, static_ratio=ratio))
+    plant, late_s = load_car(P, AddedMass(), rough), np.linspace(2.0, 3.0, 101)
+    motion = drive(plant, Bump(Excitation.PITCH, 0.05, 0.0, 0.2), 3.1)
+    moved = motion.at(late_s).pose - static_pose(plant)
+    # It trembles about there, on rubber and seals that hardly damp.
+    assert np.abs(moved[0].mean()) > 3e-4
+    assert np.ptp(moved[0]) < 4e-4
+    # What friction carries is what the springs are short of.
+    carried = 80.0 * motion.states(late_s)[14:18].mean(axis=1)
+    spring = axles(P.k_sf, P.k_sr) * (moved[3:] - corner_motion(plant, moved))
+    np.testing.assert_allclose(carried, -spring.mean(axis=1), atol=2.0)
+    assert np.abs(carried).max() < 80.0 * ratio
+
+
+def test_mounts_lie_between_no_mount_and_no_damper() -> None:
+    t_s, road = np.linspace(0.701, 1.29, 500), bump(Excitation.WARP)
+    bare = Imperfections(friction=Friction(40.0, 40.0), damper_front=SOFT, damper_rear=HARD)
+
+    def moved(
+        front: float, rear: float, car: Imperfections = bare, p: VehicleParameters = P
+    ) -> Array:
+        plant = load_car(p, AddedMass(), replace(car, mount_n_m=(front, rear)))
+        return drive(plant, road, 1.3).at(t_s).acceleration
+
+    without, soft, stiff = moved(inf, inf), moved(1e6, 1e6), moved(1e7, 1e7)
+    assert np.abs(soft - without).max() > 0.5  # a mount of a real car is seen
+    assert np.abs(stiff - without).max() < 0.2 * np.abs(soft - without).max()
+    assert np.abs(moved(5e5, inf) - moved(5e5, 3e7)).max() < 0.15
+    # A damper that does not yield moves with its wheel, and the mount is a spring between.
+    hard = moved(5e3, 7e3, car=NONE, p=replace(P, c_sf=1e7, c_sr=1e7))
+    springs = replace(P, k_sf=P.k_sf + 5e3, k_sr=P.k_sr + 7e3, c_sf=0.0, c_sr=0.0)
+    np.testing.assert_allclose(hard, moved(inf, inf, car=NONE, p=springs), atol=0.1)
+
+
+def test_a_car_on_blocks_stands_higher_until_they_go() -> None:
+    plant = load_car(P, AddedMass())
+    rest = static_pose(plant)
+    release = dropped(plant, Excitation.BOUNCE, 0.05, 1.0, 1.2)
+    up = np.array([0.05, 0.0, 0.0, 0.05, 0.05, 0.05, 0.05])
+    assert (release.held - rest)[:, 0] == pytest.approx(up, abs=1e-9)
+    found = release.at(np.array([0.0, 0.999, 1.0, 1.1]))
+    assert found.pose[0, :3] - rest[0] == pytest.approx([0.05] * 3)
+    assert 0.0 < found.pose[0, 3] - rest[0, 0] < 0.05
+    nose_up = (dropped(plant, Excitation.PITCH, 0.05, 1.0, 1.01).held - rest)[:, 0]
+    assert nose_up[1] < 0.0
+    assert nose_up[3] > nose_up[5] > -0.01

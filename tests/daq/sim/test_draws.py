@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daq.channels import Channel, Quantity
-from daq.sim.car import SimulatedCar, draw
+from daq.sim.car import SimulatedCar, Spread, draw
 from daq.vehicle import Corner
 
 MANY = 3000
@@ -59,3 +59,33 @@ def test_signals_of_one_message_are_late_together() -> None:
     first, second = draw(pair, (), SimulatedCar(), 5).sensors.values()
     assert second.delay_s - first.delay_s == pytest.approx(0.01)
     assert first.x_m != second.x_m or first.bias != second.bias
+
+
+def test_each_message_has_a_clock_with_any_phase() -> None:
+    clocks = draw(many(), (), SimulatedCar(clock_error=2e-5), 4).clocks
+    phase = np.array([clock.phase for clock in clocks.values()])
+    error = np.array([clock.error for clock in clocks.values()])
+    assert len(clocks) == MANY
+    assert phase.min() >= 0.0
+    assert phase.max() < 1.0
+    assert phase.std() == pytest.approx(np.sqrt(1 / 12), rel=0.04)
+    assert error.std() == pytest.approx(2e-5, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "sigma"),
+    [
+        (Quantity.BODY_ACCELERATION, 1.0),
+        (Quantity.HUB_ACCELERATION, 2.0),
+        (Quantity.PITCH_RATE, 3.0),
+        (Quantity.ROLL_RATE, 3.0),
+        (Quantity.PITCH_ACCELERATION, 4.0),
+        (Quantity.ROLL_ACCELERATION, 4.0),
+        (Quantity.SUSPENSION_TRAVEL, 5.0),
+        (Quantity.BODY_DISPLACEMENT, 5.0),
+        (Quantity.HUB_DISPLACEMENT, 5.0),
+        (Quantity.UNUSED, 0.0),
+    ],
+)
+def test_each_kind_of_sensor_has_its_own_spread(quantity: Quantity, sigma: float) -> None:
+    assert Spread(1.0, 2.0, 3.0, 4.0, 5.0).of(quantity) == sigma

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from daq.bench.campaign import Campaign, Step
 from daq.bench.config import Bench, load_bench
 from daq.errors import InputError
 from daq.runs import Excitation
-from daq.sim.car import SimulatedCar, Spread, truth
-from daq.sim.ecu import campaign_frames, frame_time_ns, priority, transmit
+from daq.sim.car import NOISE, SimulatedCar, Spread, truth
+from daq.sim.ecu import bench_senders, campaign_frames, frame_time_ns, priority, transmit
 from daq.vehicle import AddedMass, BodyWeight
 from dbc import Codec, DecodeCounts, Decoded, FrameBatch, parse_codec, shipped_dbc
 
@@ -154,3 +155,85 @@ def test_the_wire_carries_one_frame_at_a_time_by_priority() -> None:
     for i in order[:200]:  # a message that was ready when this one began had no higher priority
         waiting = (release <= begin[i]) & (begin > begin[i])
         assert (rank[waiting] >= rank[i]).all()
+
+
+def quiet_run(
+    codec: Codec, excitation: Excitation, height_m: float = 0.05
+) -> dict[str, NDArray[np.float64]]:
+    shipped = load_bench(None)
+    exact = tuple(replace(channel, gain_sigma=0.0) for channel in shipped.channels)
+    campaign = Campaign((excitation,), 1, ("baseline",))
+    procedure = replace(shipped.procedure, bump_height_m=height_m)
+    bench = replace(shipped, channels=exact, campaign=campaign, procedure=procedure)
+    (batch,) = campaign_frames(bench, codec, QUIET, SEED, START_NS)
+    return {name: samples.value for name, samples in codec.decode(batch).samples.items()}
+
+
+def test_no_two_frames_are_on_the_wire_at_once(batches: list[FrameBatch], codec: Codec) -> None:
+    joined = FrameBatch.concatenate(batches)
+    takes = {m.can_id: frame_time_ns(m, 1_000_000) for m in codec.messages}
+    duration = np.array([takes[can_id] for can_id in joined.can_id.tolist()])
+    assert (joined.t_ns[1:] - duration[1:] >= joined.t_ns[:-1]).all()
+
+
+def test_an_overloaded_bus_stays_late_into_the_next_run(codec: Codec) -> None:
+    bench = replace(short_bench(), buses=(replace(short_bench().bus, bitrate=250_000),))
+    joined = FrameBatch.concatenate(list(campaign_frames(bench, codec, CAR, SEED, START_NS)))
+    takes = {m.can_id: frame_time_ns(m, 250_000) for m in codec.messages}
+    duration = np.array([takes[can_id] for can_id in joined.can_id.tolist()])
+    assert (np.diff(joined.t_ns) >= duration[1:]).all()
+    assert joined.t_ns[-1] - START_NS > 1.5 * 4 * CAR.run_s * 1e9
+
+
+def test_repeats_differ_by_their_noise_only(codec: Codec) -> None:
+    bench = replace(load_bench(None), campaign=Campaign((Excitation.PITCH,), 2, ("baseline",)))
+    first, second = (
+        codec.decode(batch)["HUB_Front.acc_fl"].value
+        for batch in campaign_frames(bench, codec, CAR, SEED, START_NS)
+    )
+    n = min(len(first), len(second))
+    difference = first[:n] - second[:n]
+    assert difference.std() == pytest.approx(
+        np.sqrt(2) * NOISE.hub_acceleration_m_s2 / 9.80665, 0.1
+    )
+
+
+def test_bounce_lifts_all_wheels_alike_and_roll_only_the_left(codec: Codec) -> None:
+    bounce, roll = (quiet_run(codec, e) for e in (Excitation.BOUNCE, Excitation.ROLL))
+    for front in ("travel_fl", "travel_fr"):
+        assert bounce[f"SUSP_Front.{front}"].max() > 20.0
+    np.testing.assert_array_equal(bounce["SUSP_Front.travel_fl"], bounce["SUSP_Front.travel_fr"])
+    assert roll["SUSP_Front.travel_fl"].max() > 20.0
+    assert roll["SUSP_Front.travel_fl"].max() > 2 * roll["SUSP_Front.travel_fr"].max()
+    assert np.abs(bounce["IMU_Rate.rate_x"]).max() == 0.0
+    # The left side goes up first: positive roll rate.
+    rate = roll["IMU_Rate.rate_x"]
+    assert rate[np.flatnonzero(np.abs(rate) > 1.0)[0]] > 0
+
+
+def test_messages_with_29_bit_identifiers_are_sent_as_such(codec: Codec) -> None:
+    wide = Codec(tuple(replace(m, can_id=m.can_id << 18, is_extended=True) for m in codec.messages))
+    batch = next(campaign_frames(short_bench(), wide, CAR, SEED, START_NS))
+    assert wide.decode(batch).counts == DecodeCounts(0, 0, 0, 0, 0)
+    assert codec.decode(batch).counts.unknown_id == len(batch)
+
+
+def test_a_channel_that_is_not_in_the_dbc_is_named(codec: Codec) -> None:
+    bench = load_bench(None)
+    for signal in ("HUB_Front.acc_xx", "Nobody.acc_fl"):
+        wrong = replace(bench, channels=(replace(bench.channels[6], signal=signal),))
+        assert f"signal {signal} is not in" in refused(wrong, codec)
+
+
+def test_a_message_without_a_cycle_time_cannot_be_sent() -> None:
+    text = shipped_dbc().replace('BA_ "GenMsgCycleTime" BO_ 272 1;\n', "")
+    assert "HUB_Front has no cycle time" in refused(load_bench(None), parse_codec(text, "x"))
+
+
+def test_only_messages_with_channels_are_sent(codec: Codec) -> None:
+    bench = load_bench(None)
+    hubs = tuple(c for c in bench.channels if c.signal.startswith("HUB_"))
+    drawn = truth(replace(bench, channels=hubs), CAR, SEED)
+    senders = bench_senders(replace(bench, channels=hubs), codec, drawn)
+    assert [sender.message.name for sender in senders] == ["HUB_Front", "HUB_Rear"]
+    assert [len(sender.channels) for sender in senders] == [2, 2]
