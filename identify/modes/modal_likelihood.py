@@ -408,10 +408,10 @@ def _complex(parts: NDArray[np.float64]) -> NDArray[np.complex128]:
 
 # The modal likelihood -----------------------------------------------------------------------------
 
-_STEPS = 60
+_STEPS = 40
 _REACH = 8
 """Bound of what all further steps may add, as a multiple of the last gain: the gains decrease."""
-_SETTLED = 1e-5
+_SETTLED = 1e-3
 """Gain of likelihood (in units of 1) below which a step is the last."""
 _DAMPING = 1e-3
 _FAR = 1.0
@@ -469,6 +469,7 @@ def most_likely_modes(
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
     ties: Ties | None = None,
+    most_steps: int = _STEPS,
 ) -> LikelyModes:
     """Fit poles, shapes and amplitudes to all samples at once.
 
@@ -483,8 +484,10 @@ def most_likely_modes(
         Shapes to start from.
     ties : Ties or None
         Known ties of the shapes; none by default.
+    most_steps : int
+        Steps after which the fit ends, settled or not.
     """
-    return _result(*_optimum(samples, poles, shapes, ties, -np.inf))
+    return _result(*_optimum(samples, poles, shapes, ties, -np.inf, most_steps))
 
 
 def more_likely_modes(
@@ -508,12 +511,13 @@ def _optimum(
     shapes: NDArray[np.complex128],
     ties: Ties | None,
     wanted: float,
+    most_steps: int = _STEPS,
 ) -> tuple[Problem, Point]:
     """Return the problem and its best point; the search ends early if `wanted` is out of reach."""
     problem = problem_of(samples, ties or Ties.none(len(shapes), len(poles)), poles.imag > 0.0)
     start = point = problem.start(poles, shapes)
     damping = _DAMPING
-    for _ in range(_STEPS):
+    for _ in range(most_steps):
         system = problem.linearise(point)
         gain = 0.0
         while damping < _MAX_DAMPING:

@@ -57,6 +57,10 @@ from .waves import Block, even_blocks, likelihood_at_most
 
 _FALSE_ALARM = 1e-3
 _MOST_SPLITS = 4
+_SORTING_FITS = 8
+_SORTING_STEPS = 8
+"""`_SORTING_FITS`, `_SORTING_STEPS`: fits, and steps of each, in which copies are removed; a fit
+with copies settles slowly."""
 _TINY = 1e-100
 _DETUNED = 1.03
 """Factor from the first to the start of the second of two poles: near it, but not equal."""
@@ -70,6 +74,7 @@ def likely_modes(
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
     ties: Ties | None = None,
+    sorting: Samples | None = None,
 ) -> LikelyModes:
     """Return the set of modes with the highest merit near a given one.
 
@@ -82,25 +87,38 @@ def likely_modes(
         The set to start from, real poles included; m >= 1.
     ties : Ties or None
         Known ties of the shapes; an added mode has the kind of the mode that hid it.
+    sorting : Samples or None
+        Fewer samples of the same motion, in which copies show; `samples` by default.
     """
+    sorting = sorting or samples
     first = originals(poles, shapes)
-    if ties is not None:
-        ties = Ties(ties.owner, ties.sign[:, first])
-    best = most_likely_modes(samples, poles[first], shapes[:, first], ties)
+    ties = ties or Ties.none(len(shapes), len(poles))
+    start = poles[first], shapes[:, first], Ties(ties.owner, ties.sign[:, first])
+    for _ in range(_SORTING_FITS):
+        modes = most_likely_modes(sorting, *start, _SORTING_STEPS)
+        kept = _originals(modes)
+        start = _chosen(modes, kept)
+        if len(kept) == len(modes.poles):
+            break
     n_levels = sum(block.values.shape[1] for block in samples.blocks if not block.free_level)
     if n_levels:
         floating = gathered([replace(block, free_level=True) for block in samples.blocks])
-        free = most_likely_modes(floating, best.poles, best.shapes, ties)
-        if free.log_likelihood - best.log_likelihood > exceeded_by_chance(n_levels, _FALSE_ALARM):
-            samples, best = floating, free
+        gain = likelihood_near(floating, *start) - likelihood_near(samples, *start)
+        if gain > exceeded_by_chance(n_levels, _FALSE_ALARM):
+            samples = floating
+            sorting = gathered([replace(block, free_level=True) for block in sorting.blocks])
+    best = most_likely_modes(samples, *start)
+    while len(kept := _originals(best)) < len(best.poles):
+        best = most_likely_modes(samples, *_chosen(best, kept))
     n = sum(block.values.size for block in samples.blocks) // len(shapes)
     for _ in range(_MOST_SPLITS):
-        trial = _more_merit(samples, best, _split(samples.blocks, best), n)
+        more = most_likely_modes(sorting, *_split(samples.blocks, best), _SORTING_STEPS)
+        if len(_originals(more)) < len(more.poles):
+            break
+        trial = _more_merit(samples, best, (more.poles, more.shapes, more.ties), n)
         if trial is None or len(_originals(trial)) < len(trial.poles):
             break
         best = trial
-    while len(left := _originals(best)) < len(best.poles):
-        best = most_likely_modes(samples, *_chosen(best, left))
     while len(best.poles) > 1:
         fewer = _without_least_needed(samples, best, n)
         trial = None if fewer is None else _more_merit(samples, best, fewer, n)
@@ -187,6 +205,10 @@ _MAX_DAMPING = 0.98
 
 _LIKE = 0.003
 """Largest relative difference of sets of poles that lead to the same optimum."""
+_COMBINATIONS = 16
+"""Combinations of records in which copies of modes are looked for."""
+_MOST_SETS = 24
+"""Sets of poles of which the best is the start; neighbours in rank differ in one or two poles."""
 _TRIAL_SWEEPS = 2
 """Sweeps that rank the sets: a set with one pole less begins near its optimum."""
 
@@ -296,7 +318,8 @@ def noisy_modes(
     start = noisy_start(spaces, decays, rate_hz)
     if not len(start):
         return start
-    likely = likely_modes(gathered(even_blocks(decays, rate_hz)), start.poles, start.shapes)
+    samples, sorting = (gathered(even_blocks(d, rate_hz)) for d in (decays, _strongest(decays)))
+    likely = likely_modes(samples, start.poles, start.shapes, sorting=sorting)
     modes = vibrates(likely.poles)
     return ModalModel(
         likely.poles[modes],
@@ -304,6 +327,26 @@ def noisy_modes(
         likely.frequency_std_hz[modes],
         likely.damping_ratio_std[modes],
     )
+
+
+def _strongest(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Return the orthonormal combinations of the records of each length that move most.
+
+    They have the modes of the records and white noise as these; there are at most
+    `_COMBINATIONS` of each length.
+    """
+    by_length: dict[int, list[NDArray[np.float64]]] = {}
+    for decay in decays:
+        by_length.setdefault(len(decay), []).append(decay)
+    combined: list[NDArray[np.float64]] = []
+    for alike in by_length.values():
+        if len(alike) > _COMBINATIONS:
+            flat = np.stack([decay.ravel() for decay in alike])
+            _, directions = np.linalg.eigh(flat @ flat.T)
+            flat = directions[:, -_COMBINATIONS:].T @ flat
+            alike = list(flat.reshape(_COMBINATIONS, *alike[0].shape))
+        combined += alike
+    return combined
 
 
 def noisy_start(
@@ -332,7 +375,7 @@ def noisy_start(
 
 
 def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:
-    """Return the sets without those that equal an earlier one or are much smaller than another."""
+    """Return at most `_MOST_SETS`, none equal to an earlier one or much smaller than another."""
     most = max((len(poles) for poles, _ in sets), default=0)
     chosen: list[Poles] = []
     for poles, shapes in sets:
@@ -342,7 +385,7 @@ def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:
         )
         if 2 * len(poles) >= most and not like:
             chosen.append((poles, shapes))
-    return chosen
+    return chosen[:: max(1, -(-len(chosen) // _MOST_SETS))]
 
 
 def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
