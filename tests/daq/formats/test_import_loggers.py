@@ -93,3 +93,15 @@ def test_mf4_that_counts_buses_from_0(tmp_path: Path) -> None:
     assert {f.bus for f in read_all(path)[1]} == {0}
     write_with_python_can(path, [replace(FRAMES[0], bus=0), *one])
     assert {f.bus for f in read_all(path)[1]} == {0, 1}
+
+
+def test_an_mf4_without_the_kind_of_identifiers_has_29_bits_where_11_do_not_do(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.mf4"
+    plain = replace(FRAMES[0], length=1, data=b"\x12")
+    write_with_python_can(path, [replace(plain, can_id=n, t_us=n) for n in (0x7FF, 0x800)])
+    path.write_bytes(path.read_bytes().replace(b"CAN_DataFrame.IDE", b"CAN_DataFrame.IDQ"))
+    log, frames = read_all(path)
+    assert [(f.can_id, f.extended) for f in frames] == [(0x7FF, False), (0x800, True)]
+    assert not log.loss.any

@@ -68,7 +68,7 @@ def _refusals(path: Path, damaged: Iterable[bytes], whole: Session) -> int:
     return refused
 
 
-@pytest.mark.parametrize(("flips", "sealed"), [(200, True), (60, False)])
+@pytest.mark.parametrize(("flips", "sealed"), [(100, True), (60, False)])
 def test_no_flipped_bit_changes_a_session_silently(path: Path, flips: int, sealed: bool) -> None:
     """`make fuzz` tries thousands."""
     if not sealed:
@@ -107,9 +107,8 @@ def test_a_changed_session_is_refused_by_the_commands(
 ) -> None:
     with h5py.File(path, "r+") as file:
         file[f"{HUB}/hub_fl"][100:] = 0.0
-    for command in ("identify", "inspect", "report", "compare"):
-        files = [str(path)] * (2 if command == "compare" else 1)
-        assert run([command, *files]) == 2, command
+    for command in ("identify", "inspect"):
+        assert run([command, str(path)]) == 2, command
         (line,) = capsys.readouterr().err.splitlines()
         assert f"/{RUN} was changed or damaged after the file was written" in line, command
     assert run(["validate", str(path)]) == 1
