@@ -24,7 +24,8 @@ from pathlib import Path
 import numpy as np
 
 from daq.errors import InputError
-from daq.formats import read_columns, read_log
+from daq.formats.columns.read import read_columns
+from daq.formats.log import read_log
 from daq.session import write_session
 from tui.cli import run
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from daq.formats import Log
+    from daq.formats.log import Log
     from dbc import Codec, Decoded, MessageLayout
 
     _Rows = tuple[NDArray[np.int64], list[str]]

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from daq import Session
     from daq.bench.config import Bench
     from daq.derive.from_logs import LogPart
-    from daq.formats import Log
+    from daq.formats.log import Log
     from dbc import Codec
 
     from ..output import Stage
@@ -73,8 +73,7 @@ def import_(
     from daq.check.frame_checks import mixed_messages
     from daq.derive.from_logs import labelled, numbered, parse_runs, session_from_parts, with_steps
     from daq.files import refuse_existing
-    from daq.formats import read_logs
-    from daq.formats.log import read_log
+    from daq.formats.log import read_log, read_logs
 
     from ..bench import bench_with_dbc, bus_numbers, with_sensors
     from ..diagnostics import say, say_left_out

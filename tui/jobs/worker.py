@@ -209,7 +209,7 @@ def _compare(task: CompareTask, send: Send) -> dict[str, Any]:
 
 def _export(task: ExportTask) -> dict[str, Any]:
     from daq import read_session
-    from daq.formats import ExportFormat, export_session
+    from daq.formats.export.export import ExportFormat, export_session
 
     form = ExportFormat(task.form)
     path = Path(task.session)

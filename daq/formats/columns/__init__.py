@@ -1,3 +1,1 @@
 """Reads columns of numbers from files of other tools, for data that are already decoded."""
-
-from .read import read_columns as read_columns

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from daq.channels import Channel, Quantity
 from daq.derive.from_columns import bump_run, bumps_in, recording
 from daq.errors import InputError
-from daq.formats import read_columns
+from daq.formats.columns.read import read_columns
 from daq.runs import Excitation, Losses, Run, RunStatus, SampleGroup
 from daq.sessions import Session
 from daq.vehicle import Corner, MassState, Vehicle

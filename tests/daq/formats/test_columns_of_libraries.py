@@ -12,7 +12,7 @@ import pytest
 from scipy.io import savemat
 
 from daq.errors import InputError
-from daq.formats.columns import read_columns
+from daq.formats.columns.read import read_columns
 
 if TYPE_CHECKING:
     import asammdf

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
-from daq.formats.columns import read_columns, table
+from daq.formats.columns import table
+from daq.formats.columns.read import read_columns
 
 Expected = dict[str, tuple[str, list[float]]]
 nan = float("nan")
