@@ -239,3 +239,12 @@ def test_what_is_slewed_is_left_alone() -> None:
     stamps = np.array([host.wall()], np.int64)
     host.set_ns += 900_000
     assert host.axis.from_wall(stamps) is stamps
+
+
+def test_a_bus_that_was_never_heard_is_left_open() -> None:
+    clock = Clock()
+    source = Source(clock, [])
+    link = link_to(clock, source)
+    for _ in range(1000):
+        link.read(0.1)
+    assert not source.closed

@@ -13,6 +13,7 @@ from daq.derive.from_logs import (
     Intake,
     LogPart,
     labelled,
+    numbered,
     parse_runs,
     with_steps,
 )
@@ -103,3 +104,10 @@ def test_a_bench_gets_the_campaign_of_the_steps_if_its_own_lacks_one() -> None:
     assert (wider.campaign.repeats, wider.campaign.mass_states) == (2, ("baseline",))
     with pytest.raises(InputError, match="'moon' is not on this bench"):
         with_steps(bench, [Step("moon", Excitation.ROLL, 1)])
+
+
+def test_repeats_are_counted_in_the_order_of_the_list() -> None:
+    assert parse_runs("baseline:bounce, baseline:roll,baseline:bounce") == (B1, R1, B2)
+    added = Step("added", Excitation.BOUNCE, 1)
+    assert parse_runs("baseline:bounce,added:bounce") == (B1, added)
+    assert numbered([]) == ()

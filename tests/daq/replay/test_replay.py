@@ -349,3 +349,40 @@ def test_frames_of_runs_that_overlap_come_once_and_in_order() -> None:
     session = _session((5.0, 5.4), (1.0, 1.3), (1.2, 1.5), (1.3, 1.4))
     seconds = [1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 5.0, 5.1, 5.2, 5.3, 5.4]
     assert _seconds(session.frames) == seconds
+
+
+def test_twice_the_speed_takes_half_the_time(clock: FalseTime) -> None:
+    wire = Wire(clock)
+    batch = frames(400, step_ns=1_000_000)
+    list(play([batch], wire, 2.0))
+    left_s = np.array([at for at, _ in wire.sent])
+    due_s = (batch.t_ns - START_NS) * 1e-9 / 2
+    assert np.abs(left_s - 100.0 - due_s).max() < 80e-6
+
+
+def test_nobody_waits_for_a_pause_between_runs_or_for_the_past(clock: FalseTime) -> None:
+    wire = Wire(clock)
+    later = frames(10, start_ns=START_NS + round(20e9))
+    earlier = frames(10, start_ns=START_NS - 3_600_000_000_000)
+    list(play([frames(10), later, earlier], wire, 1.0))
+    assert len(wire.sent) == 30
+    assert clock.now_s - 100.0 < 0.02
+
+
+def test_every_receiver_of_a_virtual_bus_has_messages_of_its_own() -> None:
+    """A bus that hears itself recognises its own frames by a mark on its copy."""
+    sender = can.Bus("own", interface="virtual", receive_own_messages=True)
+    others = [can.Bus("own", interface="virtual") for _ in range(2)]
+    try:
+        batch = frames(20)
+        list(play([batch], sender, None))
+        heard = [[bus.recv(0.0) for _ in range(20)] for bus in (sender, *others)]
+    finally:
+        for bus in (sender, *others):
+            bus.shutdown()
+    for number, messages in enumerate(heard):
+        for i, message in enumerate(messages):
+            assert message is not None
+            assert message.arbitration_id == batch.can_id[i]
+            assert bytes(message.data) == batch.data[i, : batch.length[i]].tobytes()
+            assert message.is_rx == (number > 0)

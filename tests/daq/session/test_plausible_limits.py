@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from daq.channels import Channel, Quantity
+from daq.runs import RunStatus, SampleGroup
 from daq.session.validate import check_session
 from daq.sessions import Session
-from daq.vehicle import AddedMass, Fact, MassState
+from daq.vehicle import AddedMass, BodyWeight, Fact, MassState
 from dbc import FrameBatch
 
 from ..small_session import small_session
@@ -154,3 +155,30 @@ def test_the_two_times_of_a_sample_agree_within_half_a_second(late_ms: int, good
 def test_a_group_has_a_usable_sample(quality: list[int], values: list[float], good: bool) -> None:
     group = replace(IMU, quality=np.array(quality, np.uint8), values={"az": np.array(values)})
     assert _of_run(groups=(group,)) == ([] if good else [("warning", f"{PLACE}/A_IMU")])
+
+
+@pytest.mark.parametrize(
+    ("mass_kg", "sigma_kg", "position_sigma_m", "good"),
+    [
+        (99_999.0, 1.0, 0.1, True),
+        (0.0, 1.0, 0.1, False),
+        (10.0, np.inf, 0.1, False),
+        (10.0, 1.0, np.inf, False),
+    ],
+)
+def test_weights(mass_kg: float, sigma_kg: float, position_sigma_m: float, good: bool) -> None:
+    values = {"mass_kg": mass_kg, "sigma_kg": sigma_kg, "position_sigma_m": position_sigma_m}
+    weight = _forced(BodyWeight(10.0, 0.0, 0.0, 0.0, 0.0, 0.0), **values)
+    found = _with_mass(AddedMass((weight,), np.eye(7)))
+    assert found == ([] if good else [("warning", "/mass_states/added")])
+
+
+def test_samples_and_the_clock_of_a_run() -> None:
+    nothing = SampleGroup("A_IMU", np.zeros(0), np.zeros(0, np.int64), {}, np.zeros(0, np.uint8))
+    accepted = {"status": RunStatus.ACCEPTED, "reasons": ()}
+    assert not _of_run(**accepted, groups=(nothing, RUN.groups[0]))
+    assert _of_run(**accepted, groups=(nothing,)) == [("error", PLACE)]
+    year_2000_ns = 946_684_800 * 10**9
+    assert _of_run(t0_ns=year_2000_ns - 1, groups=()) == [("warning", PLACE)]
+    assert not _of_run(t0_ns=year_2000_ns, groups=())
+    assert not _of_run(t0_ns=year_2000_ns - 1, groups=(), frames=FrameBatch.empty())

@@ -89,3 +89,10 @@ def test_each_message_has_a_clock_with_any_phase() -> None:
 )
 def test_each_kind_of_sensor_has_its_own_spread(quantity: Quantity, sigma: float) -> None:
     assert Spread(1.0, 2.0, 3.0, 4.0, 5.0).of(quantity) == sigma
+
+
+def test_no_sensor_foresees() -> None:
+    sensors = draw(many(delay_s=0.0, delay_sigma_s=0.001), (), SimulatedCar(), 3).sensors
+    delay_s = np.array([sensor.delay_s for sensor in sensors.values()])
+    assert delay_s.min() == 0.0
+    assert np.mean(delay_s == 0.0) == pytest.approx(0.5, abs=0.04)
