@@ -22,8 +22,9 @@ from ..modes.vehicle_modes import SensedModes
 # linear in it (paper, section 4.1).  With its Wilson-theta simulation this gives all of the
 # paper's Table 2 to 0.02 percentage points; `physical.nearest_vehicle` uses every element at once.
 
-_STIFFNESS = slice(5, 9)  # positions among the 15 parameters
-_DAMPING = slice(9, 11)
+STIFFNESS = slice(5, 9)
+DAMPING = slice(9, 11)
+"""`STIFFNESS`, `DAMPING`: positions among the 15 parameters."""
 _GEOMETRY = slice(11, 15)
 
 
@@ -35,9 +36,9 @@ def sequential_vehicle(model: PhysicalModel) -> VehicleParameters:
     theta = np.ones(15)
     masses = np.diag(model.M)
     theta[:5] = (*masses[:3], masses[3:5].mean(), masses[5:].mean())
-    theta[_STIFFNESS] = _solved(theta, _STIFFNESS, 2, _without_geometry(), model.K)
-    theta[_DAMPING] = _solved(theta, _DAMPING, 1, _without_geometry(), model.C)
-    theta[_GEOMETRY] = _solved(theta, _GEOMETRY, 2, _linear_in_geometry(), model.K)
+    theta[STIFFNESS] = linear_parameters(theta, STIFFNESS, 2, _without_geometry(), model.K)
+    theta[DAMPING] = linear_parameters(theta, DAMPING, 1, _without_geometry(), model.C)
+    theta[_GEOMETRY] = linear_parameters(theta, _GEOMETRY, 2, _linear_in_geometry(), model.K)
     return VehicleParameters(*(float(value) for value in theta))
 
 
@@ -56,7 +57,7 @@ def _linear_in_geometry() -> NDArray[np.bool_]:
     return mask | mask.T
 
 
-def _solved(
+def linear_parameters(
     theta: NDArray[np.float64],
     unknown: slice,
     which: int,
@@ -221,7 +222,8 @@ def physical_matrices(
         If `delta_M` is singular: Eq. 30 then leaves a part of M undetermined.
     """
     n = len(delta_M)
-    _require_mass_everywhere(delta_M)
+    if bare := massless_motions(delta_M):
+        raise InputError("added mass", f"no mass moves with {', '.join(bare)}", _MASS_ADVICE)
     A21, A22, A21_added = A[n:, :n], A[n:, n:], A_added[n:, :n]
     M = delta_M @ np.linalg.solve((A21 - A21_added).T, A21_added.T).T
     return PhysicalModel(M, -M @ A22, -M @ A21)
@@ -340,13 +342,6 @@ def massless_motions(delta_M: NDArray[np.float64]) -> tuple[str, ...]:
     idle = np.max(np.abs(massless / size), axis=0) > _SINGULAR
     names = DOF if len(delta_M) == N_DOF else tuple(f"x{i + 1}" for i in range(len(delta_M)))
     return tuple(name for name, bare in zip(names, idle, strict=True) if bare)
-
-
-def _require_mass_everywhere(delta_M: NDArray[np.float64]) -> None:
-    """Raise InputError if some degrees of freedom carry no added mass; name them."""
-    bare = massless_motions(delta_M)
-    if bare:
-        raise InputError("added mass", f"no mass moves with {', '.join(bare)}", _MASS_ADVICE)
 
 
 # The closed form ----------------------------------------------------------------------------------

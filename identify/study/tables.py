@@ -24,12 +24,19 @@ from dbc.frames import freeze_arrays
 from dbc.words import counted
 
 from ..decays.decay import Record
-from ..model.matrices import N_DOF, PhysicalModel, delta_mass, matrices, physical_model
+from ..model.matrices import N_DOF, PhysicalModel, delta_mass, physical_model
 from ..model.response import Bump, Response, exact_response, wilson_response
 from ..modes.modal_model import ModalModel, displacement_shapes
 from ..modes.mode_selection import identify_modes
 from ..modes.state_variable_method import Delays, delay_space, poles_of_rank
-from ..paper.closed_form import physical_matrices, sequential_vehicle, state_matrix_of
+from ..paper.closed_form import (
+    DAMPING,
+    STIFFNESS,
+    linear_parameters,
+    physical_matrices,
+    sequential_vehicle,
+    state_matrix_of,
+)
 from .campaign import BUMP, PAPER_ADDED_MASS, PAPER_CASES, RECORD_S, Campaign, records_of
 from .noise import outcome
 from .result import Column, DotPanel, Dots, Study, percent
@@ -344,9 +351,6 @@ def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
 
 # Geometry that is measured (the paper's sections 4.2 and 4.3) -------------------------------------
 
-_STIFFNESS = slice(5, 9)  # positions among the 15 parameters
-_DAMPING = slice(9, 11)
-
 
 def vehicle_of_geometry(model: PhysicalModel, geometry: VehicleGeometry) -> VehicleParameters:
     """Return the parameters of a vehicle whose four lengths are measured.
@@ -355,22 +359,11 @@ def vehicle_of_geometry(model: PhysicalModel, geometry: VehicleGeometry) -> Vehi
     linearly and follow from all their elements by least squares, each element with the same weight:
     this reproduces the paper's Fig. 8; with elements scaled to equal size the figure differs.
     """
-    theta = np.zeros(15)
+    theta = np.ones(15)
     theta[-4:] = (geometry.a, geometry.b, geometry.t_f, geometry.t_r)
     masses = np.diag(model.M)
     theta[:5] = (*masses[:3], masses[3:5].mean(), masses[5:].mean())
-    stiffness, damping = (_slopes(theta, part) for part in (_STIFFNESS, _DAMPING))
-    theta[_STIFFNESS] = np.linalg.lstsq(stiffness[2].T, model.K.ravel())[0]
-    theta[_DAMPING] = np.linalg.lstsq(damping[1].T, model.C.ravel())[0]
+    every = np.ones((N_DOF, N_DOF), dtype=bool)
+    theta[STIFFNESS] = linear_parameters(theta, STIFFNESS, 2, every, model.K)
+    theta[DAMPING] = linear_parameters(theta, DAMPING, 1, every, model.C)
     return VehicleParameters(*(float(value) for value in theta))
-
-
-def _slopes(theta: NDArray[np.float64], unknown: slice) -> NDArray[np.float64]:
-    """Return M, C and K per unit of each unknown, (3, n_unknowns, 49)."""
-    slopes = []
-    for position in range(unknown.start, unknown.stop):
-        unit = np.zeros(15)
-        unit[-4:] = theta[-4:]
-        unit[position] = 1.0
-        slopes.append([matrix.real.ravel() for matrix in matrices(unit)])
-    return np.array(slopes).swapaxes(0, 1)

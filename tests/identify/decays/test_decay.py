@@ -112,11 +112,3 @@ def test_a_decay_has_only_groups_of_two_samples_or_more() -> None:
         parts = record.decay(start_s).recordings
         assert ["".join(c.name for c in part.group.channels) for part in parts] == names
         assert [record.whole(part) for part in parts] == list(record.recordings[: len(parts)])
-
-
-def test_samples_cannot_be_changed_and_each_channel_lies_by_itself_in_memory() -> None:
-    table = np.zeros((5, 2))
-    one = Recording(ChannelGroup("g", (A, B)), np.arange(5) / 10.0, table)
-    assert (one.time_s.flags.writeable, one.values.flags.writeable) == (False, False)
-    assert one.values[:, 1].flags.c_contiguous
-    assert table.flags.writeable, "the caller's own may be"

@@ -13,11 +13,10 @@ from daq.channels import Channel, Quantity, paper_channels
 from daq.vehicle import Corner
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.modes import vehicle_modes as module
-from identify.modes.modal_likelihood import System, Ties, gathered, likelihood_near
+from identify.modes.modal_likelihood import System
 from identify.modes.modal_model import ModalModel, originals
 from identify.modes.mode_selection import identify_modes
 from identify.modes.vehicle_modes import SensedModes, mirror_of, sensed_modes
-from identify.modes.waves import even_blocks, likelihood_at_most
 
 from ..structures import CLOSE_PAIR_HZ, oscillators, struck_frame
 
@@ -99,33 +98,9 @@ def test_a_copy_is_near_and_of_the_same_shape(apart: float, alike: float, left: 
     assert len(originals(poles, shapes[:1])) == 2  # one channel shows no shape
 
 
-def test_of_copies_the_strongest_stays() -> None:
-    poles, shapes = np.array([100j - 1.0, 100.1j - 1.0]), np.column_stack([SHAPE, SHAPE])
-    for strong in (0, 1):
-        amplitudes = np.where(np.arange(2) == strong, 2.0, 1.0)[None].astype(complex)
-        assert originals(poles, shapes, amplitudes).tolist() == [strong]
-
-
 def test_real_poles_are_no_copies() -> None:
     poles = np.array([-1.0, -1.001], dtype=complex)
     assert len(originals(poles, np.column_stack([SHAPE, SHAPE]))) == 2
-
-
-def test_the_bound_is_that_of_amplitudes_free_in_every_series() -> None:
-    """By plain least squares of each series; a fit with shapes stays below it."""
-    records, poles = struck_frame(4, 5, 1, n_samples=256)
-    blocks, shapes = even_blocks(records, RATE_HZ), np.ones((3, 4), dtype=complex)
-    bound = likelihood_at_most(blocks, poles, 3)
-    for leave in range(4):
-        left = np.delete(np.arange(4), leave)
-        wave = np.exp(np.outer(np.arange(256) / RATE_HZ, poles[left]))
-        table = np.hstack([wave.real, wave.imag])
-        squares = np.sum([np.linalg.lstsq(table, r, rcond=None)[1] for r in records], axis=0)
-        free = -5 * 256 * np.sum(np.log(squares / (5 * 256)))
-        assert bound[leave] == pytest.approx(free, abs=0.02)
-        assert (
-            likelihood_near(gathered(blocks), poles[left], shapes[:, left], Ties.none(3, 3)) < free
-        )
 
 
 def test_without_amplitudes_the_copy_of_the_lowest_damping_stays() -> None:
@@ -168,16 +143,6 @@ def test_nearness_counts_from_the_larger_of_two_poles() -> None:
     poles = np.array([100j - 1.0, 102.02j - 1.0])
     for order in ([0, 1], [1, 0]):
         assert len(originals(poles[order], np.column_stack([SHAPE, SHAPE]))) == 1
-
-
-def test_two_channels_show_a_shape() -> None:
-    poles = np.array([100j - 1.0, 100.1j - 2.0])
-    assert originals(poles, np.ones((2, 2), dtype=complex)).tolist() == [0]
-
-
-def test_poles_that_are_two_per_cent_apart_are_two() -> None:
-    assert len(originals(np.array([98j, 100j]), np.column_stack([SHAPE, SHAPE]))) == 2
-    assert len(originals(np.array([98.01j, 100j]), np.column_stack([SHAPE, SHAPE]))) == 1
 
 
 # When modes are sought as symmetric and antisymmetric ones, and when they are left free -----------
@@ -266,14 +231,6 @@ def test_where_a_channel_has_the_wrong_sign_shapes_are_free_at_once(
     assert asked == [(2, 100.0), (1, None)]
 
 
-def test_where_ties_take_no_number_there_is_nothing_to_compare(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    found, asked = sensed(monkeypatch, modes(1, 100.0, 6), 1e9)
-    assert found.mirrored
-    assert len(asked) == 3
-
-
 @pytest.mark.parametrize(("n", "mirrored"), [(7, True), (8, False)])
 def test_a_vehicle_has_seven_modes_of_both_kinds(
     monkeypatch: pytest.MonkeyPatch, n: int, mirrored: bool
@@ -282,14 +239,6 @@ def test_a_vehicle_has_seven_modes_of_both_kinds(
     found, _ = sensed(monkeypatch, modes(n, 100.0, 3), 0.0)
     assert found.mirrored is mirrored
     assert len(found.model) == (7 if mirrored else 1)
-
-
-def test_without_a_mode_of_either_kind_modes_are_free(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, asked = sensed(monkeypatch, modes(1, 100.0, 3), 0.0, (0, 0))
-    assert not found.mirrored
-    assert asked[2:] == [(2, 100.0), (1, None)]
-    one_kind, _ = sensed(monkeypatch, modes(1, 100.0, 3), 0.0, (0, 1))
-    assert one_kind.mirrored
 
 
 @pytest.mark.parametrize(
@@ -316,37 +265,6 @@ def test_fast_samples_come_on_a_grid_of_about_125_hertz(
     ((length, rate),) = seen
     assert rate == pytest.approx(grid_hz)
     assert length == pytest.approx(1.5 * grid_hz, abs=1)
-
-
-def test_of_no_poles_none_is_a_copy() -> None:
-    kept = originals(np.zeros(0, dtype=complex), np.zeros((3, 0), dtype=complex))
-    assert np.arange(3)[kept].tolist() == []
-
-
-def test_the_start_is_sought_in_samples_with_noise_of_three_per_cent(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Of each channel's own size, so that errors of interpolation are not taken for modes."""
-    seen: list[Any] = []
-
-    def regression(grids: Any, rate: float) -> Any:
-        seen.extend(grids)
-        return []
-
-    monkeypatch.setattr(module, "regression_modes", regression)
-    monkeypatch.setattr(module, "_mirrored_modes", lambda *_: None)
-    lone = tuple(
-        Channel(name, Quantity.BODY_ACCELERATION, "m/s2", x_m=-1.0, y_m=0.3) for name in "ab"
-    )
-    values = np.random.default_rng(0).standard_normal((400, 2)) * [1.0, 50.0]
-    values[:20] = [[1e-9, 1e-9], [-1e-9, -1e-9]] * 10  # at rest before the motion
-    recording = Recording(ChannelGroup("g", lone), np.arange(400) / 100.0, values)
-    given = [Record("run", "baseline", 0.2, (recording,))]
-    sensed_modes(given, [record.decay(0.5) for record in given])
-    (grid,) = seen
-    start = int(np.argmin(np.abs(values[:, 1] - grid[0, 1])))
-    added = grid - values[start : start + len(grid)]
-    assert np.std(added, axis=0) == pytest.approx([0.03, 1.5], rel=0.2)
 
 
 # Mirror images of sensors -------------------------------------------------------------------------
@@ -405,20 +323,3 @@ def test_a_mirror_image_is_at_its_place_to_five_millimetres(
 ) -> None:
     mirror = mirror_of((body("left", -1.0, 0.5), body("right", -1.0 - apart_m, -0.5)))
     assert list(mirror.image) == image
-
-
-def test_a_mirror_cannot_be_changed() -> None:
-    mirror = mirror_of(paper_channels())
-    assert not mirror.image.flags.writeable
-    assert not mirror.sign.flags.writeable
-
-
-def test_a_pair_of_the_first_two_channels_is_tied() -> None:
-    mirror = mirror_of((body("left", -1.0, 0.5), body("right", -1.0, -0.5), body("lone", 0.0, 1.0)))
-    ties = mirror.ties(np.array([1.0, -1.0]))
-    assert ties.owner.tolist() == [0, 0, 1]
-    assert ties.sign.tolist() == [[1.0, 1.0], [1.0, -1.0], [1.0, 1.0]]
-
-
-def test_five_millimetres_are_still_the_mirror_place() -> None:
-    assert list(mirror_of((body("left", 0.0, 0.5), body("right", 0.005, -0.5))).image) == [1, 0]

@@ -18,15 +18,13 @@ from identify.modes.modal_likelihood import (
     System,
     Ties,
     gathered,
-    likelihood_near,
     most_likely_modes,
     problem_of,
-    solve,
 )
 from identify.modes.modal_model import ModalModel, mac, modes_of
 from identify.modes.mode_selection import identify_modes, likely_modes
 from identify.modes.vehicle_modes import sensed_modes
-from identify.modes.waves import Block, least_left, likelihood_at_most
+from identify.modes.waves import Block
 
 from ..bumps import CASES, MASS_STATES, paper_records
 from ..modal_bound import unstructured_bound
@@ -219,62 +217,7 @@ def test_a_mode_that_has_died_before_the_first_sample_is_held_and_leaves_the_oth
 # Where a fit of modes ends, what it keeps, and how it weights: each limit from both sides ---------
 
 Array = NDArray[np.float64]
-TINY = 2.2250738585072014e-308
 """Least normal number of IEEE 754."""
-
-
-def test_equal_unknowns_share_what_they_explain_and_a_ridge_bounds_the_rest() -> None:
-    """The ridge is 1e-13 of the mean diagonal, here 3."""
-    normal = np.array([[3.0, 3.0], [3.0, 3.0]])
-    assert solve(normal, np.array([[6.0], [6.0]])).ravel() == pytest.approx([1.0, 1.0], rel=1e-3)
-    apart = solve(normal, np.array([[1.0], [-1.0]])).ravel() * 3e-13
-    assert apart == pytest.approx([1.0, -1.0], rel=0.01)
-    stacked = solve(np.array([normal, np.eye(2)]), np.ones((2, 2, 1)))[..., 0]
-    assert stacked == pytest.approx(np.array([[1 / 6, 1 / 6], [1.0, 1.0]]), rel=1e-3)
-
-
-def test_unknowns_without_any_weight_have_the_least_positive_ridge() -> None:
-    found = solve(np.zeros((2, 2)), np.array([[TINY], [2.0 * TINY]]))
-    assert found.ravel() == pytest.approx([1.0, 2.0])
-
-
-def test_a_step_of_two_equal_poles_moves_both_alike() -> None:
-    """Four samples, of which pole parts 0 and 1 have the same wave: 2 is left to share."""
-    J = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0], [0.0, 0.0, 0.0, 0.5]])
-    free = np.array([[True] * 4, [False] * 4])
-    none, one = np.zeros((1, 4, 4)), np.eye(4)[None]
-    by_poles = J.T @ np.array([2.0, 6.0, 1.0])
-    system = System(
-        J.T @ J, none, one, none, np.zeros((1, 1, 4, 4)), one, by_poles, np.zeros((1, 4)), free
-    )
-    assert system.step(0.0)[0] == pytest.approx([1.0, 1.0, 3.0, 2.0], rel=0.01)
-
-
-def test_a_bound_allows_for_a_millionth_of_the_loss_and_for_rounding() -> None:
-    """Waves along the axes of three samples; a loss counts less a millionth, power less 1e-12."""
-    samples = np.array([[3.0, 0.0], [0.0, 2.0], [4.0, 0.0]])
-    real = np.eye(3)[:, :2].astype(complex)
-    found = least_left(real, np.array([False, False]), samples)
-    millionth, rounding = 1.0 - 1e-6, 1e-12
-    expected = [
-        [16.0 + 9.0 * millionth - 25.0 * rounding, -4.0 * rounding],
-        [16.0 - 25.0 * rounding, 4.0 * millionth - 4.0 * rounding],
-    ]
-    assert found == pytest.approx(np.array(expected), rel=1e-14, abs=1e-14)
-    pair = np.array([[1.0], [1j], [0.0]])
-    (both,) = least_left(pair, np.array([True]), samples)
-    assert both == pytest.approx(
-        [16.0 + 9.0 * millionth - 25.0 * rounding, 4.0 * millionth - 4.0 * rounding],
-        rel=1e-14, abs=1e-14,
-    )  # fmt: skip
-
-
-def test_what_the_other_poles_explain_alone_is_bounded_by_the_least_number() -> None:
-    time = np.arange(8) / 10.0
-    block = Block(time, np.exp(-time)[:, None], np.array([0]), np.array([0]))
-    bound = likelihood_at_most([block], np.array([-1.0 + 0j, -30.0]), 1)
-    assert bound[1] == pytest.approx(-8 * np.log(TINY / 8), rel=1e-12)
-    assert bound[0] < 60.0
 
 
 def moved(pole: complex, to: complex, values: Array, time_s: Array, turning: bool) -> Point | None:
@@ -310,91 +253,6 @@ def test_a_pair_never_becomes_real(imag: float, turning: bool, goes: bool) -> No
     values = np.exp(-time) * np.cos(imag * time)
     found = moved(-1 + 1j if turning else -2 + 0j, complex(-1, imag), values, time, turning)
     assert (found is not None) is goes
-
-
-def test_a_step_to_a_worse_fit_is_not_taken() -> None:
-    time = np.arange(60) / 20.0
-    values = np.exp(-time) * np.cos(5.0 * time)
-    assert moved(-1 + 5.1j, -1 + 5.2j, values, time, turning=True) is None
-    better = moved(-1 + 5.1j, -1 + 5.05j, values, time, turning=True)
-    assert better is not None
-    assert better.waves.poles == pytest.approx([-1 + 5.05j])
-
-
-def test_of_samples_without_noise_the_noise_is_a_share_of_1e_24_of_their_power() -> None:
-    time = np.arange(50) / 10.0
-    pole = np.array([-0.3 + 2.0j])
-    values = np.exp(pole * time[:, None]).real
-    samples = gathered([Block(time, values, np.array([0]), np.array([0]))])
-    found = likelihood_near(samples, pole, np.ones((1, 1), complex), Ties.none(1, 1))
-    assert found == pytest.approx(-50 * np.log(1e-24 * np.sum(values**2) / 50), abs=5.0)
-
-
-def two_runs(lengths: tuple[int, int], units: tuple[float, float]) -> list[Block]:
-    """Return noise in two runs of two channels, each channel of its own length and unit."""
-    rng = np.random.default_rng(8)
-    channels = np.zeros(2, int), np.ones(2, int)
-    return [
-        Block(np.arange(n) / 20.0, unit * rng.standard_normal((n, 2)), np.arange(2), channel)
-        for n, unit, channel in zip(lengths, units, channels, strict=True)
-    ]
-
-
-@pytest.mark.parametrize("lengths", [(40, 40), (60, 20)])
-def test_a_start_weights_channels_by_their_power_and_then_improves_the_shapes(
-    lengths: tuple[int, int],
-) -> None:
-    """Amplitudes of each run by weighted least squares, then each channel's shape by its own."""
-    units, shape, pole = (1.0, 50.0), np.array([1.0, 30.0 - 20.0j]), -0.5 + 4.0j
-    blocks = two_runs(lengths, units)
-    waves = [np.exp(pole * block.time_s) for block in blocks]
-    amplitudes = []
-    for run in (0, 1):
-        rows, right = [], []
-        for block, wave, entry in zip(blocks, waves, shape, strict=True):
-            rms = np.sqrt(np.mean(block.values**2))  # of both runs of the channel
-            rows.append(np.column_stack([(wave * entry).real, -(wave * entry).imag]) / rms)
-            right.append(block.values[:, run] / rms)
-        x, y = np.linalg.lstsq(np.vstack(rows), np.concatenate(right))[0]
-        amplitudes.append(complex(x, y))
-    expected = 0.0
-    for block, wave in zip(blocks, waves, strict=True):
-        both = np.concatenate([wave * q for q in amplitudes])
-        table = np.column_stack([both.real, -both.imag])
-        left = float(np.linalg.lstsq(table, block.values.T.ravel())[1][0])
-        expected -= len(both) * np.log(left / len(both))
-    samples = gathered(blocks)
-    found = likelihood_near(samples, np.array([pole]), shape[:, None], Ties.none(2, 1))
-    assert found == pytest.approx(expected, rel=1e-9)
-
-
-def test_tied_channels_start_from_the_mean_of_their_shapes() -> None:
-    """Entries of 1 and -3 of opposite channels are 2 and -2; a channel that stands still has 0."""
-    rng = np.random.default_rng(9)
-    block = Block(
-        np.arange(40) / 20.0, rng.standard_normal((40, 8)),
-        np.repeat([0, 1], 4), np.tile(np.arange(4), 2),
-    )  # fmt: skip
-    samples, pole = gathered([block]), np.array([-0.5 + 4.0j])
-    ties = Ties(np.array([0, 0, 1, 2]), np.array([[1.0], [-1.0], [1.0], [0.0]]))
-    given = np.array([[1.0], [-3.0], [1.5j], [7.0]])
-    mean = np.array([[2.0], [-2.0], [1.5j], [0.0]])
-    apart = np.array([[4.0], [-4.0], [1.5j], [0.0]])
-    found, expected, other = (likelihood_near(samples, pole, s, ties) for s in (given, mean, apart))
-    assert found == pytest.approx(expected, rel=1e-12)
-    assert other != pytest.approx(expected, rel=1e-6)
-
-
-def test_a_fit_of_as_many_numbers_as_samples_leaves_a_thousandth_of_them() -> None:
-    """Eight samples, and of two pairs four figures for the poles and four for the motion."""
-    rng = np.random.default_rng(10)
-    block = Block(np.arange(8) / 10.0, rng.standard_normal((8, 1)), np.array([0]), np.array([0]))
-    found = most_likely_modes(
-        gathered([block]), oscillators([1.0, 3.0], [0.1, 0.1]), np.ones((1, 2), complex)
-    )
-    assert found.n_unknowns == 8
-    variance = np.exp(-found.log_likelihood / 8)  # squares of the residuals over 8
-    assert found.noise[0] ** 2 == pytest.approx(1e3 * variance, rel=1e-6)
 
 
 POLES = oscillators([2.0, 5.0], [0.05, 0.04])

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import permutations
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -18,7 +15,6 @@ from identify.model.matrices import physical_model
 from identify.modes.modal_model import (
     MODE_NAMES,
     ModalModel,
-    best_pairs,
     displacement_shapes,
     mac,
     mode_names,
@@ -81,15 +77,6 @@ def test_mac_knows_a_shape_again_whatever_its_scale_and_phase() -> None:
     np.testing.assert_allclose(likeness, np.eye(2), atol=1e-15)
 
 
-def test_mac_of_two_vectors_is_a_number() -> None:
-    """(1, 1) on (1, 0): a half; a vector on a matrix: one for each column."""
-    one, other = np.array([1.0, 1.0 + 0j]), np.array([2j, 0.0j])
-    assert mac(one, other).shape == ()
-    assert float(mac(one, other)) == pytest.approx(0.5)
-    assert mac(one, np.column_stack([one, other])) == pytest.approx(np.array([1.0, 0.5]))
-    assert float(mac(one, np.zeros(2, dtype=complex))) == 0.0
-
-
 def test_mpc_of_a_standing_and_a_travelling_wave() -> None:
     shapes = np.array([[1.0, 1.0], [-2.0, 1j]]) * np.exp(0.7j)
     np.testing.assert_allclose(mpc(shapes), [1.0, 0.0], atol=1e-15)
@@ -124,12 +111,6 @@ def test_an_unused_channel_is_refused() -> None:
         displacement_shapes(sensed_by_hand(), (*MIXED[:7], yaw), GEOMETRY)
 
 
-def test_without_any_channel_no_degree_of_freedom_is_seen() -> None:
-    none = ModalModel(TRUTH.poles, np.zeros((0, 7), dtype=complex))
-    with pytest.raises(InputError, match="z_uA, z_uB, z_uC, z_uD"):
-        displacement_shapes(none, (), GEOMETRY)
-
-
 @pytest.mark.parametrize(("apart_m", "seen"), [(2.2e-9, True), (1.8e-9, False)])
 def test_sensors_at_one_place_do_not_see_the_pitch(apart_m: float, seen: bool) -> None:
     """Rows (1, 0) and (1, -x) have the singular values sqrt(2) and x / sqrt(2): x / 2 is 1e-9."""
@@ -145,14 +126,6 @@ def test_sensors_at_one_place_do_not_see_the_pitch(apart_m: float, seen: bool) -
     else:
         with pytest.raises(InputError, match=r"do not determine theta \("):
             displacement_shapes(sensed, channels, GEOMETRY)
-
-
-def test_modes_are_complex_numbers_of_double_precision_whatever_they_are_made_of() -> None:
-    poles: Any = np.array([-1.0 + 2.0j, -1.0 + 1.0j], dtype=np.complex64)
-    shapes: Any = np.array([[1.0, 2.0], [3.0, 4.0]], dtype=np.float32)
-    model = ModalModel(poles, shapes)
-    assert (model.poles.dtype.name, model.shapes.dtype.name) == ("complex128", "complex128")
-    assert model.shapes[0].tolist() == pytest.approx([0.5, 1.0 / 3.0], rel=1e-15)
 
 
 # Names of modes by content ------------------------------------------------------------------------
@@ -243,14 +216,6 @@ def test_the_swapped_wheel_modes_are_paired_by_shape() -> None:
     assert pairing.margin.min() > 0.8
 
 
-def test_symmetric_modes_stay_symmetric_through_the_pairing() -> None:
-    pairing = pair_modes(modes_of(BASELINE.A), modes_of(ADDED.A))
-    for model, order in ((BASELINE, pairing.baseline), (ADDED, pairing.added)):
-        shapes = modes_of(model.A).shapes[:, order]
-        roll = np.abs(shapes[5] - shapes[6]) > np.abs(shapes[5] + shapes[6])
-        assert list(roll) == [False, False, True, True, False, True, False]
-
-
 def test_a_mode_without_partner_stays_alone() -> None:
     modes = modes_of(BASELINE.A)
     fewer = ModalModel(modes.poles[[0, 2, 6]], modes.shapes[:, [0, 2, 6]])
@@ -291,30 +256,4 @@ def test_the_swapped_pair_is_matched_from_clean_and_from_noisy_decays() -> None:
                 assert pairing.swapped == ((3, 4),)
 
 
-def test_without_modes_there_is_nothing_to_pair_and_a_pairing_cannot_be_changed() -> None:
-    modes = modes_of(BASELINE.A)
-    none = ModalModel(np.zeros(0, complex), np.zeros((7, 0), complex))
-    for pairing in (pair_modes(modes, none), pair_modes(none, modes), pair_modes(none, none)):
-        assert (len(pairing.mac), len(pairing.margin), pairing.swapped) == (0, 0, ())
-    whole = pair_modes(modes, modes)
-    for array in (whole.baseline, whole.added, whole.mac, whole.margin):
-        assert not array.flags.writeable
-
-
 # Pairs that are worth most, whether or not two rows want the same column --------------------------
-
-
-def test_no_other_pairs_are_worth_more() -> None:
-    rng = np.random.default_rng(3)
-    for shape in [(4, 4)] * 20 + [(3, 5), (5, 3)]:
-        worth = rng.random(shape)
-        rows, columns = best_pairs(worth)
-        wide = worth if shape[0] <= shape[1] else worth.T
-        orders = permutations(range(wide.shape[1]), len(wide))
-        best = max(sum(row[j] for row, j in zip(wide, order, strict=True)) for order in orders)
-        assert len(set(rows.tolist())) == len(set(columns.tolist())) == min(shape)
-        assert np.isclose(worth[rows, columns].sum(), best)
-
-
-def test_without_modes_there_are_no_pairs() -> None:
-    assert len(best_pairs(np.zeros((0, 3)))[0]) == 0

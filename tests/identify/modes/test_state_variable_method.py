@@ -19,7 +19,6 @@ from identify.modes.mode_selection import identify_modes
 from identify.modes.state_variable_method import (
     Delays,
     delay_space,
-    noise_levels,
     poles_of_rank,
     realised_modes,
     stabilisation_diagram,
@@ -306,22 +305,6 @@ def test_what_is_rounding_does_not_depend_on_the_unit(unit: float) -> None:
     assert strength[4] < 1e-12 * strength[0]
 
 
-def test_ten_times_the_noise_under_the_same_motion_is_seen_as_ten_times() -> None:
-    time_s = np.arange(400) / 100.0
-    motion = np.exp(-1.5 * time_s) * np.sin(12.0 * time_s)
-    noise = np.random.default_rng(5).standard_normal((3, 400, 2)) * (0.002, 0.02)
-    quiet, loud = noise_levels([motion[:, None] + one for one in noise])
-    assert loud / quiet == pytest.approx(10.0, rel=0.1)
-
-
-def test_channels_without_noise_are_scaled_by_their_motion() -> None:
-    time_s = np.arange(400) / 100.0
-    motion = np.exp(-1.5 * time_s) * np.sin(12.0 * time_s)
-    small, large = noise_levels([np.column_stack([motion, 7.0 * motion])])
-    assert small > 0.0
-    assert large / small == pytest.approx(7.0, rel=1e-6)
-
-
 # Eigensystem realisation and stabilisation diagram, beside the closed form ------------------------
 
 POLES, SHAPES = chain_poles(3, k=400.0, c=4.0, m=1.0), chain_shapes(3)
@@ -377,29 +360,6 @@ def test_the_diagram_marks_what_comes_again() -> None:
     assert np.all(mac(best, SHAPES.astype(complex)).max(axis=1) > 0.98)
 
 
-@pytest.mark.parametrize(
-    ("rate_hz", "n_modes", "found"),
-    [(40.0, 4, True), (40.0, 5, False), (8.0, 1, True), (8.0, 2, False)],
-)
-def test_a_column_is_a_quarter_of_a_second_of_at_least_four_samples(
-    rate_hz: float, n_modes: int, found: bool
-) -> None:
-    """In one channel two states a mode need a sample each and one more: ten hold four modes."""
-    frequencies = list(rate_hz * np.linspace(0.08, 0.42, n_modes))
-    poles = oscillators(frequencies, [0.02] * n_modes)
-    record = free_decay(poles, np.ones((1, n_modes)), np.ones(n_modes), rate_hz, 400 / rate_hz)
-    realised = realised_modes([record], rate_hz, 2 * n_modes).poles
-    near = [np.abs(realised / pole - 1.0).min(initial=1.0) < 1e-6 for pole in poles]
-    assert all(near) is found
-
-
-def test_a_column_of_four_samples_holds_a_mode_and_a_decay() -> None:
-    poles = np.append(oscillators([2.0], [0.1]), -1.5)
-    record = free_decay(poles, np.ones((1, 2)), np.array([1.0, 2.0]), 8.0, 8.0)
-    (found,) = realised_modes([record], 8.0, 3).poles
-    assert found == pytest.approx(poles[0], rel=1e-9)
-
-
 def test_shapes_are_in_the_units_of_the_channels() -> None:
     units = np.array([1.0, 1e3, 0.02])
     record = free_decay(POLES, SHAPES, np.array([1.0, 0.8j, 0.9]), 50.0, 6.0) * units
@@ -408,14 +368,6 @@ def test_shapes_are_in_the_units_of_the_channels() -> None:
     assert found.shapes / found.shapes[0] == pytest.approx(
         expected / expected[0], rel=1e-6, abs=1e-6
     )
-
-
-def test_an_order_beyond_what_a_short_record_holds_is_all_that_it_holds() -> None:
-    """Eight samples are five columns of four samples."""
-    record = np.random.default_rng(4).standard_normal((8, 5))
-    most, beyond = realised_modes([record], 100.0, 5), realised_modes([record], 100.0, 1000)
-    assert beyond.poles == pytest.approx(most.poles)
-    assert beyond.shapes == pytest.approx(most.shapes)
 
 
 # Results of the modal identification cannot be changed by who receives them -----------------------
@@ -445,10 +397,3 @@ def found() -> dict[str, tuple[NDArray[np.generic], ...]]:
             model.poles, model.shapes, model.frequency_std_hz, model.damping_ratio_std,
         ),
     }  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", ["ties", "likely modes", "delay space", "diagram", "modal model"])
-def test_an_array_of_a_result_cannot_be_changed(kind: str) -> None:
-    for array in found()[kind]:
-        with pytest.raises(ValueError, match="read-only"):
-            array[:] = 0

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from identify.modes import mode_selection as order_selection
 from identify.modes.modal_likelihood import (
-    LikelyModes,
     Point,
     Problem,
     System,
     Ties,
     gathered,
-    likelihood_near,
     more_likely_modes,
     most_likely_modes,
 )
@@ -62,22 +57,6 @@ def test_sums_over_blocks_are_those_of_the_samples(free_level: bool) -> None:
             values = block.values[:, k] - (block.values[:, k].mean() if block.free_level else 0.0)
             expected = f.T @ values
             assert with_samples[run, channel] == pytest.approx(expected, rel=1e-10, abs=1e-10)
-
-
-@pytest.mark.parametrize("free_level", [False, True])
-def test_squares_that_exponentials_leave_are_counted_from_the_level(free_level: bool) -> None:
-    rng = np.random.default_rng(4)
-    given = blocks(free_level)
-    residues = rng.standard_normal((2, 2, 3)) + 1j * rng.standard_normal((2, 2, 3))
-    expected = np.zeros(2)
-    for block in given:
-        wave = np.exp(np.outer(block.time_s, POLES))
-        for k, (run, channel) in enumerate(zip(block.run, block.channel, strict=True)):
-            left = block.values[:, k] - (wave @ residues[run, channel]).real
-            left -= left.mean() if block.free_level else 0.0
-            expected[channel] += left @ left
-    found = waves(laid_out(given), POLES).squares_left(residues)
-    assert found == pytest.approx(expected, rel=1e-10)
 
 
 N_RUNS, N_OWNERS, N = 3, 2, 4
@@ -166,25 +145,6 @@ def test_the_information_of_the_poles_is_what_amplitudes_and_shapes_leave(
     assert found == pytest.approx(left, rel=1e-7, abs=1e-9)
 
 
-def test_unknowns_without_any_effect_are_held_still_and_leave_the_others_alone() -> None:
-    """A pole and an amplitude whose waves are zero: their columns of the design are."""
-    held = every()
-    held[0, 2] = held[2, 1] = False
-    still, _, _ = arrow(held)
-    system, _, _ = arrow(every())
-    for array in (system.pole_pole, system.shape_pole):
-        array[..., 2] = 0.0
-    system.pole_pole[2] = system.pole_run[:, 2] = 0.0
-    system.pole_run[1, :, 1] = system.run_run[1, 1] = system.run_run[1, :, 1] = 0.0
-    system.shape_pole[:, :, 2] = system.shape_run[:, 1, :, 1] = 0.0
-    system.by_poles[2] = system.by_runs[1, 1] = 0.0
-    for found, expected in zip(system.step(0.5), still.step(0.5), strict=True):
-        assert found == pytest.approx(expected, rel=1e-7, abs=1e-9)
-    information, others = system.pole_information(), np.ix_([0, 1, 3], [0, 1, 3])
-    assert information[others] == pytest.approx(still.pole_information()[others], rel=1e-7)
-    assert not information[2].any()
-
-
 def measured(sigma: float, offset: float, seed: int = 1) -> Block:
     """Return two runs of two channels of one mode, 200 samples each, on an offset."""
     rng = np.random.default_rng(seed)
@@ -230,19 +190,6 @@ def test_the_likelihood_is_that_of_white_noise_of_its_own_size_in_each_channel()
     assert found.log_likelihood == pytest.approx(-400 * np.sum(np.log(squares / 400)), rel=1e-9)
     assert found.n_unknowns == 2 + 4 + 4 - 2
     assert found.noise == pytest.approx(np.sqrt(squares / 400 / (1 - 8 / 800)), rel=1e-9)
-
-
-def test_the_likelihood_near_a_start_has_the_best_amplitudes_of_the_given_shapes() -> None:
-    """Of one channel the shape is nothing but a factor, so that plain least squares is the best."""
-    rng = np.random.default_rng(6)
-    time = np.arange(120) / 40.0
-    values = rng.standard_normal((120, 2))
-    block = Block(time, values, np.array([0, 1]), np.array([0, 0]))
-    poles = oscillators([1.0, 3.0], [0.1, 0.2])
-    wave = np.exp(np.outer(time, poles))
-    squares = np.linalg.lstsq(np.hstack([wave.real, wave.imag]), values, rcond=None)[1].sum()
-    found = likelihood_near(gathered([block]), poles, np.ones((1, 2), complex), Ties.none(1, 2))
-    assert found == pytest.approx(-240 * np.log(squares / 240), rel=1e-9)
 
 
 def test_the_bound_without_a_pole_counts_levels_and_real_poles() -> None:
@@ -306,21 +253,6 @@ def test_a_fit_that_cannot_reach_what_is_wanted_ends_early(monkeypatch: pytest.M
     assert more_likely_modes(samples, start, shape, None, best.log_likelihood + 1e6) is None
     assert len(steps) == 1
     assert more_likely_modes(samples, start, shape, None, best.log_likelihood + 1e-6) is None
-
-
-def test_a_start_that_is_far_off_is_damped_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A later step that fails is damped ten times as much."""
-    samples, shape = gathered([measured(2.0, 0.0)]), np.array([[1.0], [0.5 + 0.2j]])
-    dampings: list[float] = []
-    whole = Problem.move
-
-    def damped(self: Problem, point: Point, system: System, damping: float) -> Point | None:
-        dampings.append(damping)
-        return None if damping < 0.5 else whole(self, point, system, damping)
-
-    monkeypatch.setattr(Problem, "move", damped)
-    most_likely_modes(samples, oscillators([2.06], [0.06]), shape)
-    assert dampings[:4] == pytest.approx([1e-3, 1.0, 0.1, 1.0])
 
 
 def test_real_poles_and_ties_count_fewer_numbers() -> None:
@@ -403,24 +335,3 @@ def test_a_mode_is_sought_where_it_hides_and_not_where_most_moves_or_rustles(fir
     start = [first, 1 - first]
     found = likely_modes(gathered([given]), poles[start], SHAPES[:, start]).poles
     assert found[np.argsort(np.abs(found))] == pytest.approx(poles, rel=0.03)
-
-
-def test_the_search_ends_with_the_first_second_pole_that_only_follows_a_drift(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """One mode, 1 % higher in the second run: a second pole fits better, but is a copy of it."""
-    tries: list[int] = []
-    split = order_selection._split
-
-    def counted(blocks: Sequence[Block], modes: LikelyModes) -> order_selection.Start:
-        tries.append(len(modes.poles))
-        return split(blocks, modes)
-
-    monkeypatch.setattr(order_selection, "_split", counted)
-    rng, pole = np.random.default_rng(14), oscillators([2.0], [0.03])
-    runs = [free_decay(f * pole, SHAPES[:, :1], np.ones(1), 40.0, 5.0) for f in (1.0, 1.01)]
-    values = np.hstack([run + 0.01 * rng.standard_normal(run.shape) for run in runs])
-    drifted = Block(np.arange(200) / 40.0, values, np.repeat([0, 1], 3), np.tile(np.arange(3), 2))
-    found = likely_modes(gathered([drifted]), pole, SHAPES[:, :1])
-    assert tries == [1]
-    assert found.poles == pytest.approx(1.005 * pole, rel=3e-3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.channels import TIME_DERIVATIVE, Channel, Quantity, paper_channels
+from daq.channels import TIME_DERIVATIVE, Channel, Quantity
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, Corner
 from dbc.errors import InputError
@@ -18,7 +18,7 @@ from identify.model.response import Bump, Response, exact_response
 from identify.modes.modal_model import ModalModel, displacement_shapes, mac, modes_of, sensor_rows
 from identify.modes.mode_selection import regression_modes
 from identify.modes.state_variable_method import StabilisationDiagram
-from identify.modes.vehicle_modes import SensedModes, _model, sensed_modes, vehicle_diagram
+from identify.modes.vehicle_modes import SensedModes, sensed_modes, vehicle_diagram
 
 from ..structures import free_decay, oscillators
 
@@ -164,33 +164,6 @@ def test_runs_without_a_common_channel_are_refused() -> None:
     records[1] = replace(records[1], recordings=records[1].recordings[1:])
     with pytest.raises(InputError, match="no channel is in every run"):
         modes_from(records)
-
-
-def test_the_papers_channels_have_no_lone_one() -> None:
-    records = [
-        Record(
-            record.label,
-            "baseline",
-            0.2,
-            (
-                Recording(
-                    ChannelGroup("a", paper_channels()),
-                    np.arange(601) / 200.0,
-                    exact_response(GRANADA, run, Bump(), 200.0, 3.0).acceleration,
-                ),
-            ),
-        )
-        for record, run in zip(campaign(GRANADA, 40.0, 5), RUNS, strict=True)
-    ]
-    sensed = modes_from(records)
-    assert sensed.mirrored
-    truth = modes_of(GRANADA.A)
-    assert np.abs(sensed.model.poles / truth.poles - 1.0).max() < 1e-10
-
-
-def test_of_no_likely_modes_there_is_none_in_any_channel() -> None:
-    model = _model(None, np.array([True, False, True]))
-    assert (model.poles.shape, model.shapes.shape) == ((0,), (3, 0))
 
 
 def test_a_group_that_ends_on_the_bump_is_left_out() -> None:

@@ -180,14 +180,6 @@ def test_matrices_of_no_vehicle_are_refused(geometry: VehicleGeometry | None) ->
         nearest_vehicle(turned, geometry)
 
 
-def test_motions_without_mass_are_named_whatever_the_unit_of_their_mass() -> None:
-    """Of a matrix of another size than a vehicle's they have numbers."""
-    assert massless_motions(np.diag([1e-3, 0.0, 1e3])) == ("x2",)
-    assert massless_motions(np.diag([1e-3, 1e-3, 1e6])) == ()
-    assert massless_motions(np.array([[4.0, 200.0], [200.0, 1e4]])) == ("x1", "x2")
-    assert massless_motions(np.diag([130, 250, 40, 4, 4, 5, 0.0])) == ("z_uD",)
-
-
 @pytest.mark.parametrize(("share", "bare"), [(0.9e-9, ("x1", "x2")), (1.1e-9, ())])
 def test_a_motion_is_massless_below_a_thousand_millionth_of_mass(
     share: float, bare: tuple[str, ...]
@@ -195,14 +187,6 @@ def test_a_motion_is_massless_below_a_thousand_millionth_of_mass(
     """Of two equal masses that are coupled by 1 - share, the difference moves a mass of share."""
     coupled = 1.0 - share
     assert massless_motions(5.0 * np.array([[1.0, coupled], [coupled, 1.0]])) == bare
-
-
-@pytest.mark.parametrize(("ratio", "bare"), [(7.0e8, ("x1", "x2")), (7.1e8, ("x1",))])
-def test_what_moves_by_less_than_a_thousand_millionth_of_a_massless_motion_is_not_in_it(
-    ratio: float, bare: tuple[str, ...]
-) -> None:
-    """The motion is (1, -1 / ratio) / sqrt(2)."""
-    assert massless_motions(np.array([[1.0, ratio], [ratio, ratio**2]])) == bare
 
 
 # Least squares of a few unknowns beside SciPy's, and the paper's order of estimation --------------
@@ -229,17 +213,6 @@ def test_a_decay_in_noise_is_fitted_to_rounding(start: tuple[float, float]) -> N
     assert found == pytest.approx(best.x, rel=1e-6)
     # At the optimum nothing is left along the derivatives.
     assert slopes(found).T @ left(found) == pytest.approx(np.zeros(2), abs=1e-8)
-
-
-def test_rosenbrocks_valley_is_followed_to_its_end() -> None:
-    def valley(x: Array) -> Array:
-        return np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]])
-
-    def jacobian(x: Array) -> Array:
-        return np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]])
-
-    found = least_squares(valley, jacobian, np.array([-1.2, 1.0]))
-    assert found == pytest.approx(np.ones(2), rel=1e-10)
 
 
 def test_unknowns_that_run_away_have_no_fit() -> None:
@@ -284,15 +257,3 @@ def test_each_parameter_is_read_from_the_elements_of_the_paper(
     away = {i for i, value in enumerate(factor) if abs(value - 1.0) > 1e-9}
     assert moved <= away
     assert away <= moved | ({11, 12} if moved == {11} else set())
-
-
-def test_wheels_count_by_their_mean() -> None:
-    assert identified("M", 3, 3, 1.1)[3] == pytest.approx(1.05)
-    assert identified("M", 6, 6, 1.1)[4] == pytest.approx(1.05)
-
-
-def test_the_damping_of_an_axle_is_the_mean_over_its_elements() -> None:
-    """c_sf stands in C[0, 3], C[3, 0], C[3, 3], the same of the right, and twice in C[0, 0]."""
-    found = identified("C", 3, 3, 1.1)
-    assert found[9] == pytest.approx(identified("C", 4, 4, 1.1)[9])
-    assert 1.0 < found[9] < 1.1

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.channels import Channel, Quantity, paper_channels
+from daq.channels import Channel, Quantity
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.vehicle import (
     FORD_GRANADA,
@@ -147,11 +147,6 @@ def test_three_places_on_the_body_are_enough(n: int, offers: bool) -> None:
     assert {s.channel.position_sigma_m for s in new} == ({0.01} if offers else set())
 
 
-def test_rates_are_not_missing_where_accelerations_of_the_paper_are_measured() -> None:
-    given = plan(sensors=sensors_of(paper_channels(), 100.0))
-    assert not any("gyro" in action for action in offered(given))
-
-
 def weights(given: Plan, action: str) -> tuple[BodyWeight | HubWeight, ...]:
     after = offered(given)[action]
     assert after.runs[: len(given.runs)] == given.runs
@@ -164,18 +159,6 @@ FLOOR = (
     BodyWeight(30.0, 0.0, FORD_GRANADA.t_f), BodyWeight(30.0, 0.0, -FORD_GRANADA.t_f),
     BodyWeight(30.0, -A - B, FORD_GRANADA.t_r), BodyWeight(30.0, -A - B, -FORD_GRANADA.t_r),
 )  # fmt: skip
-
-
-def test_without_weights_a_loaded_state_with_a_run_of_each_kind_is_offered() -> None:
-    given = plan(BARE, MassState(ADDED), runs=(Runs(BASELINE, ROLL), Runs(BASELINE, BOUNCE, 2),
-                                               Runs(ADDED, BOUNCE)))  # fmt: skip
-    ending = " as mass state added, with one run of each kind at least"
-    on_hubs, on_floor = f"5 kg on every hub{ending}", f"30 kg on the floor near each wheel{ending}"
-    assert weights(given, on_hubs) == HUBS
-    assert weights(given, on_floor) == FLOOR
-    after = offered(given)[on_hubs]
-    assert [one.name for one in after.mass_states] == [BASELINE, ADDED]
-    assert after.runs[3:] == (Runs(ADDED, ROLL),)
 
 
 def test_weights_on_the_body_are_offered_twice_as_heavy_or_on_one_side() -> None:
@@ -301,15 +284,3 @@ def test_whole_campaigns_hold_each_kind_once() -> None:
     assert {r.height_m for r in high.runs} == {r.height_m for r in more.runs} == {0.05}
     assert len(more.runs) == 6
     assert low.facts == more.facts == (scales,)
-
-
-def test_campaigns_without_weights_or_runs_or_with_known_lengths_are_fewer() -> None:
-    roll = "roll, pitch once, no weights, axles weighed to 1 kg"
-    assert [one.action for one in campaigns(plan())] == [
-        roll, f"{roll}, wheelbase and tracks by tape",
-    ]  # fmt: skip
-    measured = plan(geometry=FORD_GRANADA.geometry)
-    assert [one.action for one in campaigns(measured)] == [roll]
-    assert campaigns(replace(plan(), runs=())) == ()
-    only = campaigns(plan(loaded(*HUBS)))
-    assert only[0].plan.mass_states == (BARE,)

@@ -12,9 +12,8 @@ from daq.vehicle import FORD_GRANADA, Structure
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import Estimate
 from identify.nonlinear.car import elements
-from identify.plan.design import typical_elements
 from identify.plan.information import ElementUnknowns, Fisher
-from identify.plan.outlook import Outlook, damper_points, element_estimates, expected, vague
+from identify.plan.outlook import Outlook, damper_points, expected, vague
 
 from ..nonlinear.cars import granada
 from ..nonlinear.truth import BASELINE
@@ -145,19 +144,6 @@ def real_car(names: tuple[str, ...], values: tuple[float, ...], std: list[float]
     return replace(fisher(information), elements=ElementUnknowns(members, values, KNOTS))
 
 
-def test_elements_have_their_units() -> None:
-    """Friction in units of 50 N, a gap as a logarithm; the knees are the curve's."""
-    car = real_car(("F_cf", "g_br", "h_f2"), (60.0, 0.02, -400.0), [0.1, 0.05, 0.01])
-    found = element_estimates(car)
-    assert list(found) == ["F_cf", "g_br"]
-    friction, gap = found["F_cf"], found["g_br"]
-    assert [friction.value, friction.std, gap.value, gap.std] == pytest.approx([60, 5, 0.02, 1e-3])
-    assert [friction.low, friction.high] == pytest.approx([60 - 9.8, 60 + 9.8], rel=1e-3)
-    assert [gap.low, gap.high] == pytest.approx([0.02 - 1.96e-3, 0.02 + 1.96e-3], rel=1e-3)
-    assert (friction.unit, gap.unit) == ("N", "m")
-    assert dict(element_estimates(fisher(np.eye(N)))) == {}
-
-
 def test_a_damper_curve_is_as_unsure_as_its_slope_and_its_knees() -> None:
     """1500 N s/m known to 2 %, and 400 N s/m less in rebound known to 50, in front.
 
@@ -172,38 +158,3 @@ def test_a_damper_curve_is_as_unsure_as_its_slope_and_its_knees() -> None:
         assert p.std_n == pytest.approx(np.hypot(30.0 * v, 50.0 * knee), rel=5e-3)
     assert [v for axle, v in points if axle == "rear"] == [-0.5, -0.3, -0.1, 0.1, 0.3, 0.5]
     assert damper_points(fisher(np.eye(N))) == ()
-
-
-def test_a_knee_beyond_the_secant_bends_only_what_is_beyond_it() -> None:
-    car = real_car(("h_r3",), (800.0,), [1e-9])
-    forces = {p.speed_m_s: p.force_n for p in damper_points(car) if p.axle == "rear"}
-    bent = {v: 1500.0 * v + 800.0 * max(v - 0.15, 0.0) for v in forces}
-    assert forces == pytest.approx(bent, abs=0.5)
-
-
-def test_a_usual_damper_is_softer_in_compression_and_beyond_its_knee() -> None:
-    """1500 N s/m: 1.27 of it in rebound, 0.73 in compression, 0.6 of that beyond 0.15 m/s."""
-    found = typical_elements(("damper_knees",), granada())
-    assert (found.unknown, dict(found.values), found.knots) == (("damper_knees",), {}, "K3")
-    assert found.curves is not None
-    speed, force = found.curves[0]
-    assert [speed[0], speed[-1]] == [-0.6, 0.6]
-    expected = {
-        -0.6: -1905.0 * (0.15 + 0.6 * 0.45),
-        -0.1: -190.5,
-        0.1: 109.5,
-        0.15: 1095.0 * 0.15,
-        0.6: 1095.0 * (0.15 + 0.6 * 0.45),
-    }
-    for at, newtons in expected.items():
-        assert np.interp(at, speed, force) == pytest.approx(newtons, rel=1e-6)
-    assert typical_elements(("friction",), granada()).curves is None
-    assert typical_elements(("one_sided_dampers",), granada()).curves is not None
-
-
-def test_elements_of_usual_size_are_those_that_are_unknown() -> None:
-    names = ("bump_stops", "progressive_springs", "progressive_tyres")
-    assert typical_elements(names, granada()).values == {
-        "k_bf": 1e5, "k_br": 1e5, "g_bf": 0.025, "g_br": 0.025,
-        "k_2f": 3e4, "k_2r": 3e4, "b_tf": 2.0, "b_tr": 2.0,
-    }  # fmt: skip

@@ -244,15 +244,6 @@ def test_brute_force() -> None:
     np.testing.assert_allclose(_percent(planned), expected, rtol=1e-4)
 
 
-def test_repeats_and_height_go_as_information_does() -> None:
-    plan = _bench_plan(facts=())
-    once = _percent(plan)
-    fourfold = tuple(replace(r, repeats=4) for r in plan.runs)
-    np.testing.assert_allclose(_percent(replace(plan, runs=fourfold)), once / 2, rtol=1e-6)
-    twice = replace(plan, bump=Bump(2 * plan.bump.height_m))
-    np.testing.assert_allclose(_percent(twice), once / 2, rtol=1e-6)
-
-
 def test_a_vehicle_of_28_parameters_is_the_same_vehicle() -> None:
     plan = _bench_plan()
     values = dict(zip(outlook(plan).parameters, TRUTH.tolist(), strict=True))
@@ -332,36 +323,6 @@ def test_steps_are_what_their_plans_will_show_sorted_and_few() -> None:
         alone = outlook(by_action[step.action])
         assert step.outlook.worst == pytest.approx(alone.worst, rel=1e-9)
         assert alone.worst * alone.mean < advice.outlook.worst * advice.outlook.mean
-
-
-def _actions(plan: Plan) -> str:
-    return "\n".join(candidate.action for candidate in candidates(plan))
-
-
-def test_only_what_is_missing_is_offered() -> None:
-    bare = _actions(_bench_plan(_channels(imu=False, hubs=LEFT), facts=()))
-    for expected in (
-        "an accelerometer on the hub at FR, RR",
-        "a travel sensor on the suspension at FL, FR, RL, RR",
-        "above the four wheels",
-        "pitch rate",
-        "roll rate",
-        "weigh the vehicle",
-        "weigh each axle",
-        "wheelbase, front track, rear track",
-        "400 Hz",
-        "one warp run in mass state added",
-        "one more roll run in mass state baseline",
-    ):
-        assert expected in bare
-    all_sensors = _channels(hubs=CORNERS, travels=CORNERS, body=CORNERS)
-    complete = replace(_bench_plan(all_sensors, TAPE + AXLES), bump=Bump(0.09))
-    fast = replace(complete, sensors=tuple(replace(s, rate_hz=1000.0) for s in complete.sensors))
-    for needless in ("accelerometer", "travel", "gyro", "weigh ", "track", " Hz", " mm"):
-        assert needless not in _actions(fast)
-    weights = _actions(replace(fast, mass_states=_loaded(BodyWeight(50.0, -1.0, -0.5))))
-    assert "twice as heavy" in weights
-    assert "left side" in weights
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ from identify.plan.design import unknowns_with
 
 from ..nonlinear import truth
 from ..nonlinear.cars import granada, model_of
-from .real_plans import ELEMENTS, KNOWN, SCALES, THREE, deviations, found, standard_plan, worst
+from .real_plans import ELEMENTS, KNOWN, SCALES, THREE, found, standard_plan, worst
 
 
 def test_a_bump_leaves_the_car_as_an_independent_simulator_does() -> None:
@@ -182,9 +182,3 @@ def test_a_car_that_falls_apart_is_an_error() -> None:
     plan = replace(standard_plan(THREE[:1], states=(BASELINE,)), elements=wild)
     with pytest.raises(InputError, match="does not stay finite"):
         KNOWN.fisher(plan)
-
-
-def test_what_depends_on_which_runs() -> None:
-    """Without a roll run the roll inertia is lost; the standard campaign has it to 1 %."""
-    assert deviations(standard_plan())["I_xx"] < 1.0
-    assert "I_xx" in found(standard_plan(THREE[:2])).undetermined

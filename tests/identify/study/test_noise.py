@@ -61,10 +61,6 @@ def test_noise_levels_are_those_of_the_records() -> None:
         assert noise.std() == pytest.approx(level, rel=0.03)
 
 
-def test_one_more_run_leaves_the_noise_as_it_is() -> None:
-    assert noise_levels(Campaign(cases=tuple(Excitation))) == noise_levels(Campaign())
-
-
 def test_sensors_see_the_motion_of_their_places() -> None:
     campaign = Campaign(noise_db=QUIET, cases=(Excitation.WARP,), groups=SENSOR_SETS["all"])
     seen = _values(records_of(campaign, 0)[0])
@@ -129,11 +125,6 @@ def test_the_bound_with_the_geometry_measured() -> None:
     bound = bound_percent(Campaign(geometry=FORD_GRANADA.geometry))
     assert bound.max() == pytest.approx(0.64, abs=0.005)
     assert np.all(bound[11:] == 0.0)
-
-
-def test_ten_decibels_are_a_factor_of_root_ten() -> None:
-    quiet, loud = bound_percent(Campaign(noise_db=40.0)), bound_percent(Campaign(noise_db=30.0))
-    np.testing.assert_allclose(loud / quiet, np.sqrt(10.0), rtol=1e-6)
 
 
 def test_what_bounce_and_pitch_do_not_tell_has_no_bound() -> None:
@@ -218,8 +209,3 @@ def test_a_noise_study_sums_up_the_campaigns_that_are_not_lost() -> None:
         "95 % intervals hold the truth in 96.7 % of all cases; for one parameter, 50 .. 100 % may "
         "be chance",
     )
-
-
-def test_measured_lengths_are_not_in_the_table() -> None:
-    study = noise_study(Campaign(geometry=FORD_GRANADA.geometry), np.ones(15), _drawn(3, 1.0))
-    assert tuple(study.numbers("ratio")) == PARAMETER_NAMES[:11]
