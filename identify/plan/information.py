@@ -38,7 +38,7 @@ from ..nonlinear.fit import inverse
 from ..nonlinear.path import USUAL, InitialState
 from ..nonlinear.problem import Problem, normal, point, run_of
 from ..nonlinear.release import positions
-from .after_bump import Driven, after_bump
+from .after_bump import after_bump
 from .design import ExpectedElements, Plan, Runs, unknowns_with
 
 # Fisher information of bumps of a car with friction, damper curves, mounts and stops --------------
@@ -146,14 +146,15 @@ class RealCar:
         names = dict.fromkeys(kind.mass_state for kind in kinds)
         cars = {name: car(self.model, self.every, states[name], none) for name in names}
         rests = {name: position_at_rest(self.model, self.every, states[name]) for name in names}
-        driven = [
-            Driven(
-                cars[kind.mass_state], rests[kind.mass_state],
-                BUMPS[kind.excitation].shares, kind.height_m,
+        return tuple(
+            after_bump(
+                cars[kind.mass_state],
+                rests[kind.mass_state],
+                np.multiply(kind.height_m, BUMPS[kind.excitation].shares),
+                bump_s,
             )
             for kind in kinds
-        ]  # fmt: skip
-        return after_bump(driven, bump_s)
+        )
 
 
 # The information ----------------------------------------------------------------------------------

@@ -7,13 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from identify.modes import state_variable_method as stabilisation
 from identify.modes.modal_likelihood import LikelyModes, Ties
 from identify.modes.modal_model import ModalModel, mpc, pair_modes
 from identify.modes.mode_selection import clean_modes, vibrates
-from identify.modes.shape_fit import gain_by_noise
 from identify.modes.state_variable_method import (
     Delays,
     DelaySpace,
@@ -24,26 +22,11 @@ from identify.modes.state_variable_method import (
     layouts,
     realised_modes,
     seen_in,
-    standing_out,
 )
 
 from ..structures import free_decay, oscillators
 
 Array = NDArray[np.float64]
-
-
-@pytest.mark.parametrize(
-    ("strength", "n"),
-    [
-        ([10.0, 2.87, 1.0, 1.0, 1.0], 2),
-        ([10.0, 2.858, 1.0, 1.0, 1.0], 1),
-        ([10.0, 2.84, 1.0, 1.0, 1.0], 1),
-        ([1.0, 1.1e-11, 1e-15, 1e-15, 1e-15], 2),
-        ([1.0, 0.9e-11, 1e-15, 1e-15, 1e-15], 1),
-    ],
-)
-def test_a_state_stands_out_from_noise_and_rounding(strength: list[float], n: int) -> None:
-    assert standing_out(np.array(strength)) == n
 
 
 def test_a_record_of_a_few_samples_is_realised_by_half_of_them() -> None:
@@ -70,21 +53,6 @@ def diagram(
     n = len(strength)
     space = DelaySpace(Delays(n, 1), 100.0, np.eye(n), strength, (), 1)
     return diagram_of(space, duration_s)
-
-
-@pytest.mark.parametrize(
-    ("strength", "highest"),
-    [
-        (np.array([9.0, 2.1, 2.0, *np.ones(27)]), 14),  # two above twice the median, and 12
-        (np.array([9.0, 9.0, 9.0, *np.ones(7)]), 8),  # all but two
-    ],
-)
-def test_ranks_go_twelve_beyond_what_stands_out(
-    monkeypatch: pytest.MonkeyPatch, strength: Array, highest: int
-) -> None:
-    found = diagram(monkeypatch, dict.fromkeys(range(1, 40), (1j,)), strength)
-    assert found.rank.tolist() == list(range(1, highest + 1))
-    assert found.stable.tolist() == [True] * (highest - 2) + [False, False]
 
 
 @pytest.mark.parametrize(
@@ -174,13 +142,6 @@ def test_a_pole_comes_again_with_pole_and_shape(
     first = (pole, np.array([[1.0 + 0j], [0.0]]))
     other = (pole + 1j * off, np.array([[np.cos(turn) + 0j], [np.sin(turn)]]))
     assert seen_in(first, other, np.array([1.0])).tolist() == [again and near]
-
-
-def test_the_gain_by_noise_is_that_of_chi_squared() -> None:
-    """Two pairs and a real pole, three channels and two records of 500 samples in all."""
-    poles = np.array([-1.0 + 5.0j, -1.0 + 9.0j, -3.0 + 0j])
-    expected = 2.0 * chdtri(10, 1e-3 / 500) + chdtri(5, 1e-3 / 500)
-    assert gain_by_noise(poles, 3, 2, 500) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0, 90.0])

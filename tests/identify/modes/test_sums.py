@@ -8,141 +8,14 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from identify.modes.modal_likelihood import (
-    Point,
-    Problem,
-    System,
     Ties,
     gathered,
-    more_likely_modes,
     most_likely_modes,
 )
 from identify.modes.mode_selection import likely_modes
-from identify.modes.waves import Block, laid_out, likelihood_at_most, waves
+from identify.modes.waves import Block
 
 from ..structures import free_decay, oscillators
-
-Array = NDArray[np.float64]
-POLES = np.array([-1.0 + 20.0j, -0.5 + 7.0j, -3.0])
-
-
-def blocks(free_level: bool) -> tuple[Block, ...]:
-    """Return two runs of two channels, in even and in uneven times, 90 and 30 samples."""
-    rng = np.random.default_rng(3)
-    uneven = np.sort(rng.uniform(0.0, 0.8, 30))
-    one, both = np.array([1]), np.array([0, 0])
-    return (
-        Block(np.arange(90) / 100.0, rng.standard_normal((90, 2)) + 4.0, both, np.array([1, 0])),
-        Block(uneven, rng.standard_normal((30, 1)) + 4.0, one, np.array([0]), free_level),
-        Block(uneven, rng.standard_normal((30, 1)) - 2.0, one, np.array([1]), free_level),
-    )
-
-
-def functions(block: Block) -> NDArray[np.complex128]:
-    """Return exp(pole t) and t exp(pole t), from their means where the level is unknown."""
-    wave = np.exp(np.outer(block.time_s, POLES))
-    both = np.hstack([wave, block.time_s[:, None] * wave])
-    return both - both.mean(axis=0) if block.free_level else both
-
-
-@pytest.mark.parametrize("free_level", [False, True])
-def test_sums_over_blocks_are_those_of_the_samples(free_level: bool) -> None:
-    given = blocks(free_level)
-    at = waves(laid_out(given), POLES)
-    with_samples = at.with_samples(2, 2)
-    for number, block in enumerate(given):
-        f = functions(block)
-        assert at.mixed[number] == pytest.approx(f.conj().T @ f, rel=1e-10, abs=1e-10)
-        assert at.plain[number] == pytest.approx(f.T @ f, rel=1e-10, abs=1e-10)
-        for k, (run, channel) in enumerate(zip(block.run, block.channel, strict=True)):
-            values = block.values[:, k] - (block.values[:, k].mean() if block.free_level else 0.0)
-            expected = f.T @ values
-            assert with_samples[run, channel] == pytest.approx(expected, rel=1e-10, abs=1e-10)
-
-
-N_RUNS, N_OWNERS, N = 3, 2, 4
-"""Runs, shapes, and unknowns of each family."""
-
-
-def arrow(free: NDArray[np.bool_]) -> tuple[System, Array, Array]:
-    """Return a system, and the whole matrix and right-hand side of its poles, runs and shapes.
-
-    Each row of the design belongs to one run and one shape.  What the shapes can follow is taken
-    out of the samples, as it is at the point where they are the best.
-    """
-    rng = np.random.default_rng(5)
-    size = N * (1 + N_RUNS + N_OWNERS)
-    rows = []
-    for run in range(N_RUNS):
-        for owner in range(N_OWNERS):
-            part = np.zeros((9, size))
-            part[:, :N] = rng.standard_normal((9, N)) * [1.0, 3.0, 0.2, 1.0]
-            part[:, N * (1 + run) : N * (2 + run)] = rng.standard_normal((9, N)) * 2.0
-            at = N * (1 + N_RUNS + owner)
-            part[:, at : at + N] = rng.standard_normal((9, N)) * [1.0, 0.1, 5.0, 1.0]
-            rows.append(part)
-    J = np.vstack(rows)
-    shapes = J[:, N * (1 + N_RUNS) :]
-    samples = rng.standard_normal(len(J))
-    samples -= shapes @ np.linalg.lstsq(shapes, samples, rcond=None)[0]
-    H, g = J.T @ J, J.T @ samples
-    part_of = H.reshape(size // N, N, size // N, N).swapaxes(1, 2)  # (family, family, N, N)
-    runs, owners = range(1, 1 + N_RUNS), range(1 + N_RUNS, 1 + N_RUNS + N_OWNERS)
-    system = System(
-        part_of[0, 0],
-        np.array([part_of[0, r] for r in runs]),
-        np.array([part_of[r, r] for r in runs]),
-        np.array([part_of[o, 0] for o in owners]),
-        np.array([[part_of[o, r] for r in runs] for o in owners]),
-        np.array([part_of[o, o] for o in owners]),
-        g[:N],
-        g[N : N * (1 + N_RUNS)].reshape(N_RUNS, N),
-        free,
-    )
-    return system, H, g
-
-
-def every() -> NDArray[np.bool_]:
-    return np.ones((1 + N_RUNS, N), dtype=bool)
-
-
-def some() -> NDArray[np.bool_]:
-    free = every()
-    free[0, 1] = free[1, 3] = free[3, 0] = False
-    return free
-
-
-@pytest.mark.parametrize("damping", [0.0, 0.5])
-@pytest.mark.parametrize("free", [every(), some()], ids=["all free", "some held"])
-def test_a_step_of_the_arrow_is_that_of_the_whole_matrix(
-    free: NDArray[np.bool_], damping: float
-) -> None:
-    """Damping counts in what the shapes leave of the diagonal of poles and amplitudes."""
-    system, H, g = arrow(free)
-    n = N * (1 + N_RUNS)
-    S, mixed = H[n:, n:], H[n:, :n]
-    projected = np.diag(H)[:n] - np.einsum("ij,ij->j", mixed, np.linalg.solve(S, mixed))
-    damped = H.copy()
-    damped[np.arange(n), np.arange(n)] += damping * projected
-    kept = np.flatnonzero(np.concatenate([free.ravel(), np.ones(N * N_OWNERS, bool)]))
-    expected = np.zeros(len(H))
-    expected[kept] = np.linalg.solve(damped[np.ix_(kept, kept)], g[kept])
-    by_poles, by_runs, by_shapes = system.step(damping)
-    found = np.concatenate([by_poles, by_runs.ravel(), by_shapes.ravel()])
-    assert found == pytest.approx(expected, rel=1e-7, abs=1e-9)
-
-
-@pytest.mark.parametrize("free", [every(), some()], ids=["all free", "some held"])
-def test_the_information_of_the_poles_is_what_amplitudes_and_shapes_leave(
-    free: NDArray[np.bool_],
-) -> None:
-    system, H, _ = arrow(free)
-    kept = np.flatnonzero(np.concatenate([free.ravel(), np.ones(N * N_OWNERS, bool)]))
-    kept = kept[kept >= N]
-    poles = np.flatnonzero(free[0])
-    others = H[np.ix_(kept, poles)]
-    left = H[np.ix_(poles, poles)] - others.T @ np.linalg.solve(H[np.ix_(kept, kept)], others)
-    found = system.pole_information()[np.ix_(poles, poles)]
-    assert found == pytest.approx(left, rel=1e-7, abs=1e-9)
 
 
 def measured(sigma: float, offset: float, seed: int = 1) -> Block:
@@ -192,23 +65,6 @@ def test_the_likelihood_is_that_of_white_noise_of_its_own_size_in_each_channel()
     assert found.noise == pytest.approx(np.sqrt(squares / 400 / (1 - 8 / 800)), rel=1e-9)
 
 
-def test_the_bound_without_a_pole_counts_levels_and_real_poles() -> None:
-    """By plain least squares on what the other poles, and a constant where one is free, leave."""
-    given = blocks(True)
-    bound = likelihood_at_most(given, POLES, 2)
-    for leave in range(3):
-        squares, count = np.zeros(2), np.zeros(2)
-        for block in given:
-            wave = np.exp(np.outer(block.time_s, np.delete(POLES, leave)))
-            table = np.hstack([wave.real, wave.imag[:, np.ptp(wave.imag, axis=0) > 0.0]])
-            if block.free_level:
-                table = np.column_stack([table, np.ones(len(table))])
-            left = np.linalg.lstsq(table, block.values, rcond=None)[1]
-            np.add.at(squares, block.channel, left)
-            np.add.at(count, block.channel, len(table))
-        assert bound[leave] == pytest.approx(-np.sum(count * np.log(squares / count)), rel=1e-5)
-
-
 def test_the_deviation_of_a_pole_is_that_of_the_whole_design() -> None:
     """By its derivatives: pole, amplitudes of two runs, shape; one amplitude sets the scale."""
     block = measured(2.0, 0.0)
@@ -230,29 +86,6 @@ def test_the_deviation_of_a_pole_is_that_of_the_whole_design() -> None:
     covariance = np.linalg.inv(np.asarray(H)[np.ix_(held, held)]) / (1 - 8 / 800)
     expected = covariance[np.ix_([0, 4], [0, 4])]
     assert found.pole_covariance == pytest.approx(expected, rel=1e-6)
-
-
-def test_a_fit_that_cannot_reach_what_is_wanted_ends_early(monkeypatch: pytest.MonkeyPatch) -> None:
-    samples, shape = gathered([measured(2.0, 0.0)]), np.array([[1.0], [0.5 + 0.2j]])
-    start = oscillators([2.06], [0.06])
-    best = most_likely_modes(samples, start, shape)
-    assert best.frequency_std_hz[0] > abs(abs(best.poles[0]) / (2 * np.pi) - 2.0) / 3.0
-    steps: list[float] = []
-    whole = Problem.move
-
-    def counted(self: Problem, point: Point, system: System, damping: float) -> Point | None:
-        steps.append(damping)
-        return whole(self, point, system, damping)
-
-    monkeypatch.setattr(Problem, "move", counted)
-    reached = more_likely_modes(samples, start, shape, None, best.log_likelihood - 1.0)
-    assert reached is not None
-    assert reached.poles[0] == pytest.approx(best.poles[0], rel=1e-9)
-    assert len(steps) > 2
-    steps.clear()
-    assert more_likely_modes(samples, start, shape, None, best.log_likelihood + 1e6) is None
-    assert len(steps) == 1
-    assert more_likely_modes(samples, start, shape, None, best.log_likelihood + 1e-6) is None
 
 
 def test_real_poles_and_ties_count_fewer_numbers() -> None:

@@ -26,7 +26,7 @@ from identify.plan import (
     identified_elements,
     typical_elements,
 )
-from identify.plan.after_bump import Driven, after_bump
+from identify.plan.after_bump import after_bump
 from identify.plan.design import unknowns_with
 
 from ..nonlinear import truth
@@ -47,13 +47,12 @@ def test_a_bump_leaves_the_car_as_an_independent_simulator_does() -> None:
     eta = unknowns_with(model, ELEMENTS, vehicle)
     # The simulator counts from the rest of each run, and so does this comparison.
     kinds = (Excitation.PITCH, Excitation.REAR_PITCH)
-    level = []
-    for bump, kind in zip(bumps, kinds, strict=True):
+    for r, (bump, kind) in enumerate(zip(bumps, kinds, strict=True)):
         one = car(model, eta, bump.state, np.zeros(0, np.intp))
         one.corner[:, PULL] = 0.0
         one = replace(one, pull=np.zeros(3))
-        level.append(Driven(one, np.zeros(7), BUMPS[kind].shares, bump.height_m))
-    for r, own in enumerate(after_bump(level, 0.2)):
+        heights_m = np.multiply(bump.height_m, BUMPS[kind].shares)
+        own = after_bump(one, np.zeros(7), heights_m, 0.2)
         np.testing.assert_allclose(own.motion[:7], moved.q[at, r], atol=5e-5)
         np.testing.assert_allclose(own.motion[7:], moved.v[at, r], atol=2e-3)
     assert own.friction[2:].tolist() == pytest.approx([-1.0, -1.0], abs=1e-3)
