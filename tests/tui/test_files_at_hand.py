@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import can
 import numpy as np
@@ -226,7 +228,8 @@ def test_the_simulated_car_is_bumped_again_when_the_recorder_rejects(
     answers = [False] * 5 + [True] * (len(script) - 1)
     monkeypatch.setattr("daq.control.client.Client", Recorder)
     monkeypatch.setattr("daq.control.address.is_running", lambda _: bool(answers and answers.pop()))
-    monkeypatch.setattr("daq.replay.replay._Pace.wait_for", lambda *_: None)
+    no_wait = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _: None)
+    monkeypatch.setattr("daq.replay.replay.time", no_wait)
     said(capsys, "simulate", str(bench), *UDP[:-1], "--recorder", str(tmp_path), code=0)
     sent = FrameBatch(
         t_ns=np.array([round(m.timestamp * 1e9) for m in wire]),
