@@ -25,6 +25,7 @@ from tui.terminal.screens.bumping import HomeScreen, RunScreen
 from tui.terminal.state.campaign import BenchStep
 from tui.terminal.state.feed import Lost, Role
 
+from ...house.walks import walked
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder
 
@@ -65,6 +66,22 @@ async def test_a_campaign_step_by_space_alone(make_app: MakeApp) -> None:
         assert len(_given(recorder, Arm)) == 3
         await _press(pilot, "space")
         assert app.step is BenchStep.MASSES
+
+
+async def test_a_bump_passes_few_files(make_app: MakeApp) -> None:
+    """From SPACE to the verdict on the screen: in the terminal, without socket and recorder."""
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        with walked() as files:
+            await _press(pilot, "space")
+            recorder.bump()
+            recorder.judge()
+            await pilot.pause()
+        assert isinstance(app.screen, RunScreen)
+    assert {"tui/terminal/app.py", "tui/terminal/screens/bumping.py"} <= files
+    assert len(files) <= 20, sorted(files)
 
 
 async def test_a_held_key_counts_once(make_app: MakeApp) -> None:

@@ -1,0 +1,41 @@
+"""Three walks through the code pass few files: on the way to 25, 25 and 30."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from daq.bench.config import Bench
+from daq.control.orders import Arm, Until
+from daq.derive.build_session import derive
+from daq.journal.folder import recordings
+from daq.session import read_session, write_session
+from dbc import Codec
+from identify import identify
+
+from ..daq.conftest import bench as bench
+from ..daq.conftest import codec as codec
+from ..daq.quick_bench import quick as quick
+from ..daq.recorder_run import Running, Script, sources
+from ..daq.small_campaign import blocks, bumps
+from ..identify.stress import stress_session
+from .walks import walked
+
+
+def test_a_frame_on_its_way_to_a_session_file(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    script = Script(blocks(bumps(codec, 1)))
+    with walked() as files:
+        with Running(quick, tmp_path, sources(script)) as running:
+            running.order(Arm(Until.COMPLETE))
+            running.until(lambda s: s.disk.recorded_frames == 1200)
+        derive(recordings(tmp_path / "journal")[0].segments, tmp_path / "again.h5")
+    assert {"daq/recorder/recorder.py", "dbc/decode.py"} <= files  # it sees both ends
+    assert len(files) <= 58, sorted(files)
+
+
+def test_a_session_on_its_way_to_parameters(tmp_path: Path) -> None:
+    path = tmp_path / "car.h5"
+    write_session(path, stress_session("linear", 1, 100.0, repeats=1))
+    with walked() as files:
+        identify(read_session(path))
+    assert {"identify/pipeline.py"} <= files
+    assert len(files) <= 56, sorted(files)
