@@ -129,13 +129,10 @@ class FreeDecay:
 
 
 def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
-    """Take the usable samples out of a run.
+    """Return the usable samples of a run; channels of quantity `unused` are passed over.
 
     Rows with a NaN are left out: a lost sample costs its information and nothing else.  A channel
     without any number is left out by itself.
-
-    `run`: with its sample groups.  `channels`: the session's channels; those of quantity `unused`
-    are passed over.
     """
     used = {c.name: c.placed() for c in channels if c.quantity is not Quantity.UNUSED}
     recordings = [r for group in run.groups for r in _by_channel_group(group, used)]

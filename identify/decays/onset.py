@@ -170,10 +170,6 @@ def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the white noise of each column, by successive differences (von Neumann).
 
     A smooth signal adds little to it, so it separates the noise of a residual from its misfit.
-
-    Parameters
-    ----------
-    values : (n,) or (n, n_channels) float64
     """
     return np.asarray(np.sqrt(np.mean(np.diff(values, axis=0) ** 2, axis=0) / 2))
 

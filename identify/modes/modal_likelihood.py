@@ -100,14 +100,9 @@ class System:
     def _without_runs(self, added: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Eliminate the amplitudes; `added` (1 + n_runs, 2 m) goes to their diagonals.
 
-        Returns
-        -------
-        reduced : (n, n) float64
-            Normal matrix of poles and shapes, n = 2 m (1 + n_owners).
-        target : (n,) float64
-            Its right-hand side.
-        solved : (n_runs, 2 m, n + 1) float64
-            Each run's normal matrix inverted, times its border and its right-hand side.
+        Returns the normal matrix of poles and shapes, (n, n) with n = 2 m (1 + n_owners), its
+        right-hand side (n,), and each run's inverse times its border and right-hand side,
+        (n_runs, 2 m, n + 1).
         """
         n_owners, n_runs, n = self.shape_run.shape[:3]
         poles, runs = self.free[0], self.free[1:]
@@ -473,19 +468,9 @@ def most_likely_modes(
 ) -> LikelyModes:
     """Fit poles, shapes and amplitudes to all samples at once.
 
-    Parameters
-    ----------
-    samples : Samples
-        From `gathered`.
-    poles : (m,) complex128
-        Poles to start from, imaginary parts of at least zero, rad/s; m >= 1.  A real pole stays
-        real.
-    shapes : (n_channels, m) complex128
-        Shapes to start from.
-    ties : Ties or None
-        Known ties of the shapes; none by default.
-    most_steps : int
-        Steps after which the fit ends, settled or not.
+    `samples`: from `gathered`.  `poles` (m,) rad/s, imaginary parts of at least zero, m >= 1, and
+    `shapes` (n_channels, m): where to start; a real pole stays real.  `ties`: known ties of the
+    shapes.  `most_steps`: after these the fit ends, settled or not.
     """
     return _result(*_optimum(samples, poles, shapes, ties, -np.inf, most_steps))
 

@@ -108,18 +108,9 @@ class ModalModel:
 
 
 def modes_of(A: NDArray[np.float64]) -> ModalModel:
-    """Return the modes of a state matrix for the state (X, dX/dt) (Eq. 12).
+    """Return the modes of a state matrix (2n, 2n) for the state (X, dX/dt), shapes in X (Eq. 12).
 
-    Parameters
-    ----------
-    A : (2n, 2n) float64
-        State matrix.
-
-    Returns
-    -------
-    ModalModel
-        The oscillating modes, shapes in X.  Overdamped motion (real eigenvalues) is no vibration
-        and is left out.
+    Overdamped motion (real eigenvalues) is no vibration and is left out.
     """
     eigenvalues, eigenvectors = np.linalg.eig(A)
     upper = eigenvalues.imag > 0.0
@@ -127,20 +118,10 @@ def modes_of(A: NDArray[np.float64]) -> ModalModel:
 
 
 def mac(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the modal assurance criterion between two sets of shapes.
+    """Return the modal assurance criterion between shapes (n, m) and (n, k), (m, k) float64.
 
-    Parameters
-    ----------
-    left : (n, m) or (n,) complex128
-    right : (n, k) or (n,) complex128
-        Shapes as columns, or one shape.
-
-    Returns
-    -------
-    (m, k) float64
-        1 for shapes that are equal except for a complex factor, 0 for orthogonal ones (and for a
-        zero shape).  A single shape has no axis in the result: two of them give one number, shape
-        ().
+    1 for shapes that are equal except for a complex factor, 0 for orthogonal ones and for a zero
+    shape.  A single shape (n,) has no axis in the result.
     """
     product = np.abs(left.conj().T @ right) ** 2
     size = np.multiply.outer(np.sum(np.abs(left) ** 2, axis=0), np.sum(np.abs(right) ** 2, axis=0))
@@ -148,17 +129,9 @@ def mac(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[
 
 
 def mpc(shapes: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the modal phase collinearity of each shape.
+    """Return the modal phase collinearity of shapes (n, m), all of one kind of entries, (m,).
 
-    Parameters
-    ----------
-    shapes : (n, m) complex128
-        Shapes as columns, all entries of one kind (displacements, say).
-
-    Returns
-    -------
-    (m,) float64
-        1 if all points move in phase or opposite phase; 0 for a travelling wave.
+    1 if all points move in phase or opposite phase; 0 for a travelling wave.
     """
     xx = np.sum(shapes.real**2, axis=0)
     yy = np.sum(shapes.imag**2, axis=0)
@@ -167,20 +140,10 @@ def mpc(shapes: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def sensor_rows(channels: Sequence[Channel], geometry: VehicleGeometry) -> NDArray[np.float64]:
-    """Return each sensor's row on the seven degrees of freedom, without its time derivative.
+    """Return each sensor's row on `daq.vehicle.DOF`, (n_channels, 7), without its time derivative.
 
-    Parameters
-    ----------
-    channels : sequence of Channel
-        The sensors.
-    geometry : VehicleGeometry
-        Places the CG (positions are counted from the front axle) and, for a suspension travel,
-        the corners of the body.
-
-    Returns
-    -------
-    (n_channels, 7) float64
-        Row times displacements of `daq.vehicle.DOF` is the sensor's motion.
+    `geometry` places the CG (positions are counted from the front axle) and, for a suspension
+    travel, the corners of the body.
     """
     g = geometry
     rows = []
@@ -193,31 +156,12 @@ def sensor_rows(channels: Sequence[Channel], geometry: VehicleGeometry) -> NDArr
 def displacement_shapes(
     sensed: ModalModel, channels: Sequence[Channel], geometry: VehicleGeometry
 ) -> ModalModel:
-    """Turn shapes at the sensors into displacement shapes at the degrees of freedom.
+    """Return shapes (7, m) as displacements of `daq.vehicle.DOF`, from those at some sensors.
 
     In a mode everything moves as ``exp(lambda t)``, so an acceleration is ``lambda^2`` and a rate
-    ``lambda`` times a displacement: the division is exact, whereas integrating a signal over time
-    drifts.  A sensor's low-pass multiplies it by its gain at lambda.  Several sensors of one degree
-    of freedom are reconciled by least squares.
-
-    Parameters
-    ----------
-    sensed : ModalModel
-        Shapes (n_channels, m) as measured, in the order of `channels`.
-    channels : sequence of Channel
-        Channel of each row of the shapes.
-    geometry : VehicleGeometry
-        As in `sensor_rows`.
-
-    Returns
-    -------
-    ModalModel
-        The same poles; shapes (7, m) in the order of `daq.vehicle.DOF`.
-
-    Raises
-    ------
-    InputError
-        If the number of channels differs, or a degree of freedom is seen by no sensor.
+    ``lambda`` times a displacement: the division is exact.  A sensor's low-pass multiplies it by
+    its gain at lambda.  Several sensors of one degree of freedom are reconciled by least squares.
+    Raises InputError if the number of channels differs, or a degree of freedom is not seen.
     """
     if len(channels) != len(sensed.shapes):
         raise InputError(
@@ -308,24 +252,11 @@ MODE_NAMES = (
 
 
 def mode_names(model: ModalModel, geometry: VehicleGeometry) -> tuple[str, ...]:
-    """Name each mode by the motion that has the largest share in it.
+    """Return a name for each mode by the motion with the largest share: one of `MODE_NAMES`.
 
-    The body counts by the motion of its four corners, the wheels by their own motion: body pitch is
-    the pitch angle times half the wheelbase, body roll the roll angle times the half width.  Bounce
-    and pitch are mixed in most vehicles, so two modes may have the same largest share; names are
-    assigned so that no two modes have the same one and the sum of the named shares is largest.
-
-    Parameters
-    ----------
-    model : ModalModel
-        Displacement shapes (7, m), order `daq.vehicle.DOF`.
-    geometry : VehicleGeometry
-        Of the vehicle.
-
-    Returns
-    -------
-    tuple of str
-        One of `MODE_NAMES` for each mode, ``"further mode"`` for those beyond seven.
+    `model`: displacement shapes (7, m), order `daq.vehicle.DOF`.  The body counts by the motion of
+    its four corners, the wheels by their own.  No two modes have one name, and the sum of the named
+    shares is largest; modes beyond seven are each a ``"further mode"``.
     """
     z, theta, phi, A, B, C, D = model.shapes
     wheelbase = geometry.a + geometry.b
@@ -423,17 +354,8 @@ def originals(
     """Return the numbers of the modes without copies of others, in their order.
 
     Of several poles that are one mode the strongest stays.  With one channel there is no shape, and
-    no pole is called a copy.
-
-    Parameters
-    ----------
-    poles : (m,) complex128
-        rad/s.
-    shapes : (n_channels, m) complex128
-        All channels scaled alike.
-    amplitudes : (n_runs, m) complex128 or None
-        Amplitude of each mode at the start of each run; None if they are not known yet, which
-        leaves the pole of the lowest damping.
+    no pole is a copy.  `poles` (m,) rad/s; `shapes` (n_channels, m), all channels scaled alike;
+    `amplitudes` (n_runs, m) at the start of each run, or None, which leaves the lowest damping.
     """
     m = len(poles)
     if m < 2 or len(shapes) < 2:

@@ -78,17 +78,10 @@ def likely_modes(
 ) -> LikelyModes:
     """Return the set of modes with the highest merit near a given one.
 
-    Parameters
-    ----------
-    samples : Samples
-        From `gathered`.  Levels are fitted if that raises the merit.
-    poles : (m,) complex128
-    shapes : (n_channels, m) complex128
-        The set to start from, real poles included; m >= 1.
-    ties : Ties or None
-        Known ties of the shapes; an added mode has the kind of the mode that hid it.
-    sorting : Samples or None
-        Fewer samples of the same motion, in which copies show; `samples` by default.
+    `samples`: from `gathered`; levels are fitted if that raises the merit.  `poles` (m,) and
+    `shapes` (n_channels, m): the set to start from, with real poles; m >= 1.  `ties`: known ties;
+    an added mode has the kind of the mode that hid it.  `sorting`: fewer samples of the same
+    motion, in which copies show; `samples` by default.
     """
     sorting = sorting or samples
     first = originals(poles, shapes)
@@ -306,14 +299,8 @@ def noisy_modes(
 ) -> ModalModel:
     """Return the modes of noisy records; an empty model if none is certain.
 
-    Parameters
-    ----------
-    spaces : sequence of DelaySpace
-        The records in several layouts.
-    decays : sequence of (n_i, n_channels) float64
-        The records, scaled as in `spaces`.
-    rate_hz : float
-        Samples a second.
+    `spaces`: the records in several layouts.  `decays`: the records (n_i, n_channels), scaled
+    alike.
     """
     start = noisy_start(spaces, decays, rate_hz)
     if not len(start):
@@ -365,7 +352,7 @@ def noisy_start(
         projection, (poles, shapes) = projected[number], sets[number]
         if best is not None and projection.most_merit <= best[1].merit:
             break
-        (fit,) = projection.fits(np.arange(len(poles))[None], shapes, _TRIAL_SWEEPS)
+        fit = projection.fit(np.arange(len(poles)), shapes, _TRIAL_SWEEPS)
         if best is None or fit.merit > best[1].merit:
             best = projection, fit
     if best is None:
@@ -405,10 +392,9 @@ def _without_needless(projection: Projection, fit: ModalFit) -> ModalFit:
         if not possible.any():
             break
         sets = without_each(kept)[possible]
-        trials = projection.fits(sets, shapes, _TRIAL_SWEEPS)
+        trials = [projection.fit(one, shapes[:, one], _TRIAL_SWEEPS) for one in sets]
         ahead = int(np.argmax([trial.merit for trial in trials]))
-        shapes[:, sets[ahead]] = trials[ahead].shapes
-        (best,) = projection.fits(sets[ahead : ahead + 1], shapes)
+        best = projection.fit(sets[ahead], trials[ahead].shapes)
         if best.merit <= fit.merit:
             break
         kept, fit = sets[ahead], best

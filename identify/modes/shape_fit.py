@@ -4,8 +4,8 @@ The shape of a mode is common to all records, its amplitude is each record's own
 makes two modes with nearly the same pole (a vehicle has two such pairs) visible: one pole could
 follow both in each single record, but not with one shape in all records.
 
-Records are projected once on the exponentials of some poles; any sets of these poles are then
-fitted by small matrices, many sets at once.
+Records are projected once on the exponentials of some poles; any set of these poles is then
+fitted by small matrices.
 """
 
 from __future__ import annotations
@@ -26,8 +26,6 @@ _SETTLED = 1e-4
 _RIDGE = 1e-12
 _NOISE_FLOOR = 1e-24
 """Variance, relative to the channel's, below which noise cannot be distinguished from rounding."""
-_AT_ONCE = 1 << 20
-"""Numbers in the largest array of the sets that are fitted at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,63 +55,45 @@ class _Alike:
     plain: NDArray[np.complex128]
     """`mixed`, `plain`: sums of ``conj(f) g`` and of ``f g`` of the exponentials, shape (m, m)."""
 
-    def of(self, sets: NDArray[np.intp]) -> _Chosen:
-        """Return the part that belongs to some sets of the exponentials, (s, p)."""
-        left, right = sets[:, :, None], sets[:, None]
-        waves = self.waves[:, sets].transpose(1, 2, 0)
-        products = self.products[:, :, sets].transpose(2, 0, 1, 3)
-        return _Chosen(
-            waves, self.target, products, self.mixed[left, right], self.plain[left, right]
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class _Chosen:
-    """The same quantities for s sets of p exponentials each, the sets along the first axis."""
-
-    waves: NDArray[np.complex128]
-    """Shape (s, p, k)."""
-    target: NDArray[np.float64]
-    """Shape (n_records, n_channels, k)."""
-    products: NDArray[np.complex128]
-    """Shape (s, n_records, n_channels, p)."""
-    mixed: NDArray[np.complex128]
-    plain: NDArray[np.complex128]
-    """`mixed`, `plain`: shape (s, p, p)."""
-
     def amplitudes(
-        self, shapes: NDArray[np.complex128], weight: NDArray[np.float64]
+        self, which: NDArray[np.intp], shapes: NDArray[np.complex128], weight: NDArray[np.float64]
     ) -> NDArray[np.complex128]:
-        """Return the best amplitude of each mode in each record, (s, n_records, p).
+        """Return the best amplitude of some modes in each record, (n_records, p).
 
-        `weight` (n_channels,) is the inverse of the variance of the noise.
+        `which` (p,): indices of their exponentials.  `shapes` (n_channels, p).  `weight`
+        (n_channels,) is the inverse of the variance of the noise.
         """
         weighted = shapes * weight[:, None]
-        turned = shapes.swapaxes(1, 2)
-        normal = real_block(
-            (turned.conj() @ weighted) * self.mixed, (turned @ weighted) * self.plain
-        )
-        return _solved(normal, np.einsum("sncp,scp->snp", self.products, weighted))
+        products = np.einsum("ncp,cp->np", self.products[..., which], weighted)
+        return _solved(self._normal(which, shapes, weighted), products)
 
     def for_shapes(
-        self, amplitudes: NDArray[np.complex128]
+        self, which: NDArray[np.intp], amplitudes: NDArray[np.complex128]
     ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-        """Return normal matrices, (s, 2 p, 2 p), and products with the samples, (s, c, p)."""
-        turned = amplitudes.swapaxes(1, 2)
-        normal = real_block(
-            (turned.conj() @ amplitudes) * self.mixed, (turned @ amplitudes) * self.plain
-        )
-        return normal, np.einsum("sncp,snp->scp", self.products, amplitudes)
+        """Return the normal matrix, (2 p, 2 p), and products with the samples, (n_channels, p)."""
+        products = np.einsum("ncp,np->cp", self.products[..., which], amplitudes)
+        return self._normal(which, amplitudes, amplitudes), products
 
     def left_by(
-        self, amplitudes: NDArray[np.complex128], shapes: NDArray[np.complex128]
+        self,
+        which: NDArray[np.intp],
+        amplitudes: NDArray[np.complex128],
+        shapes: NDArray[np.complex128],
     ) -> NDArray[np.float64]:
-        """Return the squares left in each channel within the space, (s, n_channels)."""
-        s, p, k = self.waves.shape
-        residue = (amplitudes[:, :, None] * shapes[:, None]).reshape(s, -1, p)
-        fitted = residue.real @ self.waves.real - residue.imag @ self.waves.imag
-        left = self.target - fitted.reshape(s, *self.target.shape[:2], k)
-        return np.asarray(np.einsum("snck,snck->sc", left, left))
+        """Return the squares left in each channel within the space, (n_channels,)."""
+        residue = amplitudes[:, None] * shapes
+        left = self.target - (residue @ self.waves[:, which].T).real
+        return np.asarray(np.einsum("nck,nck->c", left, left))
+
+    def _normal(
+        self,
+        which: NDArray[np.intp],
+        left: NDArray[np.complex128],
+        right: NDArray[np.complex128],
+    ) -> NDArray[np.float64]:
+        pairs = np.ix_(which, which)
+        mixed, plain = self.mixed[pairs], self.plain[pairs]
+        return real_block((left.conj().T @ right) * mixed, (left.T @ right) * plain)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,53 +126,31 @@ class Projection:
             left += least.reshape(m, *one.target.shape[:2]).sum(axis=1)
         return np.array(self._merit(left, self.poles[without_each(kept)]))
 
-    def fits(
-        self, sets: NDArray[np.intp], shapes: NDArray[np.complex128], sweeps: int = SWEEPS
-    ) -> list[ModalFit]:
-        """Fit shapes and amplitudes of some sets of the poles by alternating least squares.
+    def fit(
+        self, which: NDArray[np.intp], shapes: NDArray[np.complex128], sweeps: int = SWEEPS
+    ) -> ModalFit:
+        """Fit shapes and amplitudes of some of the poles by alternating least squares.
 
-        Noise is white, with an unknown level in each channel.
-
-        Parameters
-        ----------
-        sets : (s, p) intp
-            Indices of the poles of each set.
-        shapes : (n_channels, m) complex128
-            Shapes of all poles, to start from.
-        sweeps : int
-            Largest number of alternations; few are enough to compare sets that start near their
-            optimum.
+        `which` (p,): indices of the poles.  `shapes` (n_channels, p): to start from.  `sweeps`:
+        most alternations; few rank sets that start near their optimum.  Noise is white, with an
+        unknown level in each channel.
         """
-        size = self.n_records * len(shapes) * max(1, sets.shape[1])
-        step = max(1, _AT_ONCE // size)
-        found: list[ModalFit] = []
-        for first in range(0, len(sets), step):
-            found += self._fits(sets[first : first + step], shapes, sweeps)
-        return found
-
-    def _fits(
-        self, sets: NDArray[np.intp], shapes: NDArray[np.complex128], sweeps: int
-    ) -> list[ModalFit]:
-        records = [one.of(sets) for one in self.alike]
         weight = 1.0 / np.maximum(self.outside / self.n_samples, _NOISE_FLOOR)
-        mine = shapes[:, sets].swapaxes(0, 1)
-        residual = np.broadcast_to(self.outside, (len(sets), len(shapes)))
-        for _ in range(sweeps if sets.shape[1] else 0):
+        residual = self.outside
+        for _ in range(sweeps if len(which) else 0):
             before = residual
-            amplitudes = [r.amplitudes(mine, weight) for r in records]
-            parts = [r.for_shapes(q) for r, q in zip(records, amplitudes, strict=True)]
-            mine = _solved(*(np.sum(part, axis=0) for part in zip(*parts, strict=True)))
-            inside = [r.left_by(q, mine) for r, q in zip(records, amplitudes, strict=True)]
-            residual = self.outside + np.sum(inside, axis=0)
-            length = np.linalg.norm(mine, axis=1, keepdims=True)
-            mine = mine / np.where(length > 0.0, length, 1.0)
+            amplitudes = [one.amplitudes(which, shapes, weight) for one in self.alike]
+            both = list(zip(self.alike, amplitudes, strict=True))
+            parts = [one.for_shapes(which, q) for one, q in both]
+            normal, products = (sum(part) for part in zip(*parts, strict=True))
+            shapes = _solved(normal, products)
+            residual = self.outside + sum(one.left_by(which, q, shapes) for one, q in both)
+            length = np.linalg.norm(shapes, axis=0)
+            shapes = shapes / np.where(length > 0.0, length, 1.0)
             if np.all(np.abs(before - residual) <= _SETTLED * residual):
                 break
-        merits = self._merit(residual, self.poles[sets])
-        return [
-            ModalFit(self.poles[chosen], shape, merit)
-            for chosen, shape, merit in zip(sets, mine, merits, strict=True)
-        ]
+        (merit,) = self._merit(residual[None], self.poles[which][None])
+        return ModalFit(self.poles[which], shapes, merit)
 
     def _merit(self, left: NDArray[np.float64], poles: NDArray[np.complex128]) -> list[float]:
         """Return the merit of sets of poles, (s, p), that leave some squares, (s, n_channels)."""
@@ -213,14 +171,8 @@ def project(
 ) -> Projection:
     """Project records on some exponentials; those of one length share them.
 
-    Parameters
-    ----------
-    decays : sequence of (n_i, n_channels) float64
-        Records, scaled alike, no channel of zeros.
-    rate_hz : float
-        Samples a second.
-    poles : (m,) complex128
-        Poles with an imaginary part of at least zero, rad/s.
+    `decays`: records (n_i, n_channels), scaled alike, no channel of zeros.  `poles` (m,), rad/s,
+    have an imaginary part of at least zero.
     """
     m, oscillating = len(poles), poles.imag > 0.0
     lengths = np.array([len(decay) for decay in decays])
@@ -246,15 +198,15 @@ def project(
 
 
 def _solved(normal: NDArray[np.float64], product: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Solve stacked normal equations, (s, 2 p, 2 p), for products (s, n, p).
+    """Solve normal equations, (2 p, 2 p), for products (n, p).
 
     The ridge is far below noise; it matters only for poles that are equal to rounding.
     """
-    n = normal.shape[-1]
-    ridge = _RIDGE * np.trace(normal, axis1=1, axis2=2) / n + np.finfo(float).tiny
-    target = np.concatenate([product.real, -product.imag], axis=2).swapaxes(1, 2)
-    found = np.linalg.solve(normal + ridge[:, None, None] * np.eye(n), target)
-    return np.asarray((found[:, : n // 2] + 1j * found[:, n // 2 :]).swapaxes(1, 2))
+    n = len(normal)
+    ridge = _RIDGE * np.trace(normal) / n + np.finfo(float).tiny
+    target = np.concatenate([product.real, -product.imag], axis=1).T
+    solution = np.linalg.solve(normal + ridge * np.eye(n), target)
+    return np.asarray((solution[: n // 2] + 1j * solution[n // 2 :]).T)
 
 
 def gain_by_noise(

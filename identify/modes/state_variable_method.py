@@ -79,11 +79,8 @@ def checked_records(
 ) -> tuple[NDArray[np.float64], ...]:
     """Return the records as (n_samples, n_channels) arrays after checking them.
 
-    Raises
-    ------
-    InputError
-        No record, a record that is not two-dimensional or not of numbers, different numbers of
-        channels, fewer than 8 samples, NaN or infinity, a rate that is not positive.
+    Raises InputError for no record, one that is not two-dimensional or not of numbers, different
+    numbers of channels, fewer than 8 samples, NaN or infinity, a rate that is not positive.
     """
     if not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise InputError(_WHERE, f"the rate is {rate_hz} Hz", "give samples a second, above 0")
@@ -162,16 +159,10 @@ def layouts(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Dela
 def delay_space(
     decays: Sequence[NDArray[np.float64]], rate_hz: float, delays: Delays
 ) -> DelaySpace:
-    """Gather the delay vectors of all records (Eqs. 15-17) and find the directions they span.
+    """Return the directions that the delay vectors of all records span (Eqs. 15-17).
 
-    Parameters
-    ----------
-    decays : sequence of (n_i, n_channels) float64
-        Records, scaled alike; those too short for one delay vector do not count.
-    rate_hz : float
-        Samples a second.
-    delays : Delays
-        Layout.
+    `decays`: records (n_i, n_channels), scaled alike; those too short for one delay vector do not
+    count.
     """
     step, span = delays.step, delays.step * delays.blocks
     smooth = [_running_mean(decay, step) for decay in decays if len(decay) > span]
@@ -248,19 +239,12 @@ def _exact_directions(
 def poles_of_rank(
     space: DelaySpace, rank: int
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return the poles and shapes that the transition matrix of a given rank has (Eqs. 18-21).
+    """Return poles (rank,), rad/s, and shapes (n_channels, rank) of a given rank (Eqs. 18-21).
 
     With the delay vectors projected on `rank` directions U, the least-squares transition matrix of
     Eq. 18 is that from the first to the last rows of U.  A step of several samples leaves the
     imaginary part of ``ln z`` open by multiples of 2 pi; the phase by which the modal coordinate
     turns in one sample determines it.
-
-    Returns
-    -------
-    poles : (rank,) complex128
-        rad/s, real ones and both of each conjugate pair.
-    shapes : (n_channels, rank) complex128
-        First block of the eigenvectors.
     """
     U = space.directions[:, :rank]
     # U is orthonormal, so that the products of all rows except the last are the identity less the

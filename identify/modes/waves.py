@@ -163,13 +163,8 @@ def real_block(
     """Return the products of two families of derivatives, (..., 2 p, 2 q).
 
     The derivatives by the real and by the imaginary part of the j-th unknown of a family are the
-    real parts of ``c_j f_j`` and of ``i c_j f_j``.
-
-    Parameters
-    ----------
-    first, second : (..., p, q) complex128
-        ``conj(c_i) c_j`` times the sum of ``conj(f_i) f_j``, and ``c_i c_j`` times that of ``f_i
-        f_j``, c_i of the one family and c_j of the other.
+    real parts of ``c_j f_j`` and of ``i c_j f_j``.  `first` and `second`, (..., p, q): ``conj(c_i)
+    c_j`` times the sum of ``conj(f_i) f_j``, and ``c_i c_j`` times that of ``f_i f_j``.
     """
     total, gap = first + second, first - second
     p, q = first.shape[-2:]
@@ -202,16 +197,8 @@ def likelihood_at_most(
 ) -> NDArray[np.float64]:
     """Return an upper bound of the likelihood without each of some poles, (m,).
 
-    It is twice the logarithm, without constants, as `LikelyModes.log_likelihood`.
-
-    Parameters
-    ----------
-    blocks : sequence of Block
-        The samples; no channel of zeros.
-    poles : (m,) complex128
-        rad/s, imaginary parts of at least zero.
-    n_channels : int
-        Channels of the samples.
+    It is twice the logarithm, without constants, as `LikelyModes.log_likelihood`.  `poles` (m,),
+    rad/s, have imaginary parts of at least zero; no channel of the blocks is all zeros.
     """
     count = np.zeros(n_channels)
     least = np.zeros((n_channels, len(poles)))
@@ -229,16 +216,9 @@ def likelihood_at_most(
 def least_left(
     wave: NDArray[np.complex128], turning: NDArray[np.bool_], samples: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the least squares that remain of some series without each wave, (m, k).
+    """Return the least squares that remain of some series (n, k) without each wave, (m, k).
 
-    Parameters
-    ----------
-    wave : (n, m) complex128
-        The exponentials.
-    turning : (m,) bool
-        True for poles of a conjugate pair; the others are real.
-    samples : (n, k) float64
-        The series.
+    `wave` (n, m): the exponentials.  `turning` (m,): True for poles of a conjugate pair.
     """
     m, pairs = len(turning), np.flatnonzero(turning)
     # Columns of each mode; a real pole has a column of zeros for its imaginary part.
@@ -322,18 +302,10 @@ class Products:
     ) -> tuple[_Real, _Real]:
         """Return the products of each owner's entries with poles and with amplitudes.
 
-        Parameters
-        ----------
-        member : (n_owners, n_channels) float64
-            1 where a channel takes its entries from an owner.
-        sign : (n_channels, m) float64
-            Sign with which it takes them.
-        shapes : (n_channels, m) complex128
-        amplitudes : (n_runs, m) complex128
-
-        Returns
-        -------
-        (n_owners, 2 m, 2 m) and (n_owners, n_runs, 2 m, 2 m) float64
+        `member` (n_owners, n_channels) is 1 where a channel takes its entries from an owner, `sign`
+        (n_channels, m) the sign with which it does; `shapes` (n_channels, m) and `amplitudes`
+        (n_runs, m).
+        Returns (n_owners, 2 m, 2 m) and (n_owners, n_runs, 2 m, 2 m).
         """
         m = shapes.shape[1]
         pairs = (sign[:, :, None] * shapes[:, None]).reshape(len(shapes), -1)

@@ -172,17 +172,9 @@ def identify_parameters(
 
 
 def state_matrix_of(modal: ModalModel) -> NDArray[np.float64]:
-    """Return the state matrix that has the given modes (Eq. 22), (2n, 2n).
+    """Return the state matrix (2n, 2n) of n modes with displacement shapes (n, n) (Eq. 22).
 
-    Parameters
-    ----------
-    modal : ModalModel
-        n modes with displacement shapes of n degrees of freedom.
-
-    Raises
-    ------
-    InputError
-        If the number of modes is not n, or the shapes are not independent.
+    Raises InputError if the number of modes is not n, or the shapes are not independent.
     """
     n = len(modal.shapes)
     if len(modal) != n:
@@ -209,17 +201,8 @@ def physical_matrices(
 ) -> PhysicalModel:
     """Return M, C and K from the state matrices of two mass states (Eqs. 30, 31, 33).
 
-    Parameters
-    ----------
-    A, A_added : (2n, 2n) float64
-        State matrices (Eq. 12) without and with the added mass.
-    delta_M : (n, n) float64
-        The added mass.
-
-    Raises
-    ------
-    InputError
-        If `delta_M` is singular: Eq. 30 then leaves a part of M undetermined.
+    `A` and `A_added`, (2n, 2n): without and with the added mass `delta_M`, (n, n).  Raises
+    InputError if `delta_M` is singular: Eq. 30 then leaves a part of M undetermined.
     """
     n = len(delta_M)
     if bare := massless_motions(delta_M):
@@ -235,22 +218,10 @@ def damping_matrices(
     delta_M: NDArray[np.float64],
     M: NDArray[np.float64],
 ) -> dict[str, NDArray[np.float64]]:
-    """Return C from the baseline, from the added state, and from both.
+    """Return C, (n, n), from the baseline (Eq. 31), from the added state (Eq. 32), and their mean.
 
-    Without noise they are equal; their difference shows the effect of noise.
-
-    Parameters
-    ----------
-    A, A_added, delta_M
-        As in `physical_matrices`.
-    M : (n, n) float64
-        Mass matrix of Eq. 30.
-
-    Returns
-    -------
-    dict of str to (n, n) float64
-        `baseline` (Eq. 31), `added` (Eq. 32), and their `mean`, which is the least-squares
-        solution of Eqs. 27 and 29 for known masses.
+    Without noise they are equal.  The mean is the least-squares solution of Eqs. 27 and 29 for
+    known masses, `M` of Eq. 30.
     """
     n = len(M)
     baseline = -M @ A[n:, n:]

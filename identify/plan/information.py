@@ -10,8 +10,8 @@ curves it is computed for each height (`identify.plan.information`).
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -209,23 +209,6 @@ class KnownRuns:
                     self._known[key] = one.information
                 total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
-
-    def prepare(self, plans: Iterable[Plan]) -> None:
-        """Compute the runs of all plans with elements at once, with their cars in lockstep."""
-        alike: defaultdict[tuple[Any, ...], list[Plan]] = defaultdict(list)
-        for plan in plans:
-            if plan.elements is not None:
-                states = [
-                    (s.name, s.added.weights, s.added.matrix.tobytes()) for s in plan.mass_states
-                ]
-                alike[(_common(plan), plan.elements, *states)].append(plan)
-        for some in sorted(alike.values(), key=lambda plans: -len(plans[0].mass_states)):
-            runs = dict.fromkeys(
-                Runs(r.mass_state, r.excitation, 1, plan.height_m(r))
-                for plan in some
-                for r in plan.runs
-            )
-            self.fisher(replace(some[0], runs=tuple(runs)))
 
     def _with_elements(self, plan: Plan, elements: ExpectedElements) -> Fisher:
         rates, groups = _channel_groups(plan)

@@ -256,7 +256,6 @@ def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = N
     """
     known = known or KnownRuns()
     progress(0.0, "driving over the bumps")
-    known.prepare((plan, *(candidate.plan for candidate in candidates(plan))))
     now = expected(known.fisher(plan))
     progress(0.6, "next steps")
     ranked = _ranked(plan, known)
@@ -274,7 +273,6 @@ def compare_campaigns(
     known = known or KnownRuns()
     others = campaigns(plan)
     progress(0.0, "other campaigns")
-    known.prepare(other.plan for other in others)
     found = []
     for i, other in enumerate(others):
         progress(0.7 + 0.3 * i / len(others), other.action)

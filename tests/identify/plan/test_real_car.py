@@ -18,7 +18,6 @@ from identify.nonlinear.car import PULL, car
 from identify.nonlinear.forces import KINDS, AxleForces, DamperCurve, ElementChoice, Forces
 from identify.plan import (
     USUAL_ELEMENTS,
-    KnownRuns,
     Runs,
     advise,
     compare_campaigns,
@@ -82,17 +81,6 @@ def test_information_adds_over_runs() -> None:
     both = KNOWN.fisher(twice).information
     prior = KNOWN.fisher(replace(once, runs=())).information
     np.testing.assert_allclose(both - prior, 2.0 * (added - prior), rtol=1e-9)
-
-
-def test_runs_are_the_same_together_and_alone() -> None:
-    alone = replace(standard_plan(THREE[2:], states=(BASELINE,)), decay_s=0.3)
-    more = replace(standard_plan(THREE[1:], states=(BASELINE,)), decay_s=0.3)
-    together = KnownRuns()
-    together.prepare((alone, more))
-    once = KnownRuns().fisher(alone).information
-    np.testing.assert_allclose(together.fisher(alone).information, once, rtol=1e-9, atol=1e-6)
-    both = together.fisher(more).information
-    assert np.linalg.eigvalsh(both - once).min() > -1e-6 * np.abs(both).max()
 
 
 @pytest.mark.parametrize("height_m", [0.0, -0.01])
