@@ -1,19 +1,13 @@
 """Runs `bumpbench`, also as `python -m tui`."""
 
-import gc
 import os
 import signal
 import sys
 from io import TextIOWrapper
 
-_UNSEARCHED = 10_000
-"""New objects before Python searches for garbage.  With its own 700 it does so 150 times while the
-libraries load and a session is identified, for a fortieth of the time, and finds nothing."""
-
 
 def main() -> None:
     """Load the command line and run it; Ctrl-C while it is loaded ends it without a traceback."""
-    gc.set_threshold(_UNSEARCHED)
     _open_missing_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # in the console's own encoding, ² may not exist

@@ -1,4 +1,4 @@
-"""`bumpbench`: one console command; each subcommand is a file in `commands`.
+"""`bumpbench`: one console command; each subcommand is a function in `commands`.
 
 Nothing large is imported here or at the top of a command's file, so that `--help` is instant.
 """
@@ -9,13 +9,10 @@ import gc
 import sys
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 
 from .commands.batch import batch
 from .commands.check import check
@@ -49,65 +46,15 @@ GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
 """Commands by their user, in the order of `--help`; `study` comes last."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Plain:
-    """Converts a word of the command line to a path, a text or nothing.
-
-    Typer does so by pydantic, which takes as long to load as NumPy.
-    """
-
-    kind: type[Path] | type[str] | type[bool]
-    """Type of the converted word."""
-
-    def coerce(self, value: Any, param: object, ctx: object) -> Any:
-        """Return the converted word; None if there is none."""
-        return None if value is None else self.kind(value)
-
-
-_KIND_WORDS = {Path: "<path>", str: "<text>", int: "<number>", float: "<number>"}
-"""Word for a value of each type of Python, as --help shows it."""
-
-
-def _plainly(params: list[Any]) -> list[Any]:
-    """Return the parameters of a command, with words for their types in its help.
-
-    Those that take one path or text convert plainly.
-    """
-    for param in params:
-        # Typer 0.28 has no descriptors, and no pydantic.
-        kind = getattr(getattr(param, "type_descriptor", None), "annotation", None)
-        if kind in (Path, str, bool) and param.nargs == 1 and not param.multiple:
-            param._runtime_param = _Plain(kind)
-        element = next(iter(get_args(kind)), kind)
-        if element in _KIND_WORDS:
-            param.display_type = partial(_kind_word, element)
-    return params
-
-
-def _kind_word(kind: type, _ctx: object) -> str:
-    return _KIND_WORDS[kind]
-
-
-class _Single(TyperCommand):
-    """One command."""
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters, that of help among them."""
-        return _plainly(super().get_params(ctx))
-
-
 class _Grouped(TyperGroup):
-    """Lists the commands in groups, with whole sentences."""
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters, that of help among them."""
-        return _plainly(super().get_params(ctx))
+    """Lists the commands in the groups of `rich_help_panel`, without rich, which loads slowly."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the groups; those of `rich_help_panel`, without rich."""
+        """Write each group with the whole first sentence of each command."""
         groups: dict[str, list[tuple[str, str]]] = {}
         for name, command in self.commands.items():
-            title = getattr(command, "rich_help_panel", None) or "Research"
+            title = getattr(command, "rich_help_panel", None)
+            title = title if isinstance(title, str) else "For the curious"
             groups.setdefault(title, []).append((name, command.get_short_help_str(200)))
         for title, rows in groups.items():
             with formatter.section(title):
@@ -143,9 +90,7 @@ def _bumpbench(
 
 for title, commands in GROUPS.items():
     for command in commands:
-        app.command(command.__name__.rstrip("_"), cls=_Single, rich_help_panel=title)(command)
-for registered in study.registered_commands:
-    registered.cls = _Single
+        app.command(command.__name__.rstrip("_"), rich_help_panel=title)(command)
 app.add_typer(study, name="study")
 
 

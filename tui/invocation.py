@@ -1,47 +1,69 @@
-"""Runs one command of a Typer application and turns every error into a line and an exit code."""
+"""Runs one command of a Typer application and turns every error or signal into an exit code."""
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from collections.abc import Callable
-from copy import copy
-from functools import cache
-from inspect import getdoc
+import threading
+from _thread import interrupt_main
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.main import get_command
-from typer.models import CommandInfo
 
 from .diagnostics import ExitCode, report, report_usage
-from .signals import ended_by_signals
 
 if TYPE_CHECKING:
     from dbc import BumpbenchError
 
 
-@cache
-def _tree(commands: typer.Typer, word: str) -> Callable[..., object]:
-    """Return the parser of the commands, built once, with only the requested named command.
+_AGAIN_S = 0.5
+"""Time after which a signal is repeated whose exception Python has dropped, s."""
 
-    To build all of them takes as long as to load the library, and help only lists them.
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Turn SIGTERM in the body into an exception, as Ctrl-C is one, so that nothing is half done.
+
+    The exit code is that of a process that the signal ends.  Python drops an exception that a
+    signal raises while an object is deleted: the signal then comes again.
     """
-    asked = [one for one in commands.registered_commands if one.name == word]
-    chosen = copy(commands)
-    if asked:
-        chosen.registered_commands, chosen.registered_groups = asked, []
-    elif word in ("-h", "--help"):
-        chosen.registered_commands = [_listed(one) for one in commands.registered_commands]
-    return get_command(chosen)
+    if threading.current_thread() is not threading.main_thread():  # only that handles signals
+        yield
+        return
+
+    def end(number: int, _: object) -> None:
+        sys.exit(128 + number)
+
+    def dropped(raised: sys.UnraisableHookArgs) -> None:
+        for kind, number in ((SystemExit, signal.SIGTERM), (KeyboardInterrupt, signal.SIGINT)):
+            if issubclass(raised.exc_type, kind):
+                again = threading.Timer(_AGAIN_S, _signal_main_thread, [number])
+                again.daemon = True
+                again.start()
+                return
+        hook(raised)
+
+    before, hook = signal.signal(signal.SIGTERM, end), sys.unraisablehook
+    sys.unraisablehook = dropped
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        signal.signal(signal.SIGTERM, before)
 
 
-def _listed(command: CommandInfo) -> CommandInfo:
-    """Return a command as help lists it, without its parameters."""
-    listed = copy(command)
-    listed.help, listed.callback = getdoc(command.callback), lambda: None
-    return listed
+def _signal_main_thread(number: signal.Signals) -> None:
+    """Send a signal to the main thread; it ends a wait there."""
+    main = threading.main_thread().ident
+    if main is not None and hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(main, number)
+    else:  # Windows
+        interrupt_main(number)
 
 
 def invoke(arguments: list[str], commands: typer.Typer) -> int:
@@ -52,7 +74,7 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
     """
     try:
         with ended_by_signals():
-            parse = _tree(commands, arguments[0] if arguments else "")
+            parse = get_command(commands)
             code: Any = parse(arguments, standalone_mode=False, prog_name="bumpbench")
             sys.stdout.flush()
     except typer.exceptions.TyperException as error:

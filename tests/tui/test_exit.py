@@ -11,19 +11,9 @@ import pytest
 import typer
 
 from daq import write_session
-from tui.invocation import invoke
-from tui.signals import ended_by_signals
+from tui.invocation import ended_by_signals, invoke
 
 from ..daq.small_session import small_session
-
-_COUNTED = """
-import atexit, gc, sys
-from tui.cli import main
-sys.argv = ["bumpbench", *sys.argv[1:]]
-atexit.register(lambda: print(gc.get_freeze_count()))
-main()
-"""
-
 
 _INTERRUPTED = """
 import signal, sys
@@ -105,18 +95,12 @@ def test_a_signal_that_comes_while_an_object_is_deleted_ends_the_command_quietly
 
 
 _WRITING = """
-import signal, sys, threading, time
+import signal, sys
 import typer
 from daq.files import rewritten
 from pathlib import Path
 from tui.invocation import invoke
 commands = typer.Typer()
-
-def start_slowly(thread, start=threading.Thread.start):
-    start(thread)
-    time.sleep(0.1)
-
-threading.Thread.start = start_slowly  # as on a busy machine
 
 class Deleted:
     def __del__(self):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -30,47 +29,6 @@ def test_a_helper_that_dies_is_reported_in_a_line() -> None:
     with pytest.raises(InputError, match="a helper process died"), helpers(LIGHT) as pool:
         pool.submit(os._exit, 1).result()
     assert active_children() == []
-
-
-def test_no_process_to_be_had_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refused(*_: object) -> None:
-        raise BlockingIOError(11, "Resource temporarily unavailable")
-
-    monkeypatch.setattr("multiprocessing.context.ForkServerProcess._Popen", refused)
-    with pytest.raises(InputError, match="no process can be started"), helpers(LIGHT) as pool:
-        pool.submit(abs, -3).result()
-
-
-@pytest.mark.parametrize("length", [70, 71, 200])
-def test_helpers_work_where_the_folder_of_temporary_files_has_a_long_path(
-    length: int, tmp_path: Path
-) -> None:
-    """A Unix socket has a path of 107 bytes at most."""
-    short = tmp_path.parents[-2] / f"helpers-{os.getpid()}"
-    folder = short / ("t" * (length - len(str(short)) - 1))
-    folder.mkdir(parents=True)
-    program = (
-        "import tempfile; from tui.jobs.executors import helpers\n"
-        "from multiprocessing.util import get_temp_dir\n"
-        "with helpers(('json',)) as pool:\n"
-        "    print(pool.submit(abs, -3).result())\n"
-        "print(tempfile.gettempdir())\n"
-        "print(get_temp_dir())\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"TMPDIR": str(folder)},
-    )
-    left = [path.name for path in folder.iterdir()]
-    shutil.rmtree(short)
-    assert done.returncode == 0, done.stderr
-    result, temporary, sockets = done.stdout.splitlines()
-    assert (result, temporary) == ("3", str(folder))
-    assert sockets.startswith(str(folder) if length == 70 else "/tmp/pymp-")
-    assert left == []
 
 
 def test_helpers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:

@@ -5,11 +5,9 @@ Processes share loaded libraries, ignore Ctrl-C and end with their parent.
 
 from __future__ import annotations
 
-import asyncio
-import gc
+import logging
 import os
 import signal
-import tempfile
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -18,8 +16,6 @@ from importlib.metadata import version
 from itertools import islice
 from multiprocessing import active_children, get_all_start_methods, get_context, parent_process
 from multiprocessing.connection import wait as wait_for
-from multiprocessing.context import BaseContext
-from multiprocessing.util import get_temp_dir
 from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -30,13 +26,8 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _CONNECT_S = 4.0
-_LONGEST_FOLDER = 70
-"""Longest path of a folder, bytes, in which multiprocessing can have its sockets: it adds 32 bytes,
-and macOS takes 103, Linux 107."""
 _HELPERS = 2
 """Number of helpers: one works while the parent works, both while the parent waits."""
-_LOOK_AFTER_S = 60.0
-"""Time without a result after which the cluster is asked whether it still has workers, s."""
 
 
 def as_finished(
@@ -57,7 +48,7 @@ def as_finished(
     source = iter(items)
     lost: list[Item] = []
     crew = _workers(workers) if scheduler is None else _cluster(scheduler)
-    with crew as (executor, ahead, check):
+    with crew as (executor, ahead):
         running: dict[Future[Result], Item] = {}
         while not lost:
             for item in islice(source, ahead - len(running)):
@@ -68,18 +59,16 @@ def as_finished(
                     break
             if not running:
                 break
-            done, _ = wait(running, _LOOK_AFTER_S, FIRST_COMPLETED)
-            if not done:
-                check()
-            for future in done:
-                if not future.cancelled() and _process_died(future):
-                    lost.append(running.pop(future))
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                item = running.pop(future)
+                if not future.cancelled() and isinstance(future.exception(), BrokenProcessPool):
+                    lost.append(item)
                 else:
-                    yield running.pop(future), future
+                    yield item, future
         lost += running.values()
     for item in lost:
-        with processes(1) as executor:
-            future = executor.submit(function, item)
+        with processes(1) as alone:
+            future = alone.submit(function, item)
             wait([future])
             yield item, future
     if lost:
@@ -106,15 +95,10 @@ def map_items(
         try:
             results[item] = future.result()
         except BrokenProcessPool:
-            raise InputError(
-                subject, "a worker process died", "close other programs; it needs memory"
-            ) from None
+            what, advice = "a worker process died", "close other programs; it needs memory"
+            raise InputError(subject, what, advice) from None
         stage(len(results) / len(items), f"{len(results)} of {len(items)}")
     return [results[item] for item in items]
-
-
-def _process_died(future: Future[Any]) -> bool:
-    return isinstance(future.exception(), BrokenProcessPool)
 
 
 @contextmanager
@@ -126,7 +110,11 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
     """
     from dbc import InputError
 
-    pool = ProcessPoolExecutor(workers, _preloaded(modules), _prepare_process)
+    context = get_context("spawn")
+    if "forkserver" in get_all_start_methods():  # not on Windows
+        context = get_context("forkserver")
+        context.set_forkserver_preload(list(modules))
+    pool = ProcessPoolExecutor(workers, context, _prepare_process)
     try:
         yield pool
     except BaseException as error:
@@ -141,36 +129,8 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
 
 
 def _prepare_process() -> None:
-    """Leave Ctrl-C to the parent, end with it, and search what is loaded for garbage no more."""
+    """Leave Ctrl-C to the parent, and end with it: a worker would wait for work for ever."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _end_with_parent()
-    gc.freeze()
-
-
-def _preloaded(modules: Sequence[str]) -> BaseContext:
-    """Return a context that starts processes with these modules, which are loaded once for all."""
-    if "forkserver" not in get_all_start_methods():  # Windows: each process loads its own
-        return get_context("spawn")
-    _place_sockets()
-    context = get_context("forkserver")
-    context.set_forkserver_preload(list(modules))
-    return context
-
-
-def _place_sockets() -> None:
-    """Place the sockets of processes in /tmp if that of temporary files has too long a path."""
-    if len(os.fsencode(tempfile.gettempdir())) <= _LONGEST_FOLDER:
-        return
-    before, tempfile.tempdir = tempfile.tempdir, "/tmp"
-    try:
-        with suppress(OSError):  # the start of a process reports it
-            get_temp_dir()  # made once, and kept for this process
-    finally:
-        tempfile.tempdir = before
-
-
-def _end_with_parent() -> None:
-    """Make a worker end when its parent is killed; otherwise it would wait for work for ever."""
     parent = parent_process()
     assert parent is not None  # a worker has a parent
 
@@ -210,75 +170,51 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
             starting.join()
 
 
-_Crew = tuple[Executor, int, Callable[[], None]]
-"""An executor, the number of items that may be in flight, and a check that it still works."""
-
-
 @contextmanager
-def _workers(workers: int) -> Iterator[_Crew]:
+def _workers(workers: int) -> Iterator[tuple[Executor, int]]:
+    """Yield processes, and the number of items that may be in flight."""
     with processes(workers) as pool:
-        yield pool, 2 * workers, lambda: None
+        yield pool, 2 * workers
 
 
 @contextmanager
-def _cluster(address: str) -> Iterator[_Crew]:
-    """Yield the workers of a Dask scheduler, which gives the items of a lost worker to another."""
-    import logging
+def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
+    """Yield the workers of a Dask scheduler, which gives the items of a lost worker to another.
 
+    The second is the number of items that may be in flight.
+    """
     from dbc import InputError
 
     try:
         import distributed
     except ImportError:
-        raise InputError(
-            "--scheduler", "needs Dask, which is not installed", "install bumpbench[cluster]"
-        ) from None
+        what = "needs Dask, which is not installed"
+        raise InputError("--scheduler", what, "install bumpbench[cluster]") from None
     for name in ("distributed", "tornado", "asyncio"):  # what matters arrives as an exception
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-    try:
-        asyncio.run(_greet(address))
-    except Exception as error:  # whatever listens there may answer anything, or nothing
-        known = isinstance(error, (OSError, ValueError)) and str(error)
-        raise InputError(
-            f"--scheduler {address}",
-            f"no Dask scheduler answers: {known or 'something else listens there'}",
-            "start one with: dask scheduler",
-        ) from None
     connect: Any = distributed.Client  # typed in part only
-    client = connect(address, timeout=_CONNECT_S, set_as_default=False)
-
-    def check() -> None:
-        if not client.scheduler_info()["workers"]:
-            raise InputError(
-                address, "the scheduler has no workers", f"start some with: dask worker {address}"
-            )
-
     try:
-        try:
+        client = connect(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        what = f"no Dask scheduler answers: {error}"
+        advice = "start one with: dask scheduler"
+        raise InputError(f"--scheduler {address}", what, advice) from None
+    try:
+        with suppress(TimeoutError):
             client.wait_for_workers(1, timeout=_CONNECT_S)
-        except TimeoutError:
-            check()
+        if not client.scheduler_info()["workers"]:
+            advice = f"start some with: dask worker {address}"
+            raise InputError(address, "the scheduler has no workers", advice)
         # A function of the standard library: a worker without Bumpbench could not find ours.
         for worker, other in client.run(version, "bumpbench", on_error="return").items():
             if other != version("bumpbench"):
-                what = f"worker {worker} has no bumpbench"
-                if isinstance(other, str):
-                    what = f"worker {worker} has bumpbench {other}, here is {version('bumpbench')}"
+                theirs = f"bumpbench {other}" if isinstance(other, str) else "no bumpbench"
+                what = f"worker {worker} has {theirs}, here is {version('bumpbench')}"
                 raise InputError(address, what, "install one version everywhere")
         threads = sum(int(one["nthreads"]) for one in client.scheduler_info()["workers"].values())
-        yield client.get_executor(pure=False), 2 * threads, check
+        yield client.get_executor(pure=False), 2 * threads
     except (OSError, TimeoutError, RuntimeError):
-        raise InputError(
-            address, "the scheduler has gone", "start it, and run this again"
-        ) from None
+        advice = "start it, and run this again"
+        raise InputError(address, "the scheduler has gone", advice) from None
     finally:
         client.close(timeout=0.5)
-
-
-async def _greet(address: str) -> None:
-    """Exchange Dask's greeting: a client that fails in it gives up slowly and may block another."""
-    from distributed.comm.core import connect
-
-    greet: Any = connect
-    comm = await asyncio.wait_for(greet(address, timeout=_CONNECT_S), _CONNECT_S + 1.0)
-    await comm.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
@@ -68,7 +67,6 @@ def write_report(
     if pdf is not None:
         require_ending(pdf, "printed report", SHEETS)
         make_room(pdf)
-    gc.freeze()  # what is loaded stays, and is searched for garbage no more
     with helpers(_HEAVY) as pool:
         begun = {}
         checks = CrossChecks()
