@@ -22,16 +22,24 @@ DisplayAt = Annotated[
     str | None,
     typer.Option(
         "--display",
+        "--host",
         metavar="ADDRESS",
         help="Serve a display: here (this machine's browsers), lan, or an address to listen on.",
     ),
 ]
 DisplayControl = Annotated[
-    bool, typer.Option("--display-control", help="Let the display start, reject and pause.")
+    bool,
+    typer.Option(
+        "--control",
+        "--display-control",
+        help="Let the display start, reject and pause, for a number shown with its link.",
+    ),
 ]
-Force = Annotated[
-    bool, typer.Option("--force", help="Replace existing files (else they are refused).")
+Page = Annotated[
+    Path | None, typer.Option("--page", "--out", metavar="FILE", help="Page to write (*.html).")
 ]
+"""The page of a report."""
+Force = Annotated[bool, typer.Option("--force", help="Replace existing files without a question.")]
 """The explicit word of `daq.files.refuse_existing`."""
 
 BenchFile = Annotated[Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")]

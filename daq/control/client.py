@@ -53,16 +53,23 @@ class Client:
     `address`: `daq.control.address.control_address` of the recorder's folder.  `name`: the person,
     for the journal and for other clients that want control.  `control`: True to take control;
     without it, only questions are answered.  `take_over`: True to take control from the client that
-    has it.  Raises RecorderGoneError if no recorder answers.  Raises OrderRefusedError if another
-    client is in control.
+    has it.  `attends`: as of `Hello`.  Raises RecorderGoneError if no recorder answers.  Raises
+    OrderRefusedError if another client is in control.
     """
 
-    def __init__(self, address: Address, name: str, control: bool, take_over: bool = False) -> None:
+    def __init__(
+        self,
+        address: Address,
+        name: str,
+        control: bool,
+        take_over: bool = False,
+        attends: bool = True,
+    ) -> None:
         self._address = address
         if not is_running(address):
             raise self._gone("no recorder is running there")
         self._id = f"{os.getpid()}-{uuid4().hex[:12]}"
-        self._hello = Hello(name, control)
+        self._hello = Hello(name, control, attends=attends)
         self._number = 0
         self._lock, self._news_lock = threading.Lock(), threading.Lock()
         self._closed = threading.Event()
@@ -77,7 +84,7 @@ class Client:
         self._news.connect(address.news)
         self._heart = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
         try:
-            self.first_status = self.ask(Hello(name, control, take_over)).status
+            self.first_status = self.ask(Hello(name, control, take_over, attends)).status
             """The status at the time of the connection; None if there was none yet."""
         except (RecorderGoneError, OrderRefusedError):
             self.close()
@@ -99,7 +106,7 @@ class Client:
         """
         reply = self._answer(order, timeout_s)
         if isinstance(order, Hello):
-            self._hello = Hello(order.name, order.control)
+            self._hello = Hello(order.name, order.control, attends=order.attends)
         return reply
 
     def _answer(self, order: Order, timeout_s: float) -> Reply:
@@ -151,7 +158,7 @@ class Client:
             return
         if self._heart.ident is not None and self._hello.control:
             with suppress(RecorderGoneError, OrderRefusedError):
-                self.ask(Hello(self._hello.name), timeout_s=0.5)
+                self.ask(Hello(self._hello.name, attends=self._hello.attends), timeout_s=0.5)
         self._closed.set()
         if self._heart.ident is not None:
             self._heart.join()

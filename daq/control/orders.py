@@ -33,6 +33,8 @@ class Hello:
     """True to be the controller."""
     take_over: bool = False
     """True to take control from the client that has it; else a second controller is refused."""
+    attends: bool = True
+    """False for one that asks once: it is no viewer, and a demonstration does not go on for it."""
     order: Literal["hello"] = "hello"
 
 

@@ -320,6 +320,7 @@ class Peers:
     def __init__(self) -> None:
         self._names: dict[str, str] = {}
         self._seen_s: dict[str, float] = {}
+        self._attending: set[str] = set()
         self._controller = ""
 
     def seen(self, client: str, now_s: float) -> None:
@@ -328,11 +329,14 @@ class Peers:
         for other in [c for c, seen_s in self._seen_s.items() if now_s - seen_s > LEASE_S]:
             if other != self._controller:
                 self._seen_s.pop(other)
+                self._attending.discard(other)
                 self._names.pop(other, None)
 
     def hello(self, client: str, hello: Hello, now_s: float) -> str:
         """Admit a client as controller or viewer; return why it is refused, or an empty text."""
         self._names[client] = printable(hello.name, 60)
+        if hello.attends:
+            self._attending.add(client)
         if not hello.control:
             if client == self._controller:
                 self._controller = ""
@@ -361,7 +365,7 @@ class Peers:
 
     def viewers(self, now_s: float) -> int:
         """Return the number of clients that only watch."""
-        alive = [c for c, seen_s in self._seen_s.items() if now_s - seen_s <= LEASE_S]
+        alive = [c for c in self._attending if now_s - self._seen_s.get(c, -LEASE_S) <= LEASE_S]
         return len(alive) - (self._controller in alive)
 
     def name(self, client: str) -> str:

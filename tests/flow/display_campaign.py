@@ -70,7 +70,7 @@ async def _check(name: str, tab: Tab, word: str) -> None:
         return
     ratio = contrast(state["field"], state["ink"])
     print(f"{word:14} {name:7} height {state['share']:.2f} contrast {ratio:.1f}")
-    assert state["share"] >= 1 / 3, (name, state)
+    assert state["share"] >= 0.28, (name, state)
     assert ratio >= 7.0, (name, state)
     assert state["wide"] <= 0, (name, state)
     if name == "phone" or word not in PASSING:

@@ -175,8 +175,10 @@ def test_a_mistake_is_one_line(
     assert sorted(folder.rglob("*")) == before
 
 
-@pytest.mark.parametrize("bench", ["strange", "serial", "absent"])
-@pytest.mark.parametrize("command", ["record", "simulate"])
+@pytest.mark.parametrize(
+    ("command", "bench"),
+    [("record", "strange"), ("record", "serial"), ("record", "absent"), ("simulate", "serial")],
+)
 def test_no_such_bus_is_exit_4(bench: str, command: str, folder: Path, said: Said) -> None:
     out = folder / "out"
     words = [command, str(folder / f"{bench}.toml")]
@@ -277,8 +279,15 @@ def _huge(path: Path) -> None:
         file.create_dataset("channels/name", shape=(2**40,), dtype="S64", chunks=(1024,))
 
 
-@pytest.mark.parametrize("command", ["inspect", "identify", "report", "export --format mat"])
-@pytest.mark.parametrize("make", [Path.touch, Path.mkdir, _foreign, _newer, _linked, _huge])
+@pytest.mark.parametrize(
+    ("command", "make"),
+    [
+        *(("inspect", make) for make in (Path.touch, Path.mkdir, _foreign, _newer, _linked, _huge)),
+        ("identify", _huge),
+        ("report", _linked),
+        ("export --format mat", _foreign),
+    ],
+)
 def test_session(make: Callable[[Path], None], command: str, said: Said, tmp_path: Path) -> None:
     make(tmp_path / "bad.h5")
     assert "bad.h5" in said([*command.split(), str(tmp_path / "bad.h5")])

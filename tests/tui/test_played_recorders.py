@@ -9,12 +9,19 @@ import pytest
 
 from daq import write_session
 from daq.bench.campaign import Origin
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.journal.format import JournalHead
+from daq.journal.writer import JournalWriter
 from tui.cli import run
+from tui.commands.demo import begun_anew
 from tui.invocation import invoke
 from tui.recorders import demo, replay
 from tui.recorders.daemon import Lifetime
 
 from ..daq.crash_derive import journal_of_runs
+from ..daq.crash_disk import QuickFile
+from ..daq.small_campaign import bumps, small_bench, small_codec
 from .batches import refused_session
 
 Recorded = list[tuple[Any, Any, Path, Lifetime]]
@@ -93,3 +100,18 @@ def test_a_session_that_no_recorder_made_is_not_replayed(
         assert invoke([str(tmp_path), str(session), "--speed", speed], replay.commands) == 2
         assert "--speed" in capsys.readouterr().err
     assert recorded == []
+
+
+@pytest.mark.parametrize("ended", [True, False])
+def test_a_demonstration_does_not_go_on_with_one_that_was_interrupted(
+    ended: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench = small_bench()
+    head = JournalHead(bench.text, bench.dbc_text, "test", 1, 0, "ab" * 16)
+    folder = tmp_path / "demo"
+    writer = JournalWriter(folder / "journal", head, RecorderConfig(), QuickFile)
+    writer.append(bumps(small_codec(), 1), HopLosses())
+    writer.close(ended=ended)
+    again = tmp_path / "demo-2"
+    assert begun_anew(folder) == (folder if ended else again)
+    assert (str(again) in capsys.readouterr().err) is not ended

@@ -1,6 +1,7 @@
 """`bumpbench report` and `bumpbench compare`: files, exit codes, one line for an error."""
 
 import hashlib
+import io
 import json
 import subprocess
 import sys
@@ -10,7 +11,9 @@ from pathlib import Path
 import pytest
 
 import daq
+from dbc import InputError
 from identify import identify_parameters
+from tui import proposal_questions
 from tui.cli import run
 from tui.jobs.comparing import identified
 
@@ -29,8 +32,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_report_writes_page_pdf_and_figures(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page, pdf, folder = tmp_path / "new" / "r.html", tmp_path / "r.pdf", tmp_path / "figures"
-    arguments = ["report", str(session), "--out", str(page), "--pdf", str(pdf)]
+    page, pdf, folder = tmp_path / "r.html", tmp_path / "r.pdf", tmp_path / "figures"
+    arguments = ["report", str(session), "--page", str(page), "--pdf", str(pdf)]
     assert run([*arguments, "--figures", str(folder), "--format", "svg"]) == 0
     said = capsys.readouterr()
     assert said.err.startswith("bumpbench: verdict: doubtful\nbumpbench: doubt: wide intervals")
@@ -60,12 +63,36 @@ def test_two_reports_at_once_to_one_file_both_end_well(session: Path, tmp_path: 
     assert list(tmp_path.iterdir()) == [tmp_path / "r.html"]
 
 
-def test_report_that_cannot_be_written(
+def test_a_report_makes_no_folder_whose_name_is_mistyped(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "file").write_text("")
-    assert run(["report", str(session), "--out", str(tmp_path / "file" / "r.html")]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    page = tmp_path / "reprots" / "r.html"
+    assert run(["report", str(session), "--page", str(page)]) == 2
+    assert capsys.readouterr().err.startswith(
+        f"bumpbench: error: {page.parent}: there is no such folder"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("answer", "replaced"), [("y\n", True), ("\n", False), ("no\n", False)])
+def test_a_page_that_is_there_is_replaced_after_a_question(
+    answer: str,
+    replaced: bool,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (page := tmp_path / "r.html").write_text("signed")
+    monkeypatch.setattr(proposal_questions, "is_asked", lambda: True)
+    monkeypatch.setattr("sys.stdin", io.StringIO(answer))
+    if replaced:
+        proposal_questions.require_place(page, force=False)
+    else:
+        with pytest.raises(InputError, match="stays as it was"):
+            proposal_questions.require_place(page, force=False)
+    assert "r.html exists already: replace it?" in capsys.readouterr().err
+    proposal_questions.require_place(page, force=True)
+    assert capsys.readouterr().err == ""
 
 
 def test_report_of_a_refused_session_says_why(

@@ -64,7 +64,6 @@ def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Opened:
     monkeypatch.setenv("TEXTUAL_DRIVER", "of the test")
     monkeypatch.setenv("USER", "anna")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    monkeypatch.setattr("tui.commands.tui.pause_collector", lambda _: None)
     monkeypatch.setattr(RecorderFeed, "attach", lambda feed: made.attached.append(feed._folder))
     monkeypatch.setattr("tui.terminal.app.BenchApp", made)
     monkeypatch.setattr("tui.display.start.display_beside_terminal", made.beside)
@@ -151,8 +150,8 @@ class Asked:
         self.says = says
         self.calls: list[object] = []
 
-    def __call__(self, _: object, name: str, control: bool) -> Asked:
-        self.calls.append((name, control))
+    def __call__(self, _: object, name: str, control: bool, attends: bool) -> Asked:
+        self.calls.append((name, control, attends))
         return self
 
     def ask(self, order: Order) -> Reply:
@@ -177,7 +176,7 @@ def test_the_status_is_printed_in_lines_or_whole(
     assert out.startswith("T5, into /var/lib/bumpbench: ")
     assert len(out.splitlines()) > 4
     assert err == ""
-    assert recorder.calls == [("status", False), AskStatus(), "closed"]
+    assert recorder.calls == [("status", False, False), AskStatus(), "closed"]
     assert run(["status", str(tmp_path), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["vehicle"], document["phase"]) == ("T5", a_status().phase)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import JsonResult
+from ..options import Force, JsonResult, Page
 
 
 def compare(
@@ -19,23 +19,26 @@ def compare(
         ),
     ],
     json: JsonResult = False,
-    page: Annotated[
-        Path | None, typer.Option(help="Also write a page with all differences (*.html).")
-    ] = None,
+    page: Page = None,
+    force: Force = False,
 ) -> int:
-    """Compare sessions with the first one: differences with their significance, and trends."""
-    from daq.files import make_room, write_named
+    """Compare sessions with the first one: differences with their significance, and trends.
+
+    --page draws them, too.
+    """
+    from daq.files import write_named
     from identify.compare import compare as compared
 
     from ..diagnostics import PAGES, require_ending
     from ..jobs.comparing import comparison_lines, identified, labels_of
     from ..output import print_json, print_line, progress
+    from ..proposal_questions import require_place
 
     if len(sessions) < 2:
         raise typer.BadParameter("name two sessions or more")
     if page is not None:
         require_ending(page, "page", PAGES)
-        make_room(page)
+        require_place(page, force)
     with progress("compare") as stage:
         stage(0.0, f"{len(sessions)} sessions")
         results = identified([str(path) for path in sessions], stage)

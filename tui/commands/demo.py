@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ..diagnostics import ExitCode
+from ..diagnostics import ExitCode, say
 from ..options import Force, JsonResult, Seed
 
 SPEED = 20.0
@@ -41,6 +41,7 @@ def demo(
     from ..recorders.recording import print_summary, record_campaign, recorded_session
     from ..result import print_identification
 
+    out = begun_anew(out)
     bench = replace(load_bench(None), origin=Origin.SIMULATED)
     simulated, codec, latest = SimulatedCar(), bench_codec(bench), list[Status]()
 
@@ -80,6 +81,25 @@ def demo(
         for command in next_commands(path):
             print_line(f"  {command}")
     return ExitCode.ANSWER_IS_NO if document["verdict"] == "refused" else ExitCode.OK
+
+
+def begun_anew(folder: Path) -> Path:
+    """Return the folder, or one beside it where it holds a campaign that was interrupted.
+
+    Otherwise the recorder would go on with that campaign, in the middle of which the simulated car
+    of this demonstration is not.
+    """
+    from itertools import count
+
+    from daq.journal.folder import last_campaign
+
+    others = (folder.with_name(f"{folder.name}-{number}") for number in count(2))
+    place = folder
+    while (tail := last_campaign(place / "journal")) is not None and not tail.ended:
+        place = next(others)
+    if place != folder:
+        say(f"{folder} holds a campaign that was interrupted: this one is in {place}")
+    return place
 
 
 def next_commands(session: Path) -> tuple[str, str, str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Operator, RecorderFolder
+from ..options import DisplayAt, DisplayControl, Operator, RecorderFolder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,15 +18,8 @@ if TYPE_CHECKING:
 
 def display(
     folder: RecorderFolder = Path(),
-    host: Annotated[
-        str,
-        typer.Option(
-            help="Address to listen on: here (browsers of this machine), lan (its network), or any."
-        ),
-    ] = "here",
-    control: Annotated[
-        bool, typer.Option("--control", help="Let the page start, reject and pause, for a number.")
-    ] = False,
+    address: DisplayAt = "here",
+    control: DisplayControl = False,
     operator: Operator = "",
     json: Annotated[
         bool,
@@ -35,8 +28,8 @@ def display(
 ) -> int:
     """Show the state of a folder's recorder in one word that fills a screen.
 
-    The page only looks on unless --control is given, and is for this machine only unless --host is
-    given.
+    The page only looks on unless --control is given, and is for this machine only unless --display
+    is given.
     """
     import getpass
     import sys
@@ -74,7 +67,7 @@ def display(
             why = unreachable_words(folder) or "no recorder runs there"
             say(f"{folder}: {why}; the page waits for one (bumpbench record)")
 
-    run_display(folder, host, operator or getpass.getuser(), control, announce)
+    run_display(folder, address or "here", operator or getpass.getuser(), control, announce)
     if not json:
         say("the display has ended; the recorder goes on")
     return ExitCode.OK

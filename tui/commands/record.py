@@ -29,7 +29,7 @@ def record(
         Path | None, typer.Option(help="Log to this file, begun anew at 1 MB; default: stderr.")
     ] = None,
     display: DisplayAt = None,
-    display_control: DisplayControl = False,
+    control: DisplayControl = False,
     json: JsonSummary = False,
 ) -> int:
     """Record a campaign: each bump becomes a run, labelled in the order of the campaign.
@@ -57,7 +57,7 @@ def record(
     lifetime = Lifetime(not idle, keep_on, figures, lambda: shared_bench(bench, interface, channel))
     with (
         lone_recorder(out),
-        display_beside_recorder(out, display, display_control),
+        display_beside_recorder(out, display, control),
         Log(log) as lines,
         progress("record") as stage,
     ):

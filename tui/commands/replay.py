@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Fast, Interface, InterfaceChannel, JsonSummary
+from ..options import Buses, Fast, Interface, InterfaceChannel, JsonSummary
 
 
 def replay(
@@ -23,9 +23,7 @@ def replay(
     ] = None,
     interface: Interface = None,
     channel: InterfaceChannel = None,
-    bus: Annotated[
-        int | None, typer.Option(min=0, max=255, help="Only this bus of the log, from 0.")
-    ] = None,
+    bus: Buses = None,
     speed: Annotated[
         float, typer.Option(min=0.001, max=1000, help="Speed; 2 is twice real time.")
     ] = 1.0,
@@ -41,12 +39,13 @@ def replay(
     from daq.replay.replay import play
     from dbc import FrameBatch, counted
 
-    from ..bench import log_and_bench, shared_bench
+    from ..bench import bus_numbers, log_and_bench, shared_bench
     from ..diagnostics import say
     from ..output import print_json, print_line, progress
 
     source, bench = log_and_bench(source, bench)
     described = shared_bench(bench, interface, channel)
+    numbers = bus_numbers(described, bus or [])
     log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
     batches: Iterable[FrameBatch] = log or [read_session(source).frames]
     read = 0
@@ -54,7 +53,7 @@ def replay(
     def wanted() -> Iterable[FrameBatch]:
         nonlocal read
         for batch in batches:
-            chosen = batch if bus is None else batch.select(batch.bus == bus)
+            chosen = batch.on_buses(numbers)
             read += len(chosen)
             yield chosen
 

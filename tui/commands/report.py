@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say
-from ..options import SessionFile
+from ..options import Force, Page, SessionFile
 
 if TYPE_CHECKING:  # slow to load
     from identify import Judgement
@@ -24,9 +24,7 @@ class FigureFormat(StrEnum):
 
 def report(
     session: SessionFile,
-    out: Annotated[
-        Path | None, typer.Option(help="HTML file; default: next to the session, with its name.")
-    ] = None,
+    page: Page = None,
     pdf: Annotated[Path | None, typer.Option(help="Also write the report as PDF.")] = None,
     figures: Annotated[
         Path | None, typer.Option(help="Also write each figure, into this folder.")
@@ -41,13 +39,18 @@ def report(
     approver: Annotated[
         str, typer.Option(help="Name of the person responsible for the result.")
     ] = "",
+    force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print files and verdict as JSON.")] = False,
 ) -> int:
-    """Identify a session and write its report as one HTML page."""
+    """Identify a session and write its report as one HTML page.
+
+    The page is next to the session, with its name, unless --page is given.
+    """
     from dbc import InputError
 
     from ..jobs.reporting import write_figures, write_report
     from ..output import print_json, print_line, progress
+    from ..proposal_questions import require_place
 
     written: list[str] = []
 
@@ -56,16 +59,19 @@ def report(
         if not json:
             print_line(str(path))
 
-    out = session.parent / f"{session.stem}.html" if out is None else out
+    page = page or session.parent / f"{session.stem}.html"
+    for path in (page, pdf):
+        if path is not None:
+            require_place(path, force)
     if figures is not None and figures.exists() and not figures.is_dir():
         raise InputError(str(figures), "is not a folder", "name another folder")
     if figure_format is not None and figures is None:
         raise InputError("--format", "is for --figures", "name a folder with --figures")
     with progress("report") as stage:
-        page, quality = write_report(session, out, pdf, stage, wrote, (operator, approver))
+        made, quality = write_report(session, page, pdf, stage, wrote, (operator, approver))
         if figures is not None:
             stage(0.95, "figures")
-            for path in write_figures(page, figures, figure_format or FigureFormat.SVG):
+            for path in write_figures(made, figures, figure_format or FigureFormat.SVG):
                 wrote(path)
     if json:
         verdict = {"verdict": str(quality.verdict), "reasons": list(quality.reasons)}

@@ -25,7 +25,7 @@ def status(
     from ..recorders.lines import status_lines
 
     try:
-        client = Client(control_address(folder), "status", control=False)
+        client = Client(control_address(folder), "status", control=False, attends=False)
         try:
             status_now = client.ask(AskStatus()).status
         finally:

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 
     from daq.control.messages import Setup
 
-COLLECTOR_RESTS_S = 2.0
-"""Time from the start of the command to its first screen on a slow machine, s; if the collector ran
-meanwhile, the screen would come 0.1 s later."""
 FAULTS = ("double-bump", "overload", "frozen", "lost-frames", "weak", "wrong-mode", "unplug")
 
 
@@ -59,7 +56,7 @@ def tui(
     ),
     operator: Operator = "",
     display: DisplayAt = None,
-    display_control: DisplayControl = False,
+    control: DisplayControl = False,
     web: Annotated[
         bool, typer.Option("--web", help="Serve the terminal to browsers of this machine.")
     ] = False,
@@ -71,8 +68,6 @@ def tui(
     import os
     import sys
     from functools import partial
-
-    pause_collector(COLLECTOR_RESTS_S)
 
     from ..display.start import display_beside_terminal
     from ..terminal.app import BenchApp
@@ -93,30 +88,12 @@ def tui(
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
     chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
     choices = choices_path(os.environ, Path.home())
-    with display_beside_terminal(folder, display, name, display_control) as link:
+    with display_beside_terminal(folder, display, name, control) as link:
         app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted, choices=choices)
         app.display_link = partial(DisplayLinkScreen, link) if link is not None else None
         feed.attach()  # after all checks of the command
         app.run()
     return app.return_code or ExitCode.OK
-
-
-def pause_collector(seconds: float) -> None:
-    """Keep the garbage collector from searching all modules while they are loaded.
-
-    `seconds`: time until it works again, without the objects that exist by then.
-    """
-    import gc
-    import threading
-
-    def resume() -> None:
-        gc.freeze()
-        gc.enable()
-
-    gc.disable()
-    timer = threading.Timer(seconds, resume)
-    timer.daemon = True
-    timer.start()
 
 
 def known_operator(folder: Path, demo: bool) -> str:

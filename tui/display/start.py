@@ -66,7 +66,7 @@ def _is_wanted(host: str | None, control: bool) -> bool:
     """
     if host is None:
         if control:
-            raise InputError("--display-control", "needs a display", "add --display lan")
+            raise InputError("--control", "needs a display", "add --display lan")
         return False
     try:
         from .link import listen_on
@@ -82,7 +82,7 @@ def _display(
     folder: Path, host: str, operator: str, control: bool, stdout: int, stderr: IO[str] | None
 ) -> Iterator[subprocess.Popen[str]]:
     """Run a display until the block ends: its stdin closes, also if this process is killed."""
-    words = ["display", str(folder.resolve()), "--host", host, "--operator", operator, "--json"]
+    words = ["display", str(folder.resolve()), "--display", host, "--operator", operator, "--json"]
     with subprocess.Popen(
         [sys.executable, "-m", "tui", *words, *(["--control"] if control else [])],
         stdin=subprocess.PIPE,

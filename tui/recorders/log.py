@@ -164,7 +164,9 @@ def _file_handler(path: Path) -> logging.Handler:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         os.close(open_log(path))
-        handler = RotatingFileHandler(path, maxBytes=MOST_BYTES, backupCount=1, encoding="utf-8")
+        handler = RotatingFileHandler(
+            path, maxBytes=MOST_BYTES, backupCount=1, encoding="utf-8", delay=True
+        )
     except OSError as error:
         what = error.strerror or str(error)
         raise InputError(str(path), what, "name another file for the log") from error

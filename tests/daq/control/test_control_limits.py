@@ -116,3 +116,12 @@ def test_an_order_holds_no_more_than_it_may(
     assert REQUEST.validate_python(request | {"order": whole | {field: allowed}})
     with pytest.raises(ValidationError, match=field):
         REQUEST.validate_python(request | {"order": whole | {field: refused}})
+
+
+def test_a_client_that_asks_once_is_no_viewer() -> None:
+    """`bumpbench status`, repeated by a script, must not keep a demonstration alive."""
+    peers = Peers()
+    for client, attends in (("x-1", False), ("x-2", True)):
+        peers.seen(client, 100.0)
+        peers.hello(client, Hello(client, attends=attends), 100.0)
+    assert peers.viewers(100.0) == 1

@@ -63,7 +63,7 @@ def test_beside_a_recorder_nothing_waits_for_it(
     with display_beside_recorder(Path("day"), "here", control=True):
         pass  # and one that does not end is killed
     ((command, stdout, stderr),) = started
-    assert command[1:6] == ["-m", "tui", "display", str(tmp_path / "day"), "--host"]
+    assert command[1:6] == ["-m", "tui", "display", str(tmp_path / "day"), "--display"]
     assert command[6:] == ["here", "--operator", "display", "--json", "--control"]
     assert (stdout, stderr) == (subprocess.DEVNULL, None)
 

@@ -196,7 +196,7 @@ function ask(title, withNumber, yes) {
 }
 
 function askNumber() {
-  ask("Type the number that the terminal shows beside the link.", true, async () => {
+  ask("Type the six digits that the bench PC shows beside the link of this page (in its terminal: Ctrl+P, display). They keep others who have the link from starting runs.", true, async () => {
     const reply = await post("control", { number: $("number").value });
     if (reply.error) { text("ask-error", reply.error); return; }
     role.granted = true;

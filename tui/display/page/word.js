@@ -1,10 +1,9 @@
-// Sets the word as large as its place allows: as wide as the place, and up to twice as tall as the
-// font has it; where height is left over, a symbol stands above it.
+// Sets the word as wide as its place allows, in letters hardly taller than the font has them; where
+// height is left over, a symbol stands above it.
 
 const SVG = "http://www.w3.org/2000/svg";
-const TALLEST = 2.3; // height of a letter over its width, compared with the font's own
+const TALLEST = 1.25; // height of a letter over its width, compared with the font's own
 const WIDEST = 1.2;
-const MORE = 1.45; // times as tall once more, where no symbol fits above
 const REACH = 0.96; // of the place: round letters reach beyond the others
 const SPACING = 4; // between letters, of a font of 100: drawn taller they would touch
 const GAP = 0.07; // of the height, between two lines
@@ -49,14 +48,6 @@ function layout(lines, font, width, wholeHeight) {
            score: tall * Math.min(...placed.map((line) => line.wide)) };
 }
 
-// Too little is left for a symbol: the letters take it.
-function stretch(best, height) {
-  const by = Math.max(1, Math.min(MORE, height / best.used));
-  for (const line of best.placed) { line.tall *= by; line.high *= by; }
-  best.gap *= by;
-  best.used *= by;
-}
-
 export function drawWord(svg, words, kind) {
   const { width, height } = svg.getBoundingClientRect();
   if (!width || !height) return;
@@ -67,7 +58,6 @@ export function drawWord(svg, words, kind) {
   const best = choices.map((lines) => layout(lines, font, width, height)).sort((a, b) => b.score - a.score)[0];
   const side = Math.min(height - best.used - 2 * best.gap, 0.6 * width);
   const withSymbol = side > 0.22 * height && SYMBOLS[kind];
-  if (!withSymbol) stretch(best, REACH * height);
   const left = height - best.used;
   let y = (left - (withSymbol ? side + best.gap : 0)) / 2;
   const parts = [];

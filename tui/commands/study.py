@@ -1,0 +1,283 @@
+"""`bumpbench study`: reproduces the paper's tables and figures, and studies noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from enum import StrEnum
+from functools import partial
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..options import JsonResult
+
+if TYPE_CHECKING:
+    from daq import Excitation
+    from identify.study import Study
+
+study = typer.Typer(
+    help="Reproduce the paper's tables and figures; measure accuracy by Monte Carlo.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+FigureFile = Annotated[
+    Path | None, typer.Option("--figure", metavar="FILE.svg", help="Draw the result, too.")
+]
+Rate = Annotated[float, typer.Option(help="Samples per second.")]
+Noise = Annotated[float, typer.Option(help="Signal-to-noise ratio in dB.")]
+Fits = Annotated[int, typer.Option(min=1, max=100_000, help="Number of campaigns.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the first campaign's noise.")]
+Workers = Annotated[int, typer.Option(min=1, max=64, help="Processes.")]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Address of a Dask scheduler: its workers, not processes here.")
+]
+
+
+class Response(StrEnum):
+    """Ways to simulate the runs."""
+
+    EXACT = "exact"
+    WILSON = "wilson"
+
+
+class Sensors(StrEnum):
+    """Names of `identify.study.SENSOR_SETS`."""
+
+    PAPER = "paper"
+    IMU_HUBS = "imu+hubs"
+    IMU_TRAVELS = "imu+travels"
+    ALL = "all"
+
+
+@study.command()
+def table2(
+    response: Annotated[
+        Response, typer.Option(help="Exact discretisation, or the paper's Wilson-theta at 1 ms.")
+    ] = Response.EXACT,
+    json: JsonResult = False,
+    figure: FigureFile = None,
+) -> None:
+    """Identify all parameters from noise-free simulated runs."""
+    from identify.study import table2_study
+
+    from ..output import progress
+
+    _check_figure_file(figure)
+    with progress("table2"):
+        result = table2_study(response.value)
+    _deliver(result, json, figure)
+
+
+@study.command()
+def table3(
+    rate_hz: Rate = 1000.0,
+    noise_db: Noise = 30.0,
+    fits: Fits = 20,
+    seed: Seed = 1,
+    workers: Workers = 2,
+    scheduler: Scheduler = None,
+    json: JsonResult = False,
+    figure: FigureFile = None,
+) -> None:
+    """Compare the paper's chain with maximum likelihood at 30 dB."""
+    from identify.study import attempt, table3_campaign, table3_study
+
+    from ..jobs.executors import map_items
+    from ..output import progress
+
+    _check_figure_file(figure)
+    campaign = table3_campaign(rate_hz, noise_db)
+    with progress("table3") as stage:
+        seeds = range(seed, seed + fits)
+        attempts = map_items(partial(attempt, campaign), seeds, workers, stage, "study", scheduler)
+    _deliver(table3_study(campaign, attempts), json, figure)
+
+
+@study.command()
+def fig2(json: JsonResult = False, figure: FigureFile = None) -> None:
+    """Shift the modes by 2 to 14 % of added mass."""
+    from identify.study import fig2_study
+
+    _check_figure_file(figure)
+    _deliver(fig2_study(), json, figure)
+
+
+def _mass_error_command(name: str) -> Callable[..., None]:
+    """Return the command of one of Figs. 3 to 7."""
+
+    def command(json: JsonResult = False, figure: FigureFile = None) -> None:
+        from identify.study import mass_error_study
+
+        _check_figure_file(figure)
+        _deliver(mass_error_study(name), json, figure)
+
+    return command
+
+
+for number, quantity in enumerate(("dm_s", "dI_yy", "dI_xx", "dm_uf", "dm_ur"), start=3):
+    study.command(f"fig{number}", help=f"Mistake {quantity} by -5 to 5 %.")(
+        _mass_error_command(f"fig{number}")
+    )
+
+
+@study.command()
+def fig8(json: JsonResult = False, figure: FigureFile = None) -> None:
+    """Mistake a, b, t_f or t_r by -5 to 5 %."""
+    from identify.study import fig8_study
+
+    _check_figure_file(figure)
+    _deliver(fig8_study(), json, figure)
+
+
+@study.command()
+def fig9(
+    rate_hz: Rate = 1000.0,
+    noise_db: Noise = 30.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 1,
+    json: JsonResult = False,
+    figure: FigureFile = None,
+) -> None:
+    """Show the noisy signal and what a 16 Hz FIR low-pass leaves of it."""
+    from identify.study import fig9_study
+
+    _check_figure_file(figure)
+    _deliver(fig9_study(rate_hz, noise_db, seed), json, figure)
+
+
+@study.command()
+def noise(
+    rate_hz: Rate = 200.0,
+    noise_db: Noise = 30.0,
+    cases: Annotated[
+        str,
+        typer.Option(
+            help="Bumps of each mass state: bounce,pitch,roll,warp,rear_pitch or some of them."
+        ),
+    ] = "bounce,pitch,roll",
+    sensors: Annotated[
+        Sensors, typer.Option(help="The paper's seven accelerations, or a bench's sensors.")
+    ] = Sensors.PAPER,
+    known_geometry: Annotated[
+        bool, typer.Option("--known-geometry", help="a, b, t_f and t_r are measured.")
+    ] = False,
+    added_mass: Annotated[bool, typer.Option(help="Bump with added mass, too.")] = True,
+    fits: Fits = 100,
+    seed: Seed = 1,
+    workers: Workers = 2,
+    scheduler: Scheduler = None,
+    json: JsonResult = False,
+    figure: FigureFile = None,
+) -> None:
+    """Compare noisy campaigns with the Cramer-Rao bound."""
+    from daq import FORD_GRANADA
+    from identify.study import (
+        PAPER_MASS_STATES,
+        SENSOR_SETS,
+        Campaign,
+        bound_percent,
+        noise_study,
+        outcome,
+    )
+
+    from ..jobs.executors import map_items
+    from ..output import progress
+
+    _check_figure_file(figure)
+    campaign = Campaign(
+        rate_hz=rate_hz,
+        noise_db=noise_db,
+        cases=_cases(cases),
+        groups=SENSOR_SETS[sensors.value],
+        geometry=FORD_GRANADA.geometry if known_geometry else None,
+        mass_states=PAPER_MASS_STATES if added_mass else PAPER_MASS_STATES[:1],
+    )
+    bound = bound_percent(campaign)
+    with progress("noise") as stage:
+        seeds = range(seed, seed + fits)
+        outcomes = map_items(partial(outcome, campaign), seeds, workers, stage, "study", scheduler)
+    _deliver(noise_study(campaign, bound, outcomes), json, figure)
+
+
+def _cases(text: str) -> tuple[Excitation, ...]:
+    """Return the cases named in a list with commas."""
+    from daq import Excitation
+    from dbc import InputError
+
+    names = [name.strip().lower() for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in set(Excitation):
+            advice = f"choose of {', '.join(Excitation)}"
+            raise InputError("--cases", f"there is no {name}", advice)
+    return tuple(Excitation(name) for name in names)
+
+
+def _check_figure_file(path: Path | None) -> None:
+    """Refuse a file that could not be written, before hours of computing; make its folder.
+
+    Raises InputError if it does not end in .svg, or cannot be written.
+    """
+    from daq.files import make_room
+    from dbc import InputError
+
+    if path is None:
+        return
+    if path.suffix.lower() != ".svg":
+        raise InputError(str(path), "a figure is drawn as SVG only", "name the file *.svg")
+    if path.is_dir():
+        raise InputError(str(path), "is a directory", "name a file")
+    make_room(path)
+
+
+def _deliver(result: Study, json: bool, figure: Path | None) -> None:
+    """Print a study as a table or as JSON, whose panels are what the figure shows; then draw it.
+
+    Raises InputError if the file cannot be written; hours of computing are printed by then.
+    """
+    from ..output import print_item, print_json, print_line, print_table
+
+    if json:
+        keys = [column.key for column in result.columns]
+        print_json(
+            {
+                "title": result.title,
+                "rows": [dict(zip(keys, row, strict=True)) for row in result.rows],
+                "notes": list(result.notes),
+                "panels": [_plain(asdict(panel)) for row in result.panels for panel in row],
+            }
+        )
+    else:
+        rows = [
+            [
+                cell if isinstance(cell, str)
+                else format(cell, column.form) if isfinite(cell)
+                else "-"
+                for cell, column in zip(row, result.columns, strict=True)
+            ]
+            for row in result.rows
+        ]  # fmt: skip
+        print_table(result.title, [column.heading for column in result.columns], rows)
+        print_line()
+        for note in result.notes:
+            print_item(note)
+    if figure is not None:
+        from daq.files import write_named
+        from identify.study import svg
+
+        write_named(figure, svg(result).encode())
+
+
+def _plain(value: Any) -> Any:
+    """Return nested values with arrays as lists."""
+    match value:
+        case dict():
+            return {key: _plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case str() | bool() | int() | float() | None:
+            return value
+        case _:
+            return value.tolist()
