@@ -16,6 +16,7 @@ from importlib.metadata import version
 from itertools import islice
 from multiprocessing import active_children, get_all_start_methods, get_context, parent_process
 from multiprocessing.connection import wait as wait_for
+from multiprocessing.context import BaseContext
 from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -110,7 +111,7 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
     """
     from dbc import InputError
 
-    context = get_context("spawn")
+    context: BaseContext = get_context("spawn")
     if "forkserver" in get_all_start_methods():  # not on Windows
         context = get_context("forkserver")
         context.set_forkserver_preload(list(modules))
