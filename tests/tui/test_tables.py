@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from identify import Estimate
+from identify.change import Change
 from identify.compare import Compared, Comparison, Difference, Trend
 from identify.document import Document, EstimateEntry, ModeEntry
 from tui.jobs.comparing import comparison_lines
@@ -137,17 +138,30 @@ def test_a_comparison_of_three_is_stated_with_its_trends() -> None:
         ["1", "one: ok"],
         ["2", "two: doubtful"],
         ["Where a verdict is not ok, neither intervals nor significances hold."],
-        ["2: each by itself, at 95 % among all quantities, 1 differ:"],
+        ["Each by itself, at 95 % among all 2 quantities, these differ: m_s."],
         ["Parameters", "1", "2", "2 minus 1", "z"],
-        ["m_s, kg", "50.0", "52.0", "+4.0 ± 2.4 %", "+2.50", "differs"],
-        ["Modes", "1", "3", "3 minus 1", "z"],
-        ["m_s, kg", "50.0", "54.0", "+8.0 ± 2.4 %", "+2.50", "differs"],
-        ["mode 1 Hz, kg", "50.0", "52.0", "+4.0 ± 2.4 %", "+2.50"],
+        ["m_s, kg", "50.0", "52.0", "+4.0 ± 2.4 %", "+2.50"],
+        ["Parameters", "1", "3", "3 minus 1", "z"],
+        ["m_s, kg", "50.0", "54.0", "+8.0 ± 2.4 %", "+2.50"],
         ["Trend", "per session", "chi2 / n", "at 95 %"],
         ["m_s, kg", "+2.00 ± 0.49", "12.5 / 2", "drifts varies"],
-        ["mode 1 Hz, kg", "+2.00 ± 0.49", "12.5 / 2"],
         ["Not compared, not determined in a session: t_f."],
     ):
         assert row in lines, row
     assert lines[-1][0].endswith("in common are wheelbase_m.")
-    assert not any(row[0].startswith("Forces") for row in lines)
+    assert not any(row[0].startswith(("Forces", "Modes", "mode")) for row in lines)
+
+
+def test_a_comparison_says_once_whether_anything_differs() -> None:
+    """Headline and table agree, also where a quantity differs that the joint fit does not name."""
+    nothing = Change("nothing")
+    one = comparison(2, change=nothing)
+    text = " ".join(comparison_lines(one))
+    assert "Nothing differs" not in text
+    assert "names no change. Each by itself" in text
+    assert "these differ: m_s." in text
+    same = comparison(2, change=nothing, parameters=(compared("m_s", (50.0, 52.0), False, False),))
+    lines = list(comparison_lines(same))
+    assert lines[4].startswith("Nothing differs beyond chance")
+    assert len(lines) <= 10
+    assert "differ:" not in " ".join(lines)

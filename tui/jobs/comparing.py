@@ -47,7 +47,7 @@ def labels_of(paths: Sequence[Path]) -> list[str]:
 
 
 def comparison_lines(comparison: Comparison) -> Iterator[str]:
-    """Yield every difference from the first session in lines of 80 columns, then trends."""
+    """Yield what changed, and the quantities that differ, drift or vary, in 80 columns."""
     for number, label in enumerate(comparison.labels, start=1):
         yield f"{number}  {label}: {comparison.verdicts[number - 1]}"
     if set(comparison.verdicts) != {"ok"}:
@@ -56,41 +56,58 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
     if comparison.unlike:
         yield from wrap(f"Stated differently (is it one car?): {'; '.join(comparison.unlike)}.", 79)
         yield ""
+    yield from wrap(_headline(comparison), 79)
     if comparison.change is not None:
-        yield from wrap(comparison.change.sentence, 79)
         yield from wrap(unchanged_line(comparison.change), 79)
-        yield ""
     for which in range(len(comparison.labels) - 1):
         yield from _differences(comparison, which)
+    trends = [line for row in comparison.quantities for line in _trend(row)]
+    if trends:
         yield ""
-    if len(comparison.labels) > 2:
         yield f"{'Trend':<26}{'per session':>24}{'chi2 / n':>14}   at 95 %"
-        yield from (line for row in comparison.quantities for line in _trend(row))
-        yield ""
+        yield from trends
+    yield ""
     if comparison.open:
         yield f"Not compared, not determined in a session: {', '.join(comparison.open)}."
     common = f"; in common are {', '.join(comparison.common)}" if comparison.common else ""
     yield f"Errors of the sessions are taken as independent{common}."
 
 
-def _differences(comparison: Comparison, which: int) -> Iterator[str]:
-    """Yield the differences of one session from the first, parameters before modes."""
-    number = f"{which + 2}"
-    rows = [row for row in comparison.quantities if row.differences[which].significant]
-    if rows:
-        yield f"{number}: each by itself, at 95 % among all quantities, {len(rows)} differ:"
-        yield from wrap(f"  {', '.join(row.name for row in rows)}", 79, subsequent_indent="  ")
+def _headline(comparison: Comparison) -> str:
+    """Return what the joint fit and the quantities by themselves show, as one message."""
+    change, rows = comparison.change, comparison.quantities
+    differ = ", ".join(row.name for row in rows if _changes(row))
+    unchanged = change is not None and change.outcome == "nothing" and not change.apart
+    if unchanged and not differ:
+        return f"Nothing differs beyond chance: neither by the joint fit, nor any of {len(rows)}."
+    if differ:
+        alone = f"Each by itself, at 95 % among all {len(rows)} quantities, these differ: {differ}."
     else:
-        yield f"{number}: each by itself, nothing differs beyond what noise alone would give."
+        alone = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
+    if unchanged:
+        return f"The joint fit, which is more precise, names no change. {alone}"
+    return f"{change.sentence} {alone}" if change is not None else alone
+
+
+def _changes(row: Compared) -> bool:
+    """Return whether a quantity differs from the first session, drifts or varies."""
+    trend = row.trend is not None and (row.trend.drifts or row.trend.varies)
+    return trend or any(difference.significant for difference in row.differences)
+
+
+def _differences(comparison: Comparison, which: int) -> Iterator[str]:
+    """Yield the quantities of one session that differ from the first, parameters before modes."""
+    number = f"{which + 2}"
     for title, quantities in (
         ("Parameters", comparison.parameters),
         ("Forces of one corner", comparison.forces),
         ("Modes", comparison.modes),
     ):
-        if quantities:
+        rows = [row for row in quantities if row.differences[which].significant]
+        if rows:
             yield ""
             yield f"{title:<26}{'1':>10}{number:>10}{f'{number} minus 1':>17}{'z':>8}"
-            yield from (line for row in quantities for line in _difference(row, which))
+            yield from (line for row in rows for line in _difference(row, which))
 
 
 def _difference(row: Compared, which: int) -> Iterator[str]:
@@ -99,15 +116,15 @@ def _difference(row: Compared, which: int) -> Iterator[str]:
     )
     difference = row.differences[which]
     share = plus_minus_percent(difference.value, difference.half, row.estimates[0].value)
-    word = "  differs" if difference.significant else ""
-    yield from _named(row, f"{a:>10}{b:>10}{share:>17}{difference.z:>+8.2f}{word}")
+    yield from _named(row, f"{a:>10}{b:>10}{share:>17}{difference.z:>+8.2f}")
 
 
 def _trend(row: Compared) -> Iterator[str]:
-    if (t := row.trend) is not None:
+    t = row.trend
+    if t is not None and (t.drifts or t.varies):
         words = " ".join(["drifts"] * t.drifts + ["varies"] * t.varies)
         cells = f"{plus_minus(t.slope, t.half):>24}{f'{t.chi2:,.1f} / {t.freedom}':>14}   {words}"
-        yield from _named(row, cells.rstrip())
+        yield from _named(row, cells)
 
 
 def _named(row: Compared, cells: str) -> Iterator[str]:
