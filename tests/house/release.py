@@ -21,9 +21,8 @@ from .built import ROOT, UV, build
 Result = TypeVar("Result")
 
 EXTRAS = {
-    "data": "import xarray, h5netcdf, pandas, pyarrow",
+    "data": "import pandas, pyarrow",
     "mf4": "import asammdf",
-    "modal": "import pyuff",
     "cluster": "import dask, distributed",
     "web": "import textual_serve.server",
 }
