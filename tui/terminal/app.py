@@ -43,6 +43,11 @@ if TYPE_CHECKING:
     from .screens.results import ResultsScreen
     from .screens.work import IdentifyScreen, ReportScreen
 
+RECORDER_GOES_ON = (
+    "The recorder goes on. The same command brings you back to where you were;"
+    ' to end the recorder, press Ctrl+P there and choose "recorder: shut down".'
+)
+"""Text that a closed terminal leaves on stderr."""
 _MODULES = {"home": "bumping", "run": "bumping", "identify": "work", "report": "work"}
 """Modules of screens that have another name than the screen."""
 
@@ -110,12 +115,14 @@ class ScreensApp(MessageApp):
             report.begin()
 
     async def action_step(self, number: int) -> None:
-        """Show the screen of a step if it is reached."""
+        """Show the screen of a step if it is reached; of an identified recording the results."""
         step = BenchStep(number)
-        if progress(self.status).reached(step):
-            await self.go_to(step)
-        else:
+        if not progress(self.status).reached(step):
             self.warn(f"step {step.title} is not reached yet")
+        elif step is BenchStep.IDENTIFY and (outcome := self._identify_screen().valid_outcome):
+            await self.open_results(outcome)
+        else:
+            await self.go_to(step)
 
     async def action_sessions(self) -> None:
         """Show the sessions of the folder."""
@@ -245,6 +252,10 @@ class BenchApp(ScreensApp, KeyboardApp):
     def on_unmount(self) -> None:
         """Stop the feed; the recorder goes on."""
         self.feed.stop()
+
+    async def action_quit(self) -> None:
+        """Close the terminal; say below it how to come back and how to end the recorder."""
+        self.exit(message=None if self.lost else RECORDER_GOES_ON)
 
     def post(self, news: News) -> None:
         """Queue news; called from the feed's thread."""

@@ -6,7 +6,7 @@ import pytest
 from textual.widgets import Static
 
 from tui.terminal.screens.help import HelpScreen
-from tui.terminal.state.feed import Role
+from tui.terminal.state.feed import Lost, Role
 
 from .fake_recorder import FakeRecorder
 from .operated import Make
@@ -44,6 +44,7 @@ async def test_keys_of_every_screen(make_app: Make, monkeypatch: pytest.MonkeyPa
     recorder = FakeRecorder()
     recorder.mark("vehicle", "check")
     taken: list[int] = []
+    said: list[str | None] = []
     monkeypatch.setattr(recorder, "take_over", lambda: taken.append(1))
     app = make_app(recorder)
     async with app.run_test(size=(100, 30)) as pilot:
@@ -70,5 +71,12 @@ async def test_keys_of_every_screen(make_app: Make, monkeypatch: pytest.MonkeyPa
         assert len(app._news) == 1200, "news of a minute, twenty a second"
         await pilot.pause()
         assert app.screen.query(Static)
+        monkeypatch.setattr(app, "exit", lambda message: said.append(message))
         await pilot.press("ctrl+q")
-    assert app.return_code == 0
+        app.lost = Lost("the recorder has ended", "press X")
+        await pilot.press("ctrl+q")
+    goes_on, lost = said
+    assert goes_on is not None
+    assert "The same command brings you back" in goes_on
+    assert "recorder: shut down" in goes_on
+    assert lost is None, "no recorder goes on"

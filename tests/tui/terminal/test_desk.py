@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 from textual.app import App
@@ -131,7 +131,17 @@ def test_identify_from_space_to_results(
         worker.go.set()
         await pilot.pause()
         await pilot.pause()
-        assert app.screen is app.get_screen("results")
+        results, identify = app.get_screen("results"), app.get_screen("identify")
+        assert app.screen is results
+        for key, shown in (("6", results), ("escape", identify), ("3", None), ("6", results)):
+            await pilot.press(key)
+            await pilot.pause()
+            assert shown is None or app.screen is shown, key
+        recorder.publish(session=replace(recorder.built(PATH), revision=-1))
+        await pilot.pause()
+        await pilot.press("6")
+        await pilot.pause()
+        assert app.screen is identify, "the results are those of an earlier state"
 
     played(app, (100, 30), play)
 

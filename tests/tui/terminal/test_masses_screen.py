@@ -3,11 +3,10 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import pytest
 
-from daq.control.orders import Configure, Mark, Note, OverrideWarning
+from daq.control.orders import Mark, Note, OverrideWarning
 from daq.vehicle import BodyWeight, Corner, HubWeight
 from tui.jobs.gain import Gain, Shift
 from tui.terminal.app import BenchApp
@@ -15,7 +14,7 @@ from tui.terminal.screens.masses import MassesScreen
 
 from .conftest import at_every_size, screen_text
 from .fake_recorder import FakeRecorder
-from .operated import Make, bench_of, check_items, orders_of, reach, shows, until
+from .operated import Make, bench_of, check_items, orders_of, reach, until
 
 GAIN = Gain(
     (Shift("bounce", 1.05, 1.00), Shift("pitch", 1.31, 1.25), Shift("roll", 1.65, 1.64)),
@@ -56,22 +55,6 @@ async def test_the_masses_look_as_before(make_app: Make, snapshot: Callable[...,
         await pilot.press("b", "down")
         await pilot.pause()
         await at_every_size(pilot, snapshot, "masses")
-
-
-@pytest.mark.usefixtures("_quick")
-async def test_space_goes_from_weight_to_weight_and_then_on(make_app: Make) -> None:
-    recorder = _loaded()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, MassesScreen)
-        for number in range(1, 9):
-            await until(pilot, partial(shows, app, f"weight {number} is bolted"))
-            assert Mark("step masses done") not in recorder.orders
-            await pilot.press("space")
-        await until(pilot, lambda: "all are bolted" in screen_text(app))
-        await pilot.press("space")
-        await until(pilot, lambda: Mark("step masses done") in recorder.orders)
-    assert orders_of(recorder, Configure) == []  # as the bench has them
 
 
 @pytest.mark.usefixtures("_quick")

@@ -214,7 +214,7 @@ class ResultsScreen(BenchScreen):
         Binding("x", "start_recorder", "Start recorder"),
         Binding("x", "exclude", "Exclude run", tooltip="Leave the marked run out, or use it again"),
         Binding("e", "export", "Export", tooltip="Export the session in another format"),
-        Binding("escape", "app.step(6)", "Back", show=False),
+        Binding("escape", "back", "Back", show=False),
     ]
 
     def __init__(self) -> None:
@@ -296,6 +296,10 @@ class ResultsScreen(BenchScreen):
         if status is not None and self._is_current(status) and not is_marked(status, step):
             await self.bench_app.ask(Mark(step.mark))
         await self.bench_app.open_report(self.outcome.session)
+
+    async def action_back(self) -> None:
+        """Go back to the identify screen."""
+        await self.bench_app.go_to(BenchStep.IDENTIFY)
 
     def action_page(self, step: int) -> None:
         """Show the next page."""

@@ -229,7 +229,7 @@ def with_bolted(entries: Sequence[Entry], at: int, bolted: bool) -> tuple[Entry,
     )
 
 
-HEADS = ("#", "bolted", "place", "serial", "kg", "±", "x", "y", "height")
+HEADS = ("#", "bolted", "place", "serial", "kg", "± kg", "x m", "y m", "height m")
 
 
 def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:

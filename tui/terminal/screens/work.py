@@ -241,6 +241,12 @@ class IdentifyScreen(WorkScreen):
         elif self.work.stage is Stage.DONE and self.outcome is not None:
             await self.bench_app.open_results(self.outcome)
 
+    @property
+    def valid_outcome(self) -> Outcome | None:
+        """The result of the recording as it is now; None without one."""
+        valid = self.work.stage is Stage.DONE and self._is_current(self.work.session)
+        return self.outcome if valid and not self._outdated else None
+
     async def build(self) -> None:
         """Order the recorder to build the session file; identify it as soon as it is built."""
         reply = await self.bench_app.ask(Build())
