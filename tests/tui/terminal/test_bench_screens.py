@@ -191,7 +191,7 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
             await until(pilot, partial(recorder.orders.__contains__, Mark(f"push {corner}")))
             await _push(pilot, recorder, corner, 1.0)
         await until(pilot, lambda: "SPACE = zero" in screen_text(app))
-        assert "travel_rr moved +14 mm, sign right" in screen_text(app)
+        assert "rear RIGHT seen: travel_rr moved +14 mm, sign right" in screen_text(app)
         await pilot.press("space")
         await pilot.pause()
         assert "hands off the car" in screen_text(app)
@@ -236,7 +236,8 @@ async def test_a_push_that_nobody_saw_is_asked_for_again(make_app: Make) -> None
             recorder.post(Live(app.lanes.end, BIN_S, lanes))
             await pilot.pause()
             await until(pilot, partial(_asked, recorder, asked))
-        assert "push DOWN at the front LEFT again" in screen_text(app)
+        asked_again = "front LEFT not seen yet: push DOWN at the front LEFT, let go"
+        assert asked_again in screen_text(app)
         await _push(pilot, recorder, Corner.FRONT_LEFT, 1.0, after_s=25.0)  # a screen that lagged
         await until(pilot, lambda: Mark("push FR") in recorder.orders)
 

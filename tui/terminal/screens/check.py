@@ -482,11 +482,12 @@ class CheckScreen(BenchScreen):
         result = judge_push(corner, app.bench.channels, seen, before, bin_s)
         self._pushed[corner] = result
         if result.done:
+            app.inform(f"{spoken(corner)} seen: {result.text}")
             await self._go_on()
         elif (end - begin) * bin_s >= self._ask_again_s:
             self._ask_again_s, self._begin_bin = 2.0 * self._ask_again_s, end
             self.app.bell()
-            app.inform(f"no push was seen: push DOWN at the {spoken(corner)} again")
+            app.inform(f"{spoken(corner)} not seen yet: {result.text}")
             await app.ask(Mark(push_subject(corner)))
         else:
             self._show_rows()
