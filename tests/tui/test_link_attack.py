@@ -60,10 +60,18 @@ def _names_written() -> Iterator[set[str]]:
 COMMANDS = {
     "import": ("s.h5", ["import", "all.log", "bench.toml", "--out", "s.h5"]),
     "redecode": ("s.h5", ["redecode", "imported.h5", "bench.toml", "--out", "s.h5"]),
+    "mat": ("s.mat", ["export", "car.h5", "--format", "mat", "--out", "s.mat"]),
     "csv": ("s.json", ["export", "car.h5", "--format", "csv", "--out", "s.csv"]),
+    "parquet": ("s.parquet", ["export", "car.h5", "--format", "parquet", "--out", "s.parquet"]),
     "mf4": ("s.mf4", ["export", "car.h5", "--format", "mf4", "--out", "s.mf4"]),
+    "candump": ("s.log", ["export", "imported.h5", "--format", "log", "--out", "s.log"]),
+    "uff": ("s.uff", ["export", "car.h5", "--format", "uff", "--out", "s.uff"]),
+    "asc": ("s.asc", ["export", "imported.h5", "--format", "asc", "--out", "s.asc"]),
     "blf": ("s.blf", ["export", "imported.h5", "--format", "blf", "--out", "s.blf"]),
+    "notebook": ("s.ipynb", ["notebook", "--out", "s.ipynb"]),
+    "check": ("s.toml", ["check", "bench.toml", "--propose", "s.toml"]),
     "dampers": ("s.csv", ["identify", "car.h5", "--dampers", "s.csv"]),
+    "map": ("s.h5", ["import", "drive.csv", "--channels", "map.toml", "--out", "s.h5"]),
     "model": ("s.mat", ["identify", "identified.h5", "--model", "s.mat"]),
     "batch": ("s.csv", ["batch", "car.h5", "--workers", "1", "--out", "s.csv"]),
     "page": ("s.html", ["batch", "car.h5", "--workers", "1", "--page", "s.html"]),
@@ -72,6 +80,8 @@ COMMANDS = {
         "s.pdf",
         ["report", "identified.h5", "--out", "s.html", "--pdf", "s.pdf", "--figures", "figures"],
     ),
+    "study": ("s.svg", ["study", "fig2", "--figure", "s.svg"]),
+    "channels": ("s.toml", ["import", "table.csv", "--propose", "s.toml"]),
     "compare": ("s.html", ["compare", "identified.h5", "identified.h5", "--page", "s.html"]),
 }
 _FORCED = {"report", "compare", "study"}
