@@ -27,8 +27,7 @@ from ..vehicle import BodyWeight
 from .bus_checks import check_traffic
 from .channel_checks import check_channel
 from .frame_checks import check_messages, frame_table
-from .marks import open_questions
-from .result import WORDS, about, judged, ok, warn
+from .result import WORDS, about, judged, ok, open_questions, warn
 
 _INCOMPLETE_SHARE = 0.01
 _PAUSE_S, _PAUSE_INTERVALS = 0.1, 50.0

@@ -24,28 +24,29 @@ def without_gravity(
 
     A single axis is taken as vertical; of several axes, the one with z in its name.
     """
-    found = {}
-    for (_, corner), signals in groups.items():
-        at_rest = {s.full: _gravity_g(s, guesses[s.full]) for s in signals if s.kind == "m/s2"}
-        shown = [g for g in at_rest.values() if g is not None]
-        if corner is None or not shown or max(map(abs, shown)) > _NO_GRAVITY_G:
+    on_hubs = {}
+    for (_, corner), group in groups.items():
+        accelerations = [signal for signal in group if signal.kind == "m/s2"]
+        gravity_g = {}
+        for signal in accelerations:
+            if signal.level is not None:
+                unit = guesses[signal.full].unit or signal.layout.unit
+                gravity_g[signal.full] = signal.level * to_si(unit).factor / G_M_S2
+        if corner is None or not gravity_g or max(map(abs, gravity_g.values())) > _NO_GRAVITY_G:
             continue
-        for signal in signals:
-            vertical = signal.axis == "z" or (signal.axis is None and len(at_rest) == 1)
+        for signal in accelerations:
+            vertical = signal.axis == "z" or (signal.axis is None and len(accelerations) == 1)
             names = f"{signal.layout.name} {signal.message}"
-            if signal.full in at_rest and vertical and not is_body(names):
-                why = f"reads {at_rest[signal.full]:+.2f} g at rest; vertical and {corner} by name"
+            if signal.full in gravity_g and vertical and not is_body(names):
+                why = (
+                    f"reads {gravity_g[signal.full]:+.2f} g at rest; vertical and {corner} by name"
+                )
                 ask = "it reads no gravity: is it AC-coupled, and does it point up?"
-                unit = guesses[signal.full].unit
                 hub = Quantity.HUB_ACCELERATION
-                found[signal.full] = Guess(hub, corner, 1, why, ask, unit=unit)
-    return found
-
-
-def _gravity_g(signal: Candidate, guess: Guess) -> float | None:
-    if signal.level is None:
-        return None
-    return signal.level * to_si(guess.unit or signal.layout.unit).factor / G_M_S2
+                on_hubs[signal.full] = Guess(
+                    hub, corner, 1, why, ask, unit=guesses[signal.full].unit
+                )
+    return on_hubs
 
 
 def hubs(
@@ -56,16 +57,16 @@ def hubs(
     Those without gyroscopes in their sensor whose name states no place.
     """
     accelerations = [s for group in groups.values() for s in group if s.kind == "m/s2"]
-    turning = {sensor for (sensor, _), group in groups.items() if any(_turns_too(s) for s in group)}
-    found = {}
+    turning = {
+        sensor
+        for (sensor, _), group in groups.items()
+        if any(signal.kind in ("rad/s", "rad/s2") for signal in group)
+    }
+    asked = {}
     for signal in accelerations:
         guess = guesses[signal.full]
         alone = signal.axis is None or sensor_of(signal.message) not in turning
         on_body = guess.quantity is Quantity.BODY_ACCELERATION and alone
         if on_body and not guess.ask and not is_body(f"{signal.layout.name} {signal.message}"):
-            found[signal.full] = replace(guess, ask=_ON_HUB, asked=Asked.CORNER)
-    return found
-
-
-def _turns_too(signal: Candidate) -> bool:
-    return signal.kind in ("rad/s", "rad/s2")
+            asked[signal.full] = replace(guess, ask=_ON_HUB, asked=Asked.CORNER)
+    return asked

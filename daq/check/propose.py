@@ -26,10 +26,10 @@ from .find_sensors import FoundSensor, find_sensors, traffic_of
 from .frame_checks import frame_table
 from .guess_map import Asked, Guess, signal_comments
 from .guess_sensor import guess_bench
-from .marks import ASK
 from .propose_channel import REST, channel_table, unique_name
 from .propose_message import Seen, message_rule, ready_rule
 from .pushes import Push, Trace, find_pushes
+from .result import ASK
 
 _LATE = (
     "delay_s = 0.0005  # of a frame on the bus; add the delay from the data sheet",

@@ -9,7 +9,7 @@ from dbc.errors import printable
 
 from ..channels import AT_CORNER, ON_BODY, Quantity
 from .guess_map import Guess
-from .marks import ASK
+from .result import ASK
 
 REST = """
 [vehicle]

@@ -19,10 +19,10 @@ from .answers import NO_ANSWERS, YES, Answers, Question, answered, stated_forwar
 from .frame_checks import Arrivals
 from .guess_map import Asked, words
 from .guess_sensor import guess_bench
-from .marks import ASK
 from .propose import Proposal
 from .propose_channel import REST, channel_table, unique_name
 from .propose_message import Seen
+from .result import ASK
 
 _TIME = {"time", "times", "timestamp", "stamp", "zeit", "t", "s", "ms"}
 _SLOWEST_HZ, _FASTEST_HZ = 10.0, 200_000.0
