@@ -195,9 +195,9 @@ class Change:
     def _found(self) -> str:
         match self.outcome:
             case "nothing" if self.apart:
-                return "No parameter differs beyond chance."
+                return "The joint fit names no parameter."
             case "nothing":
-                return "Nothing differs beyond chance."
+                return "The joint fit names no change."
             case "parameters":
                 names = [f"{c.name} ({_amount(c)}){_or_instead(c)}" for c in self.named]
                 rest = "" if self.apart else "; all else is unchanged"

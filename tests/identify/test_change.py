@@ -219,7 +219,7 @@ def test_what_only_some_sessions_need_is_said_to_have_changed() -> None:
     before, after = session({}, 1), with_elements(session({}, 5), F_cf=(0.8, 0.03))
     change = change_of([before, after], ("friction", "bump stops"))
     assert change.sentence == (
-        "No parameter differs beyond chance. Some of the sessions need friction, bump stops, "
+        "The joint fit names no parameter. Some of the sessions need friction, bump stops, "
         "others do not: this has changed."
     )
     assert change.freedom == 15

@@ -84,8 +84,6 @@ def _headline(comparison: Comparison) -> str:
         alone = f"Each by itself, at 95 % among all {len(rows)} quantities, these differ: {differ}."
     else:
         alone = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
-    if unchanged:
-        return f"The joint fit, which is more precise, names no change. {alone}"
     return f"{change.sentence} {alone}" if change is not None else alone
 
 

@@ -71,7 +71,7 @@ def test_where_nothing_changed_the_table_says_so() -> None:
     comparison = held([session({}, 1), session({}, 4)])
     first, *_ = comparison_sections(comparison)
     table = next(b for b in first.blocks if isinstance(b, Table) and "joint" in b.title)
-    assert [row[0].text for row in table.rows] == ["Nothing differs beyond chance."]
+    assert [row[0].text for row in table.rows] == ["The joint fit names no change."]
     assert "everything is unchanged" in table.note
 
 
@@ -374,7 +374,7 @@ def test_a_change_is_said_in_a_line(made: Change, sentence: str) -> None:
     [
         (
             "nothing",
-            "Nothing differs beyond chance.",
+            "The joint fit names no change.",
             "Test that everything is unchanged: chi2 0.0 on 0 degrees of freedom, chance 1.",
         ),
         (
