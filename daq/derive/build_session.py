@@ -27,9 +27,6 @@ from ..runlog.run_log import fold
 from ..sessions import Session
 from .build_samples import check_runs, journal_provenance, session_of_runs
 
-NICENESS = 5
-"""The recorder has priority.  At 10, beside ten busy processes on two processors, the file of three
-seconds waited four minutes."""
 OOM_SCORE = "500"
 """Increase of this process's out-of-memory score, in thousandths of the memory: if the memory runs
 out, the kernel ends this process, also in a service whose processes are protected."""
@@ -158,8 +155,6 @@ def _keep_finished(session: Path) -> None:
 
 def main(arguments: Sequence[str], out: TextIO) -> int:
     """Derive, report the result as one line of JSON, and return the exit code."""
-    with suppress(OSError, AttributeError):  # may be forbidden; Windows has no such score
-        os.nice(NICENESS)
     with suppress(OSError):  # if the memory runs out, this process is killed and not the recorder
         Path("/proc/self/oom_score_adj").write_text(OOM_SCORE)
     target, *segments = map(Path, arguments)

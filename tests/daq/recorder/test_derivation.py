@@ -29,14 +29,7 @@ from ..recorder_run import ENDED, Running, Script, sources
 from ..small_campaign import blocks, bumps
 
 
-def refused(_: int) -> int:
-    raise PermissionError(1, "Operation not permitted")
-
-
-def test_a_service_that_may_not_be_nice_derives_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(os, "nice", refused)
+def test_a_segment_that_retention_has_deleted_is_no_loss(tmp_path: Path) -> None:
     journal_of_runs(tmp_path, 160_000)
     said = io.StringIO()
     target = tmp_path / "session.h5"

@@ -320,6 +320,7 @@ def test_mounts_join_with_the_stops_that_have_begun(played: Callable[..., Any]) 
 # Bump stops of a simulated car, which is written from forces: those that few runs touch, too ------
 
 
+@pytest.mark.long
 def test_a_stop_that_two_runs_touch_by_3_mm_is_found() -> None:
     """The Escort's rear stop has 40 N/mm from 40 mm on; in rolls with the weights it is touched.
 
