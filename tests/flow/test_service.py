@@ -42,7 +42,7 @@ def test_the_unit_fits_the_recorder(capsys: pytest.CaptureFixture[str]) -> None:
     for code in map(int, unit["RestartPreventExitStatus"].split()):
         assert code in {ExitCode.BAD_INPUT, ExitCode.LOCKED}
     # Without the second, libzmq aborts the process: seen when the unit was first booted.
-    assert UNIT.read_text().count("\nSystemCallFilter=setpriority sched_setscheduler\n") == 1
+    assert UNIT.read_text().count("\nSystemCallFilter=sched_setscheduler\n") == 1
     # A recorder needs its sockets, its buses and nothing else of the system.
     assert unit["RestrictAddressFamilies"] == "AF_UNIX AF_CAN AF_NETLINK"
     assert unit["CapabilityBoundingSet"] == ""
