@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from .diagnostics import say
 
 if TYPE_CHECKING:
-    from daq.check.answers import Answers
     from daq.check.propose import Proposal
+    from daq.check.questions import Answers
 
 _ANSWER_WIDTH = 12
 """Columns that a question leaves free for its answer."""
@@ -64,7 +64,8 @@ def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
     """
     from dataclasses import replace
 
-    from daq.check.answers import HINTS, NO_ANSWERS, Question
+    from daq.check.propose import NO_ANSWERS
+    from daq.check.questions import Question
 
     answers: dict[Question, str] = {}
     proposal = propose(NO_ANSWERS)
@@ -73,10 +74,10 @@ def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
     say("an empty answer leaves the question in the file")
     passed: set[Question] = set()
     while question := next((q for q in proposal.asked if q not in passed), None):
-        typed = _typed(f"{question.line} ({HINTS[question.asked]})")
+        typed = _typed(f"{question.line} ({question.asked})")
         answer = question.understood(typed)
         if typed and not answer:
-            say(f"{typed!r} is not an answer to that: {HINTS[question.asked]}")
+            say(f"{typed!r} is not an answer to that: {question.asked}")
             continue
         passed.add(question)
         if answer:

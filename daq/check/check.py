@@ -24,11 +24,12 @@ from ..runs import SampleGroup
 from ..samples.groups import sample_groups, timekeeping
 from ..samples.trigger import mapped_channels, trigger_channels
 from ..vehicle import BodyWeight
-from .bus_checks import check_traffic
 from .channel_checks import check_channel
-from .frame_checks import check_messages, frame_table
-from .result import WORDS, about, judged, ok, open_questions, warn
+from .frame_checks import FAIL, OK, WARN, check_buses, check_messages, frame_table
+from .questions import open_questions
 
+WORDS = {OK: "OK", WARN: "WARN", FAIL: "FAIL"}
+"""Words for the severities, printed and sent to the terminal."""
 _INCOMPLETE_SHARE = 0.01
 _PAUSE_S, _PAUSE_INTERVALS = 0.1, 50.0
 """Time without any frame, s and in usual intervals of the whole traffic, that counts as a pause:
@@ -49,12 +50,7 @@ class CheckReport:
     @property
     def verdict(self) -> Severity:
         """The worst of all lines."""
-        return max((line.severity for line in self.lines), default=Severity.NOTE)
-
-    @property
-    def word(self) -> str:
-        """OK, WARN or FAIL."""
-        return WORDS[self.verdict]
+        return max((line.severity for line in self.lines), default=OK)
 
 
 def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> CheckReport:
@@ -68,37 +64,46 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     mapped = mapped_channels(bench, codec)
     if not len(frames):
         advice = "check power, wiring, termination and the bit rate; sensors that must be started"
-        line = Finding("no_frames", Severity.ERROR, "no frame was received", "bus", advice)
+        line = Finding("no_frames", FAIL, "no frame was received", "bus", advice)
         return CheckReport(0.0, 0, (line,))
-    frames, pauses = _without_pauses(frames)
-    seconds = float(np.ptp(frames.t_ns)) * 1e-9
+    frames, lines = _without_pauses(frames)
     decoded = codec.decode(frames)
     keeping = timekeeping(bench, codec)
     table = frame_table(codec.messages, frames)
-    groups = sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))
-    lines = pauses + check_traffic(codec.messages, table, decoded, bench.buses)
+    lines += check_buses(codec.messages, table, decoded.counts.error_frames, bench.buses)
     lines += check_messages(mapped, keeping, table, decoded)
-    by_name = {group.name: group for group in groups}
-    for each in bench.sample_sets:
-        if each.name in by_name:
-            lines += _set_lines(each, by_name[each.name])
+    groups = {g.name: g for g in sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))}
+    lines += [_set_line(s, groups[s.name]) for s in bench.sample_sets if s.name in groups]
     if not trigger_channels(bench.channels, bench.procedure.method):
         advice = "add a hub_acceleration or a body_acceleration"
-        reason = "no channel can trigger"
-        lines.append(Finding("trigger", Severity.ERROR, reason, "trigger", advice))
-    lines += open_questions(bench.text)
-    lines += _exact_weights(bench)
-    for m in mapped:
-        lines += check_channel(m, keeping, decoded, bench.calibration_days, today)
-    return CheckReport(seconds, len(frames), tuple(lines))
+        lines.append(Finding("trigger", FAIL, "no channel can trigger", "trigger", advice))
+    lines += open_questions(bench.text, "bench.toml")
+    exact = [
+        str(number)
+        for state in bench.mass_states
+        for number, weight in enumerate(state.added.weights, 1)
+        if not weight.sigma_kg or (isinstance(weight, BodyWeight) and not weight.position_sigma_m)
+    ]
+    if exact:
+        text = f"{', '.join(exact)}: stated as exact (± 0 kg or ± 0 m)"
+        advice = "state sigma_kg and position_sigma_m: nobody weighs or measures exactly"
+        lines.append(Finding("exact_weights", OK, text, "weights", advice))
+    for each in mapped:
+        lines += check_channel(each, keeping.messages, decoded, bench.calibration_days, today)
+    return CheckReport(table.seconds, len(frames), tuple(lines))
 
 
 def part_of(
     report: CheckReport, bench: Bench, sensors: Collection[str], buses: Collection[int]
 ) -> CheckReport:
     """Return the lines of a report on some sensors and some buses; empty: all."""
-    own = {s.name for s in bench.sensors if not buses or s.bus in buses}
-    wanted = own & set(sensors) if sensors else own
+    if not sensors and not buses:
+        return report
+    wanted = {
+        s.name
+        for s in bench.sensors
+        if (not buses or s.bus in buses) and (not sensors or s.name in sensors)
+    }
     channels = {c.name for c in bench.channels if sensor_of_signal(c.signal) in wanted}
     labels = {bus.label for i, bus in enumerate(bench.buses) if not buses or i in buses}
 
@@ -108,32 +113,14 @@ def part_of(
             return sensor_of(name) in wanted
         return name in channels if kind == "channel" else kind != "bus" or name in {*labels, ""}
 
-    if not sensors and not buses:
-        return report
     return replace(report, lines=tuple(filter(is_wanted, report.lines)))
-
-
-def _exact_weights(bench: Bench) -> list[Finding]:
-    """Return a note on weights that are stated without an uncertainty: nobody weighs exactly."""
-    exact = [
-        str(i)
-        for state in bench.mass_states
-        for i, weight in enumerate(state.added.weights, 1)
-        if not weight.sigma_kg or (isinstance(weight, BodyWeight) and not weight.position_sigma_m)
-    ]
-    if not exact:
-        return []
-    text = f"{', '.join(exact)}: stated as exact (± 0 kg or ± 0 m)"
-    advice = "state sigma_kg and position_sigma_m: nobody weighs or measures exactly"
-    return about("weights", [judged("exact_weights", Severity.NOTE, text, advice)])
 
 
 def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:
     """Return the longest stretch between pauses, because counters do not cover pauses."""
     gap_s = np.diff(frames.t_ns) * 1e-9
-    if not len(gap_s):
-        return frames, []
-    before = np.flatnonzero(gap_s > max(_PAUSE_S, _PAUSE_INTERVALS * float(np.median(gap_s))))
+    usual_s = float(np.median(gap_s)) if len(gap_s) else 0.0
+    before = np.flatnonzero(gap_s > max(_PAUSE_S, _PAUSE_INTERVALS * usual_s))
     if not len(before):
         return frames, []
     first, last = np.append(0, before + 1), np.append(before, len(frames) - 1)
@@ -141,26 +128,25 @@ def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:
     k = int(np.argmax(length_s))
     paused_s = float(gap_s[before].sum())
     many = "a pause" if len(before) == 1 else f"{len(before)} pauses"
-    reason = (
+    text = (
         f"{many} without any frame, {paused_s:.1f} s in all; checked is the longest stretch "
         f"without one, {length_s[k]:.1f} s"
     )
     advice = "a log that a trigger wrote has them; on a live bus look for plug and power"
     figures = {"pauses": len(before), "paused_s": paused_s}
-    lines = about("bus", [warn("pause", reason, advice)], figures)
-    return frames.select(slice(int(first[k]), int(last[k]) + 1)), lines
+    line = Finding("pause", WARN, text, "bus", advice, figures=figures)
+    return frames.select(slice(int(first[k]), int(last[k]) + 1)), [line]
 
 
-def _set_lines(sample_set: SampleSet, group: SampleGroup) -> list[Finding]:
-    subject = f"sample set {group.name}"
+def _set_line(sample_set: SampleSet, group: SampleGroup) -> Finding:
     n = len(group.time_s)
     missing = int(np.sum(np.isnan(np.array(list(group.values.values()))).any(axis=0)))
-    rate = (n - 1) / float(group.time_s[-1] - group.time_s[0]) if n > 1 else 0.0
-    figures = {"samples": n, "incomplete": missing, "rate_hz": rate}
+    rate_hz = (n - 1) / float(group.time_s[-1] - group.time_s[0]) if n > 1 else 0.0
+    verdict, text, advice = OK, f"{n} samples at {rate_hz:.1f} Hz", ""
     if missing > _INCOMPLETE_SHARE * n + 2:  # the first and the last set may be incomplete
-        verdict = Severity.ERROR if missing > n / 2 else Severity.WARNING
-        reason = f"{missing} of {n} samples {plural(missing, 'lacks', 'lack')} a frame"
+        verdict = FAIL if missing > n / 2 else WARN
+        text = f"{missing} of {n} samples {plural(missing, 'lacks', 'lack')} a frame"
         advice = f"are {', '.join(sample_set.messages)} sent at one rate, in one burst?"
-        return about(subject, [judged("sample_set", verdict, reason, advice)], figures)
-    reason = f"{n} samples at {rate:.1f} Hz"
-    return about(subject, [ok("sample_set", reason)], figures)
+    figures = {"samples": n, "incomplete": missing, "rate_hz": rate_hz}
+    subject = f"sample set {group.name}"
+    return Finding("sample_set", verdict, text, subject, advice, figures=figures)

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import PurePath
+from typing import NamedTuple
 
 from dbc import Codec
 from dbc.frames import FrameBatch
@@ -27,9 +28,11 @@ _RATE_SHARE = 0.1
 _FEWEST = 10
 _NAME_LENGTH = 24
 
+Key = tuple[int, int, bool]
+"""Bus, identifier and width of frames."""
 
-@dataclass(frozen=True, slots=True)
-class FoundSensor:
+
+class FoundSensor(NamedTuple):
     """A device that a database describes."""
 
     sensor: Sensor
@@ -40,146 +43,125 @@ class FoundSensor:
     """False if the user should be asked."""
 
 
-Traffic = Mapping[tuple[int, int, bool], Arrivals]
-"""Frames by bus, identifier and width."""
-
-
-def traffic_of(frames: FrameBatch) -> Traffic:
-    """Return the data frames of a recording, which must not be empty, by bus and identifier."""
-    strangers = frame_table((), frames).unknown
-    return {(a.buses[0], a.can_id, a.is_extended): a for a in strangers}
-
-
 def find_sensors(
-    databases: Sequence[Database], traffic: Traffic | None
-) -> tuple[tuple[FoundSensor, ...], tuple[str, ...]]:
+    databases: Sequence[Database], frames: FrameBatch | None
+) -> tuple[list[FoundSensor], tuple[str, ...]]:
     """Return the sensors, and the names of the databases without any traffic.
 
-    `traffic`: None if there was none.  Each database is then one sensor on the first bus, or each
-    bus of a file is a sensor on a separate bus.  Raises InputError if a database cannot be used.
+    `frames`: None if there was no traffic.  Each database is then one sensor on the first bus, or
+    each bus of a file is a sensor on a separate bus.  Raises InputError if a database cannot be
+    used.
     """
     codecs = {each.name: database_codec(each.text, each.name) for each in databases}
-    if not traffic:
-        return _named(_without_traffic(tuple(codecs))), ()
-    own = _own_traffic(codecs, traffic)
-    present: list[tuple[str, int, int, str, bool]] = []
-    claimed: set[tuple[int, int, bool]] = set()
-    for (name, bus), keys in own.items():
-        claimed |= keys
-        many = "messages of another one also come"
-        also = counted(len(keys), "message of another one also comes", many)
-        ask = f"is it this bus of the file? {also}"
-        surely = not any(b == bus and _one_file(n, name) for n, b in own)
-        come = plural(len(keys), "comes", "come")
-        why = f"{len(keys)} of its messages {come} there" if surely else ask
-        present.append((name, bus, 0, why, surely))
+    if frames is None:
+        names = list(codecs)
+        buses = {n: sum(_one_file(n, o) for o in names[:i]) for i, n in enumerate(names)}
+        texts = "no traffic: on the first bus", "no traffic: on a separate bus"
+        return _named([(Sensor("", n, b), texts[b > 0], True) for n, b in buses.items()]), ()
+    traffic = {(a.buses[0], a.can_id, a.is_extended): a for a in frame_table((), frames).unknown}
+    by_bus = _by_bus(codecs, traffic)
+    claimed: set[Key] = set().union(*by_bus.values())
+    present: list[tuple[Sensor, str, bool]] = []
+    for (name, bus), keys in by_bus.items():
+        surely = not any(b == bus and _one_file(n, name) for n, b in by_bus)
+        why = f"{len(keys)} of its messages {plural(len(keys), 'comes', 'come')} there"
+        if not surely:
+            many = "messages of another one also come"
+            also = counted(len(keys), "message of another one also comes", many)
+            why = f"is it this bus of the file? {also}"
+        present.append((Sensor("", name, bus), why, surely))
     for name, codec in codecs.items():
         for bus, offset in _offsets(codec.messages, traffic, claimed):
-            moved = {
-                (bus, m.can_id + offset, m.is_extended)
-                for m in codec.messages
-                if (bus, m.can_id + offset, m.is_extended) in traffic
-            }
-            if moved and not moved & claimed:
-                claimed |= moved
-                ids = ", ".join(f"{key[1]:#x}" for key in sorted(moved))
+            keys = _received(codec, traffic, bus, offset)
+            if keys and not keys & claimed:
+                claimed |= keys
+                ids = ", ".join(f"{key[1]:#x}" for key in sorted(keys))
                 why = f"is {ids} yours, of this kind? Length and rate are as in its messages"
-                present.append((name, bus, offset, why, False))
-    absent = tuple(name for name in codecs if name not in {each[0] for each in present})
+                present.append((Sensor("", name, bus, offset), why, False))
+    absent = tuple(name for name in codecs if name not in {s.database for s, *_ in present})
     return _named(present), absent
 
 
-def _own_traffic(
-    codecs: Mapping[str, Codec], traffic: Traffic
-) -> dict[tuple[str, int], set[tuple[int, int, bool]]]:
-    """Return the received traffic of each database on each bus, without empty entries.
+def _received(codec: Codec, traffic: Mapping[Key, Arrivals], bus: int, offset: int = 0) -> set[Key]:
+    """Return the received messages of a database on a bus, with an offset of their identifiers."""
+    keys = {(bus, m.can_id + offset, m.is_extended) for m in codec.messages}
+    return keys & traffic.keys()
+
+
+def _by_bus(
+    codecs: Mapping[str, Codec], traffic: Mapping[Key, Arrivals]
+) -> dict[tuple[str, int], set[Key]]:
+    """Return the received messages of each database on each bus, without empty entries.
 
     A bus of the bench is one bus of a file: the one with the most traffic.  Equally likely buses
     are kept.
     """
-    own = {
-        (name, bus): {
-            (bus, m.can_id, m.is_extended)
-            for m in codec.messages
-            if (bus, m.can_id, m.is_extended) in traffic
-        }
-        for name, codec in codecs.items()
-        for bus in sorted({key[0] for key in traffic})
+    buses = sorted({key[0] for key in traffic})
+    received = {
+        (n, bus): _received(codec, traffic, bus) for n, codec in codecs.items() for bus in buses
     }
-    own = {key: keys for key, keys in own.items() if keys}
-    is_part = {n for n in codecs if any(_one_file(n, other) for other in codecs)}
-    while True:
-        for (name, bus), keys in own.items():
-            against = [
-                (n, b)
-                for n, b in own
-                if (n == name and b != bus and n in is_part) or (b == bus and _one_file(n, name))
-            ]
-            if against and all(len(keys) > len(own[other]) for other in against):
-                break
-        else:
-            return own
-        own = {key: keys for key, keys in own.items() if key not in against}
+    received = {key: keys for key, keys in received.items() if keys}
+    kept: dict[tuple[str, int], set[Key]] = {}
+    for (name, bus), keys in sorted(received.items(), key=lambda item: -len(item[1])):
+        of_file = any(_one_file(name, other) for other in codecs)
+        rivals = [
+            len(other)
+            for (n, b), other in kept.items()
+            if (n == name and of_file) or (b == bus and _one_file(n, name))
+        ]
+        if all(size == len(keys) for size in rivals):
+            kept[name, bus] = keys
+    return {key: kept[key] for key in received if key in kept}
 
 
 def _one_file(name: str, other: str) -> bool:
     """Return True if the two names are two buses of one file."""
     (file, bus), (other_file, other_bus) = file_and_bus(name), file_and_bus(other)
-    return bool(bus and other_bus) and (file, bus != other_bus) == (other_file, True)
-
-
-def _without_traffic(names: Sequence[str]) -> list[tuple[str, int, int, str, bool]]:
-    found = []
-    for place, name in enumerate(names):
-        bus = sum(_one_file(name, before) for before in names[:place])
-        why = "no traffic: on a separate bus" if bus else "no traffic: on the first bus"
-        found.append((name, bus, 0, why, True))
-    return found
+    return bool(bus and other_bus) and file == other_file and bus != other_bus
 
 
 def _offsets(
-    messages: Sequence[MessageLayout], traffic: Traffic, claimed: set[tuple[int, int, bool]]
+    messages: Sequence[MessageLayout], traffic: Mapping[Key, Arrivals], claimed: set[Key]
 ) -> list[tuple[int, int]]:
     """Return bus and identifier offset of further devices, those with the most messages first."""
-    seen = [(m, _rate_hz(m, traffic)) for m in messages]
+    rates = {(can_id, is_extended): a.rate_hz for (_, can_id, is_extended), a in traffic.items()}
     votes: Counter[tuple[int, int]] = Counter()
-    for (bus, can_id, is_extended), arrivals in traffic.items():
-        if (bus, can_id, is_extended) in claimed or len(arrivals.t_ns) < _FEWEST:
+    for key, arrivals in traffic.items():
+        if key in claimed or len(arrivals.t_ns) < _FEWEST:
             continue
-        for message, rate_hz in seen:
-            offset = can_id - message.can_id
-            alike = (is_extended, arrivals.usual_length) == (message.is_extended, message.length)
-            if alike and 0 < abs(offset) <= _NEAREST and _same_rate(arrivals, rate_hz, message):
-                votes[bus, offset] += 1
+        bus, can_id, is_extended = key
+        for m in messages:
+            offset = can_id - m.can_id
+            alike = (is_extended, arrivals.usual_length) == (m.is_extended, m.length)
+            if not alike or not 0 < abs(offset) <= _NEAREST:
+                continue
+            stated = 1 / m.cycle_s if m.cycle_s else None
+            rate = rates.get((m.can_id, m.is_extended), stated)
+            if rate is None:  # CANopen nodes have the same function code
+                alike = not is_extended and can_id >> 7 == m.can_id >> 7
+            else:
+                alike = abs(arrivals.rate_hz - rate) <= _RATE_SHARE * rate
+            votes[bus, offset] += alike
+    votes = +votes
     return sorted(votes, key=lambda key: (-votes[key], abs(key[1]), key))
 
 
-def _rate_hz(message: MessageLayout, traffic: Traffic) -> float | None:
-    """Return the measured rate of a message, or the rate in the database if it was not received."""
-    for (_, can_id, is_extended), arrivals in traffic.items():
-        if (can_id, is_extended) == (message.can_id, message.is_extended):
-            return arrivals.rate_hz
-    return 1 / message.cycle_s if message.cycle_s else None
-
-
-def _same_rate(arrivals: Arrivals, rate_hz: float | None, message: MessageLayout) -> bool:
-    if rate_hz is None:  # CANopen nodes have the same function code
-        return not message.is_extended and arrivals.can_id >> 7 == message.can_id >> 7
-    return abs(arrivals.rate_hz - rate_hz) <= _RATE_SHARE * rate_hz
-
-
-def _named(present: Sequence[tuple[str, int, int, str, bool]]) -> tuple[FoundSensor, ...]:
+def _named(present: Sequence[tuple[Sensor, str, bool]]) -> list[FoundSensor]:
     """Give each device a name: that of its database, if necessary with its bus or a number."""
-    by_stem: dict[str, list[tuple[str, int, int, str, bool]]] = defaultdict(list)
-    for each in sorted(present, key=lambda p: (p[0], p[1], p[2])):
-        by_stem[_stem(each[0])].append(each)
-    found = []
-    for stem, devices in by_stem.items():
-        for number, (database, bus, offset, why, surely) in enumerate(devices, start=1):
-            name = stem if len(devices) == 1 else f"{stem}_{number}"
-            found.append(FoundSensor(Sensor(name, database, bus, offset), why, surely))
-    order = {name: i for i, name in enumerate(dict.fromkeys(p[0] for p in present))}
-    return tuple(sorted(found, key=lambda f: order[f.sensor.database]))
+    by_stem: dict[str, list[FoundSensor]] = defaultdict(list)
+    order = list(dict.fromkeys(sensor.database for sensor, *_ in present))
+    for sensor, why, surely in sorted(
+        present, key=lambda p: (order.index(p[0].database), p[0].bus, p[0].id_offset)
+    ):
+        by_stem[_stem(sensor.database)].append(FoundSensor(sensor, why, surely))
+    named = [
+        each._replace(
+            sensor=replace(each.sensor, name=stem if len(same) == 1 else f"{stem}_{number}")
+        )
+        for stem, same in by_stem.items()
+        for number, each in enumerate(same, start=1)
+    ]
+    return sorted(named, key=lambda each: order.index(each.sensor.database))
 
 
 def _stem(database: str) -> str:

@@ -1,9 +1,9 @@
-"""Checks the frames of a bench: arrival, rate and integrity of each message, foreign traffic."""
+"""Checks the frames of a bench: load and silence of buses; arrival and integrity of messages."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +16,22 @@ from dbc.layout import MessageLayout
 from dbc.samples import Decoded, Quality
 from dbc.words import counted, plural
 
+from ..bench.config import BusConfig
 from ..bench.message_rules import CORRECT_MESSAGE
 from ..bus.interfaces import wire_bits
 from ..channels import Quantity
 from ..samples import converter as health
 from ..samples.groups import Timekeeping
 from ..samples.mapping import MappedChannel
-from .result import about, fail, judged, ok, warn
 
+OK, WARN, FAIL = Severity.NOTE, Severity.WARNING, Severity.ERROR
 _RATE_WARN, RATE_FAIL = 0.02, 0.10
 _LOST_FAIL = 0.01
 _CLOCK_WARN, _CLOCK_FAIL = 2e-3, 0.2
 _SILENT_S = 0.5
-_EXTENDED_KEY = 1 << 29
-_BUS_KEY = 1 << 30
+_LOAD_WARN = 0.8
+_SHOWN_IDS = 6
+_EXTENDED_KEY, _BUS_KEY = 1 << 29, 1 << 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,17 @@ class Arrivals:
         """The most frequent number of bytes."""
         return int(np.argmax(np.bincount(self.length)))
 
+    @property
+    def jitter_s(self) -> float:
+        """Largest deviation of 99 of 100 intervals from the usual one, s."""
+        if len(self.t_ns) < 3:
+            return 0.0
+        interval_s = np.diff(self.t_ns) * 1e-9
+        return float(np.quantile(np.abs(interval_s - np.median(interval_s)), 0.99))
+
+    def __str__(self) -> str:
+        return f"{self.can_id:#x}" + ("x" if self.is_extended else "")
+
 
 @dataclass(frozen=True, slots=True)
 class FrameTable:
@@ -69,19 +82,14 @@ class FrameTable:
     """Messages of the DBC that were received."""
     unknown: tuple[Arrivals, ...]
     """Identifiers that are not in the DBC, the most frequent first."""
-    start_ns: int
-    """Time stamp of the first frame, ns."""
     end_ns: int
     """Time stamp of the last frame, ns."""
+    seconds: float
+    """Time between first and last frame, s."""
     bits: Mapping[int, float]
     """Estimated number of bits on the wire of each bus."""
     frames: Mapping[int, int]
     """Number of data frames of each bus."""
-
-    @property
-    def seconds(self) -> float:
-        """Time between first and last frame, s."""
-        return (self.end_ns - self.start_ns) * 1e-9
 
 
 def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameTable:
@@ -90,50 +98,101 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
     data = frames.select((frames.flags & special) == 0)
     extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
     index, _, _ = Codec(tuple(messages)).classify(data)
-    stranger = index == len(messages)
-    key = data.can_id.astype(np.int64) + _EXTENDED_KEY * extended
-    key = np.where(
-        stranger, key + _BUS_KEY * data.bus.astype(np.int64), -1 - index.astype(np.int64)
-    )
+    key = data.can_id + _EXTENDED_KEY * extended + _BUS_KEY * data.bus.astype(np.int64)
+    key = np.where(index == len(messages), key, -1 - index.astype(np.int64))
     order = np.argsort(key, kind="stable")
     keys, first = np.unique(key[order], return_index=True)
     known, unknown = {}, []
     for one, rows in zip(keys.tolist(), np.split(order, first[1:]), strict=False):
         part = data.select(rows)
-        is_extended, can_id = divmod(one % _BUS_KEY, _EXTENDED_KEY)
+        buses = tuple(np.unique(part.bus).tolist())
+        columns = part.t_ns, part.length, part.data, buses
         if one < 0:
             message = messages[-1 - one]
-            is_extended, can_id = message.is_extended, message.can_id
-        buses = tuple(np.unique(part.bus).tolist())
-        arrivals = Arrivals(can_id, bool(is_extended), part.t_ns, part.length, part.data, buses)
-        if one < 0:
-            known[message.name] = arrivals
+            known[message.name] = Arrivals(message.can_id, message.is_extended, *columns)
         else:
-            unknown.append(arrivals)
+            is_extended, can_id = divmod(one % _BUS_KEY, _EXTENDED_KEY)
+            unknown.append(Arrivals(can_id, bool(is_extended), *columns))
     unknown.sort(key=lambda a: -len(a.t_ns))
     bits, number = np.bincount(data.bus, wire_bits(data)), np.bincount(data.bus)
     present = np.flatnonzero(number).tolist()
+    end_ns, seconds = int(frames.t_ns.max()), float(np.ptp(frames.t_ns)) * 1e-9
     return FrameTable(
         known,
         tuple(unknown),
-        int(frames.t_ns.min()),
-        int(frames.t_ns.max()),
+        end_ns,
+        seconds,
         {bus: float(bits[bus]) for bus in present},
         {bus: int(number[bus]) for bus in present},
     )
 
 
-def id_text(a: Arrivals) -> str:
-    """Return an identifier as text, with a final x if it has 29 bits."""
-    return f"{a.can_id:#x}" + ("x" if a.is_extended else "")
-
-
 def mixed_messages(messages: Sequence[MessageLayout], frames: FrameBatch) -> tuple[str, ...]:
     """Return the messages that come on several buses, so that two sensors are read as one."""
-    if not len(frames):
-        return ()
-    known = frame_table(messages, frames).known
+    known = frame_table(messages, frames).known if len(frames) else {}
     return tuple(m.name for m in messages if m.name in known and len(known[m.name].buses) > 1)
+
+
+# The buses ----------------------------------------------------------------------------------------
+
+
+def check_buses(
+    messages: Sequence[MessageLayout],
+    table: FrameTable,
+    error_frames: int,
+    buses: Sequence[BusConfig],
+) -> list[Finding]:
+    """Check each bus as a whole: load, error frames, unknown identifiers."""
+    lines = []
+    numbers = sorted(table.frames.keys() | range(len(buses)))
+    for number in numbers if len(buses) > 1 else [0]:
+        bus = buses[min(number, len(buses) - 1)]
+        frames, bits = table.frames.get(number, 0), table.bits.get(number, 0.0)
+        subject = f"bus {bus.label if number < len(buses) else number}"
+        if len(buses) == 1:  # logs number a single bus in different ways
+            frames, bits, subject = sum(table.frames.values()), sum(table.bits.values()), "bus"
+        if not frames:
+            text, advice = (
+                f"no frame in {table.seconds:.2f} s",
+                "check the bus's plug, power and bit rate",
+            )
+            lines.append(Finding("silent", FAIL, text, subject, advice))
+            continue
+        load = bits / (bus.bitrate * table.seconds) if table.seconds > 0 else 0.0
+        text = f"{counted(frames, 'frame')} in {table.seconds:.2f} s"
+        text += f", about {100 * load:.0f} % of the bit rate"
+        verdict, advice = OK, ""
+        if load > _LOAD_WARN:
+            advice = "a full bus delays and loses frames: lower the rates or use two buses"
+            verdict = WARN
+        figures = {"frames": frames, "seconds": table.seconds, "load": load}
+        lines.append(Finding("load", verdict, text, subject, advice, figures=figures))
+    if error_frames:
+        advice = "check termination (60 ohm between the wires), bit rate and plugs"
+        text = counted(error_frames, "error frame")
+        lines.append(Finding("error_frames", WARN, text, "bus", advice))
+    if table.unknown:
+        lines.append(_unknown_line(messages, table.unknown))
+    return lines
+
+
+def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]) -> Finding:
+    shown = ", ".join(f"{a} ({a.rate_hz:.0f} Hz)" for a in unknown[:_SHOWN_IDS])
+    more = f" and {len(unknown) - _SHOWN_IDS} more" if len(unknown) > _SHOWN_IDS else ""
+    are = counted(len(unknown), "identifier is", "identifiers are")
+    advice = "foreign devices, or the DBC of another bus"
+    by_id = {m.can_id: m for m in messages}
+    for a in unknown:
+        twin = by_id.get(a.can_id)
+        if twin is not None and twin.is_extended != a.is_extended:
+            here, there = (29, 11) if a.is_extended else (11, 29)
+            advice = f"{a.can_id:#x} comes with {here} bits; the DBC has {twin.name} with {there}"
+    figures = {"unknown": len(unknown)}
+    text = f"{are} not in the DBC: {shown}{more}"
+    return Finding("unknown_id", WARN, text, "bus", advice, figures=figures)
+
+
+# The messages -------------------------------------------------------------------------------------
 
 
 def check_messages(
@@ -141,113 +200,100 @@ def check_messages(
 ) -> list[Finding]:
     """Check every message that carries a channel or binds a sample set."""
     carriers = {sample_set.carrier[0] for sample_set in keeping.sets}
-    used = {m.message.name for m in mapped if m.channel.quantity is not Quantity.UNUSED}
-    names = dict.fromkeys([*(m.message.name for m in mapped), *sorted(carriers)])
-    counters = health.advance(
-        tuple(keeping.messages.values()), health.HealthState(), decoded
-    ).counters
+    used = {m.message.name for m in mapped if m.channel.quantity is not Quantity.UNUSED} | carriers
+    messages = tuple(keeping.messages.values())
+    counters = health.advance(messages, health.HealthState(), decoded).counters
     lines: list[Finding] = []
-    for name in names:
+    for name in dict.fromkeys([*(m.message.name for m in mapped), *sorted(carriers)]):
         message, arrivals = keeping.messages[name], table.known.get(name)
+        subject, fault = f"message {name}", FAIL if name in used else WARN
         if arrivals is None:
-            verdict = Severity.ERROR if name in used | carriers else Severity.WARNING
-            lines += about(f"message {name}", [_missing_line(message, table.unknown, verdict)])
+            lines.append(_absent_line(message, table.unknown, fault))
             continue
         counter = counters.get(name)
-        sent = len(arrivals.t_ns) + (counter.missing if counter else 0)
-        found = [
-            *_bus_lines(arrivals, Severity.ERROR if name in used | carriers else Severity.WARNING),
-            *_rate_lines(message, arrivals, sent, table, name in keeping.clocks),
+        received = len(arrivals.t_ns)
+        rate_hz = arrivals.rate_hz * (received + (counter.missing if counter else 0)) / received
+        faults = [
+            *_bus_lines(arrivals, fault),
+            *_rate_lines(message, arrivals, rate_hz, table, name in keeping.clocks),
             *_length_lines(message, arrivals),
             *_checksum_lines(message, arrivals, decoded),
             *(_counter_lines(message, counter, decoded) if counter else ()),
             *_clock_lines(message, keeping, decoded),
         ]
-        rate = arrivals.rate_hz * sent / len(arrivals.t_ns)
-        figures = {"rate_hz": rate, "jitter_s": _jitter_s(arrivals), "frames": len(arrivals.t_ns)}
-        if not found:
-            reason = f"{rate:.1f} Hz, jitter {1e3 * figures['jitter_s']:.2f} ms"
-            found = [ok("rate", reason)]
-        lines += about(f"message {name}", found, figures)
+        if not faults:
+            text = f"{rate_hz:.1f} Hz, jitter {1e3 * arrivals.jitter_s:.2f} ms"
+            faults = [Finding("rate", OK, text)]
+        figures = {"rate_hz": rate_hz, "jitter_s": arrivals.jitter_s, "frames": received}
+        lines += [replace(each, subject=subject, figures=figures) for each in faults]
     return lines
 
 
-def _bus_lines(arrivals: Arrivals, verdict: Severity) -> list[Finding]:
-    if len(arrivals.buses) == 1:
-        return []
-    reason = f"comes on the buses {' and '.join(map(str, arrivals.buses))}: two sensors read as one"
-    advice = "describe each as a [[sensor]] with its bus; for a log, import one with --bus"
-    return [judged("mixed_buses", verdict, reason, advice)]
-
-
-def _missing_line(
-    message: MessageLayout, unknown: Sequence[Arrivals], verdict: Severity
-) -> Finding:
+def _absent_line(message: MessageLayout, unknown: Sequence[Arrivals], verdict: Severity) -> Finding:
     width = " with 29 bits" if message.is_extended else ""
-    reason = f"no frame with identifier {message.can_id:#x}{width}"
+    text = f"no frame with identifier {message.can_id:#x}{width}"
     advice = "is the sensor on, set to this identifier, and set to send?"
     alike = [
-        id_text(a)
+        str(a)
         for a in unknown
         if a.usual_length == message.length
         and (message.cycle_s is None or abs(a.rate_hz * message.cycle_s - 1) < RATE_FAIL)
     ]
     if alike:
         advice += f" {', '.join(alike[:3])} has its length and rate"
-    return judged("absent", verdict, reason, advice)
+    return Finding("absent", verdict, text, f"message {message.name}", advice)
 
 
-def _jitter_s(arrivals: Arrivals) -> float:
-    """Return the largest deviation of 99 of 100 intervals from the usual one, s."""
-    if len(arrivals.t_ns) < 3:
-        return 0.0
-    interval = np.diff(arrivals.t_ns) * 1e-9
-    return float(np.quantile(np.abs(interval - np.median(interval)), 0.99))
+def _bus_lines(arrivals: Arrivals, verdict: Severity) -> list[Finding]:
+    if len(arrivals.buses) == 1:
+        return []
+    text = f"comes on the buses {' and '.join(map(str, arrivals.buses))}: two sensors read as one"
+    advice = "describe each as a [[sensor]] with its bus; for a log, import one with --bus"
+    return [Finding("mixed_buses", verdict, text, advice=advice)]
 
 
 def _rate_lines(
-    message: MessageLayout, arrivals: Arrivals, sent: int, table: FrameTable, has_time: bool
+    message: MessageLayout, arrivals: Arrivals, rate_hz: float, table: FrameTable, has_time: bool
 ) -> list[Finding]:
-    rate, found = arrivals.rate_hz * sent / len(arrivals.t_ns), []
-    last_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
-    if last_s > max(_SILENT_S, 10 * (message.cycle_s or 0.0)):
-        reason = f"silent for the last {last_s:.2f} s"
-        found.append(fail("stale", reason, "check plug and power"))
+    lines = []
+    silent_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
+    if silent_s > max(_SILENT_S, 10 * (message.cycle_s or 0.0)):
+        text = f"silent for the last {silent_s:.2f} s"
+        lines.append(Finding("stale", FAIL, text, advice="check plug and power"))
     if message.cycle_s is None:
-        if message.counter is not None and not has_time and rate > 0:
-            reason = f"{rate:.1f} Hz; without a cycle time its counter gives no sample times"
-            advice = f"state cycle_ms = {1e3 / rate:.3g} for it"
-            found.append(warn("no_cycle", reason, advice))
-        return found
-    expected = 1 / message.cycle_s
-    off = rate / expected - 1
+        if message.counter is not None and not has_time and rate_hz > 0:
+            text = f"{rate_hz:.1f} Hz; without a cycle time its counter gives no sample times"
+            advice = f"state cycle_ms = {1e3 / rate_hz:.3g} for it"
+            lines.append(Finding("no_cycle", WARN, text, advice=advice))
+        return lines
+    off = rate_hz * message.cycle_s - 1
     if abs(off) > _RATE_WARN:
-        verdict = Severity.ERROR if abs(off) > RATE_FAIL else Severity.WARNING
-        reason = f"{rate:.1f} Hz instead of {expected:.1f} Hz"
-        advice = f"set the sensor's rate, or state cycle_ms = {1e3 / max(rate, 1e-3):.3g} for it"
-        found.append(judged("rate", verdict, reason, advice))
-    jitter_s = _jitter_s(arrivals)
-    if message.counter is None and not has_time and jitter_s > message.cycle_s / 2:
-        reason = f"frames arrive up to {1e3 * jitter_s:.2f} ms off their cycle"
+        verdict = FAIL if abs(off) > RATE_FAIL else WARN
+        text = f"{rate_hz:.1f} Hz instead of {1 / message.cycle_s:.1f} Hz"
+        cycle_ms = 1e3 / max(rate_hz, 1e-3)
+        advice = f"set the sensor's rate, or state cycle_ms = {cycle_ms:.3g} for it"
+        lines.append(Finding("rate", verdict, text, advice=advice))
+    if message.counter is None and not has_time and arrivals.jitter_s > message.cycle_s / 2:
+        text = f"frames arrive up to {1e3 * arrivals.jitter_s:.2f} ms off their cycle"
         advice = "its clock fits the least delayed frames: prefer a counter or hardware stamps"
-        found.append(warn("jitter", reason, advice))
-    return found
+        lines.append(Finding("jitter", WARN, text, advice=advice))
+    return lines
 
 
 def _length_lines(message: MessageLayout, arrivals: Arrivals) -> list[Finding]:
-    n, short = len(arrivals.length), int(np.sum(arrivals.length < message.length))
-    long = int(np.sum(arrivals.length > message.length))
-    sizes = "/".join(str(v) for v in np.unique(arrivals.length[arrivals.length != message.length]))
-    sizes_text = f"have {sizes} bytes; the DBC says {message.length}"
-    if short:
-        return [
-            fail("length", f"{short} of {n} frames {sizes_text}", "correct the length, or the DBC")
-        ]
-    if long:
-        return [
-            warn("length", f"{long} of {n} frames {sizes_text}", "the excess bytes are not decoded")
-        ]
-    return []
+    length = arrivals.length
+    others = length[length < message.length]
+    verdict, advice = FAIL, "correct the length, or the DBC"
+    if not len(others):
+        others = length[length > message.length]
+        verdict, advice = WARN, "the excess bytes are not decoded"
+    if not len(others):
+        return []
+    sizes = "/".join(map(str, np.unique(length[length != message.length])))
+    text = (
+        f"{len(others)} of {len(length)} frames have {sizes} bytes; the DBC says {message.length}"
+    )
+    return [Finding("length", verdict, text, advice=advice)]
 
 
 def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded) -> list[Finding]:
@@ -257,21 +303,20 @@ def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded
     n, bad = len(quality), int(np.sum((quality & Quality.CRC_BAD) != 0))
     if not bad:
         return []
-    have = plural(bad, "has", "have")
-    reason = f"{bad} of {n} frames {have} a wrong checksum ({message.crc_rule})"
+    text = f"{bad} of {n} frames {plural(bad, 'has', 'have')} a wrong checksum ({message.crc_rule})"
+    verdict, advice = FAIL, f"no rule matches ({', '.join(CRC_RULES)}): leave it out"
     others = fitting_rules(arrivals, message.signal(message.crc).first_byte, message.length)
     if others:
-        return [fail("checksum", reason, f"state crc_rule = {others[0]!r}, which matches")]
-    if bad > n / 2:
-        return [fail("checksum", reason, f"no rule matches ({', '.join(CRC_RULES)}): leave it out")]
-    verdict = Severity.ERROR if bad > _LOST_FAIL * n else Severity.WARNING
-    return [judged("checksum", verdict, reason, "check wiring and power of the sensor")]
+        advice = f"state crc_rule = {others[0]!r}, which matches"
+    elif bad <= n / 2:
+        verdict = FAIL if bad > _LOST_FAIL * n else WARN
+        advice = "check wiring and power of the sensor"
+    return [Finding("checksum", verdict, text, advice=advice)]
 
 
 def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
     """Return the checksum rules that all frames of full length pass, if that cannot be chance."""
-    whole = arrivals.data[arrivals.length == length]
-    whole = np.unique(whole, axis=0)
+    whole = np.unique(arrivals.data[arrivals.length == length], axis=0)
     if len(whole) < 4:  # a wrong rule passes one frame in 256
         return []
     head = covered(whole, byte, length)
@@ -282,32 +327,28 @@ def _counter_lines(
     message: MessageLayout, counter: health.CounterHealth, decoded: Decoded
 ) -> list[Finding]:
     assert message.counter is not None  # ensured by health.advance
-    name = message.counter.signal
-    samples = decoded[f"{message.name}.{name}"]
+    name, modulus = f"the counter {message.counter.signal}", message.counter.modulus
+    samples = decoded[f"{message.name}.{message.counter.signal}"]
     value = samples.value[samples.usable]
     if len(value) > 10 and np.all(value == value[0]):
-        reason = f"the counter {name} does not change from {value[0]:.0f}"
-        return [fail("counter", reason, "the sensor hangs, or this is not a counter")]
-    found: list[Finding] = []
-    n = counter.received
-    step = np.diff(value)
-    if len(step) and np.any(value >= message.counter.modulus):
-        reason = (
-            f"the counter {name} reaches {value.max():.0f}, beyond {message.counter.modulus - 1}"
-        )
-        return [fail("counter", reason, "correct counter_modulus")]
+        text = f"{name} does not change from {value[0]:.0f}"
+        advice = "the sensor hangs, or this is not a counter"
+        return [Finding("counter", FAIL, text, advice=advice)]
+    if len(value) > 1 and np.any(value >= modulus):
+        text = f"{name} reaches {value.max():.0f}, beyond {modulus - 1}"
+        return [Finding("counter", FAIL, text, advice="correct counter_modulus")]
+    lines = []
     if counter.missing:
-        verdict = Severity.ERROR if counter.missing > _LOST_FAIL * n else Severity.WARNING
-        reason = (
-            f"{counted(counter.missing, 'frame is', 'frames are')} missing "
-            f"according to the counter {name} (of {n})"
-        )
+        verdict = FAIL if counter.missing > _LOST_FAIL * counter.received else WARN
+        are = counted(counter.missing, "frame is", "frames are")
+        text = f"{are} missing according to {name} (of {counter.received})"
         advice = "frames are lost on the way, or the counter counts something else"
-        found.append(judged("counter", verdict, reason, advice))
+        lines.append(Finding("counter", verdict, text, advice=advice))
     if counter.restarts:
-        reason = f"the counter {name} started again {counter.restarts} times"
-        found.append(fail("counter", reason, "the sensor restarts: check its power"))
-    return found
+        text = f"{name} started again {counter.restarts} times"
+        advice = "the sensor restarts: check its power"
+        lines.append(Finding("counter", FAIL, text, advice=advice))
+    return lines
 
 
 def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded) -> list[Finding]:
@@ -315,15 +356,15 @@ def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded)
     if clock is None:
         return []
     samples = decoded[clock.signal]
-    good = samples.usable
-    stamp_s, t_s = samples.value[good] * clock.factor, samples.t_ns[good] * 1e-9
-    if len(t_s) < 10 or t_s[-1] - t_s[0] <= 0:
+    stamp, t_ns = samples.value[samples.usable], samples.t_ns[samples.usable]
+    if len(t_ns) < 10 or t_ns[-1] <= t_ns[0]:
         return []
-    gap = np.diff(stamp_s) % (clock.wrap * clock.factor)
-    rate = float(np.sum(gap) / (t_s[-1] - t_s[0]))
-    reason = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
+    gaps = np.diff(stamp) % clock.wrap
+    rate = float(np.sum(gaps)) * clock.factor / (float(t_ns[-1] - t_ns[0]) * 1e-9)
+    if abs(rate - 1) <= _CLOCK_WARN:
+        return []
+    verdict, advice = WARN, "is the host's clock set while measuring?"
     if abs(rate - 1) > _CLOCK_FAIL:
-        return [fail("clock", reason, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}")]
-    if abs(rate - 1) > _CLOCK_WARN:
-        return [warn("clock", reason, "is the host's clock set while measuring?")]
-    return []
+        verdict, advice = FAIL, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}"
+    text = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
+    return [Finding("clock", verdict, text, advice=advice)]

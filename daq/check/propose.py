@@ -7,39 +7,44 @@ uncertain guesses are marked ASK, and both are returned as questions.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dbc.errors import printable
 from dbc.frames import FrameBatch
-from dbc.layout import MessageLayout
+from dbc.layout import MessageLayout, SignalLayout
+from dbc.samples import Decoded
+from dbc.units import known_si
 from dbc.words import counted
 
 from ..bench.config import BusConfig
 from ..bench.databases import Database
 from ..bench.ready_maps import PREFIX, sensor_map
 from ..bench.sensors import Sensor, sensors_codec
-from ..channels import sensor_of, signal_of
-from .answers import AT_WHEEL, NO, NO_ANSWERS, YES, Answers, Question, answered, stated_forward
-from .candidates import shows_push_by_unit
-from .find_sensors import FoundSensor, find_sensors, traffic_of
-from .frame_checks import frame_table
-from .guess_map import Asked, Guess, signal_comments
-from .guess_sensor import guess_bench
-from .propose_channel import REST, channel_table, unique_name
-from .propose_message import Seen, message_rule, ready_rule
-from .pushes import Push, Trace, find_pushes
-from .result import ASK
+from ..channels import AT_CORNER, ON_BODY, Quantity, sensor_of, signal_of
+from .find_sensors import FoundSensor, find_sensors
+from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
+from .guess import FEWEST, Candidate, candidate, guess_channels
+from .mounting import Pushes, find_pushes
+from .names import words
+from .questions import ASK, NO, YES, Answers, Asked, Guess, Question
 
+NO_ANSWERS: Answers = MappingProxyType({})
 _LATE = (
     "delay_s = 0.0005  # of a frame on the bus; add the delay from the data sheet",
     "delay_sigma_s = 0.0003",
 )
+_COMMENT = re.compile(r'\bCM_\s+SG_\s+(\d{1,10})\s+(\w{1,128})\s+"([^"]{0,2000})"')
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A bench.toml, and the questions to its user."""
+    """A bench.toml or a channel map, and the questions to its user."""
 
     text: str
     """TOML with comments."""
@@ -79,38 +84,49 @@ def propose_sensors(
     InputError
         If a database cannot be used, or two sensors would have one identifier on one bus.
     """
-    present = frames is not None and len(frames)
-    traffic = traffic_of(frames) if frames is not None and present else None
-    found, absent = find_sensors(databases, traffic)
-    found = _ours(found, answers)
-    numbers = [f.sensor.bus for f in found]
-    n_buses = max([len(buses), *(number + 1 for number in numbers)])
-    is_list = len(databases) > 1 or len(found) != 1 or found[0].sensor.id_offset != 0 or n_buses > 1
-    codec = sensors_codec([f.sensor for f in found], databases, n_buses)
+    frames = frames if frames is not None and len(frames) else None
+    sensors, absent = find_sensors(databases, frames)
+    sensors = _ours(sensors, answers)
+    n_buses = max(len(buses), *(each.sensor.bus + 1 for each in sensors), 1)
+    one = len(databases) == 1 and len(sensors) == 1 and n_buses == 1
+    is_list = not (one and sensors[0].sensor.id_offset == 0)
+    codec = sensors_codec([each.sensor for each in sensors], databases, n_buses)
     if not is_list:
         plain = tuple(replace(m, name=signal_of(m.name)) for m in codec.messages)
         codec = replace(codec, messages=plain)
-    seen = push = None
-    if frames is not None and present:
-        seen = Seen(frame_table(codec.messages, frames).known, codec.decode(frames))
-    questions: list[Question] = []
-    if pushes is not None and len(pushes):
-        decoded = codec.decode(pushes)
-        traces = {name: (s.t_ns, s.value) for name, s in decoded.samples.items()}
-        push, questions = _pushed(codec.messages, traces)
-    comments = _comments(found, databases, is_list)
-    guesses = guess_bench(codec.messages, comments, seen, push, stated_forward(answers))
-    lines = _head(databases, found, buses, n_buses, is_list)
-    missing = [*absent]
-    used = set[str]()
-    for message in codec.messages:
-        if seen is not None and message.name not in seen.known:
-            missing.append(message.name)
-            continue
-        lines += _message(message, found, seen, guesses, used, is_list, questions, answers)
+    missing, messages = [*absent], list(codec.messages)
+    arrivals: Mapping[str, Arrivals] | None = None
+    decoded: Decoded | None = None
+    if frames is not None:
+        arrivals, decoded = frame_table(messages, frames).known, codec.decode(frames)
+        missing += [m.name for m in messages if m.name not in arrivals]
+        messages = [m for m in messages if m.name in arrivals]
+    candidates = _candidates(messages, _comments(sensors, databases, is_list), decoded)
+    found_pushes, questions = _pushed(codec.decode(pushes), candidates) if pushes else (None, [])
+    guesses = guess_channels(candidates, found_pushes, answers)
+    ready = {
+        table["name"]
+        for each in sensors
+        for table in sensor_map(each.sensor.name, each.sensor.database).get("message", [])
+    }
+    tables = ChannelTables(answers, _LATE, questions)
+    lines = _head(databases, sensors if is_list else (), buses, n_buses)
+    for message in messages:
+        channels: list[str] = []
+        for signal in message.signals:
+            full = f"{message.name}.{signal.name}"
+            if full in guesses:
+                sensor = sensor_of(message.name) if is_list else ""
+                channels += tables.lines(full, full, guesses[full], sensor)
+        rule = []
+        if not (is_list and message.name in ready):
+            came = None if arrivals is None else arrivals[message.name]
+            rule = message_rule(message, came, decoded, is_used=bool(channels))
+        if channels or rule:
+            lines += ["", f"# {printable(message.name)}", *rule, *channels]
     if missing:
         lines += ["", f"# Not on the bus: {printable(', '.join(missing), 400)}"]
-    questions += [_question(f) for f in found if not f.surely]
+    questions += [_question(each) for each in sensors if not each.surely]
     return Proposal("\n".join(lines) + "\n", tuple(questions))
 
 
@@ -119,127 +135,294 @@ def _question(found: FoundSensor) -> Question:
     return Question(f"sensor {name}: {found.why}", Asked.OURS, name)
 
 
-def _ours(found: Sequence[FoundSensor], answers: Answers) -> tuple[FoundSensor, ...]:
+def _ours(sensors: Sequence[FoundSensor], answers: Answers) -> list[FoundSensor]:
     """Return the sensors of this bench, according to the answers so far."""
-    answered = [(each, "" if each.surely else answers.get(_question(each), "")) for each in found]
-    return tuple(
-        replace(f, surely=True, why="yours, by your answer") if text == YES else f
-        for f, text in answered
+    said = [(each, "" if each.surely else answers.get(_question(each), "")) for each in sensors]
+    return [
+        each._replace(surely=True, why="yours, by your answer") if text == YES else each
+        for each, text in said
         if text != NO
-    )
+    ]
 
 
 def _comments(
-    found: Sequence[FoundSensor], databases: Sequence[Database], is_list: bool
+    sensors: Sequence[FoundSensor], databases: Sequence[Database], is_list: bool
 ) -> dict[tuple[str, int, str], str]:
     """Return the comments on signals by sensor, identifier and name."""
-    texts = {each.name: signal_comments(each.text) for each in databases}
+    texts = {each.name: _COMMENT.findall(each.text) for each in databases}
     return {
-        (f.sensor.name if is_list else "", can_id + f.sensor.id_offset, name): text
-        for f in found
-        for (can_id, name), text in texts[f.sensor.database].items()
+        (sensor.name if is_list else "", int(number) + sensor.id_offset, name): text
+        for sensor, *_ in sensors
+        for number, name, text in texts[sensor.database]
     }
+
+
+def _candidates(
+    messages: Sequence[MessageLayout],
+    comments: Mapping[tuple[str, int, str], str],
+    decoded: Decoded | None,
+) -> list[Candidate]:
+    candidates = []
+    for message in messages:
+        number = message.can_id | message.is_extended << 31
+        for signal in message.signals:
+            full = f"{message.name}.{signal.name}"
+            comment = comments.get((sensor_of(message.name), number, signal.name), "")
+            span = None
+            if signal.minimum is not None and signal.maximum is not None:
+                span = signal.maximum - signal.minimum
+            _, value = _usable(decoded, full)
+            one = candidate(full, signal.unit, value, comment, span, signal.length)
+            candidates += [one] if one is not None else []
+    return candidates
+
+
+def _usable(decoded: Decoded | None, full: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return times and values of the usable samples of a signal."""
+    samples = decoded.samples.get(full) if decoded is not None else None
+    if samples is None:
+        return np.zeros(0, np.int64), np.zeros(0)
+    usable = samples.usable & np.isfinite(samples.value)
+    return samples.t_ns[usable], samples.value[usable]
 
 
 def _pushed(
-    messages: Sequence[MessageLayout], traces: Mapping[str, Trace]
-) -> tuple[Push | None, list[Question]]:
-    moved = {
-        f"{message.name}.{signal.name}"
-        for message in messages
-        for signal in message.signals
-        if shows_push_by_unit(message.name, signal)
-    }
-    pushes, number = find_pushes({n: trace for n, trace in traces.items() if n in moved})
-    if pushes is None:
-        were = counted(number, "push was", "pushes were")
-        line = f"{were} found instead of one on each of four corners: repeat them"
-        return None, [Question(line)]
-    return Push(pushes, traces), []
+    decoded: Decoded, candidates: Sequence[Candidate]
+) -> tuple[Pushes | None, list[Question]]:
+    traces = {name: (s.t_ns, s.value) for name, s in decoded.samples.items()}
+    pushes, number = find_pushes(traces, [each.full for each in candidates if each.shows_push])
+    if pushes is not None:
+        return pushes, []
+    were = counted(number, "push was", "pushes were")
+    line = f"{were} found instead of one on each of four corners: repeat them"
+    return None, [Question(line)]
 
 
 def _head(
     databases: Sequence[Database],
-    found: Sequence[FoundSensor],
+    sensors: Sequence[FoundSensor],
     buses: Sequence[BusConfig],
     n_buses: int,
-    is_list: bool,
 ) -> list[str]:
+    """Return the lines before the channels; `sensors`: empty if the bench has no list of them."""
     lines = [
         "# Proposed by bumpbench check.  Read it, then test it: bumpbench check FILE.",
         "# Values that cannot be guessed are marked FILL IN, uncertain guesses ASK.",
     ]
-    if not is_list:
+    if not sensors:
         lines.append(f"dbc = {json.dumps(databases[0].name)}")
     for number in range(n_buses):
         lines += ["", "[bus]" if n_buses == 1 else "[[bus]]"]
-        if number < len(buses):
-            bus = buses[number]
-            lines += [
-                f"interface = {json.dumps(bus.interface)}",
-                f"channel = {json.dumps(bus.channel)}",
-                f"bitrate = {bus.bitrate}",
-            ]
-        else:
-            lines += [
-                'interface = "socketcan"  # FILL IN',
-                f'channel = "can{number}"  # FILL IN',
-                "bitrate = 500000  # FILL IN",
-            ]
-    for f in found if is_list else ():
-        lines += ["", "[[sensor]]", *_sensor(f.sensor)]
-        mark = "  # " if f.surely else f"  {ASK}"
-        lines[-1] += f"{mark}{printable(f.why, 200)}"
+        known = number < len(buses)
+        bus = buses[number] if known else BusConfig("socketcan", f"can{number}", 500_000)
+        mark = "" if known else "  # FILL IN"
+        lines += [
+            f"interface = {json.dumps(bus.interface)}{mark}",
+            f"channel = {json.dumps(bus.channel)}{mark}",
+            f"bitrate = {bus.bitrate}{mark}",
+        ]
+    for sensor, why, surely in sensors:
+        mark = "# " if surely else ASK
+        lines += ["", "[[sensor]]", *_sensor(sensor)]
+        lines[-1] += f"  {mark}{printable(why, 200)}"
     return [*lines, *REST]
 
 
 def _sensor(sensor: Sensor) -> list[str]:
-    lines = [f"name = {json.dumps(sensor.name)}"]
-    if sensor.database.startswith(PREFIX):
-        lines.append(f"layout = {json.dumps(sensor.database.removeprefix(PREFIX))}")
-    else:
-        lines.append(f"dbc = {json.dumps(sensor.database)}")
-    if sensor.id_offset:
-        lines.append(f"id_offset = {sensor.id_offset}")
-    return [*lines, f"bus = {sensor.bus}"]
+    key = "layout" if sensor.database.startswith(PREFIX) else "dbc"
+    return [
+        f"name = {json.dumps(sensor.name)}",
+        f"{key} = {json.dumps(sensor.database.removeprefix(PREFIX))}",
+        *([f"id_offset = {sensor.id_offset}"] if sensor.id_offset else []),
+        f"bus = {sensor.bus}",
+    ]
 
 
-def _message(
-    message: MessageLayout,
-    found: Sequence[FoundSensor],
-    seen: Seen | None,
-    guesses: Mapping[str, Guess],
-    used: set[str],
-    is_list: bool,
-    questions: list[Question],
-    answers: Answers,
-) -> list[str]:
-    """Return the tables of one message, and add the questions about it."""
-    channels: list[str] = []
-    for signal in message.signals:
-        full = f"{message.name}.{signal.name}"
-        guess = guesses.get(full)
-        if guess is None:
-            continue
-        sensor = sensor_of(message.name) if is_list else ""
-        name = unique_name(signal.name, message.name, sensor, used)
+# The tables that bench.toml and channel map share -------------------------------------------------
+
+REST = """
+[vehicle]
+name = "vehicle"  # FILL IN
+
+[campaign]
+excitations = ["bounce", "pitch", "roll"]  # also "rear_pitch", "warp"
+repeats = 2
+method = "roll_over"  # or "drop", "push"
+bump_height_mm = 40.0
+
+[trigger]
+level = 3.0  # m/s2 from rest, on any hub
+post_s = 2.5  # until the motion has decayed
+
+# The known weights of the state "added": a table for each, on the floor or on a hub.
+# [[weight]]  # FILL IN
+# mass_kg = 32.5
+# x_m = 0.14  # from the middle of the front axle, forward positive
+# y_m = 0.55  # left positive
+# position_sigma_m = 0.005  # how well you measured its place
+
+# [[weight]]  # FILL IN
+# mass_kg = 4.0
+# hub = "FL"
+
+# With scales under the wheels there need not be any.
+# [[fact]]
+# quantity = "total_mass_kg"
+# value = 1551.8
+# sigma = 1.0""".splitlines()
+"""Tables on vehicle, campaign, trigger and weights, for the user to fill in."""
+
+
+class ChannelTables:
+    """Writes `[[channel]]` tables with unique names, and collects the questions about them."""
+
+    def __init__(self, answers: Answers, late: Sequence[str], questions: list[Question]) -> None:
+        """`late`: the lines on the delay of a channel.  `questions`: to which others are added."""
+        self._answers, self._late, self._questions = answers, late, questions
+        self._used: set[str] = set()
+
+    def lines(self, full: str, signal: str, guess: Guess, sensor: str = "") -> list[str]:
+        """Return a table; `full`: name with message, `signal`: as bench.toml or map states it."""
+        name = self._unique(full, sensor)
         subject = f"sensor {sensor}" if sensor else "the IMU"
         # One answer counts for the whole sensor, except for a corner.
-        if guess.asked in AT_WHEEL or not (sensor or guess.asked is Asked.FORWARD):
+        if guess.asked.is_of_channel or not (sensor or guess.asked is Asked.FORWARD):
             subject = f"channel {name}"
         question = Question(f"{subject}: {guess.ask}", guess.asked, sensor)
-        guess = answered(guess, answers[question]) if question in answers else guess
-        channels += channel_table(name, full, guess, _LATE)
-        if guess.ask and question not in questions:
-            questions.append(question)
-    ready = {
-        table["name"]: table
-        for f in found
-        if is_list
-        for table in sensor_map(f.sensor.name, f.sensor.database).get("message", [])
-    }
-    if message.name in ready:
-        rule = ready_rule(message, seen, ready[message.name])
-    else:
-        rule = message_rule(message, seen, is_used=bool(channels))
-    return ["", f"# {printable(message.name)}", *rule, *channels] if channels or rule else []
+        if question in self._answers:
+            guess = guess.answered(self._answers[question])
+        if guess.ask and question not in self._questions:
+            self._questions.append(question)
+        lines = [
+            "",
+            "[[channel]]",
+            f'name = "{name}"',
+            f"signal = {json.dumps(signal)}",
+            f'quantity = "{guess.quantity}"  # {printable(guess.why, 200)}',
+        ]
+        if guess.ask:
+            lines.append(f"{ASK}{printable(guess.ask, 200)}")
+        if guess.unit:
+            lines.append(f'signal_unit = "{guess.unit}"  # none is stated')
+        if guess.quantity in AT_CORNER:
+            lines.append(f'corner = "{guess.corner}"')
+        if guess.sign < 0:
+            by_gravity = (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION)
+            lines.append("sign = -1" + "  # reads -1 g at rest" * (guess.quantity in by_gravity))
+        if guess.quantity in ON_BODY:
+            lines += [
+                "x_m = -1.2  # FILL IN: from the middle of the front axle, forward positive",
+                "y_m = 0.0  # FILL IN: left positive",
+                "position_sigma_m = 0.5  # FILL IN: how well you measured it",
+            ]
+        if guess.quantity is not Quantity.UNUSED:
+            about = "of its scale: see its data sheet or calibration"
+            lines += [f"gain_sigma = 0.01  # {about}", *self._late]
+        if guess.tare is not None:
+            lines.append(f"tare = {guess.tare:.5g}  # at rest, as the car stood")
+        if guess.quantity is Quantity.SUSPENSION_TRAVEL and not guess.is_proven:
+            lines.append("# sign = -1  # FILL IN if it reads less in compression")
+        return lines
+
+    def _unique(self, full: str, sensor: str) -> str:
+        """Return a channel name: letters, digits and underscores, not used before."""
+        message, _, signal = full.rpartition(".")
+        plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in signal).strip("_")
+        name = plain if plain[:1].isalpha() else f"s_{plain or 'signal'}"
+        tried = [f"{sensor}_{name}" if sensor else name, f"{message.replace('.', '_')}_{name}"]
+        tried += [f"{name[:55]}_{number}" for number in range(2, 1000)]
+        chosen = next(t[:60] for t in tried if t[:60] not in self._used and t[0].isalpha())
+        self._used.add(chosen)
+        return chosen
+
+
+# The rules that bench.toml adds to a message: cycle, counter, checksum, time stamp ----------------
+
+_COUNTER = {"counter", "cnt", "count", "alive", "rolling", "msgcnt", "seq", "sequence", "mc", "rc"}
+_CHECKSUM = {"crc", "crc8", "checksum", "chk", "chksum", "cs"}
+_TIME = {"time", "timestamp", "stamp", "millitime", "sampletime", "tow"}
+_STEADY = 0.9
+"""Share of a counter's steps that are by one."""
+
+
+def message_rule(
+    message: MessageLayout, came: Arrivals | None, decoded: Decoded | None, *, is_used: bool
+) -> list[str]:
+    """Return a `[[message]]` table if the DBC is incomplete, or states a wrong cycle.
+
+    `came` and `decoded`: its frames and all samples; None without traffic.  `is_used`: True if the
+    message has a channel; only then its cycle is checked.
+    """
+    lines = []
+    rate_hz = came.rate_hz if came is not None and len(came.t_ns) >= FEWEST else 0.0
+    measured = f"cycle_ms = {1e3 / rate_hz:.4g}  # measured {rate_hz:.1f} Hz" if rate_hz else ""
+    if message.cycle_s is None:
+        absent = "# cycle_ms = 10  # FILL IN: not in the DBC, and there was no traffic"
+        lines += [absent] if came is None else [measured] * bool(measured)
+    elif is_used and measured and abs(rate_hz * message.cycle_s - 1) > RATE_FAIL:
+        lines.append(f"{measured}, not the {1 / message.cycle_s:.1f} Hz of its database")
+    rules = [_counter] * (message.counter is None) + [_checksum] * (message.crc is None) + [_time]
+    for rule in rules:
+        each = (rule(message, signal, came, decoded) for signal in message.signals)
+        lines += next((found for found in each if found), [])
+    head = ["[[message]]", f"name = {json.dumps(message.name)}"]
+    if all(line.startswith("#") for line in lines):
+        # A line that is uncommented later needs the header of its table.
+        return [f"# {line}" for line in head] + lines if lines else []
+    return [*head, *lines]
+
+
+def _counter(
+    message: MessageLayout, signal: SignalLayout, came: Arrivals | None, decoded: Decoded | None
+) -> list[str]:
+    if not (signal.is_plain and 2 <= signal.length <= 32 and words(signal.name) & _COUNTER):
+        return []
+    name = json.dumps(signal.name)
+    if came is None:
+        return [f"# counter = {name}  # by its name; true?"]
+    _, value = _usable(decoded, f"{message.name}.{signal.name}")
+    if len(value) < FEWEST:
+        return []
+    step = np.diff(value)
+    modulus = int(value.max()) + 1 if np.any(step < 0) else 1 << signal.length
+    if np.mean(step % modulus == 1) < _STEADY:
+        return []
+    lines = [f"counter = {name}  # counts by one"]
+    if modulus != 1 << signal.length:
+        lines.append(f"counter_modulus = {modulus}  # starts again after {modulus - 1}")
+    return lines
+
+
+def _checksum(
+    message: MessageLayout, signal: SignalLayout, came: Arrivals | None, decoded: Decoded | None
+) -> list[str]:
+    is_byte = signal.length == 8 and signal.low_bit == 0 and signal.is_plain
+    if not (is_byte and words(signal.name) & _CHECKSUM):
+        return []
+    name = json.dumps(signal.name)
+    rules = fitting_rules(came, signal.first_byte, message.length) if came is not None else []
+    if not rules:
+        return [f"# crc = {name}  # which rule? give crc_rule"]
+    return [f"crc = {name}", f'crc_rule = "{rules[0]}"  # matches all frames']
+
+
+def _time(
+    message: MessageLayout, signal: SignalLayout, came: Arrivals | None, decoded: Decoded | None
+) -> list[str]:
+    known = known_si(signal.unit)
+    if known is None or known.unit != "s" or signal.is_multiplexed:
+        return []
+    if not words(signal.name) & _TIME:
+        return []
+    name = json.dumps(signal.name)
+    if came is None or signal.is_float:
+        return [f"# time_signal = {name}  # by its name and unit; true?"]
+    t_ns, value = _usable(decoded, f"{message.name}.{signal.name}")
+    if len(value) < FEWEST or t_ns[-1] <= t_ns[0]:
+        return []
+    wrap = abs(signal.factor) * float(1 << signal.length)
+    rate = float(np.sum(np.diff(value) % wrap)) * known.factor / (np.ptp(t_ns) * 1e-9)
+    if abs(rate - 1) > 0.05:
+        slow = f"runs {rate:.3g} times as fast as the bus's clock: no time_signal as it is"
+        return [f"# {name} {slow}"]
+    return [f"time_signal = {name}  # runs with the bus's clock"]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +19,6 @@ from ..vehicle import Corner
 
 ORDER = (Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RIGHT)
 """The order in which the corners are pushed."""
-_WORDS = {
-    Corner.FRONT_LEFT: "front LEFT",
-    Corner.FRONT_RIGHT: "front RIGHT",
-    Corner.REAR_LEFT: "rear LEFT",
-    Corner.REAR_RIGHT: "rear RIGHT",
-}
-
 _LEAST = {
     Quantity.SUSPENSION_TRAVEL: 3e-3,
     Quantity.BODY_DISPLACEMENT: 3e-3,
@@ -62,8 +56,7 @@ class PushResult:
     """Channels that moved in the wrong direction."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Move:
+class _Move(NamedTuple):
     """The motion of a channel: its largest deviation, and its first direction."""
 
     channel: Channel
@@ -73,7 +66,7 @@ class _Move:
 
 def spoken(corner: Corner) -> str:
     """Return the name of a corner for a person at the car."""
-    return _WORDS[corner]
+    return f"{'front' if corner.front else 'rear'} {'LEFT' if corner.side > 0 else 'RIGHT'}"
 
 
 def shows_push(channels: Sequence[Channel]) -> bool:
@@ -95,36 +88,41 @@ def judge_push(
     have been pushed; a motion that goes on there does not count either.  `bin_s`: width of a bin,
     s.
     """
-    asked = PushResult(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
     deviations = {
         c: found
         for c in channels
         if c.quantity in _LEAST and (found := _deviation(c, lanes.get(c.name))) is not None
     }
+    asked = PushResult(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
+    moving = PushResult(corner, False, False, "moving: let it come to rest")
     if not deviations:
         return asked
     loud = np.any([np.abs(away) >= least for away, least in deviations.values()], axis=0)
-    begin = _at_rest(loud, begin, round(_SETTLED_S / bin_s))
-    moves = [
-        _move(c, away[begin:])
-        for c, (away, least) in deviations.items()
-        if _peak(away[begin:]) >= least
-    ]
-    if begin == len(loud) and loud.any():
-        return PushResult(corner, False, False, "moving: let it come to rest")
+    quiet = round(_SETTLED_S / bin_s)
+    for moved in np.flatnonzero(loud).tolist():  # the first direction of such a motion is not seen
+        if begin - quiet <= moved < begin:
+            begin = min(moved + quiet + 1, len(loud))
+    moves = []
+    for channel, (away, least) in deviations.items():
+        size = np.abs(away[begin:])
+        peak = float(np.max(size, initial=0.0))
+        if peak >= least:
+            first = away[begin + int(np.argmax(size >= _FIRST_SHARE * peak))]
+            moves.append(_Move(channel, peak, int(np.sign(first))))
     if not moves:
-        return asked
-    if not _over(loud[begin:], bin_s):
-        return PushResult(corner, False, False, "moving: let it come to rest")
+        return moving if begin == len(loud) and loud.any() else asked
+    last = len(loud) - 1 - begin - np.flatnonzero(loud[begin:])[[0, -1]]
+    begun_s, quiet_s = last * bin_s
+    if quiet_s < _SETTLED_S and begun_s < _LONGEST_S:
+        return moving
     return _judged(corner, moves, channels)
 
 
 def _deviation(channel: Channel, lane: Envelope | None) -> tuple[NDArray[np.float64], float] | None:
     """Return the deviation of a channel from rest, and the limit for a movement."""
-    if lane is None or not len(lane[0]):
+    if lane is None:
         return None
-    low, high = lane
-    middle = (low + high) / 2.0
+    middle = (lane[0] + lane[1]) / 2.0
     seen = middle[np.isfinite(middle)]
     if not len(seen):
         return None
@@ -133,105 +131,57 @@ def _deviation(channel: Channel, lane: Envelope | None) -> tuple[NDArray[np.floa
     return np.nan_to_num(middle - rest), max(_LEAST[channel.quantity], _OVER_NOISE * noise)
 
 
-def _at_rest(loud: NDArray[np.bool_], begin: int, quiet: int) -> int:
-    """Return the first bin from `begin` before which nothing has moved for `quiet` bins.
-
-    A motion that began earlier does not count: its first direction was not seen.
-    """
-    for moved in np.flatnonzero(loud).tolist():
-        if begin - quiet <= moved < begin:
-            begin = min(moved + quiet + 1, len(loud))
-    return begin
-
-
-def _peak(deviation: NDArray[np.float64]) -> float:
-    return float(np.max(np.abs(deviation), initial=0.0))
-
-
-def _move(channel: Channel, deviation: NDArray[np.float64]) -> _Move:
-    peak = _peak(deviation)
-    first = int(np.argmax(np.abs(deviation) >= _FIRST_SHARE * peak))
-    return _Move(channel, peak, int(np.sign(deviation[first])))
-
-
-def _over(loud: NDArray[np.bool_], bin_s: float) -> bool:
-    """Return whether all channels are at rest again, or have moved for too long to wait."""
-    begun_s, quiet_s = (len(loud) - 1 - np.flatnonzero(loud)[[0, -1]]) * bin_s
-    return bool(quiet_s >= _SETTLED_S or begun_s >= _LONGEST_S)
-
-
 def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel]) -> PushResult:
     travels = [m for m in moves if m.channel.quantity is Quantity.SUSPENSION_TRAVEL]
-    own = next(
-        (c for c in channels
-         if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is corner), None
-    )  # fmt: skip
     most = max(travels, key=lambda m: m.size, default=None)
-    if own is not None:
-        if most is None:
-            text, advice = f"{own.name} did not move", "check its plug and its rod, then push again"
-            return PushResult(corner, True, False, text, advice)
-        if most.channel.corner is not corner:
-            return _elsewhere(corner, own, most, moves)
-    wrong = [m for m in moves if (way := _expected(corner, m.channel)) and way != m.first]
-    seen = most or moves[0]
-    sizes = f"{seen.channel.name} moved {_spoken_size(seen)}"
+    due = next(
+        (c for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is corner),
+        None,
+    )
+    if due is not None and most is None:
+        text, advice = f"{due.name} did not move", "check its plug and its rod, then push again"
+        return PushResult(corner, True, False, text, advice)
+    if due is not None and most is not None and most.channel.corner is not corner:
+        return _elsewhere(corner, due, most.channel, moves)
+    wrong = [m.channel.name for m in moves if _expected(corner, m.channel) == -m.first]
     if wrong:
-        names = tuple(m.channel.name for m in wrong)
-        text = f"{', '.join(names)} moved the wrong way"
-        return PushResult(corner, True, False, text, f"I inverts the sign of {names[0]}", names)
-    return PushResult(corner, True, True, f"{sizes}, sign right")
+        text = f"{', '.join(wrong)} moved the wrong way"
+        advice = f"I inverts the sign of {wrong[0]}"
+        return PushResult(corner, True, False, text, advice, tuple(wrong))
+    seen = most or moves[0]
+    size = f"{seen.first * seen.size:+.2g} {seen.channel.unit}"
+    if seen.channel.unit == "m":
+        size = f"{seen.first * seen.size * 1e3:+.0f} mm"
+    return PushResult(corner, True, True, f"{seen.channel.name} moved {size}, sign right")
 
 
-def _elsewhere(corner: Corner, own: Channel, most: _Move, moves: Sequence[_Move]) -> PushResult:
+def _elsewhere(corner: Corner, due: Channel, moved: Channel, moves: Sequence[_Move]) -> PushResult:
     """Distinguish a swapped plug from a push on another corner, if the gyroscopes show it."""
-    assert most.channel.corner is not None  # ensured by Channel: a travel has a corner
-    pushed = _corner_of_turn(moves)
-    text = f"{most.channel.corner} moved"
-    if pushed is most.channel.corner:
+    pitch = next((m.first for m in moves if m.channel.quantity is Quantity.PITCH_RATE), 0)
+    roll = next((m.first for m in moves if m.channel.quantity is Quantity.ROLL_RATE), 0)
+    lowest = next((c for c in Corner if (c.front, c.side) == (pitch > 0, -roll)), None)
+    text = f"{moved.corner} moved"
+    if pitch and roll and lowest is moved.corner:
         text += f", and the car tilted that way: the {spoken(corner)} was not pushed"
         return PushResult(corner, True, False, text, f"push the {spoken(corner)}")
-    text += f": {own.name} and {most.channel.name} are swapped"
+    text += f": {due.name} and {moved.name} are swapped"
     advice = "swap their plugs, or their signals in bench.toml"
-    if pushed is None:
+    if not (pitch and roll):
         advice += f"; or another corner was pushed: press R and push the {spoken(corner)}"
     return PushResult(corner, True, False, text, advice)
 
 
-def _corner_of_turn(moves: Sequence[_Move]) -> Corner | None:
-    """Return the corner that went down, from pitch and roll; None if either did not move."""
-    pitch = next((m.first for m in moves if m.channel.quantity is Quantity.PITCH_RATE), 0)
-    roll = next((m.first for m in moves if m.channel.quantity is Quantity.ROLL_RATE), 0)
-    if not (pitch and roll):
-        return None
-    return next(c for c in Corner if (c.front, c.side) == (pitch > 0, -roll))
-
-
-def _expected(corner: Corner, channel: Channel) -> int:
-    """Return the expected first direction of a channel, +1 or -1; 0 if it is not certain."""
-    quantity = channel.quantity
-    if quantity is Quantity.SUSPENSION_TRAVEL:
-        return 1 if channel.corner is corner else 0
-    if quantity is Quantity.PITCH_RATE:
-        return 1 if corner.front else -1
-    if quantity is Quantity.ROLL_RATE:
-        return -corner.side
-    return -1 if quantity is Quantity.BODY_DISPLACEMENT and _sinks(corner, channel) else 0
-
-
-def _sinks(corner: Corner, channel: Channel) -> bool:
-    """Return whether a point of the body certainly goes down with a corner.
-
-    A plate on four equal springs that is pushed at (u', v') sinks by 1 + u u' + v v' at (u, v), in
-    half lengths from its middle; the half lengths of a usual car are used.
-    """
-    if channel.at_cg:
-        return True
+def _expected(corner: Corner, channel: Channel) -> int | None:
+    """Return the expected first direction of a channel, +1 or -1; None if it is not certain."""
+    match channel.quantity:
+        case Quantity.SUSPENSION_TRAVEL:
+            return 1 if channel.corner is corner else None
+        case Quantity.PITCH_RATE:
+            return 1 if corner.front else -1
+        case Quantity.ROLL_RATE:
+            return -corner.side
+    # A plate on four equal springs that is pushed at (u', v') sinks by 1 + u u' + v v' at (u, v),
+    # in half lengths from its middle; those of a usual car are used.
     u, v = 1.0 + channel.x_m / 1.4, channel.y_m / 0.75
-    return 1.0 + u * (1 if corner.front else -1) + v * corner.side > _SURE
-
-
-def _spoken_size(move: _Move) -> str:
-    if move.channel.unit == "m":
-        return f"{move.first * move.size * 1e3:+.0f} mm"
-    return f"{move.first * move.size:+.2g} {move.channel.unit}"
+    sinks = 1.0 + u * (1 if corner.front else -1) + v * corner.side > _SURE
+    return -1 if channel.at_cg or sinks else None

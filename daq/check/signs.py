@@ -50,30 +50,23 @@ class _Spectra:
     of: Mapping[str, Spectrum]
     """Spectra by name of the channel, shape (m,)."""
 
-    def displacement(self, acceleration: str) -> Spectrum:
-        """Return the displacement, from an acceleration integrated twice."""
-        return np.asarray(-self.of[acceleration] / (2 * np.pi * np.maximum(self.hz, 0.1)) ** 2)
-
     def sum(self, signs: Mapping[str, int]) -> Spectrum:
         """Return the sum of channels with these signs."""
         return np.asarray(np.sum([n * self.of[name] for name, n in signs.items()], axis=0))
 
+    def body_power(self, spectrum: Spectrum) -> float:
+        """Return the power in the body's band."""
+        body = (self.hz >= _BODY_HZ[0]) & (self.hz < _BODY_HZ[1])
+        return float(np.sum(np.abs(spectrum[body]) ** 2))
+
     def tilts(self, signs: Mapping[str, int]) -> bool:
         """Return whether the travels' motion is in large part that with these signs."""
-        body = (self.hz >= _BODY_HZ[0]) & (self.hz < _BODY_HZ[1])
-        together = float(np.sum(np.abs(self.sum(signs)[body]) ** 2))
-        each = sum(float(np.sum(np.abs(self.of[name][body]) ** 2)) for name in signs)
-        return together > _SHOWN * len(signs) * each
+        each = sum(self.body_power(self.of[name]) for name in signs)
+        return self.body_power(self.sum(signs)) > _SHOWN * len(signs) * each
 
     def swings(self, rate: str) -> bool:
         """Return whether the motion of a gyroscope is in large part a swing of the body."""
-        body = (self.hz >= _BODY_HZ[0]) & (self.hz < _BODY_HZ[1])
-        power = np.abs(self.of[rate]) ** 2
-        return float(np.sum(power[body])) > _SHOWN * float(np.sum(power))
-
-    def rate(self, displacement: Spectrum) -> Spectrum:
-        """Return the time derivative of a displacement."""
-        return np.asarray(2j * np.pi * self.hz * displacement)
+        return self.body_power(self.of[rate]) > _SHOWN * float(np.sum(np.abs(self.of[rate]) ** 2))
 
 
 def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Finding, ...]:
@@ -84,50 +77,56 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
     every wheel has one, with the first rate of their kind, in the runs that show that motion.  A
     channel without a channel for comparison, or without such a run, is not judged.
     """
-    moved = [each for run in runs if (each := _spectra(run)) is not None]
+    spectra = [each for run in runs if (each := _spectra(run)) is not None]
     travels = {c.corner: c.name for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL}
     hubs = {c.corner: c.name for c in channels if c.quantity is Quantity.HUB_ACCELERATION}
     against = []
     for corner in Corner:
         travel, hub = travels.get(corner, ""), hubs.get(corner, "")
         pairs = [
-            (s, s.of[travel], s.displacement(hub)) for s in moved if {travel, hub} <= set(s.of)
+            # An acceleration integrated twice is a displacement.
+            (s, s.of[travel], -s.of[hub] / (2 * np.pi * np.maximum(s.hz, 0.1)) ** 2)
+            for s in spectra
+            if {travel, hub} <= set(s.of)
         ]
         if _is_opposed(pairs, _WHEEL_HZ):
             against.append(travel)
-    found = _finding(against, "against the hub accelerometers")
-    for quantity, senses in _TILTS.items():
+    findings = _finding(
+        against, "against the hub accelerometers", "change the sign of these channels"
+    )
+    for quantity, tilt in _TILTS.items():
         rates = [c.name for c in channels if c.quantity is quantity]
         signs = {
-            travels.get(c, ""): -n if travels.get(c) in against else n for c, n in senses.items()
+            travels[c]: -n if travels[c] in against else n for c, n in tilt.items() if c in travels
         }
-        by_travels = len(signs) == len(Corner)
-        first = rates[0] if rates and not by_travels else ""
-        compared = set(signs) if by_travels else {first}
         turned = []
         for name in rates:
-            showing = [
-                s
-                for s in moved
-                if {name, *compared} <= set(s.of)
-                and (s.tilts(signs) if by_travels else s.swings(name) and s.swings(first))
-            ]
-            pairs = [
-                (s, s.of[name], s.rate(s.sum(signs)) if by_travels else s.of[first])
-                for s in showing
-            ]
+            if len(signs) == len(Corner):
+                pairs = [
+                    (s, s.of[name], 2j * np.pi * s.hz * s.sum(signs))
+                    for s in spectra
+                    if {name, *signs} <= set(s.of) and s.tilts(signs)
+                ]
+            else:
+                first = rates[0]
+                pairs = [
+                    (s, s.of[name], s.of[first])
+                    for s in spectra
+                    if {name, first} <= set(s.of) and s.swings(name) and s.swings(first)
+                ]
             if _is_opposed(pairs, _BODY_HZ):
                 turned.append(name)
-        found += _finding(turned, "against the travels" if by_travels else f"against {first}")
-    return found
+        if len(signs) == len(Corner):
+            findings += _finding(turned, "against the travels", "change the sign of these channels")
+        else:
+            advice = "change the sign of one side: a push on a corner shows which"
+            findings += _finding(turned, f"against {''.join(rates[:1])}", advice)
+    return findings
 
 
-def _finding(names: Sequence[str], whom: str) -> tuple[Finding, ...]:
+def _finding(names: Sequence[str], whom: str, advice: str) -> tuple[Finding, ...]:
     if not names:
         return ()
-    advice = "change the sign of these channels"
-    if not whom.startswith("against the"):
-        advice = "change the sign of one side: a push on a corner shows which"
     subject = ", ".join(names)
     text = f"{subject} {'moves' if len(names) == 1 else 'move'} {whom}"
     return (Finding("opposed_sign", Severity.ERROR, text, subject, advice),)

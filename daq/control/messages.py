@@ -373,7 +373,7 @@ class Live:
 
 @dataclass(frozen=True, slots=True)
 class CheckItem:
-    """One line of the bench check (`daq.check.result`); its verdict is OK, WARN or FAIL."""
+    """One line of the bench check (`daq.check.check`); its verdict is OK, WARN or FAIL."""
 
     verdict: str
     subject: str

@@ -13,8 +13,7 @@ from dbc.frames import FrameBatch
 
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec, parse_bench
-from ..check.check import check_bench
-from ..check.result import WORDS
+from ..check.check import WORDS, check_bench
 from ..control.messages import CheckItem, Reply
 from ..control.orders import (
     Accept,

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from daq import InputError
-from daq.check.answers import Answers
 from daq.check.propose import Proposal
+from daq.check.questions import Answers
 from tui.proposal_questions import completed, is_asked, write_proposal
 
 TEXT = """# a comment  # FILL IN

@@ -86,6 +86,7 @@ def check(
     from daq import InputError
     from daq.bench.config import bench_codec
     from daq.check.check import check_bench, part_of
+    from dbc import Severity
 
     from ..bench import bench_and_log, bus_numbers, with_sensors
 
@@ -120,7 +121,7 @@ def check(
         _print_document(report)
     else:
         _print_report(report)
-    return ExitCode.ANSWER_IS_NO if report.word == "FAIL" else ExitCode.OK
+    return ExitCode.ANSWER_IS_NO if report.verdict is Severity.ERROR else ExitCode.OK
 
 
 def _bench(
@@ -300,7 +301,7 @@ def _frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> Fr
 
 
 def _print_report(report: CheckReport) -> None:
-    from daq.check.result import WORDS
+    from daq.check.check import WORDS
     from dbc import counted
 
     from ..output import print_labelled, print_line
@@ -316,11 +317,11 @@ def _print_report(report: CheckReport) -> None:
     )
     counts = [f"{sum(x.severity is s for x in report.lines)} {word}" for s, word in WORDS.items()]
     frames = counted(report.frames, "frame")
-    print_line(f"{report.word}: {', '.join(counts)}; {frames}")
+    print_line(f"{WORDS[report.verdict]}: {', '.join(counts)}; {frames}")
 
 
 def _print_document(report: CheckReport) -> None:
-    from daq.check.result import WORDS
+    from daq.check.check import WORDS
 
     from ..output import print_json
 
@@ -335,7 +336,12 @@ def _print_document(report: CheckReport) -> None:
         for line in report.lines
     ]
     print_json(
-        {"verdict": report.word, "seconds": report.seconds, "frames": report.frames, "lines": lines}
+        {
+            "verdict": WORDS[report.verdict],
+            "seconds": report.seconds,
+            "frames": report.frames,
+            "lines": lines,
+        }
     )
 
 

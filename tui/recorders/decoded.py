@@ -58,7 +58,7 @@ def import_channels(
     """
     from daq import InputError, write_session
     from daq.bench.channel_map import load_channel_map
-    from daq.check.result import open_questions
+    from daq.check.questions import open_questions
     from daq.derive.from_logs import numbered, parse_runs, with_steps
     from daq.files import refuse_existing
 

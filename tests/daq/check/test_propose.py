@@ -1,23 +1,35 @@
-"""Maps proposed from DBCs and traffic whose meaning is written down here."""
+"""Proposals from databases and traffic whose meaning is written down here."""
+
+from __future__ import annotations
 
 import struct
 import tomllib
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from daq.bench.config import Bench, bench_codec, parse_bench
-from daq.bench.databases import Database
+from daq.bench.config import Bench, bench_codec, load_bench, parse_bench
+from daq.bench.databases import Database, each_bus, stored_text
 from daq.channels import Quantity
-from daq.check.guess_map import guess_corner, guess_quantity, words
-from daq.check.propose import propose_sensors
+from daq.check.find_sensors import find_sensors
+from daq.check.frame_checks import Arrivals
+from daq.check.propose import message_rule, propose_sensors
 from daq.vehicle import Corner
-from dbc import parse_codec
+from dbc import FrameBatch, parse_codec
 from dbc.crc import CRC_RULES
+from dbc.layout import MessageLayout
+from dbc.samples import DecodeCounts, Decoded, Samples
 
-from ..sensor_frames import Row, frame_batch
+from ...dbc.foreign_texts import FRONT, REAR, kcd, message
+from ..sensor_frames import START_NS, Row, frame_batch
+from ..wild_bench import POT
+from .test_frame_limits import sent
+
+Numbers = Sequence[float] | NDArray[Any]
 
 DBC = """VERSION ""
 BU_: A B
@@ -131,29 +143,301 @@ def test_hostile_names_stay_inside_their_quotes() -> None:
     assert tomllib.loads(proposal)["bus"]["channel"] == "can0"
 
 
+# Rules of messages --------------------------------------------------------------------------------
+
+
+def layout(signal: str, message: str = "M", cycle_ms: int = 10) -> MessageLayout:
+    text = (
+        f'VERSION ""\n\nBU_: A\n\nBO_ 256 {message}: 8 A\n SG_ {signal} A\n'
+        'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 1000;\n'
+        f'BA_DEF_DEF_ "GenMsgCycleTime" {cycle_ms};\n'
+    )
+    return parse_codec(text, "m.dbc").messages[0]
+
+
+def arrivals(n: int, period_s: float, can_id: int = 256, length: int = 8) -> Arrivals:
+    t_ns = np.rint(np.arange(n) * period_s * 1e9).astype(np.int64)
+    data = np.zeros((n, 8), np.uint8)
+    return Arrivals(can_id, False, t_ns, np.full(n, length, np.uint8), data, (0,))
+
+
+def rules(
+    signal: str, values: Numbers | None, period_s: float = 0.01, quality: int = 0
+) -> list[str]:
+    """Return the lines after the name of the message; `values`: of the signal, if it was seen."""
+    came = decoded = None
+    if values is not None:
+        array = np.asarray(values, np.float64)
+        came, full = arrivals(len(array), period_s), f"M.{signal.partition(' ')[0]}"
+        samples = Samples(full, came.t_ns, array, np.full(len(array), quality, np.uint8))
+        decoded = Decoded({full: samples}, DecodeCounts(0, 0, 0, 0, 0))
+    return message_rule(layout(signal), came, decoded, is_used=True)[2:]
+
+
+COUNTER = 'cnt : 0|8@1+ (1,0) [0|0] ""'
+
+
 @pytest.mark.parametrize(
-    ("name", "corner"),
+    ("values", "expected"),
     [
-        ("acc_FL", Corner.FRONT_LEFT),
-        ("AccRR", Corner.REAR_RIGHT),
-        ("wheel_front_right_z", Corner.FRONT_RIGHT),
-        ("HinterachseHL", Corner.REAR_LEFT),
-        ("federwegvr", Corner.FRONT_RIGHT),
-        ("LF_hub", Corner.FRONT_LEFT),
-        ("acc_z", None),
-        ("front_rear", None),
+        (np.arange(20), ['counter = "cnt"  # counts by one']),
+        (np.arange(19), []),
+        (np.arange(300) % 256, ['counter = "cnt"  # counts by one']),
+        (
+            np.arange(300) % 200,
+            [
+                'counter = "cnt"  # counts by one',
+                "counter_modulus = 200  # starts again after 199",
+            ],
+        ),
+        (np.arange(21) + (np.arange(21) > 10) + (np.arange(21) > 15), ["counter"]),  # 18 of 20
+        (np.arange(21) + (np.arange(21) > 10) * 2 + (np.arange(21) > 5) + (np.arange(21) > 15), []),
+        (np.full(30, 7), []),
+        (np.arange(30) * 2, []),
     ],
 )
-def test_corners_from_names(name: str, corner: Corner | None) -> None:
-    found = guess_corner(name, "", "")
-    assert (found[0] if found else None) == corner
+def test_a_counter_counts_by_one_in_nine_steps_of_ten(values: Numbers, expected: list[str]) -> None:
+    lines = rules(COUNTER, values)
+    assert [line.split(" ")[0] for line in lines] == [line.split(" ")[0] for line in expected]
+    if expected and " " in expected[0]:
+        assert lines == expected
 
 
-def test_words_of_any_case_style() -> None:
-    assert words("HubAcc_FL2 vert-up") >= {"hub", "acc", "fl", "vert", "up"}
+@pytest.mark.parametrize(
+    ("signal", "is_counter"),
+    [
+        ('cnt : 0|2@1+ (1,0) [0|0] ""', True),
+        ('cnt : 0|1@1+ (1,0) [0|0] ""', False),
+        ('cnt : 0|32@1+ (1,0) [0|0] ""', True),
+        ('cnt : 0|33@1+ (1,0) [0|0] ""', False),
+        ('cnt : 0|8@1- (1,0) [0|0] ""', False),
+        ('cnt : 0|8@1+ (2,0) [0|0] ""', False),
+        ('cnt : 0|8@1+ (1,1) [0|0] ""', False),
+        ('speed : 0|8@1+ (1,0) [0|0] ""', False),
+    ],
+)
+def test_a_counter_is_a_plain_number_of_two_to_32_bits(signal: str, is_counter: bool) -> None:
+    asked = ['# counter = "cnt"  # by its name; true?']
+    assert rules(signal, None) == asked * is_counter
 
 
-def test_a_unit_that_is_not_known_says_nothing() -> None:
-    signal = parse_codec(DBC, "car.dbc").message("Gyro").signal("w1")
-    assert guess_quantity("Gyro", signal, "", None) is not None
-    assert guess_quantity("Gyro", replace(signal, unit="lux"), "", None) is None
+def test_unusable_samples_show_no_counter() -> None:
+    assert rules(COUNTER, np.arange(40), quality=2) == []
+
+
+@pytest.mark.parametrize(
+    ("signal", "named"),
+    [
+        ('crc : 8|8@1+ (1,0) [0|0] ""', True),
+        ('crc : 7|8@0+ (1,0) [0|0] ""', True),
+        ('crc : 8|7@1+ (1,0) [0|0] ""', False),
+        ('crc : 8|9@1+ (1,0) [0|0] ""', False),
+        ('crc : 12|8@1+ (1,0) [0|0] ""', False),
+        ('crc : 8|8@1- (1,0) [0|0] ""', False),
+    ],
+)
+def test_a_checksum_is_one_whole_byte(signal: str, named: bool) -> None:
+    lines = rules(signal, None)
+    assert ('# crc = "crc"  # which rule? give crc_rule' in lines) is named
+
+
+@pytest.mark.parametrize(("rate", "is_clock"), [(1.049, True), (0.951, True), (1.051, False)])
+@pytest.mark.parametrize(("unit", "per_s"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_a_time_stamp_runs_with_the_bus(
+    unit: str, per_s: float, rate: float, is_clock: bool
+) -> None:
+    """It begins anew on the way, where its 48 bits end."""
+    signal = f'stamp : 0|48@1+ (0.001,0) [0|0] "{unit}"'
+    wrap = 0.001 * 2**48
+    values = (wrap - 0.5 * per_s + np.arange(200) * 0.01 * per_s * rate) % wrap
+    (line,) = rules(signal, values)
+    if is_clock:
+        assert line == 'time_signal = "stamp"  # runs with the bus\'s clock'
+    else:
+        assert line.startswith(f'# "stamp" runs {rate:.3g} times as fast')
+    assert rules(signal, values[:19]) == []
+    assert len(rules(signal, values[:20])) == 1
+    assert rules(signal, values, 0.0) == []
+    assert rules(signal.replace("stamp", "steam"), values) == []
+
+
+@pytest.mark.parametrize(
+    ("cycle_ms", "n", "lines"),
+    [(10, 20, []), (20, 20, ["cycle_ms = 10"]), (20, 19, []), (0, 20, ["cycle_ms = 10"]),
+     (0, 19, [])],
+)  # fmt: skip
+def test_a_cycle_is_measured_over_twenty_frames(cycle_ms: int, n: int, lines: list[str]) -> None:
+    described = layout('v : 0|8@1+ (1,0) [0|0] "mm"', cycle_ms=cycle_ms)
+    came, decoded = arrivals(n, 0.01), Decoded({}, DecodeCounts(0, 0, 0, 0, 0))
+    found = message_rule(described, came, decoded, is_used=True)
+    assert [line.split("  #")[0] for line in found[2:]] == lines
+    if cycle_ms:
+        assert message_rule(described, came, decoded, is_used=False) == []
+
+
+def frames_every(ms: float, *can_ids: int, length: int = 7) -> FrameBatch:
+    """Return 3 s of frames that hold a counter in their last byte."""
+    n = round(3000 / ms)
+    t_ns = np.repeat(START_NS + np.round(np.arange(n) * ms * 1e6).astype(np.int64), len(can_ids))
+    data = np.zeros((len(t_ns), 8), np.uint8)
+    data[:, length - 1] = np.repeat(np.arange(n), len(can_ids)) % 256
+    return FrameBatch(
+        t_ns,
+        np.tile(np.array(can_ids, np.uint32), n),
+        np.zeros(len(t_ns), np.uint16),
+        np.zeros(len(t_ns), np.uint8),
+        np.full(len(t_ns), length, np.uint8),
+        data,
+    )
+
+
+def proposed(frames: FrameBatch, *databases: Database) -> tuple[str, Bench]:
+    text = propose_sensors(databases, (), frames, None).text
+    return text, parse_bench(text, "proposed", Path(), stored_text(databases))
+
+
+@pytest.mark.parametrize(
+    ("ms", "stated"), [(5.0, None), (4.6, None), (4.5, 4.5), (5.5, None), (5.6, 5.6)]
+)
+def test_a_rate_of_more_than_a_tenth_off_is_stated(ms: float, stated: float | None) -> None:
+    text, bench = proposed(frames_every(ms, 385), Database("pot.dbc", POT))
+    assert [rule.cycle_ms for rule in bench.message_rules] == (
+        [pytest.approx(stated)] if stated else []
+    )
+    assert ("not the 200.0 Hz of its database" in text) == bool(stated)
+
+
+def test_a_message_without_a_channel_keeps_its_cycle() -> None:
+    frames = FrameBatch.concatenate([frames_every(5.0, 385), frames_every(100.0, 1793, length=1)])
+    _, bench = proposed(frames, Database("pot.dbc", POT))
+    assert bench.message_rules == ()
+
+
+def test_what_a_comment_says_of_a_signal_holds_for_every_device_of_its_kind() -> None:
+    text = (
+        'VERSION ""\n\nBU_: A\n\nBO_ 385 Gyro: 8 A\n SG_ w : 0|16@1- (0.01,0) [0|0] "deg/s" A\n'
+        'CM_ SG_ 385 w "pitch rate of the car";\nBA_DEF_ BO_ "GenMsgCycleTime" INT 0 1000;\n'
+        'BA_DEF_DEF_ "GenMsgCycleTime" 5;\n'
+    )
+    _, bench = proposed(frames_every(5.0, 385, 387, length=8), Database("gyro.dbc", text))
+    assert [(s.name, s.id_offset) for s in bench.sensors] == [("gyro_1", 0), ("gyro_2", 2)]
+    assert [c.quantity for c in bench.channels] == ["pitch_rate", "pitch_rate"]
+
+
+# Sensors on buses ---------------------------------------------------------------------------------
+
+
+def pot(cycle: str = "") -> Database:
+    text = 'VERSION ""\n\nBU_: A\n\nBO_ 385 TPDO1: 8 A\n SG_ pos : 0|32@1- (1,0) [0|0] "mm" A\n'
+    return Database("pot.dbc", text + cycle)
+
+
+CYCLE = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 1000;\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'
+
+
+@pytest.mark.parametrize(
+    ("cycle", "can_id", "period_s", "length", "n", "found"),
+    [
+        (CYCLE, 386, 0.01, 8, 10, True),
+        (CYCLE, 386, 0.01, 8, 9, False),
+        (CYCLE, 386, 0.01, 7, 10, False),
+        (CYCLE, 386, 0.0092, 8, 50, True),
+        (CYCLE, 386, 0.0090, 8, 50, False),
+        (CYCLE, 386, 0.0110, 8, 50, True),
+        (CYCLE, 386, 0.0112, 8, 50, False),
+        (CYCLE, 385 + 127, 0.01, 8, 50, True),
+        (CYCLE, 385 + 128, 0.01, 8, 50, False),
+        (CYCLE, 385 - 127, 0.01, 8, 50, True),
+        (CYCLE, 385 - 128, 0.01, 8, 50, False),
+        ("", 386, 0.7, 8, 10, True),  # no rate is known: a node keeps the upper four bits
+        ("", 0x1FF, 0.7, 8, 10, True),
+        ("", 0x17F, 0.7, 8, 10, False),
+        ("", 0x200, 0.7, 8, 10, False),
+    ],
+)
+def test_an_identifier_near_by_with_like_frames_is_a_further_device(
+    cycle: str, can_id: int, period_s: float, length: int, n: int, found: bool
+) -> None:
+    frames = sent(np.arange(float(n)) * period_s, can_id, length=length)
+    sensors, absent = find_sensors((pot(cycle),), frames)
+    assert [(s.sensor.id_offset, s.surely) for s in sensors] == [(can_id - 385, False)] * found
+    assert absent == () if found else ("pot.dbc",)
+
+
+CAR = kcd(FRONT, REAR.replace("</Bus>", message("Far", 1.0, 0x300) + "</Bus>"))
+NETWORKS = each_bus(Database("car.kcd", CAR))
+
+
+def traffic(*sent: tuple[int, int]) -> FrameBatch:
+    """Return 20 frames of each bus and identifier, 10 ms apart, with a count as payload."""
+    n = 20 * len(sent)
+    number: np.ndarray = np.arange(n)
+    data = np.zeros((n, 8), np.uint8)
+    data[:, 0] = number // len(sent)
+    bus, can_id = (np.array(column)[number % len(sent)] for column in zip(*sent, strict=True))
+    length = np.full(n, 8, np.uint8)
+    stamps = number * 10_000_000 // len(sent)
+    flags = np.zeros(n, np.uint16)
+    return FrameBatch(stamps, can_id.astype(np.uint32), flags, bus.astype(np.uint8), length, data)
+
+
+def test_each_bus_of_a_file_is_a_database() -> None:
+    assert [each.name for each in NETWORKS] == ["car.kcd#Front & é", "car.kcd#Rear"]
+    plain = Database("one.kcd", kcd(REAR))
+    assert each_bus(plain) == (plain,)
+
+
+@pytest.mark.parametrize(
+    ("sent", "expected", "absent"),
+    [
+        (
+            ((0, 0x123), (0, 0x300), (1, 0x123), (1, 0x200)),
+            {("front", 1, True), ("rear", 0, True)},
+            (),
+        ),
+        (((0, 0x123), (0, 0x200)), {("front", 0, True)}, ("car.kcd#Rear",)),
+        (
+            ((0, 0x123), (1, 0x123), (1, 0x200)),  # what the one is not, the other is
+            {("front", 1, True), ("rear", 0, True)},
+            (),
+        ),
+        (((1, 0x123),), {("front", 1, False), ("rear", 1, False)}, ()),  # may be either
+        ((), {("front", 0, True), ("rear", 1, True)}, ()),
+    ],
+)
+def test_the_bus_of_a_file_is_where_most_of_its_messages_come(
+    sent: tuple[tuple[int, int], ...],
+    expected: set[tuple[str, int, bool]],
+    absent: tuple[str, ...],
+) -> None:
+    found, missing = find_sensors(NETWORKS, traffic(*sent) if sent else None)
+    named = {(f.sensor.name.partition("_")[0], f.sensor.bus, f.surely) for f in found}
+    assert (named, missing) == (expected, absent)
+
+
+def test_databases_whose_own_names_have_the_mark_are_no_rivals() -> None:
+    pots = [
+        Database(f"pot#{n}.kcd", kcd(f'<Bus name="B">{message("M", 1.0, n)}</Bus>')) for n in (1, 2)
+    ]
+    found, _ = find_sensors(pots, traffic((0, 1), (0, 2)))
+    assert [f.surely for f in found] == [True, True]
+
+
+def test_a_bench_decodes_one_identifier_by_the_bus_of_its_file(tmp_path: Path) -> None:
+    (tmp_path / "car.kcd").write_text(CAR, "utf-8")
+    (tmp_path / "bench.toml").write_text(
+        '[[bus]]\ninterface = "virtual"\nchannel = "a"\n'
+        '[[bus]]\ninterface = "virtual"\nchannel = "b"\n'
+        '[[sensor]]\nname = "rear"\ndbc = "car.kcd#Rear"\nbus = 0\n'
+        '[[sensor]]\nname = "front"\ndbc = "car.kcd#Front & é"\nbus = 1\n'
+        '[[channel]]\nname = "x"\nsignal = "rear.Hub.az"\nquantity = "unused"\n'
+        '[[channel]]\nname = "y"\nsignal = "front.Hub.az"\nquantity = "unused"\n',
+        "utf-8",
+    )
+    bench = load_bench(tmp_path / "bench.toml")
+    assert bench.dbc_text == stored_text(NETWORKS[::-1])
+    codec = bench_codec(bench)
+    assert not codec.left_out
+    decoded = codec.decode(traffic((0, 0x123), (1, 0x123))).samples
+    assert decoded["rear.Hub.az"].value.tolist() == [0.25 * k for k in range(20)]
+    assert decoded["front.Hub.az"].value.tolist() == [0.5 * k for k in range(20)]

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from daq.bench.channel_map import load_channel_map
 from daq.channels import Quantity
-from daq.check.guess_map import Guess
-from daq.check.propose import Proposal
-from daq.check.propose_channel import channel_table
+from daq.check.propose import ChannelTables, Proposal
 from daq.check.propose_columns import propose_map
+from daq.check.questions import Guess
 from daq.samples.columns import Column, Columns
 from daq.vehicle import Corner
 
@@ -168,5 +167,5 @@ def test_the_sign_of_a_travel_is_asked_for_until_a_push_has_proven_it(
     quantity: Quantity, is_proven: bool, asks: bool
 ) -> None:
     guess = Guess(quantity, Corner.FRONT_LEFT, 1, "by its name", is_proven=is_proven)
-    lines = channel_table("pot_fl", "pot.fl", guess, ())
+    lines = ChannelTables({}, (), []).lines("pot.fl", "pot.fl", guess)
     assert ("# sign = -1  # FILL IN if it reads less in compression" in lines) is asks

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from dataclasses import replace
 from datetime import date
 from functools import cache
@@ -14,15 +16,22 @@ from daq.bench.config import Bench, BusConfig, bench_codec, parse_bench
 from daq.bench.databases import Database, stored_text
 from daq.channels import Quantity
 from daq.check.check import check_bench
-from daq.check.find_sensors import find_sensors, traffic_of
-from daq.check.guess_map import guess_quantity, unit_by_gravity
-from daq.check.mounting import axis_of, mounting, pushed_corner, up_axis
 from daq.check.propose import Proposal, propose_sensors
-from daq.check.pushes import find_pushes
+from daq.check.questions import Asked
 from daq.vehicle import Corner
-from dbc import FrameBatch, Severity, parse_codec
+from dbc import FrameBatch, Severity
 
-from ..wild_bench import DATABASES, IMU_A, NODES, POT, rest_and_pushes, wild_bench
+from ..wild_bench import (
+    DATABASES,
+    HUBS,
+    IMU_A,
+    NODES,
+    POSITIONS,
+    POT,
+    TRUTH,
+    rest_and_pushes,
+    wild_bench,
+)
 
 FL, FR, RL, RR = Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RIGHT
 
@@ -154,107 +163,6 @@ def test_no_four_pushes_are_asked_for_again() -> None:
     assert proposed.questions[0].startswith("1 push was found instead of one on each")
 
 
-@pytest.mark.parametrize(("offset", "is_found"), [(0x7F, True), (0x80, False)])
-def test_a_like_device_lies_within_the_nodes_of_canopen(offset: int, is_found: bool) -> None:
-    frames = _pots(offset, 5_000_000)
-    found, _ = find_sensors([Database("pot.dbc", POT)], traffic_of(frames))
-    assert [f.sensor.id_offset for f in found] == ([0, offset] if is_found else [0])
-
-
-@pytest.mark.parametrize(("step_ns", "is_found"), [(5_400_000, True), (5_700_000, False)])
-def test_a_like_device_has_the_rate_of_its_kind(step_ns: int, is_found: bool) -> None:
-    found, _ = find_sensors([Database("pot.dbc", POT)], traffic_of(_pots(1, step_ns)))
-    assert len(found) == 1 + is_found
-
-
-def _pots(offset: int, step_ns: int) -> FrameBatch:
-    """Return frames of one pot every 5 ms, and of another with its identifier and beat."""
-    parts = []
-    for can_id, step in ((385, 5_000_000), (385 + offset, step_ns)):
-        n = 100
-        flags, bus = np.zeros(n, np.uint16), np.zeros(n, np.uint8)
-        length, data = np.full(n, 7, np.uint8), np.zeros((n, 8), np.uint8)
-        ids = np.full(n, can_id, np.uint32)
-        parts.append(FrameBatch(np.arange(n) * step, ids, flags, bus, length, data))
-    frames = FrameBatch.concatenate(parts)
-    return frames.by_time()
-
-
-@pytest.mark.parametrize(
-    ("gravity", "up"),
-    [
-        ((0.0, 0.0, 1.0), ("z", 1)),
-        ((0.0, 0.1, -0.98), ("z", -1)),
-        ((1.02, 0.0, 0.0), ("x", 1)),
-        ((0.43, 0.0, 0.903), ("z", 1)),  # 25 degrees
-        ((0.45, 0.0, 0.893), None),  # 27 degrees
-        ((0.0, 0.0, 1.11), None),
-        ((0.0, 0.0, 1.09), ("z", 1)),
-        ((0.0, 0.0, 0.0), None),
-    ],
-)
-def test_up_is_where_gravity_is(
-    gravity: tuple[float, float, float], up: tuple[str, int] | None
-) -> None:
-    found = up_axis(dict(zip("xyz", gravity, strict=True)))
-    assert (axis_of(found[0]) if found else None) == up
-
-
-def test_the_pushes_show_every_way_to_mount_an_imu() -> None:
-    # Pitch is positive nose down, roll positive lifts the left side.
-    car = {FL: (1.0, -0.7), FR: (1.0, 0.7), RL: (-1.0, -0.7), RR: (-1.0, 0.7)}
-    eye = np.eye(3)
-    tried = 0
-    for up in (*eye, *-eye):
-        for forward in (*eye, *-eye):
-            if up @ forward:
-                continue
-            left = np.cross(up, forward)
-            turns = {c: pitch * left + roll * forward for c, (pitch, roll) in car.items()}
-            seen = {c: dict(zip("xyz", turn.tolist(), strict=True)) for c, turn in turns.items()}
-            found = mounting(up, 0.0, seen)
-            assert found.surely_forward
-            np.testing.assert_array_equal(found.forward, forward)
-            np.testing.assert_array_equal(found.left, left)
-            tried += 1
-    assert tried == 24
-
-
-def test_pushes_that_show_nothing_leave_forward_open() -> None:
-    still = {corner: dict.fromkeys("xyz", 0.0) for corner in Corner}
-    found = mounting(np.array([0.0, 0.0, 1.0]), 0.0, still)
-    assert not found.surely_forward
-    assert axis_of(found.forward) == ("x", 1)
-
-
-@pytest.mark.parametrize(("second", "is_clear"), [(4.9, True), (5.1, False)])
-def test_a_travel_is_where_its_own_push_moves_it_twice_as_far(
-    second: float, is_clear: bool
-) -> None:
-    own = {FL: -10.0, FR: second, RL: 1.0, RR: 0.0}
-    assert pushed_corner(own, []) == ((FL, -1) if is_clear else None)
-    assert pushed_corner(own, [{FL: 11.0}]) is None
-
-
-def test_four_pushes_are_told_from_three_and_from_noise() -> None:
-    t_ns = np.arange(0, 10_000, 10) * 1_000_000
-    noise = np.random.default_rng(1).normal(0, 0.01, len(t_ns))
-    value = noise.copy()
-    for begin_s in (1.0, 3.0, 5.0, 7.0):
-        inside = (t_ns >= begin_s * 1e9) & (t_ns < (begin_s + 0.8) * 1e9)
-        value[inside] += np.sin(np.linspace(0, np.pi, inside.sum()))
-    pushes, number = find_pushes({"a": (t_ns, value)})
-    assert number == 4
-    assert pushes is not None
-    assert list(pushes.spans) == [FL, FR, RL, RR]
-    assert pushes.peaks((t_ns, value))[FL] == pytest.approx(1.0, abs=0.05)
-    turned = pushes.turns((t_ns, value))[RL]
-    assert turned == pytest.approx(0.8 * 2 / np.pi, rel=0.05)  # the integral of a half sine
-    early = t_ns < 6_000_000_000
-    assert find_pushes({"a": (t_ns[early], value[early])}) == (None, 3)
-    assert find_pushes({"a": (t_ns, noise)}) == (None, 0)
-
-
 def test_units_that_are_not_stated_follow_from_gravity_or_are_asked() -> None:
     bare = IMU_A.replace('"m.s-2"', '""').replace('"rad.s-1"', '""')
     databases = (Database("imu_a.dbc", bare), *DATABASES[1:])
@@ -265,20 +173,141 @@ def test_units_that_are_not_stated_follow_from_gravity_or_are_asked() -> None:
     assert units["imu_a_2.ImuAcceleration.AccX"] == "m/s2"
     assert units["imu_a_1.ImuRate.GyrY"] == "deg/s"
     assert "sensor imu_a_1: is it deg/s?" in proposed.questions
-    assert [unit_by_gravity(x) for x in (1.0, 9.8, 1003.0, 3.0)] == ["g", "m/s2", "mg", None]
+
+
+# Answers ------------------------------------------------------------------------------------------
+
+
+def replied(pairs: dict[str, str]) -> Proposal:
+    """Return the proposal from rest with answers to the questions that begin so."""
+    rest, _ = rest_and_pushes()
+    asked = proposal(False).asked
+    answers = {}
+    for start, typed in pairs.items():
+        (question,) = [q for q in asked if q.line.startswith(start)]
+        answers[question] = question.understood(typed)
+    return propose_sensors(DATABASES, (), rest, None, answers)
+
+
+def test_answers_complete_a_proposal_as_pushes_do() -> None:
+    corners = {"pot_1": "rr", "pot_2": "FL", "pot_3": "FR", "pot_4": "rl"}
+    pairs = {f"channel {pot}_Position_Value: its corner": c for pot, c in corners.items()}
+    pairs |= {f"sensor {q}": "y" for q in ("pot_2: is", "pot_3: is", "pot_4: is")}
+    pairs |= {"sensor imu_a_1: does": "y", "sensor imu_a_2: does": "-z", "sensor imu_b: does": "-x"}
+    found = replied(pairs)
+    assert found.questions == ()
+    assert "# ASK" not in found.text
+    truth = {k: v for k, v in by_signal(wild_bench()).items() if v[0] != Quantity.UNUSED}
+    given = by_signal(bench_of(found))
+    got = {key: given.get(key) for key in truth}
+    travels = {key for key, (quantity, *_) in truth.items() if quantity == "suspension_travel"}
+    # Which way a travel counts, no answer says: its sign stays to be filled in.
+    assert {k: v for k, v in got.items() if k not in travels} == {
+        k: v for k, v in truth.items() if k not in travels
+    }
+    places = {key: (each or (None, 0, None))[2] for key, each in got.items()}
+    assert {k: places[k] for k in travels} == {k: truth[k][2] for k in travels}
+
+
+def test_a_sensor_that_is_not_ours_is_left_out() -> None:
+    found = replied({"sensor pot_3: is 0x": "n"})
+    assert [s.name for s in bench_of(found).sensors if "pot" in s.name] == [
+        "pot_1", "pot_2", "pot_4",
+    ]  # fmt: skip
+
+
+def test_a_vertical_axis_is_not_taken_for_forward() -> None:
+    found = replied({"sensor imu_a_1: does": "+z"})
+    assert "sensor imu_a_1: does the sensor's +x axis point forward?" in found.questions
 
 
 @pytest.mark.parametrize(
-    ("name", "level_mm", "is_travel"),
-    [
-        ("Travel_FL", 999.0, True),
-        ("Travel_FL", 1001.0, False),
-        ("Radar_FL", 100.0, False),
-        ("Distance_FL", 100.0, False),
-        ("Damper_RR", None, True),
-    ],
+    ("answer", "quantity", "corner"),
+    [("RL", "suspension_travel", "RL"), ("n", "unused", None)],
 )
-def test_lengths_that_may_be_travels(name: str, level_mm: float | None, is_travel: bool) -> None:
-    signal = parse_codec(POT, "pot.dbc").message("TPDO1").signal("Position_Value")
-    guess = guess_quantity("M", replace(signal, name=name), "", level_mm)
-    assert (guess is not None and guess.quantity is Quantity.SUSPENSION_TRAVEL) == is_travel
+def test_a_pot_of_which_nothing_shows_the_wheel(
+    answer: str, quantity: str, corner: str | None
+) -> None:
+    """Alone and without a bus: yes is no answer to where it is, and it may be no travel."""
+    database = (Database("pot.dbc", POT),)
+    (question,) = propose_sensors(database, (), None, None).asked
+    assert (question.line, question.asked) == (
+        "channel Position_Value: at which corner?",
+        Asked.WHERE,
+    )
+    found = propose_sensors(database, (), None, None, {question: answer})
+    assert found.asked == ()
+    (table,) = tomllib.loads(found.text)["channel"]
+    assert (table["quantity"], table.get("corner")) == (quantity, corner)
+
+
+# Hubs that no name places -------------------------------------------------------------------------
+
+ASKED = "is it on the body, or on which hub?"
+NAMELESS = HUBS
+for said, number in (("WheelAccelFL", 1), ("WheelAccelFR", 2), ("WheelAccelRL", 3)):
+    NAMELESS = NAMELESS.replace(f"{said} ", f"Accel_{number} ")
+NAMELESS = NAMELESS.replace("WheelAccelRR ", "Accel_4 ")
+
+
+def nameless(pushes: FrameBatch | None) -> tuple[Proposal, Bench]:
+    databases = tuple(
+        replace(each, text=NAMELESS) if each.name == "hubs.dbc" else each for each in DATABASES
+    )
+    found = propose_sensors(databases, (), rest_and_pushes()[0], pushes)
+    return found, bench_of(found, databases)
+
+
+def test_hubs_that_no_name_shows_are_asked_for() -> None:
+    for pushes in (None, rest_and_pushes()[1]):
+        found, bench = nameless(pushes)
+        asked = [q for q in found.questions if ASKED in q]
+        assert asked == [f"channel hubs_Accel_{n}: {ASKED}" for n in (1, 2, 3, 4)]
+        assert not [c for c in bench.channels if c.quantity is Quantity.HUB_ACCELERATION]
+
+
+# A proposal that a person completes --------------------------------------------------------------
+
+PLACES = {"imu_a_1": "imu_front", "imu_a_2": "imu_rear", "imu_b": "imu_mid"}
+"""Sensors as they are proposed, and as they are called in truth."""
+_POSITION = re.compile(r"x_m = .*\ny_m = .*\nposition_sigma_m = .*\n")
+_WEIGHTS = re.compile(r"# \[\[weight\]\]  # FILL IN.*?(?=\n# With scales)", re.DOTALL)
+
+
+def completed(text: str) -> tuple[str, list[str]]:
+    """Return a proposal as somebody with a tape measure completes it, and the edits.
+
+    An edit is a place in the file: a mark that is deleted, the three lines of a position.
+    """
+    edits = []
+    for sensor, name in PLACES.items():
+        x_m, y_m = POSITIONS[name]
+        lines = f"x_m = {x_m}\ny_m = {y_m}\nposition_sigma_m = 0.01\n"
+        channel = text.index(f'signal = "{sensor}.', text.index(f'name = "{sensor}_Acc'))
+        while not text.startswith('quantity = "body_', text.index("quantity", channel)):
+            channel = text.index(f'signal = "{sensor}.', channel + 1)
+        text = text[:channel] + _POSITION.sub(lines, text[channel:], count=1)
+        edits.append(f"position of {sensor}")
+    marks = re.findall(r"  # ASK: (.*)", text)
+    text = re.sub(r"  # ASK: .*", "", text)
+    edits += [f"answer: {mark}" for mark in marks]
+    weights = TRUTH[TRUTH.index("[[weight]]") :].rstrip()
+    text = _WEIGHTS.sub(weights, text)
+    edits.append("weights")
+    text = text.replace('name = "vehicle"  # FILL IN', 'name = "Granada"')
+    edits.append("name of the vehicle")
+    return text, edits
+
+
+def test_eight_edits_complete_the_proposal() -> None:
+    proposal = propose_sensors(DATABASES, wild_bench().buses, *rest_and_pushes())
+    text, edits = completed(proposal.text)
+    assert len(edits) <= 8
+    assert not [line for line in text.splitlines() if " FILL IN" in line and line[0] != "#"]
+    bench = parse_bench(text, "bench.toml", Path(), stored_text(DATABASES))
+    truth = wild_bench()
+    assert bench.mass_states[1].added.weights == truth.mass_states[1].added.weights
+    places = {(c.x_m, c.y_m) for c in bench.channels if c.quantity == "body_acceleration"}
+    assert places == {(c.x_m, c.y_m) for c in truth.channels if c.quantity == "body_acceleration"}
+    report = check_bench(bench, bench_codec(bench), rest_and_pushes()[0], date(2026, 6, 1))
+    assert [line for line in report.lines if line.severity > Severity.WARNING] == []

@@ -1,9 +1,10 @@
-"""A hand pushes a corner of the simulated car down; forces decide what the sensors must say."""
+"""Pushes on a simulated car, where forces decide what the sensors must say, and made by hand."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ REST_S, LONG_S = 4.0, 9.0
 CHANNELS = parse_bench(default_bench_text(), "bench.toml", Path(), "").channels
 NOISE = {"m": 2e-4, "rad/s": 2e-3, "m/s2": 0.1}
 Array = NDArray[np.float64]
+FL, FR, RL, RR = Corner
 
 
 @cache
@@ -160,3 +162,160 @@ def test_nothing_is_said_before_the_push_is_over() -> None:
 def test_a_bench_of_accelerometers_alone_cannot_tell() -> None:
     assert not shows_push(_only(Quantity.HUB_ACCELERATION, Quantity.BODY_ACCELERATION))
     assert shows_push(_only(Quantity.PITCH_RATE))
+
+
+# When a push counts, is over, and goes the right way, on deviations made by hand ------------------
+
+
+def channel(quantity: Quantity, name: str = "c", **facts: Any) -> Channel:
+    if quantity is Quantity.SUSPENSION_TRAVEL:
+        facts = {"corner": FL, **facts}
+    return Channel(name, quantity, signal=f"M.{name}", **facts)
+
+
+def lane(values: Sequence[float] | Array, at: int = 50, n: int = 100) -> Array:
+    """Return a channel at rest in bins of 0.1 s, that shows these values from one bin on."""
+    shown = np.zeros(n)
+    shown[at : at + len(values)] = values
+    return shown
+
+
+def judged(
+    corner: Corner, lanes: Mapping[Channel, Array], begin: int = 0, bin_s: float = 0.1
+) -> PushResult:
+    pairs = {c.name: (value - 1e-6, value + 1e-6) for c, value in lanes.items()}
+    return judge_push(corner, tuple(lanes), pairs, begin, bin_s)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "least"),
+    [
+        (Quantity.SUSPENSION_TRAVEL, 3e-3),
+        (Quantity.BODY_DISPLACEMENT, 3e-3),
+        (Quantity.PITCH_RATE, 0.01),
+        (Quantity.ROLL_RATE, 0.01),
+    ],
+)
+def test_a_push_moves_each_kind_of_channel_by_so_much(quantity: Quantity, least: float) -> None:
+    for share, done in ((0.99, False), (1.01, True)):
+        result = judged(FL, {channel(quantity): lane([share * least, -share * least])})
+        assert result.done is done
+        assert result.text.startswith("push DOWN at the front LEFT") is not done
+    assert not judged(FL, {channel(Quantity.PITCH_ACCELERATION): lane([9.0])}).done
+
+
+@pytest.mark.parametrize(("size", "done"), [(8.8e-3, False), (8.95e-3, True)])
+def test_a_push_is_six_times_the_noise(size: float, done: bool) -> None:
+    """Of three bins two lie 1 mm from the middle one: the noise is 1.48 mm, and the limit 8.88."""
+    noise = np.resize([-1e-3, 0.0, 1e-3], 100)
+    noise[50:60] = lane([size], 0, 10)
+    for level in (0.0, 0.5):
+        result = judged(FL, {channel(Quantity.SUSPENSION_TRAVEL): noise + level})
+        assert result.done is done
+
+
+@pytest.mark.parametrize(("share", "first"), [(0.39, 1), (0.41, -1)])
+def test_the_first_way_is_that_of_four_tenths_of_the_peak(share: float, first: int) -> None:
+    rate = channel(Quantity.PITCH_RATE)
+    result = judged(FL, {rate: lane([0.001, -0.05 * share, 0.05, -0.02])})
+    assert result.done
+    assert result.passed is (first > 0)
+    assert result.inverted == (() if first > 0 else ("c",))
+
+
+@pytest.mark.parametrize(
+    ("moving", "after", "done"),
+    [(1, 5, False), (1, 6, True), (45, 5, False), (46, 5, True), (50, 1, True), (49, 1, False)],
+)
+def test_a_push_is_over_after_rest_or_after_five_seconds(
+    moving: int, after: int, done: bool
+) -> None:
+    """0.6 s of rest, or 5 s since the movement began."""
+    value = lane([0.02] * moving, 120 - after - moving, 120)
+    result = judged(FL, {channel(Quantity.SUSPENSION_TRAVEL): value})
+    assert result.done is done
+    assert result.text.startswith("moving") is not done
+
+
+def test_the_last_channel_to_come_to_rest_counts_and_the_first_that_moved() -> None:
+    travel, rate = channel(Quantity.SUSPENSION_TRAVEL), channel(Quantity.PITCH_RATE, "p")
+    lanes = {travel: lane([0.02], 50), rate: lane([0.05], 96)}
+    assert not judged(FL, lanes).done
+    assert judged(FL, {travel: lane([0.02], 40), rate: lane([0.05], 98)}).done
+
+
+def test_what_moved_before_does_not_count() -> None:
+    lanes = {channel(Quantity.SUSPENSION_TRAVEL): lane([0.02], 50)}
+    assert judged(FL, lanes, begin=50).done
+    assert not judged(FL, lanes, begin=51).done
+
+
+@pytest.mark.parametrize("corner", Corner)
+def test_each_corner_turns_the_body_its_own_way(corner: Corner) -> None:
+    """Down at the front is nose down (+); positive roll lifts the left side."""
+    pitch = 1 if corner in (FL, FR) else -1
+    roll = -1 if corner in (FL, RL) else 1
+    for quantity, way in ((Quantity.PITCH_RATE, pitch), (Quantity.ROLL_RATE, roll)):
+        for turned in (1, -1):
+            result = judged(corner, {channel(quantity): lane([0.05 * way * turned])})
+            assert result.passed is (turned > 0)
+            assert result.done
+
+
+@pytest.mark.parametrize(
+    ("corner", "x_m", "y_m", "sinks"),
+    [
+        # Half a wheelbase is 1.4 m and half a track 0.75 m: 1 + u u' + v v' is 0.41 or 0.39.
+        (FL, -2.226, 0.0, True),
+        (FL, -2.254, 0.0, False),
+        (FR, -2.226, 0.0, True),
+        (RL, -0.574, 0.0, True),
+        (RR, -0.546, 0.0, False),
+        (FL, -1.4, -0.4425, True),
+        (RL, -1.4, -0.4575, False),
+        (FR, -1.4, 0.4425, True),
+        (RR, -1.4, 0.4575, False),
+        (FL, 0.0, 0.75, True),
+    ],
+)
+def test_a_point_of_the_body_sinks_with_the_corner_it_is_near(
+    corner: Corner, x_m: float, y_m: float, sinks: bool
+) -> None:
+    point = channel(Quantity.BODY_DISPLACEMENT, x_m=x_m, y_m=y_m)
+    assert judged(corner, {point: lane([-0.01])}).passed
+    assert judged(corner, {point: lane([0.01])}).passed is not sinks
+
+
+def test_the_cg_sinks_with_every_corner() -> None:
+    for corner in Corner:
+        point = channel(Quantity.BODY_DISPLACEMENT, x_m=-9.0, at_cg=True)
+        assert not judged(corner, {point: lane([0.01])}).passed
+
+
+def test_what_was_seen_is_said_in_millimetres_or_in_the_unit() -> None:
+    travel, rate = channel(Quantity.SUSPENSION_TRAVEL), channel(Quantity.PITCH_RATE, "p")
+    both = {rate: lane([0.05]), travel: lane([0.0124, -0.005])}
+    assert judged(FL, both).text.startswith("c moved +12 mm")
+    assert judged(FL, {rate: lane([0.053])}).text.startswith("p moved +0.053 rad/s")
+    one = {travel: lane([0.012]), channel(Quantity.SUSPENSION_TRAVEL, "d", corner=RR): lane([0.02])}
+    assert judged(FL, one).text == "RR moved: c and d are swapped"
+
+
+@pytest.mark.parametrize(("begin", "passed"), [(48, True), (53, False)])
+def test_a_push_that_is_under_way_at_the_key_press_is_not_judged(begin: int, passed: bool) -> None:
+    """Its rebound alone would tell to invert a sign that is right."""
+    travel = channel(Quantity.SUSPENSION_TRAVEL)
+    pushed = [0.005, 0.02, 0.02, 0.005, -0.012, -0.008, 0.004]
+    result = judged(FL, {travel: lane(pushed)}, begin)
+    assert (result.done, result.passed, result.inverted) == (passed, passed, ())
+    again = lane(pushed)
+    again[80:87] = pushed
+    assert judged(FL, {travel: again}, begin).passed
+
+
+def test_a_body_that_rests_elsewhere_after_a_push_can_be_pushed_again() -> None:
+    travel = channel(Quantity.SUSPENSION_TRAVEL)
+    stuck = lane([0.02, 0.01], 150, 400)
+    stuck[152:] = 0.006
+    stuck[300:302] = [0.03, 0.0]
+    assert judged(FL, {travel: stuck}, 250).passed

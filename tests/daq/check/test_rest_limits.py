@@ -2,14 +2,100 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from datetime import date
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from daq.channels import Quantity
-from dbc.finding import Severity
-from dbc.samples import Quality
+from daq.channels import Channel, Quantity
+from daq.check.channel_checks import check_channel
+from daq.samples.mapping import map_channels
+from daq.vehicle import Corner
+from dbc import parse_codec
+from dbc.finding import Finding, Severity
+from dbc.samples import DecodeCounts, Decoded, Quality, Samples
 
-from .at_rest import FAIL, OK, WARN, G, channel, checked, faults, found, level_of, still
+Array = NDArray[np.float64]
+TODAY = date(2026, 6, 1)
+G = 9.80665
+WARN, FAIL, OK = Severity.WARNING, Severity.ERROR, Severity.NOTE
+FLOATS = {"Z": "m/s2", "W": "rad/s", "T": "rad/s2", "S": "m"}
+DBC = (
+    'VERSION ""\n\nBU_: A B\n'
+    + "".join(
+        f'BO_ {300 + n} {name}: 8 A\n SG_ v : 0|32@1- (1,0) [0|0] "{unit}" A\n'
+        for n, (name, unit) in enumerate(FLOATS.items())
+    )
+    + 'BO_ 310 RAW: 8 B\n SG_ v : 0|16@1- (0.001,0) [-30|30] "m" A\n'
+    + ' SG_ bit : 16|1@1+ (1,0) [0|0] "m" A\n SG_ up : 24|16@1+ (0.001,0) [0|0] "m" A\n'
+    + ' SG_ two : 40|2@1+ (0.01,0) [0|0] "m" A\n'
+    + 'BO_ 320 IMU: 8 B\n SG_ x : 0|16@1- (0.001,0) [0|0] "g" A\n'
+    + ' SG_ y : 16|16@1- (0.01,0) [0|0] "m/s2" A\n SG_ z : 32|16@1- (1,0) [0|0] "furlong" A\n'
+    + 'BO_ 330 TWIN: 8 B\n SG_ u : 0|16@1- (0.001,0) [0|0] "g" A\n'
+    + "".join(f"SIG_VALTYPE_ {300 + n} v : 1;\n" for n in range(4))
+)
+CODEC = parse_codec(DBC, "rest.dbc")
+MESSAGES = {m.name: m for m in CODEC.messages}
+STEP_NS = 12_500_000
+"""80 Hz: eight samples in each tenth of a second."""
+KINDS = {
+    Quantity.BODY_ACCELERATION: "Z",
+    Quantity.HUB_ACCELERATION: "Z",
+    Quantity.PITCH_RATE: "W",
+    Quantity.ROLL_RATE: "W",
+    Quantity.PITCH_ACCELERATION: "T",
+    Quantity.ROLL_ACCELERATION: "T",
+    Quantity.SUSPENSION_TRAVEL: "S",
+    Quantity.BODY_DISPLACEMENT: "S",
+}
+
+
+def channel(quantity: Quantity, signal: str = "", **facts: Any) -> Channel:
+    wheel = quantity in (Quantity.HUB_ACCELERATION, Quantity.SUSPENSION_TRAVEL)
+    corner = Corner.FRONT_LEFT if wheel else None
+    return Channel("c", quantity, signal=signal or f"{KINDS[quantity]}.v", corner=corner, **facts)
+
+
+def checked(
+    one: Channel,
+    value: Sequence[float] | Array,
+    quality: int | NDArray[np.uint8] = 0,
+    others: Mapping[str, Samples] | None = None,
+    step_ns: int = STEP_NS,
+) -> list[Finding]:
+    array = np.asarray(value, float)
+    n = len(array)
+    bits: NDArray[np.uint8] = np.zeros(n, np.uint8)
+    bits[:] = quality
+    own = Samples(one.signal, np.arange(n) * step_ns, array, bits)
+    decoded = Decoded({one.signal: own, **(others or {})}, DecodeCounts(0, 0, 0, 0, 0))
+    (mapped,) = map_channels((one,), CODEC.messages, "rest.dbc")
+    return check_channel(mapped, MESSAGES, decoded, 365, TODAY)
+
+
+def still(level: float, noise: float = 1e-3, n: int = 320) -> Array:
+    """Return samples whose neighbours differ by 1.414 `noise`; the mean of each eight is `level`.
+
+    White noise of that standard deviation differs as much.
+    """
+    turn: Array = np.resize([0.0, 1.0, 0.0, -1.0], n)
+    return np.asarray(level + noise * np.sqrt(2.0) * turn)
+
+
+def faults(lines: Sequence[Finding]) -> list[Finding]:
+    """Return what is not right, or else what the channel reads."""
+    return [line for line in lines if line.code != "rest"] or list(lines)
+
+
+def found(lines: Sequence[Finding]) -> dict[str, Severity]:
+    return {line.code: line.severity for line in faults(lines)}
+
+
+def level_of(quantity: Quantity) -> float:
+    return G if KINDS[quantity] == "Z" else 0.0
 
 
 @pytest.mark.parametrize(
@@ -272,3 +358,113 @@ def test_a_channel_without_samples_fails_unless_it_is_not_used() -> None:
 def test_a_calibration_is_valid_from_its_day_on_for_a_year(day: str, text: str) -> None:
     lines = checked(channel(Quantity.SUSPENSION_TRAVEL, calibrated=day), still(0.0))
     assert [line.text for line in lines if line.code == "calibration"] == [text] * bool(text)
+
+
+# Gravity ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("share", "verdict", "says"),
+    [
+        (1.059, OK, "+1 g"),
+        (0.941, OK, "+1 g"),
+        (-1.059, FAIL, "upside down"),
+        (-0.941, FAIL, "upside down"),
+        (1.061, WARN, "m/s2 at rest, or its scale"),  # no tilt makes it read more
+        (0.939, WARN, "tilted by 20 degrees"),
+        (-0.939, WARN, "tilted by 20 degrees"),
+        (0.701, WARN, "tilted by 45 degrees"),
+        (0.699, FAIL, "tilted by 46 degrees"),
+        (1.299, WARN, "or its scale"),
+        (1.301, FAIL, "or its scale"),
+        (0.061, FAIL, "tilted by 87 degrees"),
+        (0.059, OK, "no gravity"),
+        (0.0, OK, "no gravity"),
+    ],
+)
+@pytest.mark.parametrize("quantity", [Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION])
+def test_an_accelerometer_that_points_up_reads_gravity(
+    share: float, verdict: Severity, says: str, quantity: Quantity
+) -> None:
+    (line,) = faults(checked(channel(quantity), still(share * G, 0.01)))
+    assert line.severity is verdict
+    assert says in line.text
+    assert ("tilted" in line.text) is ("tilted" in says)
+
+
+@pytest.mark.parametrize(
+    ("share", "setting"),
+    [
+        (1.07 / G, 'state signal_unit = "g"'),
+        (0.93 / G, 'state signal_unit = "g"'),
+        (-1.07 / G, 'state signal_unit = "g" and set sign = -1'),
+        (1.09 / G, ""),
+        (0.91 / G, ""),
+        (1.07 * G, 'state signal_unit = "m/s2"'),
+        (1e-3, "state gain = 1000"),
+        (1e3, "state gain = 0.001"),
+        (1e-3 / G, "state gain = 9806.65"),
+        (1e-3 * G, "state gain = 101.972"),
+        (1e3 / G, "state gain = 0.00980665"),
+        (-1e3 * G, 'state signal_unit = "mm/s2" and set sign = -1'),
+        (30.0, ""),
+    ],
+)
+def test_gravity_in_a_wrong_unit_shows_which_it_is(share: float, setting: str) -> None:
+    quiet = min(1e-4, abs(share) * 1e-2)
+    (line,) = faults(checked(channel(Quantity.BODY_ACCELERATION), still(share * G, quiet)))
+    assert line.severity is FAIL
+    assert (line.advice if "gravity" in line.text else "") == setting
+
+
+def test_the_gain_to_state_counts_the_one_that_is() -> None:
+    (line,) = faults(checked(channel(Quantity.BODY_ACCELERATION, gain=2.0), still(G / 2000, 1e-6)))
+    assert line.advice == "state gain = 2000"
+
+
+@pytest.mark.parametrize(
+    ("noise", "n", "is_scaled"),
+    [
+        (1.9e-3, 320, True),
+        (2.1e-3, 320, False),  # as quiet as no sensor is: else it is AC-coupled
+        (1.9e-3, 100, True),  # five errors of the mean: 0.95e-3 m/s2 of 1e-3
+        (1.9e-3, 80, False),  # and 1.06e-3
+    ],
+)
+def test_a_reading_near_nothing_is_gravity_only_of_a_quiet_sensor(
+    noise: float, n: int, is_scaled: bool
+) -> None:
+    (line,) = faults(checked(channel(Quantity.BODY_ACCELERATION), still(1e-3, noise, n)))
+    assert (line.advice == "state gain = 9806.65") is is_scaled
+    assert (line.severity is OK) is not is_scaled
+
+
+def sibling(name: str, value: float, quality: int = 0) -> dict[str, Samples]:
+    t_ns = np.arange(5, dtype=np.int64)
+    values = np.array([value, value, value, -9e3, 9e3])
+    return {name: Samples(name, t_ns, values, np.full(5, quality, np.uint8))}
+
+
+@pytest.mark.parametrize(
+    ("share", "others", "advice"),
+    [
+        (0.49, sibling("IMU.x", 1.09), 'take signal = "IMU.x"'),
+        (0.49, sibling("IMU.x", 0.91), 'take signal = "IMU.x"'),
+        (-0.49, sibling("IMU.x", -1.09), 'take signal = "IMU.x" with sign = -1'),
+        (0.49, sibling("IMU.x", 1.11), ""),
+        (0.49, sibling("IMU.x", 0.89), ""),
+        (0.51, sibling("IMU.x", 1.0), ""),
+        (0.2, sibling("IMU.x", 1.0, int(Quality.CRC_BAD)), ""),
+        (0.2, sibling("IMU.z", 1.0), ""),  # of an unknown unit
+        (0.2, sibling("IMU.z", 1.0) | sibling("TWIN.u", 1.0), 'take signal = "TWIN.u"'),
+        (0.2, sibling("Z.v", 9.8), ""),  # of another sender
+        (0.2, sibling("IMU.x", 0.3) | sibling("TWIN.u", 1.0), 'take signal = "TWIN.u"'),
+        (0.01, sibling("TWIN.u", 1.0), 'take signal = "TWIN.u"'),
+    ],
+)
+def test_another_axis_of_the_sensor_that_reads_gravity_is_named(
+    share: float, others: Mapping[str, Samples], advice: str
+) -> None:
+    own = channel(Quantity.BODY_ACCELERATION, "IMU.y")
+    (line,) = faults(checked(own, still(share * G, 0.1), others=others))
+    assert (line.advice if "axis" in line.text else "") == advice

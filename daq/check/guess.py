@@ -1,0 +1,403 @@
+"""Guesses what signals measure, from names and units and, with traffic, from physics.
+
+A single signal is guessed from its name.  Three accelerations at rest show how their sensor is
+mounted, and so which of its gyroscopes is roll, which is pitch, and their signs.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.units import G_M_S2, known_si, to_si
+
+from ..channels import Quantity, message_of, sensor_of, signal_of
+from ..vehicle import Corner
+from .mounting import AXES, NEAR_1_G, Pushes, axis_of, mounting, pushed_corner
+from .names import (
+    BODY,
+    NO_TRAVEL,
+    NO_VALUE,
+    PITCH,
+    ROLL,
+    TRAVEL,
+    YAW,
+    axis_by_name,
+    corner_by_name,
+    kind_by_name,
+    words,
+)
+from .push_test import ORDER
+from .questions import Answers, Asked, Guess
+
+FEWEST = 20
+"""Fewest samples from which a conclusion is drawn."""
+_NO_UNIT = ("", "-", "none", "None", "n/a", "Unit_None")
+"""Texts in databases that mean no unit."""
+_UNIT_1_G = {"g": 1.0, "m/s2": G_M_S2, "mg": 1000.0, "mm/s2": 1000.0 * G_M_S2}
+_FARTHEST_M = 1.0
+"""Largest reading of a suspension travel at rest, m."""
+_TILTED_DEG = 5.0
+"""Tilt of an IMU from which the user is asked, deg."""
+_NO_GRAVITY_G = 0.1
+"""Largest reading at rest, g, of an AC-coupled accelerometer."""
+_SHORTEST_BITS = 8
+"""Fewest bits of a signal without a unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A signal or a column that may be a channel: its names, and what it read."""
+
+    full: str
+    """Name with that of its message."""
+    kind: str
+    """SI unit of the measured quantity."""
+    unit: str
+    """Unit, or the probable one if none is stated."""
+    is_stated: bool
+    """True if the unit is stated."""
+    comment: str
+    """Its description in the database."""
+    corner: Corner | None
+    """Wheel that a name or the comment states."""
+    corner_source: str
+    """Which of them states it."""
+    span: float | None
+    """Difference of its highest and lowest valid value, in its unit; None if it is not stated."""
+    level: float | None
+    """Value at rest, in its unit; None if it was not measured."""
+    peak: float | None
+    """Largest magnitude that was seen, in its unit."""
+
+    @property
+    def name(self) -> str:
+        """Name within its message."""
+        return signal_of(self.full)
+
+    @property
+    def sensor(self) -> str:
+        """Name of its sensor; empty on a bench with one database."""
+        return sensor_of(message_of(self.full))
+
+    @property
+    def is_on_body(self) -> bool:
+        """True if a name says that the sensor is on the body."""
+        return bool(words(f"{self.name} {message_of(self.full)}") & BODY)
+
+    @property
+    def axis(self) -> str | None:
+        """Axis of the sensor that the name states."""
+        return axis_by_name(self.name, self.comment)
+
+    @property
+    def gravity_g(self) -> float | None:
+        """Reading of an acceleration at rest, g."""
+        return None if self.level is None else self.level * to_si(self.unit).factor / G_M_S2
+
+    @property
+    def shows_push(self) -> bool:
+        """True if a push by hand moves it: a rate of turn, or a length that may be a travel."""
+        return self.kind == "rad/s" or (self.kind == "m" and _by_name(self) is not None)
+
+
+def candidate(
+    full: str,
+    unit: str,
+    values: NDArray[np.float64],
+    comment: str = "",
+    span: float | None = None,
+    bits: int = 64,
+) -> Candidate | None:
+    """Return a signal that may be a channel; None if it measures nothing that the method uses.
+
+    `values`: what was measured of it, (n,), finite, in its unit.
+    """
+    name, known = signal_of(full), known_si(unit)
+    if known is None or words(name) & NO_VALUE:
+        return None
+    is_stated = unit not in _NO_UNIT
+    kind = known.unit if is_stated else kind_by_name(name, message_of(full))
+    if kind not in ("m/s2", "rad/s", "rad/s2", "m") or (not is_stated and bits < _SHORTEST_BITS):
+        return None
+    level = peak = None
+    if len(values) >= FEWEST:
+        level, peak = float(np.median(values)), float(np.abs(values).max())
+    corner, source = corner_by_name(name, message_of(full), comment) or (None, "")
+    return Candidate(full, kind, unit, is_stated, comment, corner, source, span, level, peak)
+
+
+def guess_channels(
+    candidates: Iterable[Candidate], pushes: Pushes | None, answers: Answers
+) -> dict[str, Guess]:
+    """Return a guess for each signal, by full name, without signals that the method cannot use.
+
+    `answers`: only those on axes that point forward are used, because they change other guesses.
+    """
+    forward = {q.sensor: text for q, text in answers.items() if q.asked is Asked.FORWARD}
+    groups: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)
+    for each in candidates:
+        groups[each.sensor, each.corner].append(each)
+    groups = _with_units(groups)
+    turning = {s.sensor for g in groups.values() for s in g if s.kind in ("rad/s", "rad/s2")}
+    guesses: dict[str, Guess] = {}
+    for (sensor, corner), group in groups.items():
+        guesses |= {s.full: guess for s in group if (guess := _by_name(s)) is not None}
+        guesses |= _by_mounting(group, pushes, forward.get(sensor, ""))
+        guesses |= _on_hubs(group, corner, sensor in turning, guesses)
+    lengths = [s for g in groups.values() for s in g if s.kind == "m" and s.full in guesses]
+    return guesses | _travels(lengths, guesses, pushes)
+
+
+def _with_units(
+    groups: Mapping[tuple[str, Corner | None], Sequence[Candidate]],
+) -> dict[tuple[str, Corner | None], list[Candidate]]:
+    """Return the candidates with a probable unit where none is stated.
+
+    Accelerations have the unit in which they read 1 g, one alone or all of the sensor together;
+    travels that of their largest motion, as at rest one may read next to nothing in any unit.
+    """
+    open_ = [s for group in groups.values() for s in group if not s.is_stated]
+    peak = max((s.peak or 0.0 for s in open_ if s.kind == "m"), default=0.0)
+    length = "m" if 0.005 <= peak <= _FARTHEST_M else "mm"
+
+    def unit_of(s: Candidate, group: Sequence[Candidate]) -> str:
+        if s.kind != "m/s2":
+            return length if s.kind == "m" else "deg/s"
+        levels = [o.level or 0.0 for o in group if o.kind == "m/s2" and not o.is_stated]
+        sizes = abs(s.level or 0.0), float(np.linalg.norm(levels))
+        fits = (u for size in sizes for u, g in _UNIT_1_G.items() if abs(size / g - 1) <= NEAR_1_G)
+        return next(fits, "m/s2")
+
+    return {
+        key: [s if s.is_stated else replace(s, unit=unit_of(s, group)) for s in group]
+        for key, group in groups.items()
+    }
+
+
+# One signal, from its name ------------------------------------------------------------------------
+
+
+class _Turn(NamedTuple):
+    """A turn of the body, and the axis of a sensor that shows it."""
+
+    word: str
+    words: set[str]
+    axis: str
+    quantities: Mapping[str, Quantity]
+    """By SI unit."""
+    sense: str
+
+
+_PITCH = _Turn(
+    "pitch",
+    PITCH,
+    "y",
+    {"rad/s": Quantity.PITCH_RATE, "rad/s2": Quantity.PITCH_ACCELERATION},
+    "positive is nose down",
+)
+_ROLL = _Turn(
+    "roll",
+    ROLL,
+    "x",
+    {"rad/s": Quantity.ROLL_RATE, "rad/s2": Quantity.ROLL_ACCELERATION},
+    "positive lifts the left side",
+)
+
+
+def _by_name(s: Candidate) -> Guess | None:
+    guess = {"m/s2": _acceleration, "m": _length}.get(s.kind, _turn)(s)
+    if guess is None or s.is_stated:
+        return guess
+    ask = f"no unit is stated: is it {s.unit}?"
+    return replace(guess, unit=s.unit, ask=ask, asked=Asked.UNIT)
+
+
+def _acceleration(s: Candidate) -> Guess:
+    unit = f"unit {s.unit}"
+    is_vertical = s.axis == "z" or (s.axis is None and s.corner is not None)
+    sign, proof = 1, "vertical by its name" if s.axis == "z" else "assumed to be vertical"
+    if s.gravity_g is not None:
+        reading = f"reads {s.gravity_g:+.2f} g"
+        if abs(abs(s.gravity_g) - 1) > NEAR_1_G:
+            why = f"{unit}, {reading}: not vertical"
+            if is_vertical:
+                why = f"{unit}; named like a vertical one, but {reading} at rest"
+            return Guess(Quantity.UNUSED, None, 1, why)
+        sign, proof = (-1 if s.gravity_g < 0 else 1), f"{reading} at rest: vertical"
+    elif not is_vertical:
+        return Guess(Quantity.UNUSED, None, 1, f"{unit}, not vertical by its name")
+    if s.corner is None or s.is_on_body:
+        return Guess(Quantity.BODY_ACCELERATION, None, sign, f"{unit}, {proof}")
+    why = f"{unit}, {proof}, corner by its {s.corner_source}"
+    return Guess(Quantity.HUB_ACCELERATION, s.corner, sign, why)
+
+
+def _turn(s: Candidate) -> Guess:
+    unit = f"unit {s.unit}"
+    for text, place in ((s.name, "name"), (s.comment, "comment"), (message_of(s.full), "message")):
+        said = words(text)
+        if said & YAW:
+            break
+        for turn in (_PITCH, _ROLL):
+            if said & turn.words:
+                why = f"{unit}, {turn.word} by its {place}; {turn.sense}"
+                return Guess(turn.quantities[s.kind], None, 1, why)
+    for turn in (_PITCH, _ROLL):
+        if axis_by_name(s.name, "") == turn.axis:
+            why = f"{unit}, about {turn.axis} by its name; {turn.sense}"
+            return Guess(turn.quantities[s.kind], None, 1, why)
+    return Guess(Quantity.UNUSED, None, 1, f"{unit}, neither pitch nor roll by its name")
+
+
+def _length(s: Candidate) -> Guess | None:
+    """Return a guess for a length that may be a travel, not one of a radar or the road."""
+    factor = to_si(s.unit).factor
+    farthest = s.span if s.level is None else 2.0 * abs(s.level)
+    if words(f"{s.full} {s.comment}") & NO_TRAVEL or (farthest or 0.0) * factor > 2 * _FARTHEST_M:
+        return None
+    if s.corner is not None:
+        return Guess(
+            Quantity.SUSPENSION_TRAVEL,
+            s.corner,
+            1,
+            f"unit {s.unit}, corner by its {s.corner_source}",
+        )
+    if not words(s.name) & TRAVEL:
+        return None
+    why = f"unit {s.unit}, a travel by its name"
+    return Guess(Quantity.UNUSED, None, 1, why, "at which corner?", Asked.WHERE)
+
+
+# The sensors of one device, from gravity and pushes -----------------------------------------------
+
+
+def _by_mounting(
+    group: Sequence[Candidate], pushes: Pushes | None, forward: str
+) -> dict[str, Guess]:
+    """Return the guesses for a device with three accelerations, from how it is mounted."""
+    accelerations = {s.axis: s for s in group if s.kind == "m/s2" and s.axis}
+    gravity = {a: s.gravity_g for a, s in accelerations.items() if s.gravity_g is not None}
+    if len(gravity) < len(AXES):
+        return {}
+    rates = {s.axis: s for s in group if s.kind in ("rad/s", "rad/s2") and s.axis}
+    turns: dict[Corner, dict[str, float]] = defaultdict(dict)
+    for axis, s in rates.items():
+        if pushes is not None and s.kind == "rad/s" and s.full in pushes.traces:
+            for corner, angle in pushes.turns(s.full).items():
+                turns[corner][axis] = angle
+    how = mounting(gravity, turns, forward)
+    guesses = {}
+    vertical, sign = axis_of(how.up) if how else ("", 1)
+    for axis, s in accelerations.items():
+        unit = "" if s.is_stated else s.unit
+        why = f"reads {gravity[axis]:+.2f} g at rest"
+        guess = Guess(Quantity.UNUSED, None, 1, f"{why}: not vertical", unit=unit)
+        if how is None:
+            levels = ", ".join(f"{gravity[a]:+.2f}" for a in AXES)
+            guess = replace(guess, why="tilted", ask=f"no axis is vertical: it reads {levels} g")
+        elif axis == vertical:
+            is_on_hub = s.corner is not None and not s.is_on_body
+            quantity = Quantity.HUB_ACCELERATION if is_on_hub else Quantity.BODY_ACCELERATION
+            place = s.corner if is_on_hub else None
+            ask = f"mounted {how.tilt_deg:.0f} degrees off the vertical?"
+            ask = ask if how.tilt_deg > _TILTED_DEG else ""
+            guess = Guess(quantity, place, sign, f"{why}: vertical", ask, unit=unit)
+        guesses[s.full] = guess
+    if how is None or len(rates) < 2:
+        return guesses
+    ahead, sense = axis_of(how.forward)
+    proof = "proven" if how.surely_forward else "taken"
+    for axis, s in rates.items():
+        unit = "" if s.is_stated else s.unit
+        if axis == vertical:
+            why = f"about {axis}, the vertical axis of its sensor: yaw"
+            guesses[s.full] = Guess(Quantity.UNUSED, None, 1, why, unit=unit)
+            continue
+        turn, direction = (_ROLL, how.forward) if axis == ahead else (_PITCH, how.left)
+        why = f"about {axis}; {ahead} is {proof} for the axis along the car; {turn.sense}"
+        ask, asked = f"is it {unit}?" if unit else "", Asked.UNIT
+        if not how.surely_forward:
+            asked = Asked.FORWARD
+            ask = f"does the sensor's {'+' if sense > 0 else '-'}{ahead} axis point forward?"
+            if pushes is not None:
+                ask += "  The pushes did not show it."
+        quantity, sign = turn.quantities[s.kind], axis_of(direction)[1]
+        proven = how.surely_forward
+        guesses[s.full] = Guess(quantity, None, sign, why, ask, asked, unit, is_proven=proven)
+    return guesses
+
+
+def _on_hubs(
+    group: Sequence[Candidate], corner: Corner | None, turns: bool, guesses: Mapping[str, Guess]
+) -> dict[str, Guess]:
+    """Return the accelerations that may be those of hubs.
+
+    Sensors at a wheel that read gravity on no axis are AC-coupled: a single axis is taken as
+    vertical, of several axes the one with z in its name.  The user is asked about sensors without
+    gyroscopes (`turns`) whose name states no place.
+    """
+    accelerations = [s for s in group if s.kind == "m/s2"]
+    gravity = {s.full: s.gravity_g for s in accelerations if s.gravity_g is not None}
+    no_gravity = gravity and max(map(abs, gravity.values())) <= _NO_GRAVITY_G
+    hubs = {}
+    for s in accelerations:
+        guess = guesses[s.full]
+        is_single = s.axis is None and len(accelerations) == 1
+        if s.is_on_body:
+            continue
+        if corner and no_gravity and s.full in gravity and (s.axis == "z" or is_single):
+            why = f"reads {gravity[s.full]:+.2f} g at rest; vertical and {corner} by name"
+            ask = "it reads no gravity: is it AC-coupled, and does it point up?"
+            hubs[s.full] = Guess(Quantity.HUB_ACCELERATION, corner, 1, why, ask, unit=guess.unit)
+        is_certain = guess.quantity is Quantity.BODY_ACCELERATION and not guess.ask
+        if is_certain and (s.axis is None or not turns):
+            ask = "is it on the body, or on which hub?"
+            hubs[s.full] = replace(guess, ask=ask, asked=Asked.CORNER)
+    return hubs
+
+
+def _travels(
+    lengths: Sequence[Candidate], guesses: Mapping[str, Guess], pushes: Pushes | None
+) -> dict[str, Guess]:
+    """Return suspension travels with corners and signs, from pushes or else the order of ids."""
+    traces = pushes.traces if pushes is not None else {}
+    peaks = {s.full: pushes.peaks(s.full) for s in lengths if pushes and s.full in traces}
+    travels = {s.full: guesses[s.full] for s in lengths}
+    for name, own_peaks in peaks.items():
+        guess = travels[name]
+        place = pushed_corner(own_peaks, [other for n, other in peaks.items() if n != name])
+        if place is None:
+            continue
+        corner, sign = place
+        ask, asked = ("", Asked.RIGHT) if guess.asked is Asked.WHERE else (guess.ask, guess.asked)
+        if guess.corner not in (None, corner):
+            ask, asked = f"its name says {guess.corner}: are plugs swapped?", Asked.WHEEL
+        travels[name] = Guess(
+            Quantity.SUSPENSION_TRAVEL,
+            corner,
+            sign,
+            f"moved most by the push on {corner}",
+            ask,
+            asked,
+            guess.unit,
+            is_proven=True,
+        )
+    unplaced = [s for s in lengths if guesses[s.full].corner is None]
+    if len(unplaced) == len(ORDER) and not any(g.is_proven for g in travels.values()):
+        for s, corner in zip(unplaced, ORDER, strict=True):
+            ask = "its corner is guessed from the order of sensors: push the car there to check it"
+            why = f"unit {s.unit}, a travel by its name"
+            guess = Guess(Quantity.SUSPENSION_TRAVEL, corner, 1, why, ask, Asked.WHEEL)
+            travels[s.full] = guess
+    for s in lengths:
+        guess = travels[s.full]
+        if guess.quantity is Quantity.SUSPENSION_TRAVEL and s.level is not None:
+            tare = guess.sign * s.level * to_si(s.unit).factor
+            travels[s.full] = replace(guess, tare=tare)
+    return travels

@@ -1,0 +1,315 @@
+"""Guesses from names, units, gravity and pushes, on signals made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daq.channels import Quantity
+from daq.check.guess import Candidate, candidate, guess_channels
+from daq.check.mounting import Pushes, Trace
+from daq.check.questions import Asked, Guess, Question
+from daq.vehicle import Corner
+
+from .test_mounting import pushes, trace
+
+PUSHED = pushes(trace([1.0, 1.0, 1.0, 1.0]))
+QUIET = trace([0.0, 0.0, 0.0, 0.0])
+IMU = {"Imu.AccX": "g", "Imu.AccY": "g", "Imu.AccZ": "g"}
+RATES = {"Rate.GyrX": "rad/s", "Rate.GyrY": "rad/s", "Rate.GyrZ": "rad/s"}
+
+
+def signal(
+    full: str, unit: str, level: float | None, comment: str = "", span: float | None = None
+) -> Candidate | None:
+    """Return a signal that reads a level, or was not measured."""
+    values = np.full(0 if level is None else 20, level or 0.0)
+    return candidate(full, unit, values, comment, span)
+
+
+def alone(full: str, unit: str, level: float | None = None, comment: str = "") -> Guess | None:
+    one = signal(full, unit, level, comment=comment)
+    return guess_channels([one], None, {}).get(full) if one is not None else None
+
+
+@pytest.mark.parametrize(
+    ("name", "corner"),
+    [
+        ("acc_FL", Corner.FRONT_LEFT),
+        ("AccRR", Corner.REAR_RIGHT),
+        ("wheel_front_right_z", Corner.FRONT_RIGHT),
+        ("accHinterachseHL", Corner.REAR_LEFT),
+        ("accfederwegvr", Corner.FRONT_RIGHT),
+        ("LF_hub", Corner.FRONT_LEFT),
+        ("HubAcc_FL2 vert-up", Corner.FRONT_LEFT),
+        ("acc_z", None),
+        ("front_rear_z", None),
+    ],
+)
+def test_an_acceleration_is_at_the_corner_of_its_name(name: str, corner: Corner | None) -> None:
+    guess = alone(f"M.{name}", "g")
+    assert guess is not None
+    assert guess.corner == corner
+    kind = Quantity.HUB_ACCELERATION if corner else Quantity.BODY_ACCELERATION
+    assert guess.quantity is kind
+
+
+@pytest.mark.parametrize(
+    ("name", "level", "quantity", "sign"),
+    [
+        ("acc_fl", 1.09, Quantity.HUB_ACCELERATION, 1),
+        ("acc_fl", -0.91, Quantity.HUB_ACCELERATION, -1),
+        ("acc_fl", 1.11, Quantity.UNUSED, 1),
+        ("acc_fl", -0.89, Quantity.UNUSED, 1),
+        ("body_fl", 1.0, Quantity.BODY_ACCELERATION, 1),
+        ("acc_z", None, Quantity.BODY_ACCELERATION, 1),
+        ("acc_x", None, Quantity.UNUSED, 1),
+        ("acc_x_fl", None, Quantity.UNUSED, 1),
+        ("acc_fl", None, Quantity.HUB_ACCELERATION, 1),
+        # An AC-coupled sensor at a wheel reads no gravity.
+        ("acc_fl", 0.09, Quantity.HUB_ACCELERATION, 1),
+        ("acc_fl", 0.11, Quantity.UNUSED, 1),
+        ("acc_z", 0.09, Quantity.UNUSED, 1),
+    ],
+)
+def test_an_acceleration_is_vertical_by_gravity_or_by_its_name(
+    name: str, level: float | None, quantity: Quantity, sign: int
+) -> None:
+    guess = alone(f"M.{name}", "g", level)
+    assert guess is not None
+    assert (guess.quantity, guess.sign) == (quantity, sign)
+    assert ("is it AC-coupled" in guess.ask) is (level == 0.09 and name == "acc_fl")
+
+
+@pytest.mark.parametrize(
+    ("full", "comment", "quantity"),
+    [
+        ("M.w1", "Nick rate of the car", Quantity.PITCH_RATE),
+        ("M.w2", "gierrate", Quantity.UNUSED),
+        ("M.rateX", "z", Quantity.ROLL_RATE),  # the name goes before the comment
+        ("M.gyroy", "", Quantity.PITCH_RATE),  # no word of its own, but the last letter
+        ("M.gyrob", "", Quantity.UNUSED),
+        ("Wank.w", "", Quantity.ROLL_RATE),
+    ],
+)
+def test_a_rate_is_named_by_a_word_or_an_axis(full: str, comment: str, quantity: Quantity) -> None:
+    guess = alone(full, "deg/s", comment=comment)
+    assert guess is not None
+    assert guess.quantity is quantity
+    assert alone(full, "lux", comment=comment) is None
+
+
+@pytest.mark.parametrize(
+    ("size", "unit"),
+    [(0.91, "g"), (1.09, "g"), (0.89, "m/s2"), (8.9, "m/s2"), (910, "mg"), (1090, "mg"),
+     (9000, "mm/s2"), (0.0, "m/s2")],
+)  # fmt: skip
+def test_gravity_shows_the_unit_within_a_tenth(size: float, unit: str) -> None:
+    for name, level in (("M.acc_z", size), ("M.acc_z", -size)):
+        guess = alone(name, "", level)
+        assert guess is not None
+        assert (guess.unit, guess.ask, guess.asked) == (
+            unit, f"no unit is stated: is it {unit}?", Asked.UNIT,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "level", "is_travel"),
+    [
+        ("Travel_FL", "mm", 999.0, True),
+        ("Travel_FL", "mm", -1001.0, False),
+        ("Radar_FL", "mm", 100.0, False),
+        ("Distance_FL", "mm", 100.0, False),
+        ("Damper_RR", "mm", None, True),
+        ("pot_fl", "", 120.0, True),
+        ("pot_1", "", 120.0, False),
+        ("door_pos_fl", "", 120.0, False),
+        ("damper_dist_fl", "", 120.0, False),
+        ("pot_fl_status", "", 120.0, False),
+    ],
+)
+def test_a_travel_reads_a_metre_at_most_and_has_the_name_of_one(
+    name: str, unit: str, level: float | None, is_travel: bool
+) -> None:
+    guess = alone(f"M.{name}", unit, level)
+    assert (guess is not None and guess.quantity is Quantity.SUSPENSION_TRAVEL) == is_travel
+    assert alone(f"Radar.{name}", unit, level) is None
+
+
+@pytest.mark.parametrize(("span", "is_travel"), [(2000.0, True), (2001.0, False)])
+def test_without_traffic_the_range_of_a_travel_is_two_metres(span: float, is_travel: bool) -> None:
+    one = signal("M.pot_fl", "mm", None, span=span)
+    assert one is not None
+    assert bool(guess_channels([one], None, {})) is is_travel
+
+
+@pytest.mark.parametrize(
+    ("peak", "unit"),
+    [(0.004, "mm"), (0.006, "m"), (0.9, "m"), (1.1, "mm"), (120, "mm")],
+)
+def test_travels_without_a_unit_have_that_of_their_largest_motion(peak: float, unit: str) -> None:
+    lengths = [signal("M.pot_fl", "", peak), signal("M.pot_fr", "", 0.0)]
+    guesses = guess_channels([one for one in lengths if one], None, {})
+    assert {guess.unit for guess in guesses.values()} == {unit}
+    factor = 1.0 if unit == "m" else 1e-3
+    guess = guesses["M.pot_fl"]
+    assert guess.tare == pytest.approx(peak * factor)
+    in_cm = guess.answered("cm")
+    assert (in_cm.unit, in_cm.ask) == ("cm", "")
+    assert in_cm.tare == pytest.approx(peak * 0.01)
+
+
+def test_a_single_signal_without_a_unit_has_eight_bits_at_least() -> None:
+    for bits in (7, 8):
+        assert (candidate("M.acc_z", "", np.zeros(0), bits=bits) is not None) is (bits == 8)
+        assert candidate("M.acc_z", "g", np.zeros(0), bits=bits) is not None
+
+
+# A device with three axes -------------------------------------------------------------------------
+
+
+def device(
+    traces: dict[str, Trace] | None = None,
+    forward: str = "",
+    gravity: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    unit: str = "g",
+) -> dict[str, Guess]:
+    """Return the guesses for an IMU and a pot; `traces`: of pushes, in which others are quiet."""
+    levels = dict(zip(IMU, gravity, strict=True)) | dict.fromkeys(RATES, 0.0)
+    units = dict.fromkeys(IMU, unit) | RATES
+    signals = [signal(full, units[full], level) for full, level in levels.items()]
+    signals.append(signal("Pot.pot_fl", "mm", 12.0))
+    found = None
+    if traces is not None:
+        names = [*levels, "Pot.pot_fl"]
+        found = Pushes(PUSHED.spans, {name: traces.get(name, QUIET) for name in names})
+    answers = {Question("?", Asked.FORWARD): forward} if forward else {}
+    return guess_channels([one for one in signals if one is not None], found, answers)
+
+
+def test_without_pushes_forward_is_asked_and_with_pushes_that_show_nothing_so_is_said() -> None:
+    for traces, said in ((None, False), ({}, True)):
+        found = device(traces)
+        roll, pitch, yaw = (found[name] for name in RATES)
+        assert (roll.quantity, pitch.quantity, yaw.quantity) == (
+            Quantity.ROLL_RATE, Quantity.PITCH_RATE, Quantity.UNUSED,
+        )  # fmt: skip
+        assert (roll.asked, roll.is_proven) == (Asked.FORWARD, False)
+        assert "+x axis" in roll.ask
+        assert ("pushes did not show it" in roll.ask) is said
+        vertical, pot = found["Imu.AccZ"], found["Pot.pot_fl"]
+        assert (vertical.quantity, vertical.ask) == (Quantity.BODY_ACCELERATION, "")
+        assert (pot.corner, pot.is_proven, pot.ask) == (Corner.FRONT_LEFT, False, "")
+
+
+def test_pushes_show_how_an_imu_is_turned() -> None:
+    """Its y axis points forward: it turns about x as the nose goes down, backwards."""
+    traces = {
+        "Rate.GyrY": trace([-1.0, 1.0, -1.0, 1.0]),  # roll: down on the left is negative
+        "Rate.GyrX": trace([-1.0, -1.0, 1.0, 1.0]),  # pitch about -x: nose down is positive
+    }
+    found = device(traces)
+    roll, pitch = found["Rate.GyrY"], found["Rate.GyrX"]
+    assert (roll.quantity, roll.sign, roll.ask) == (Quantity.ROLL_RATE, 1, "")
+    assert (pitch.quantity, pitch.sign, pitch.ask) == (Quantity.PITCH_RATE, -1, "")
+    assert roll.is_proven
+    assert pitch.is_proven
+
+
+@pytest.mark.parametrize(("tilt_deg", "ask"), [(4.9, ""), (5.6, "mounted 6 degrees off")])
+def test_a_mounting_that_is_tilted_by_more_than_five_degrees_is_asked_about(
+    tilt_deg: float, ask: str
+) -> None:
+    tilt = np.radians(tilt_deg)
+    vertical = device(gravity=(0.0, float(np.sin(tilt)), float(np.cos(tilt))))["Imu.AccZ"]
+    assert vertical.ask.startswith(ask)
+    assert bool(vertical.ask) is bool(ask)
+
+
+@pytest.mark.parametrize(("forward", "sign"), [("+x", 1), ("-x", -1)])
+def test_the_axis_that_a_user_states_needs_no_question(forward: str, sign: int) -> None:
+    found = device(None, forward)
+    roll, pitch = found["Rate.GyrX"], found["Rate.GyrY"]
+    assert (roll.sign, pitch.sign, roll.ask, pitch.ask) == (sign, sign, "", "")
+
+
+def test_axes_that_are_not_vertical_are_unused_in_the_unit_of_gravity() -> None:
+    """No unit is stated, and the vertical axis reads 1: all three are in g."""
+    found = device(gravity=(0.0, 0.0, -1.0), unit="")
+    why = "reads +0.00 g at rest: not vertical"
+    assert found["Imu.AccX"] == found["Imu.AccY"] == Guess(Quantity.UNUSED, None, 1, why, unit="g")
+    vertical = found["Imu.AccZ"]
+    assert (vertical.quantity, vertical.sign, vertical.unit) == (
+        Quantity.BODY_ACCELERATION, -1, "g",
+    )  # fmt: skip
+    tilted = device(gravity=(0.0, 0.7, 0.7))["Imu.AccZ"]
+    assert tilted.ask == "no axis is vertical: it reads +0.00, +0.70, +0.70 g"
+
+
+@pytest.mark.parametrize(
+    ("heights", "corner", "sign", "ask"),
+    [
+        ([10.0, 1.0, 1.0, 1.0], Corner.FRONT_LEFT, 1, ""),
+        ([-10.0, 1.0, 1.0, 1.0], Corner.FRONT_LEFT, -1, ""),
+        ([1.0, 1.0, 1.0, 10.0], Corner.REAR_RIGHT, 1, "its name says FL: are plugs swapped?"),
+    ],
+)
+def test_a_travel_is_where_a_push_moves_it_most(
+    heights: list[float], corner: Corner, sign: int, ask: str
+) -> None:
+    found = device({"Pot.pot_fl": trace(heights)})["Pot.pot_fl"]
+    assert (found.quantity, found.corner, found.sign) == (
+        Quantity.SUSPENSION_TRAVEL, corner, sign,
+    )  # fmt: skip
+    assert (found.ask, found.is_proven) == (ask, True)
+    assert found.tare == pytest.approx(sign * 0.012)
+    if ask:
+        assert found.asked is Asked.WHEEL
+
+
+# Answers ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("asked", "typed", "answer"),
+    [
+        (Asked.RIGHT, " Yes ", "y"),
+        (Asked.RIGHT, "no", ""),
+        (Asked.CORNER, "rl", "RL"),
+        (Asked.CORNER, "Body", "body"),
+        (Asked.CORNER, "front", ""),
+        (Asked.WHEEL, "y", "y"),
+        (Asked.WHEEL, "fr", "FR"),
+        (Asked.WHEEL, "No", "n"),
+        (Asked.WHEEL, "body", ""),
+        (Asked.WHERE, "y", ""),
+        (Asked.WHERE, "rr", "RR"),
+        (Asked.WHERE, "n", "n"),
+        (Asked.FORWARD, "X", "+x"),
+        (Asked.FORWARD, "-y", "-y"),
+        (Asked.FORWARD, "--y", ""),
+        (Asked.UNIT, "deg/s", "deg/s"),
+        (Asked.UNIT, "furlong", ""),
+        (Asked.OURS, "n", "n"),
+        (Asked.OURS, "maybe", ""),
+    ],
+)
+def test_answers_that_are_understood(asked: Asked, typed: str, answer: str) -> None:
+    assert Question("?", asked).understood(typed) == answer
+
+
+@pytest.mark.parametrize(
+    ("asked", "answer", "quantity", "corner"),
+    [
+        (Asked.CORNER, "body", Quantity.BODY_ACCELERATION, None),
+        (Asked.CORNER, "RL", Quantity.HUB_ACCELERATION, Corner.REAR_LEFT),
+        (Asked.WHEEL, "FR", Quantity.SUSPENSION_TRAVEL, Corner.FRONT_RIGHT),
+        (Asked.WHERE, "n", Quantity.UNUSED, None),
+    ],
+)
+def test_an_answer_places_a_sensor(
+    asked: Asked, answer: str, quantity: Quantity, corner: Corner | None
+) -> None:
+    guess = Guess(Quantity.HUB_ACCELERATION, Corner.FRONT_LEFT, -1, "why", "where?", asked)
+    placed = guess.answered(answer)
+    assert (placed.quantity, placed.corner, placed.sign, placed.ask) == (quantity, corner, -1, "")
