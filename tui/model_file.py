@@ -1,26 +1,30 @@
-"""Writes the identified model for other programs: MATLAB, python-control, Modelica, JSON.
+"""Writes what was identified for other programs: the linear model, and damper curves as tables.
 
-Inputs are forces on the degrees of freedom, then height of the road under each wheel, then its rate
-(which only a damped tyre feels).  Outputs are displacement, rate and acceleration of each degree of
-freedom, then the travel of each suspension.
+Inputs of the model are forces on the degrees of freedom, then height of the road under each wheel,
+then its rate (which only a damped tyre feels).  Outputs are displacement, rate and acceleration of
+each degree of freedom, then the travel of each suspension.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
+import csv
 from dataclasses import dataclass
-from io import BytesIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.files import write_named
 from dbc import InputError
 
-from .diagnostics import require_ending
-
 if TYPE_CHECKING:
-    from identify import Identification
+    from identify import Document, Identification
+
+MODEL_ENDINGS = (".mat",)
+DAMPER_ENDINGS = (".csv", ".mat")
+_CURVES = (
+    "speed_m_s", "force_n", "force_low_n", "force_high_n", "total_n", "total_low_n", "total_high_n",
+)  # fmt: skip
+"""Columns of a damper's table; the first ascends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,21 +43,28 @@ class StateSpace:
 
 
 def write_model(result: Identification, path: Path) -> None:
-    """Write the identified model in the format of the path's ending.
+    """Write M, C, K and the state space of each mass state, and the parameters, for MATLAB.
 
-    `.mat` has M, C, K and the state space of each mass state; `.py` makes systems of
-    python-control, `.mo` a Modelica block of the first mass state; `.json` has M, C and K with the
-    parameters and their covariance.  Raises InputError if nothing is identified, the ending is
-    another, or the file cannot be written.
+    Raises InputError if a parameter is not determined, or the file cannot be written.
     """
-    require_ending(path, "model", MODEL_WRITERS)
+    import numpy as np
+
     lost = [name for name, one in result.parameters.items() if not one.determined]
     if result.quality.verdict == "refused" or not result.physical or lost:
         why = f"not determined: {', '.join(lost)}" if lost else "the identification is refused"
-        raise InputError(
-            str(path), f"not written: {why}", "see the result of identify for the session"
-        )
-    write_named(path, MODEL_WRITERS[path.suffix.lower()](result))
+        advice = "see the result of identify for the session"
+        raise InputError(str(path), f"not written: {why}", advice)
+    content: dict[str, Any] = {
+        "parameters": {name: one.value for name, one in result.parameters.items()},
+        "covariance": result.document()["covariance"]["matrix"],
+    }
+    for state, model in result.physical.items():
+        space = state_space(result, state)
+        matrices = {name: getattr(space, name) for name in "ABCD"}
+        content[state] = {"M": model.M, "C_damping": model.C, "K": model.K, **matrices}
+        content["inputs"] = np.array(space.inputs, dtype=object)
+        content["outputs"] = np.array(space.outputs, dtype=object)
+    write_named(path, _mat(content))
 
 
 def state_space(result: Identification, state: str) -> StateSpace:
@@ -68,131 +79,69 @@ def state_space(result: Identification, state: str) -> StateSpace:
     tyre, tyre_damping = (np.diag(matrix @ lifted)[:, 3:] for matrix in (model.K, model.C))
     force = np.linalg.solve(model.M, np.hstack([np.eye(n), tyre, tyre_damping]))
     entry = np.vstack([np.zeros_like(force), force])
-    lengths = {name: result.parameters[name].value for name in ("a", "b")}
-    half = [_length(result, name, side) for name in ("t_f", "t_r") for side in (1.0, -1.0)]
+    length = {name: one.value for name, one in result.parameters.items()}
     travel = np.zeros((4, 2 * n))
     for i, corner in enumerate(Corner):
-        x = lengths["a"] if corner.front else -lengths["b"]
-        travel[i, :3] = -1.0, x, -half[i]
+        x, half = (length["a"], length["t_f"]) if corner.front else (-length["b"], length["t_r"])
+        y = corner.side * half - length.get("y_s", 0.0)
+        travel[i, :3] = -1.0, x, -y
         travel[i, 3 + i] = 1.0
-    names = [f"{dof}" for dof in DOF]
-    forces = [f"force on {name} [{'N m' if i in (1, 2) else 'N'}]" for i, name in enumerate(names)]
-    roads = [f"road under {corner} [m]" for corner in Corner]
-    rates = [f"rate of the road under {corner} [m/s]" for corner in Corner]
-    units = ["rad" if i in (1, 2) else "m" for i in range(n)]
-    moved = [f"{name} [{u}]" for name, u in zip(names, units, strict=True)]
-    moved += [f"rate of {name} [{u}/s]" for name, u in zip(names, units, strict=True)]
-    moved += [f"acceleration of {name} [{u}/s2]" for name, u in zip(names, units, strict=True)]
+    units = [(str(dof), "rad" if i in (1, 2) else "m") for i, dof in enumerate(DOF)]
     return StateSpace(
         A=model.A,
         B=entry,
         C=np.vstack([np.eye(2 * n), model.A[n:], travel]),
         D=np.vstack([np.zeros_like(entry), force, np.zeros((4, entry.shape[1]))]),
-        inputs=(*forces, *roads, *rates),
-        outputs=(*moved, *(f"travel {corner} [m]" for corner in Corner)),
+        inputs=(
+            *(f"force on {name} [{'N m' if unit == 'rad' else 'N'}]" for name, unit in units),
+            *(f"road under {corner} [m]" for corner in Corner),
+            *(f"rate of the road under {corner} [m/s]" for corner in Corner),
+        ),
+        outputs=(
+            *(f"{name} [{unit}]" for name, unit in units),
+            *(f"rate of {name} [{unit}/s]" for name, unit in units),
+            *(f"acceleration of {name} [{unit}/s2]" for name, unit in units),
+            *(f"travel {corner} [m]" for corner in Corner),
+        ),
     )
 
 
-def _length(result: Identification, name: str, side: float) -> float:
-    """Return the place of a spring, m to the left of the CG."""
-    middle = result.parameters.get("y_s")
-    return side * result.parameters[name].value - (middle.value if middle else 0.0)
+def write_damper_table(document: Document, path: Path) -> None:
+    """Write the damper curves of both axles, of one corner, compression positive, SI.
 
+    `.csv` has a row for each axle and speed; `.mat` (MATLAB v5) the matrices `front` and `rear`,
+    the names of their `columns`, and the other force elements of each axle.
 
-def _matlab(result: Identification) -> bytes:
+    Raises InputError if the identification has no damper curves, or the file cannot be written.
+    """
     import numpy as np
+
+    forces = document["forces"]
+    if forces is None:
+        what = "not written: the linear model explains the decays, so there is no damper curve"
+        raise InputError(str(path), what, "take c_sf and c_sr, or bump higher")
+    axles = forces["axles"].items()
+    tables = {
+        axle: np.array([dict(one["damper"])[name] for name in _CURVES]).T for axle, one in axles
+    }
+    if path.suffix.lower() == ".mat":
+        content: dict[str, Any] = {**tables, "columns": np.array(_CURVES, dtype=object)}
+        for axle, one in axles:
+            determined = {n: e["value"] for n, e in one["elements"].items() if not e["reason"]}
+            content[f"{axle}_elements"] = determined
+        write_named(path, _mat(content))
+        return
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["axle", *_CURVES])
+    for axle, table in tables.items():
+        writer.writerows([axle, *(f"{value:.6g}" for value in row)] for row in table)
+    write_named(path, text.getvalue().encode())
+
+
+def _mat(content: dict[str, Any]) -> bytes:
     from scipy.io import savemat
 
-    states = {}
-    for state, model in result.physical.items():
-        space = state_space(result, state)
-        states[state] = {
-            "M": model.M,
-            "C_damping": model.C,
-            "K": model.K,
-            **{name: getattr(space, name) for name in "ABCD"},
-        }
-        names = {
-            "inputs": np.array(space.inputs, dtype=object),
-            "outputs": np.array(space.outputs, dtype=object),
-        }
     data = BytesIO()
-    content = {
-        **states,
-        **names,
-        "parameters": {name: one.value for name, one in result.parameters.items()},
-        "covariance": result.document()["covariance"]["matrix"],
-    }
     savemat(data, content, long_field_names=True, oned_as="column")
     return data.getvalue()
-
-
-def _python(result: Identification) -> bytes:
-    """Return a script; `repr` of a float is read back to the same number."""
-    lines = ['"""State space of an identified vehicle for python-control; SI."""', ""]
-    lines += ["import control", "", "systems = {}"]
-    for state in result.physical:
-        space = state_space(result, state)
-        lines.append(f"systems[{state!r}] = control.ss(")
-        lines += [f"    {getattr(space, name).tolist()!r}," for name in "ABCD"]
-        lines.append(f"    inputs={list(space.inputs)!r},")
-        lines.append(f"    outputs={list(space.outputs)!r},")
-        lines.append(")")
-    return ("\n".join(lines) + "\n").encode()
-
-
-def _modelica(result: Identification) -> bytes:
-    state = next(iter(result.physical))
-    space = state_space(result, state)
-
-    def matrix(rows: Any) -> str:
-        return "{" + ",\n    ".join(_braced(map(repr, row)) for row in rows.tolist()) + "}"
-
-    lines = [
-        f'block IdentifiedVehicle "Linear vehicle, mass state {state}; SI"',
-        "  extends Modelica.Blocks.Continuous.StateSpace(",
-        ",\n".join(f"  {name} = {matrix(getattr(space, name))}" for name in "ABCD"),
-        "  );",
-        f"  constant String inputNames[{len(space.inputs)}] ="
-        f" {_braced(map(_quoted, space.inputs))};",
-        f"  constant String outputNames[{len(space.outputs)}] ="
-        f" {_braced(map(_quoted, space.outputs))};",
-        "end IdentifiedVehicle;",
-    ]
-    return ("\n".join(lines) + "\n").encode()
-
-
-def _braced(items: Any) -> str:
-    return "{" + ", ".join(items) + "}"
-
-
-def _quoted(text: str) -> str:
-    return f'"{text}"'
-
-
-def _json(result: Identification) -> bytes:
-    from daq.vehicle import DOF
-
-    whole = result.document()
-    document = {
-        "degrees_of_freedom": list(DOF),
-        "mass_states": whole["matrices"],
-        "parameters": {name: one.value for name, one in result.parameters.items()},
-        "covariance": whole["covariance"],
-        "verdict": whole["verdict"],
-        "provenance": {
-            name: text
-            for name, text in result.provenance.items()
-            if name not in ("dbc", "bench_toml")
-        },
-    }
-    return (json.dumps(document, indent=1) + "\n").encode()
-
-
-MODEL_WRITERS: dict[str, Callable[[Identification], bytes]] = {
-    ".mat": _matlab,
-    ".py": _python,
-    ".mo": _modelica,
-    ".json": _json,
-}
-"""Makes the content of a file, by its ending."""

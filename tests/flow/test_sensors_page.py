@@ -150,18 +150,6 @@ def until_checked(reader: Reader) -> list[str]:
     return rest
 
 
-def test_the_page_leads_from_an_empty_folder_to_a_bench_that_is_right(reader: Reader) -> None:
-    until_checked(reader)
-    text = (reader.folder / "bench.toml").read_text("utf-8")
-    assert re.findall(r"^[^#\n].*(?:FILL IN|ASK: ).*$", text, re.MULTILINE) == []
-    bench = load_bench(reader.folder / "bench.toml")
-    travels = [c for c in bench.channels if c.quantity is Quantity.SUSPENSION_TRAVEL]
-    corners = {channel.signal: channel.corner for channel in travels}
-    assert corners == {f"pot_{i}.TPDO1.Position_Value": corner for i, corner in NODES.items()}
-    (added,) = (state for state in bench.mass_states if state.name == "added")
-    assert sum(weight.mass_kg for weight in added.added.weights) == 148.0
-
-
 class _Terminal(io.StringIO):
     def isatty(self) -> bool:
         return True
@@ -198,6 +186,14 @@ def test_a_proposed_bench_records_to_its_end_although_a_run_is_rejected(
 @pytest.mark.long
 def test_the_page_leads_on_to_an_identified_campaign(reader: Reader) -> None:
     record, play, identify = until_checked(reader)
+    text = (reader.folder / "bench.toml").read_text("utf-8")
+    assert re.findall(r"^[^#\n].*(?:FILL IN|ASK: ).*$", text, re.MULTILINE) == []
+    bench = load_bench(reader.folder / "bench.toml")
+    travels = [c for c in bench.channels if c.quantity is Quantity.SUSPENSION_TRAVEL]
+    corners = {channel.signal: channel.corner for channel in travels}
+    assert corners == {f"pot_{i}.TPDO1.Position_Value": corner for i, corner in NODES.items()}
+    (added,) = (state for state in bench.mass_states if state.name == "added")
+    assert sum(weight.mass_kg for weight in added.added.weights) == 148.0
     recorder = reader.runs(record)
     time.sleep(_LISTENS_S)
     reader.in_second_terminal(play)

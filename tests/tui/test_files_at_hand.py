@@ -81,7 +81,7 @@ def test_an_identification_that_is_refused_says_so_and_writes_no_model(
     out, err = said(capsys, "identify", file, code=1)
     assert out.splitlines()[0] == "verdict: refused", "without a fit there is no chi2"
     assert err == ""
-    for option, name in (("--dampers", "d.csv"), ("--model", "m.json")):
+    for option, name in (("--dampers", "d.csv"), ("--model", "m.mat")):
         target = tmp_path / name
         out, err = said(capsys, "identify", file, option, str(target), code=2)
         assert out.splitlines()[0].startswith("verdict: refused")

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import re
-import sys
+import csv
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +16,9 @@ from dbc.finding import Finding, Severity
 from identify.fit.uncertainty import Correlation, Estimate
 from identify.identification import Identification
 from identify.model.matrices import physical_model
+from identify.nonlinear.forces import AxleForces, DamperCurve, Forces
 from identify.trust.finding import Judgement
-from tui.model_file import state_space, write_model
+from tui.model_file import state_space, write_damper_table, write_model
 
 
 def _made(std: float = 0.01, refused: bool = False) -> Identification:
@@ -83,64 +80,68 @@ def test_matlab(tmp_path: Path) -> None:
     assert_allclose(np.sqrt(np.diag(held["covariance"])), sigma)
 
 
-def test_python_control(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    control = ModuleType("control")
-
-    def ss(*matrices: Any, inputs: list[str], outputs: list[str]) -> tuple[Any, ...]:
-        return (*map(np.array, matrices), inputs, outputs)
-
-    vars(control)["ss"] = ss
-    monkeypatch.setitem(sys.modules, "control", control)
-    path = tmp_path / "m.py"
-    write_model(_made(), path)
-    held: dict[str, Any] = {}
-    exec(path.read_text(), held)
-    space = state_space(_made(), "baseline")
-    for got, name in zip(held["systems"]["baseline"], "ABCD", strict=False):
-        assert_array_equal(got, getattr(space, name))
-
-
-def test_modelica(tmp_path: Path) -> None:
-    path = tmp_path / "m.mo"
-    write_model(_made(), path)
-    text = path.read_text()
-    assert text.startswith("block IdentifiedVehicle")
-    assert text.rstrip().endswith("end IdentifiedVehicle;")
-    assert text.count("{") == text.count("}")
-    space = state_space(_made(), "baseline")
-    for name, nxt in zip("ABC", "BCD", strict=True):
-        part = text[text.index(f"  {name} = ") : text.index(f"  {nxt} = ")]
-        numbers = [float(x) for x in re.findall(r"-?\d[\d.]*(?:e[+-]?\d+)?", part)]
-        assert_array_equal(numbers, getattr(space, name).ravel())
-
-
-def test_json(tmp_path: Path) -> None:
-    path = tmp_path / "m.json"
-    result = _made()
-    write_model(result, path)
-    document = json.loads(path.read_text())
-    assert_array_equal(document["mass_states"]["baseline"]["K"], physical_model(FORD_GRANADA).K)
-    found = np.array(document["covariance"]["matrix"])
-    sigma = 0.01 * FORD_GRANADA.to_array()
-    assert_allclose(np.sqrt(np.diag(found)), sigma)
-    assert found[0, 1] == pytest.approx(0.5 * sigma[0] * sigma[1])
-    assert "dbc" not in document["provenance"]
-
-
 @pytest.mark.parametrize(
-    ("name", "made", "why"),
+    ("made", "why"),
     [
-        ("m.xyz", _made(), "not a known form of model"),
-        ("m.mat", _made(std=0.5), "not determined: m_s"),
-        ("m.mat", _made(refused=True), "identification is refused"),
+        (_made(std=0.5), "not determined: m_s"),
+        (_made(refused=True), "identification is refused"),
     ],
 )
-def test_what_is_not_written(tmp_path: Path, name: str, made: Identification, why: str) -> None:
+def test_what_is_not_written(tmp_path: Path, made: Identification, why: str) -> None:
     with pytest.raises(InputError, match=why):
-        write_model(made, tmp_path / name)
+        write_model(made, tmp_path / "m.mat")
 
 
-def test_the_folder_of_a_model_is_created(tmp_path: Path) -> None:
+def test_the_folder_of_a_file_is_created_or_its_fault_is_one_line(tmp_path: Path) -> None:
     write_model(_made(), tmp_path / "new" / "m.mat")
     with pytest.raises(InputError, match="name another folder"):
         write_model(_made(), tmp_path / "new" / "m.mat" / "m.mat")
+
+
+# Curves of dampers --------------------------------------------------------------------------------
+
+SPEED = np.array([-0.3, -0.1, 0.0, 0.1, 0.3])
+
+
+def with_curves() -> Identification:
+    """Return a result with a curve that differs front and rear, friction, and an open mount."""
+    axles = []
+    for axle, c in (("front", 1500.0), ("rear", 2100.0)):
+        force = c * SPEED
+        total = force + 50.0 * np.sign(SPEED)
+        curve = DamperCurve(SPEED, force, np.full(5, 10.0), total, np.full(5, 20.0))
+        friction = Estimate(50.0, 1.0, 48.04, 51.96, "N", 50.0)
+        mount = Estimate(1e6, 4e5, 6e5, 4e6, "N/m")
+        axles.append(AxleForces(axle, curve, {"friction": friction, "mount": mount}, ()))
+    return Identification(Judgement((), 1.0), {}, forces=Forces((axles[0], axles[1]), ()))
+
+
+def test_each_axle_and_speed_is_a_row(tmp_path: Path) -> None:
+    write_damper_table(with_curves().document(), tmp_path / "d.csv")
+    header, *rows = csv.reader((tmp_path / "d.csv").read_text().splitlines())
+    assert header[:5] == ["axle", "speed_m_s", "force_n", "force_low_n", "force_high_n"]
+    assert [row[0] for row in rows] == ["front"] * 5 + ["rear"] * 5
+    found = np.array([row[1:] for row in rows[5:]], dtype=float)
+    assert_allclose(found[:, 0], SPEED)
+    assert_allclose(found[:, 1], 2100.0 * SPEED)
+    assert_allclose(found[:, 2], 2100.0 * SPEED - 19.6, atol=0.01)
+    assert_allclose(found[:, 4], 2100.0 * SPEED + 50.0 * np.sign(SPEED))
+
+
+def test_the_mat_file_has_the_same_matrices_and_the_other_elements(tmp_path: Path) -> None:
+    path = tmp_path / "dampers.mat"
+    write_damper_table(with_curves().document(), path)
+    found = loadmat(path, squeeze_me=True)
+    assert_allclose(found["rear"][:, 0], SPEED)
+    assert_allclose(found["rear"][:, 1], 2100.0 * SPEED)
+    assert [str(name) for name in found["columns"][:2]] == ["speed_m_s", "force_n"]
+    assert float(found["front_elements"]["friction"]) == 50.0
+    # What is not determined has no number here either.
+    assert found["front_elements"].dtype.names == ("friction",)
+
+
+def test_a_linear_car_has_no_curve(tmp_path: Path) -> None:
+    document = Identification(Judgement((), 1.0), {}).document()
+    with pytest.raises(InputError, match="the linear model explains the decays"):
+        write_damper_table(document, tmp_path / "d.csv")
+    assert not (tmp_path / "d.csv").exists()

@@ -14,11 +14,10 @@ from ..options import Force, JsonResult, SessionFile
 def identify(
     session: SessionFile,
     dampers: Annotated[
-        Path | None, typer.Option(help="Write the damper curves: .csv, .txt (Modelica) or .mat.")
+        Path | None, typer.Option(help="Write the damper curves: .csv or .mat (MATLAB).")
     ] = None,
     model: Annotated[
-        Path | None,
-        typer.Option(help="Write the model: .mat, .py (python-control), .mo (Modelica), .json."),
+        Path | None, typer.Option(help="Write the linear model: .mat (MATLAB).")
     ] = None,
     force: Force = False,
     json: JsonResult = False,
@@ -28,17 +27,17 @@ def identify(
     import identify as method
     from daq.files import file_sha256, refuse_existing
 
-    from ..damper_table import DAMPER_WRITERS, write_damper_table
     from ..diagnostics import require_ending
-    from ..model_file import MODEL_WRITERS, write_model
+    from ..model_file import DAMPER_ENDINGS, MODEL_ENDINGS, write_damper_table, write_model
     from ..output import print_json, progress
 
-    if dampers is not None:
-        require_ending(dampers, "table", DAMPER_WRITERS)
-        refuse_existing(dampers, replace=force, option="--dampers", inputs=[session])
-    if model is not None:
-        require_ending(model, "model", MODEL_WRITERS)
-        refuse_existing(model, replace=force, option="--model", inputs=[session])
+    for path, option, noun, endings in (
+        (dampers, "--dampers", "table", DAMPER_ENDINGS),
+        (model, "--model", "model", MODEL_ENDINGS),
+    ):
+        if path is not None:
+            require_ending(path, noun, endings)
+            refuse_existing(path, replace=force, option=option, inputs=[session])
     with progress("identify") as stage:
         stage(0.05, "reading")
         recorded = daq.read_session(session)
