@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from math import hypot
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Interval, Le, MaxLen
 
 from .vehicle import BY_TAPE_M, DOF, Corner
 
@@ -66,9 +69,13 @@ _NEAR_CG_M = 0.2
 """Standard uncertainty of a place that is called the CG, m: nobody knows where that is."""
 
 
+# Limits hold for what a person writes: a larger value is in the wrong unit.
+_PlaceM = Annotated[float, Interval(ge=-20, le=20)]
+
+
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One measured quantity.
+    """One measured quantity, in bench.toml a `[[channel]]`.
 
     The stored value is ``sign * gain * SI(signal) / motion_ratio - tare``.
     """
@@ -84,39 +91,39 @@ class Channel:
     neither."""
     corner: Corner | None = None
     """Corner, for quantities at a wheel; may be given as text: ``"FL"``."""
-    x_m: float = 0.0
+    x_m: _PlaceM = 0.0
     """Mounting position on the body, forward from the middle of the front axle (`daq.vehicle`)."""
-    y_m: float = 0.0
+    y_m: _PlaceM = 0.0
     """Mounting position, to the left."""
-    position_sigma_m: float = 0.0
+    position_sigma_m: Annotated[float, Interval(ge=0, le=1)] = 0.0
     """Standard uncertainty of x_m and y_m; 0: it is not stated (`placed`)."""
     at_cg: bool = False
     """True if the position is about the CG, wherever that is; x_m and y_m are then ignored."""
     sign: float = 1.0
     """Polarity of the sensor, +1 or -1."""
-    gain: float = 1.0
+    gain: Annotated[float, Gt(0)] = 1.0
     """Scale factor that corrects the sensor."""
-    gain_sigma: float = 0.0
+    gain_sigma: Annotated[float, Interval(ge=0, le=0.3)] = 0.0
     """Relative standard uncertainty of the sensor's scale (calibration, data sheet); 0 means
     exact."""
     tare: float = 0.0
     """Reading to be subtracted, in the unit of the channel."""
-    motion_ratio: float = 1.0
+    motion_ratio: Annotated[float, Gt(0), Le(10)] = 1.0
     """Ratio of the sensor's travel to the wheel's travel, for a suspension travel."""
-    motion_ratio_sigma: float = 0.0
+    motion_ratio_sigma: Annotated[float, Ge(0)] = 0.0
     """Standard uncertainty of the motion ratio; 0 means exact."""
-    delay_s: float = 0.0
+    delay_s: Annotated[float, Interval(ge=-1, le=1)] = 0.0
     """Known delay of the sensor, s (data sheet)."""
-    delay_sigma_s: float = 0.0
+    delay_sigma_s: Annotated[float, Interval(ge=0, le=1)] = 0.0
     """Standard uncertainty of the delay, s."""
-    low_pass_hz: float = 0.0
+    low_pass_hz: Annotated[float, Ge(0)] = 0.0
     """Cut-off frequency (-3 dB) of the sensor's Butterworth low-pass (data sheet), Hz; 0 means
     none."""
-    low_pass_order: int = 2
+    low_pass_order: Annotated[int, Interval(ge=1, le=8)] = 2
     """Order of that low-pass."""
-    signal_unit: str = ""
+    signal_unit: Annotated[str, MaxLen(16)] = ""
     """Unit of the signal if the DBC states none or a wrong one; empty: as in the DBC."""
-    serial_number: str = ""
+    serial_number: Annotated[str, MaxLen(60)] = ""
     """Serial number of the sensor."""
     calibrated: str = ""
     """Day of its last calibration, ISO 8601; empty if it is not known."""

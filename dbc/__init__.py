@@ -1,7 +1,7 @@
 """CAN frames and their meaning: databases, decoding, encoding, units."""
 
+from .codec import Codec
 from .database import load_codec, parse_codec, read_dbc, shipped_dbc, split_by_bus
-from .decode import Codec
 from .errors import BumpbenchError, InputError
 from .finding import Finding, Severity
 from .frames import FrameBatch, FrameFlag

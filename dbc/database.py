@@ -9,15 +9,15 @@ import logging
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import unescape
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .codec import Codec
 from .crc import CRC_RULES
-from .decode import Codec
 from .errors import InputError
 from .layout import CounterRule, MessageLayout, SignalLayout
 from .repair import EXTENDED, RepairedText
@@ -90,10 +90,7 @@ def read_dbc(path: str | Path) -> str:
 
 
 def split_by_bus(text: str, name: str) -> dict[str, str]:
-    """Return the text of each bus that a KCD or ARXML describes, by name; empty for other formats.
-
-    So every stored text of a database has unique identifiers.  `text`, `name`: see `parse_codec`.
-    """
+    """Return the text of each bus of a KCD or ARXML, by name; empty for other formats."""
     pattern = _NETWORKS.get(_kind(text, name))
     buses = list(re.finditer(pattern, text, re.DOTALL)) if pattern else []
     parts = {}
@@ -107,10 +104,7 @@ def split_by_bus(text: str, name: str) -> dict[str, str]:
 
 
 def load_codec(path: str | Path) -> Codec:
-    """Return the messages of a CAN database (DBC, KCD, SYM or ARXML), ready to decode.
-
-    Raises InputError as `read_dbc` and `parse_codec`.
-    """
+    """Return the messages of a CAN database; raises InputError as `read_dbc` and `parse_codec`."""
     return parse_codec(read_dbc(path), str(path))
 
 
@@ -131,58 +125,51 @@ def parse_codec(text: str, name: str) -> Codec:
         raise InputError(name, "binary data, not a CAN database", PICK)
     kind = _kind(text, name)
     source = RepairedText("" if kind else text, name)
-    layouts: list[tuple[MessageLayout, str]] = []
+    layouts: list[MessageLayout] = []
+    buses: dict[MessageLayout, str] = {}
     meanings = set()
     for message in _read_other(text, name, kind) if kind else _read_dbc(source):
         can_id = message.frame_id | EXTENDED * message.is_extended_frame
         if (can_id, "") in source.lost:
             continue
         try:
-            layout, faults = _layout(message, source, can_id)
+            layout = _layout(message, source, can_id)
         except ValueError as error:
             source.lose(source.line(can_id), f"message {message.name}", str(error))
             continue
-        for signal, fault in faults.items():
-            source.lose(source.line(can_id, signal), f"{message.name}.{signal}", fault)
         # A message that is passed on from one bus to another means the same on both.
         meaning = replace(layout, senders=(), cycle_s=None)
-        if not (kind and meaning in meanings):
-            layouts.append((layout, message.bus_name or ""))
+        if not kind or meaning not in meanings:
+            layouts.append(layout)
+            buses[layout] = message.bus_name or ""
         meanings.add(meaning)
-    identifiers = Counter((layout.can_id, layout.is_extended) for layout, _ in layouts)
-    several = len({bus for _, bus in layouts}) > 1
-    kept = []
-    for layout, bus in layouts:
-        if identifiers[layout.can_id, layout.is_extended] == 1:
-            kept.append(layout)
+    identifiers = Counter((layout.can_id, layout.is_extended) for layout in layouts)
+    named = Counter(
+        layout.name for layout in layouts if identifiers[layout.can_id, layout.is_extended] == 1
+    )
+    messages: dict[str, MessageLayout] = {}
+    for layout in layouts:
+        unique, subject = layout.name, f"message {layout.name}"
+        line = source.line(layout.can_id | EXTENDED * layout.is_extended)
+        if identifiers[layout.can_id, layout.is_extended] > 1:
+            what, bus = f"has the identifier 0x{layout.can_id:X} of another", buses[layout]
+            if len(set(buses.values())) > 1:
+                what += f" (if it is of the bus {bus}, name {name}{NETWORK}{bus})"
+            source.lose(line, subject, what)
             continue
-        advice = f" (if it is of the bus {bus}, name {name}{NETWORK}{bus})" if several else ""
-        what = f"has the identifier 0x{layout.can_id:X} of another{advice}"
-        source.lose(source.line(_number(layout)), f"message {layout.name}", what)
-    if not kept:
+        if named[layout.name] > 1:
+            unique += f"_0x{layout.can_id:X}"
+            unique += "x" * (unique in messages)
+            source.note(line, subject, f"has the name of another: it is {unique} here")
+        messages[unique] = replace(layout, name=unique)
+    if not messages:
         findings = source.left_out or source.notes
         if not findings:
             raise InputError(name, "has no messages", PICK)
         more = f", and {len(findings) - 1} more" if findings[1:] else ""
         where = findings[0].where or name
         raise InputError(where, findings[0].text + more, "correct that line or give another file")
-    named = Counter(layout.name for layout in kept)
-    numbers = Counter((layout.name, layout.can_id) for layout in kept)
-    messages = []
-    for layout in kept:
-        unique = layout.name
-        if named[layout.name] > 1:
-            twin = "x" * (layout.is_extended and numbers[layout.name, layout.can_id] > 1)
-            unique = f"{layout.name}_0x{layout.can_id:X}{twin}"
-            what = f"has the name of another: it is {unique} here"
-            source.note(source.line(_number(layout)), f"message {layout.name}", what)
-        messages.append(replace(layout, name=unique))
-    return Codec(tuple(messages), tuple(source.left_out), tuple(source.notes))
-
-
-def _number(message: MessageLayout) -> int:
-    """Return the identifier of a message as in a DBC."""
-    return message.can_id | EXTENDED * message.is_extended
+    return Codec(tuple(messages.values()), tuple(source.left_out), tuple(source.notes))
 
 
 def _kind(text: str, name: str) -> str:
@@ -207,7 +194,10 @@ def _read_dbc(source: RepairedText) -> Sequence[Message]:
             source.without_error(error.offset)
         except Exception as error:
             # cantools raises many kinds of errors: ValueError, KeyError, AssertionError, its own.
-            if not (isinstance(error, ValueError) and source.without_strays(str(error))):
+            is_repaired = isinstance(error, ValueError) and source.without_strays(str(error))
+            if isinstance(error, KeyError):
+                is_repaired = source.without_attribute(str(error.args[0]))
+            if not is_repaired:
                 raise _refused(source.name, "DBC", error) from error
     return ()
 
@@ -244,10 +234,8 @@ def _refused(name: str, kind: str, error: Exception) -> InputError:
     return InputError(f"{name}:{line[1]}" if line else name, f"not a valid {kind}: {what}", PICK)
 
 
-def _layout(
-    message: Message, source: RepairedText, can_id: int
-) -> tuple[MessageLayout, dict[str, str]]:
-    """Return a message without the signals that cannot be decoded, and why each cannot be.
+def _layout(message: Message, source: RepairedText, can_id: int) -> MessageLayout:
+    """Return a message without the signals that cannot be decoded, which are reported.
 
     Raises ValueError with the reason if the message cannot be decoded.
     """
@@ -265,6 +253,8 @@ def _layout(
         fault = _fault(layout, message.length)
         if (can_id, signal.name) in source.multiplexed and not layout.selected_by:
             fault = "is multiplexed without one clear selector"
+        if fault and role != "value":
+            raise ValueError(f"has {signal.name}, which {fault}")
         if fault:
             faults[signal.name] = fault
             continue
@@ -273,9 +263,16 @@ def _layout(
             continue
         if role != "counter" and role not in CRC_RULES:
             raise ValueError(f"has {signal.name} with the {ROLE} {role}, which is unknown")
-        if role in roles or (role in CRC_RULES and not CRC_RULES.keys().isdisjoint(roles)):
+        kind = "counter" if role == "counter" else "checksum"
+        if kind in roles:
             raise ValueError(f"has two signals with the {ROLE} {role}")
-        roles[role] = signal.name
+        roles[kind] = signal.name
+        plain = layout.is_plain and layout.length <= 32
+        if not plain:
+            raise ValueError(f"has {signal.name}, whose {ROLE} is not a plain unsigned number")
+        if kind == "checksum" and (layout.length != 8 or layout.low_bit != 0):
+            raise ValueError(f"has the checksum {signal.name}, which is not one whole byte")
+        roles["rule"] = role if kind == "checksum" else roles.get("rule", "crc8_j1850")
     named = Counter(each.name for each in layouts)
     for part in ("m", "b"):  # by selector value, else by start bit
         for i, each in enumerate(layouts):
@@ -285,43 +282,35 @@ def _layout(
         named = Counter(each.name for each in layouts)
     by_name = {each.name: each for each in layouts}
     for each in layouts:
-        seen, above = {each.name}, each
-        while above.selector is not None and each.name not in faults:
-            selector = by_name.get(above.selector)
-            if selector is None or selector.is_float or selector.name in seen:
-                faults[each.name] = f"has no usable selector {above.selector}"
-                break
-            seen.add(selector.name)
-            above = selector
-        if named[each.name] > 1:
-            faults[each.name] = "is defined twice"
-    counter, crc = roles.get("counter"), next((r for r in roles if r in CRC_RULES), None)
-    for name in roles.values():
-        one = by_name.get(name)
-        if one is None or name in faults or not one.is_plain or one.length > 32:
-            raise ValueError(f"has {name}, whose {ROLE} is not a plain unsigned number")
-        if name != counter and (one.length != 8 or one.low_bit != 0):
-            raise ValueError(f"has the checksum {name}, which is not one whole byte")
+        if (
+            fault := "is defined twice"
+            if named[each.name] > 1
+            else _fault_of_selector(each, by_name)
+        ):
+            faults[each.name] = fault
     kept = [each for each in layouts if each.name not in faults]
     if faults and not kept:
-        raise ValueError(
-            f"has no usable signal: {next(iter(faults))} {next(iter(faults.values()))}"
-        )
+        raise ValueError(f"has no usable signal: {' '.join(next(iter(faults.items())))}")
+    for name in roles.values():
+        if name in faults:
+            raise ValueError(f"has {name}, which {faults[name]}")
+    for name, fault in faults.items():
+        source.lose(source.line(can_id, name), f"{message.name}.{name}", fault)
     cycle_ms = message.cycle_time
-    whole = MessageLayout(
+    counter = by_name.get(roles.get("counter", ""))
+    return MessageLayout(
         name=message.name,
         can_id=message.frame_id,
         is_extended=message.is_extended_frame,
         length=message.length,
         cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
         signals=tuple(sorted(kept, key=lambda each: each.first_bit)),
-        counter=CounterRule(counter, 1 << by_name[counter].length) if counter else None,
-        crc=roles[crc] if crc else None,
-        crc_rule=crc or "crc8_j1850",
+        counter=CounterRule(counter.name, 1 << counter.length) if counter else None,
+        crc=roles.get("checksum"),
+        crc_rule=roles.get("rule", "crc8_j1850"),
         senders=tuple(message.senders),
         is_j1939=message.is_extended_frame and message.protocol == "j1939",
     )
-    return whole, faults
 
 
 def _fault(signal: SignalLayout, length: int) -> str | None:
@@ -342,6 +331,18 @@ def _fault(signal: SignalLayout, length: int) -> str | None:
         return f"is a float of {signal.length} bits, not 16, 32 or 64"
     last = signal.last_byte
     return f"ends in byte {last + 1} of a message of {length}" if last >= length else None
+
+
+def _fault_of_selector(signal: SignalLayout, by_name: Mapping[str, SignalLayout]) -> str | None:
+    """Return why a selector of a signal, at any level, cannot be used; None if all can."""
+    seen = {signal.name}
+    while signal.selector is not None:
+        selector = by_name.get(signal.selector)
+        if selector is None or selector.is_float or selector.name in seen:
+            return f"has no usable selector {signal.selector}"
+        seen.add(selector.name)
+        signal = selector
+    return None
 
 
 def _signal(signal: Signal) -> SignalLayout:

@@ -60,6 +60,15 @@ class SignalLayout:
         return as_it_is and not self.is_signed and not self.is_multiplexed
 
     @property
+    def limits(self) -> tuple[float, float] | None:
+        """The lowest and the highest valid value, if the bits can express values outside them."""
+        low, high = self.minimum, self.maximum
+        if low is None or high is None or low >= high:
+            return None
+        lowest, highest = self.span
+        return None if low <= lowest and highest <= high else (low, high)
+
+    @property
     def first_byte(self) -> int:
         """The lowest byte of the payload that holds a bit of the signal."""
         return self.start // 8
@@ -132,13 +141,7 @@ class MessageLayout:
     source."""
 
     def signal(self, name: str) -> SignalLayout:
-        """Return the signal called `name`.
-
-        Raises
-        ------
-        KeyError
-            If the message has none.
-        """
+        """Return the signal called `name`; raises KeyError if the message has none."""
         for signal in self.signals:
             if signal.name == name:
                 return signal

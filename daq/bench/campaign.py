@@ -1,11 +1,13 @@
-"""Defines the campaign as data: the mass states, the kinds of bump and the number of repeats."""
+"""Defines the campaign as data: mass states, kinds of bump, repeats, and how the car is bumped."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from types import MappingProxyType
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
 
 from ..bumps import BUMPS
 from ..runs import ADDED, BASELINE, Excitation, run_label
@@ -25,32 +27,6 @@ class Step:
         return run_label(self.mass_state, self.excitation, self.repeat)
 
 
-@dataclass(frozen=True, slots=True)
-class Campaign:
-    """All combinations of mass states, excitations and repeats, in the order of the runs."""
-
-    excitations: tuple[Excitation, ...] = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
-    """The kinds of bump."""
-    repeats: int = 2
-    """Number of runs of each kind of bump in each mass state."""
-    mass_states: tuple[str, ...] = (BASELINE, ADDED)
-    """The states of loading; the runs are ordered so that masses are changed as seldom as
-    possible."""
-
-    @property
-    def steps(self) -> tuple[Step, ...]:
-        """Every run, in order."""
-        return tuple(
-            Step(mass_state, excitation, repeat)
-            for mass_state in self.mass_states
-            for excitation in self.excitations
-            for repeat in range(1, self.repeats + 1)
-        )
-
-
-# Describes how the car is bumped, as data of the campaign -----------------------------------------
-
-
 class Method(StrEnum):
     """The way in which a bump is made."""
 
@@ -63,70 +39,79 @@ class Method(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Procedure:
-    """The way in which the bumps of a campaign are made."""
+class Campaign:
+    """`[campaign]`: all combinations of mass states, excitations and repeats, and their bumps."""
 
+    excitations: Annotated[tuple[Excitation, ...], Field(min_length=1)] = (
+        Excitation.BOUNCE,
+        Excitation.PITCH,
+        Excitation.ROLL,
+    )
+    """The kinds of bump."""
+    repeats: Annotated[int, Field(ge=1, le=100)] = 2
+    """Number of runs of each kind of bump in each mass state."""
+    mass_states: tuple[str, ...] = (BASELINE, ADDED)
+    """The states of loading, in an order in which masses are changed as seldom as possible; not
+    from bench.toml."""
+    bump_s: Annotated[float, Field(gt=0, le=10)] = 0.2
+    """Duration of the bump, s."""
     method: Method = Method.ROLL_OVER
     """The method of bumping."""
-    bump_height_m: float = 0.04
+    bump_height_m: Annotated[
+        float,
+        Field(gt=0, le=200, alias="bump_height_mm"),
+        AfterValidator(lambda height_mm: height_mm * 1e-3),
+    ] = 0.04
     """Height of board or block, or depth of the push, m."""
-    accept_after_s: float = 3.0
+    accept_after_s: Annotated[float, Field(ge=0, le=60)] = 3.0
     """Time that the operator has to reject a run before the next is armed, s."""
-    instructions: Mapping[Excitation, str] = field(default_factory=lambda: MappingProxyType({}))
+    instructions: Mapping[Excitation, Annotated[str, Field(max_length=200)]] = field(
+        default_factory=dict, hash=False
+    )
     """The operator's instructions for the bumps whose usual instructions do not fit."""
 
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Every run, in order."""
+        return tuple(
+            Step(mass_state, excitation, repeat)
+            for mass_state in self.mass_states
+            for excitation in self.excitations
+            for repeat in range(1, self.repeats + 1)
+        )
 
-_FRONT, _REAR = (0, 1), (2, 3)
 
-
-def instruction(procedure: Procedure, excitation: Excitation) -> str:
+def instruction(campaign: Campaign, excitation: Excitation) -> str:
     """Return the operator's instruction for a bump."""
-    stated = procedure.instructions.get(excitation, "")
-    bump = BUMPS[excitation]
-    usual = {
-        Method.ROLL_OVER: bump.roll_over,
-        Method.DROP: bump.drop,
-        Method.PUSH: bump.push,
-    }[procedure.method]
-    return stated or usual.format(mm=f"{procedure.bump_height_m * 1e3:g}")
+    if stated := campaign.instructions.get(excitation):
+        return stated
+    usual: str = getattr(BUMPS[excitation], campaign.method)
+    return usual.format(mm=f"{campaign.bump_height_m * 1e3:g}")
 
 
-def sketch(procedure: Procedure, excitation: Excitation) -> tuple[str, ...]:
+def sketch(campaign: Campaign, excitation: Excitation) -> tuple[str, ...]:
     """Return a top view of the car, front on top, with what the operator has to place or push.
 
     At most 8 lines of at most 30 plain ASCII characters.
     """
-    height = f"{procedure.bump_height_m * 1e3:g} mm"
-    bump = BUMPS[excitation]
-    if procedure.method is Method.PUSH and bump.hand is not None:
+    height, bump = f"{campaign.bump_height_m * 1e3:g} mm", BUMPS[excitation]
+    side, wheels = "      |             |", "     [|             |]"
+    if campaign.method is Method.PUSH and bump.hand is not None:
         forward, left = bump.hand
-        row, column = 3 - 2 * forward, 13 - 6 * left
-        lines = [
-            "            front",
-            "      +-------------+",
-            "     [|             |]",
-            "      |             |",
-            "     [|             |]",
-            "      +-------------+",
-        ]
-        lines[row] = lines[row][: column - 1] + "(V)" + lines[row][column + 2 :]
+        frame = "      +-------------+"
+        lines = ["            front", frame, wheels, side, wheels, frame]
+        row, column = 3 - 2 * forward, 12 - 6 * left
+        lines[row] = lines[row][:column] + "(V)" + lines[row][column + 3 :]
         return (*lines, f"  (V) push {height} down here")
-    if procedure.method is Method.ROLL_OVER:
-        boards = [" === " if bump.shares[corner] else "     " for corner in range(4)]
-        wheels, legend = ["[ ]"] * 4, f"  === board, {height}"
-    else:
-        boards = ["     "] * 4
-        wheels = ["[#]" if bump.shares[corner] else "[ ]" for corner in range(4)]
-        legend = f"  [#] wheel on a block, {height}"
+    rolls = campaign.method is Method.ROLL_OVER
+    boards = [" === " if rolls and share else "     " for share in bump.shares]
+    marks = ["[#]" if share and not rolls else "[ ]" for share in bump.shares]
     lines = ["            front"]
-    for left, right in (_FRONT, _REAR):
-        lines.append(f"    {boards[left]}       {boards[right]}".rstrip())
-        lines.append(f"     {wheels[left]}---------{wheels[right]}")
+    for axle in (0, 2):
+        lines.append(f"    {boards[axle]}       {boards[axle + 1]}".rstrip())
+        lines.append(f"     {marks[axle]}---------{marks[axle + 1]}")
         lines.append("      |           |")
-    return (*lines[:-1], legend)
-
-
-# Defines the origin of the frames of a recording --------------------------------------------------
+    return (*lines[:-1], f"  === board, {height}" if rolls else f"  [#] wheel on a block, {height}")
 
 
 class Origin(StrEnum):

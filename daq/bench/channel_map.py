@@ -8,29 +8,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from ..channels import Channel
 from ..errors import InputError
 from ..runs import Excitation
-from .bench_tables import (
-    BenchFile,
-    CalibrationTable,
-    CampaignTable,
-    ChannelTable,
-    FactTable,
-    Table,
-    TriggerConfig,
-    VehicleTable,
-    WeightTable,
-)
 from .campaign import Step
-from .config import Bench, bench_of
-from .toml_file import toml_text, validated
+from .config import Bench, DescribedCar, as_a_person_states_it, bench_of, with_day
+from .toml_file import Table, toml_tables, toml_text, validated
 
 _Rate = Annotated[float, Field(gt=0, le=1e7)]
 
@@ -52,19 +42,21 @@ class Clock(Table):
         return self
 
 
-class ColumnTable(ChannelTable):
-    """One `[[channel]]` of a channel map."""
+@dataclass(frozen=True, slots=True)
+class Column(Channel):
+    """One `[[channel]]` of a channel map; `signal` is the name of a column."""
 
-    signal: Annotated[str, Field(min_length=1, max_length=120)]
     time_column: str = ""
     time_unit: Annotated[str, Field(max_length=16)] = ""
     rate_hz: _Rate | None = None
 
-    @model_validator(mode="after")
-    def _one_clock(self) -> ColumnTable:
-        if self.time_column and self.rate_hz:
-            raise ValueError("a channel has either time_column or rate_hz")
-        return self
+
+def _in_a_file(column: Column) -> Column:
+    if not 1 <= len(column.signal) <= 120:
+        raise ValueError("signal is the name of a column, of 120 letters at most")
+    if column.time_column and column.rate_hz:
+        raise ValueError("a channel has either time_column or rate_hz")
+    return column
 
 
 class RunTable(Table):
@@ -82,18 +74,23 @@ class RunTable(Table):
         return self
 
 
-class ChannelMapFile(Table):
+_Columns = tuple[
+    Annotated[
+        Column,
+        BeforeValidator(with_day),
+        AfterValidator(as_a_person_states_it),
+        AfterValidator(_in_a_file),
+    ],
+    ...,
+]
+
+
+class ChannelMapFile(DescribedCar):
     """A complete channel map."""
 
     time: Clock = Clock()
-    vehicle: VehicleTable = VehicleTable()
-    campaign: CampaignTable = CampaignTable()
-    trigger: TriggerConfig = TriggerConfig()
-    weight: Annotated[list[WeightTable], Field(default_factory=list)]
-    fact: Annotated[list[FactTable], Field(default_factory=list)]
-    calibration: CalibrationTable = CalibrationTable()
-    run: Annotated[list[RunTable], Field(default_factory=list)]
-    channel: Annotated[list[ColumnTable], Field(min_length=1, max_length=1000)]
+    run: tuple[RunTable, ...] = ()
+    channel: Annotated[_Columns, Field(min_length=1, max_length=1000)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,26 +130,17 @@ def load_channel_map(path: Path) -> ChannelMap:
     Raises InputError with file and key, if it cannot be read, has an unknown key or a bad value.
     """
     text, where = toml_text(path, "name a channel map"), str(path)
-    table = validated(text, where, ChannelMapFile)
-    keys = set(ChannelTable.model_fields)
-    described = BenchFile(
-        vehicle=table.vehicle,
-        campaign=table.campaign,
-        trigger=table.trigger,
-        weight=table.weight,
-        fact=table.fact,
-        calibration=table.calibration,
-        channel=[ChannelTable(**channel.model_dump(include=keys)) for channel in table.channel],
-    )
-    bench = bench_of(described, text, where, "")
+    table = validated(toml_tables(text, where), text, where, ChannelMapFile)
+    names = [f.name for f in fields(Channel)]
+    channels = tuple(Channel(**{n: getattr(c, n) for n in names}) for c in table.channel)
+    bench = replace(bench_of(table, text, where), channels=channels)
     clocks = {}
-    for channel in table.channel:
-        clocks[channel.name] = table.time
-        if channel.time_column or channel.rate_hz:
-            clocks[channel.name] = Clock(
-                column=channel.time_column,
-                unit=channel.time_unit or table.time.unit,
-                rate_hz=channel.rate_hz,
+    for column in table.channel:
+        clocks[column.name] = table.time
+        if column.time_column or column.rate_hz:
+            unit = column.time_unit or table.time.unit
+            clocks[column.name] = Clock(
+                column=column.time_column, unit=unit, rate_hz=column.rate_hz
             )
     states = [state.name for state in bench.mass_states]
     done: Counter[tuple[str, str]] = Counter()

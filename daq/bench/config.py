@@ -1,49 +1,66 @@
-"""Reads bench.toml, the description of a bench, and checks it completely before it is used."""
+"""Reads bench.toml, the description of a bench, and checks it completely before it is used.
+
+The tables of the file are the nouns of the bench; only where the bench says more than the file, or
+another unit, a table has its own class.
+"""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from datetime import date
 from importlib.resources import files
 from pathlib import Path, PurePath
-from types import MappingProxyType
+from typing import Annotated, NamedTuple
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from dbc import Codec, read_dbc
 
-from ..channels import Channel, message_of
+from ..channels import Channel, Quantity, message_of
 from ..errors import InputError
 from ..runs import ADDED, BASELINE
 from ..vehicle import (
     AddedMass,
+    BodyWeight,
+    Corner,
     Fact,
     FactQuantity,
+    HubWeight,
     MassState,
     Structure,
     Vehicle,
     VehicleGeometry,
     parameter_names,
 )
-from .bench_tables import BenchFile, MessageRule, SampleSet, SensorTable, TriggerConfig
-from .campaign import Campaign, Origin, Procedure
+from .campaign import Campaign, Origin
 from .databases import Database, database_codec, read_databases, stored_databases, stored_text
-from .message_rules import check_sets, ruled_codec
-from .ready_maps import PREFIX, ready_map, ready_tables
+from .message_rules import MessageRule, SampleSet, check_sets, ruled_codec
+from .ready_maps import completed
 from .sensors import Sensor, full_name, sensors_codec
-from .toml_file import toml_text, validated
+from .toml_file import Place, Table, toml_tables, toml_text, validated
 
 _SIGNAL_BYTES = 128
 """Longest name of a signal in a session file, bytes."""
 
 
+# A larger value is in the wrong unit: a length in millimetres, a time in milliseconds.
+_Place = Annotated[float, Field(ge=-20, le=20)]
+_Length = Annotated[float, Field(gt=0, le=20)]
+_Uncertain = Annotated[float, Field(ge=0, le=1)]
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
+
+
 @dataclass(frozen=True, slots=True)
 class BusConfig:
-    """One CAN bus, in python-can's words."""
+    """`[bus]`: one CAN bus, in python-can's words."""
 
-    interface: str
-    channel: str
-    bitrate: int
-    name: str = ""
+    interface: str = "virtual"
+    channel: str = "bumpbench"
+    bitrate: Annotated[int, Field(gt=0, le=1_000_000)] = 1_000_000
+    name: Annotated[str, Field(max_length=60)] = ""
     """Name for people and for the sensors of bench.toml; empty: the channel is the name."""
 
     @property
@@ -52,21 +69,253 @@ class BusConfig:
         return self.name or self.channel
 
 
+def _times(factor: float) -> AfterValidator:
+    return AfterValidator(lambda value: value * factor)
+
+
 @dataclass(frozen=True, slots=True)
 class RecorderConfig:
-    """A recorder's limits on the disk, and the silence of a bus that raises an alarm."""
+    """`[recorder]`: limits on the disk, and the silence of a bus that raises an alarm."""
 
-    segment_bytes: float = 64e6
+    segment_bytes: Annotated[float, Field(ge=1, le=4096, alias="segment_mb"), _times(1e6)] = 64e6
     """Size at which a file of the journal ends."""
-    segment_s: float = 900.0
+    segment_s: Annotated[float, Field(ge=0.1, le=1440, alias="segment_minutes"), _times(60.0)] = (
+        900.0
+    )
     """Age at which a file of the journal ends, s."""
-    keep_bytes: float = 100e9
+    keep_bytes: Annotated[float, Field(ge=0.1, alias="keep_gb"), _times(1e9)] = 100e9
     """Total size of the files of the journal; above it, the oldest files that are sealed and
     derived are deleted."""
-    reserve_bytes: float = 200e6
+    reserve_bytes: Annotated[float, Field(ge=1, alias="reserve_mb"), _times(1e6)] = 200e6
     """Free space that is always left on the disk; recording stops before it is used."""
-    silent_s: float = 1.0
+    silent_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
     """Time without a frame after which a bus raises an alarm, s."""
+
+
+class TriggerConfig(Table):
+    """`[trigger]`: the conditions on which a run starts and ends."""
+
+    level: Annotated[float, Field(gt=0, le=1000)] = 3.0
+    """Deviation from rest, in SI units of the trigger channels, that counts as a bump."""
+    pre_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
+    """Time kept before the trigger, s."""
+    post_s: Annotated[float, Field(ge=0.5, le=600)] = 2.5
+    """Time kept after the trigger, s."""
+    rest_s: Annotated[float, Field(ge=0.05, le=60)] = 0.3
+    """Time below `level` before the next bump is armed, s."""
+
+    def window_ns(self, bump_ns: int) -> tuple[int, int]:
+        """Return the span of the run of a bump, start <= t < stop, ns."""
+        return bump_ns - round(self.pre_s * 1e9), bump_ns + round(self.post_s * 1e9)
+
+
+class GeometryTable(Table):
+    """`[vehicle.geometry]`."""
+
+    a_m: _Length
+    b_m: _Length
+    t_f_m: _Length
+    t_r_m: _Length
+
+
+class StructureTable(Table):
+    """`[vehicle.structure]`; an element that is not stated is chosen by the data."""
+
+    symmetric: bool = True
+    anti_roll_bars: bool | None = None
+    tyre_damping: bool | None = None
+    cg_offset: bool | None = None
+    friction: bool | None = None
+    static_friction: bool | None = None
+    one_sided_dampers: bool | None = None
+    damper_knees: bool | None = None
+    damper_mounts: bool | None = None
+    progressive_springs: bool | None = None
+    bump_stops: bool | None = None
+    progressive_tyres: bool | None = None
+    friction_left_right: bool | None = None
+    dampers_left_right: bool | None = None
+    corners_left_right: bool | None = None
+
+    @property
+    def decided(self) -> dict[str, bool]:
+        """The elements that are forced or forbidden."""
+        stated = self.model_dump(exclude={"symmetric"}, exclude_none=True)
+        return {name: bool(value) for name, value in stated.items()}
+
+
+class VehicleTable(Table):
+    """`[vehicle]`."""
+
+    name: str = "vehicle"
+    geometry: GeometryTable | None = None
+    structure: StructureTable = StructureTable()
+
+
+class WeightTable(Table):
+    """One `[[weight]]`."""
+
+    mass_kg: Annotated[float, Field(gt=0, le=10_000)]
+    sigma_kg: Annotated[float, Field(ge=0)] = 0.0
+    hub: Corner | None = None
+    x_m: _Place | None = None
+    y_m: _Place | None = None
+    height_m: _Place = 0.0
+    position_sigma_m: _Uncertain = 0.0
+
+    @model_validator(mode="after")
+    def _one_place(self) -> WeightTable:
+        place = [each for each in (self.x_m, self.y_m) if each is not None]
+        if len(place) != (2 if self.hub is None else 0):
+            raise ValueError("a weight has either x_m and y_m, or hub")
+        if self.hub is not None and self.position_sigma_m:
+            raise ValueError("position_sigma_m is for a weight on the body, not on a hub")
+        return self
+
+    def weight(self) -> BodyWeight | HubWeight:
+        """Return the weight on the body or on a hub."""
+        if self.hub is not None:
+            return HubWeight(self.mass_kg, self.hub, self.sigma_kg)
+        return BodyWeight(**self.model_dump(exclude={"hub"}))
+
+
+class SensorTable(Table):
+    """One `[[sensor]]`: a device, its database or ready map, and its bus."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=30)]
+    dbc: str = ""
+    layout: str = ""
+    bus: Annotated[int, Field(ge=0)] | str | None = None
+    id_offset: int = 0
+    ids: dict[str, Annotated[int, Field(ge=0)]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_description(self) -> SensorTable:
+        if bool(self.dbc) == bool(self.layout):
+            raise ValueError("a sensor has either dbc or layout")
+        if self.id_offset and self.ids:
+            raise ValueError("a sensor has either id_offset or ids")
+        return self
+
+    @property
+    def database(self) -> str:
+        """The name of its database: a path, or ``layout:NAME``."""
+        return f"layout:{self.layout}" if self.layout else self.dbc
+
+    def on(self, buses: Sequence[BusConfig], where: str) -> Sensor:
+        """Return the sensor on its bus, which it states by name, channel or position.
+
+        Raises InputError if it matches no bus, or several.
+        """
+        matching = [i for i, b in enumerate(buses) if self.bus in (i, b.name, b.channel)]
+        if self.bus is None:
+            matching = list(range(len(buses)))
+        if len(matching) != 1:
+            what = f"is on bus {self.bus}, which matches {len(matching)} buses"
+            if self.bus is None:
+                what = f"states no bus, and there are {len(buses)}"
+            known = ", ".join(bus.label for bus in buses)
+            advice = f"state bus, one of {known}, or its position from 0"
+            raise InputError(where, f"sensor {self.name} {what}", advice)
+        return Sensor(self.name, self.database, matching[0], self.id_offset, self.ids)
+
+
+class CalibrationTable(Table):
+    """`[calibration]`."""
+
+    max_age_days: Annotated[int, Field(gt=0)] = 365
+
+
+def with_day(channel: object) -> object:
+    """Return the keys of a channel with a day of TOML as text."""
+    if isinstance(channel, dict) and type(day := channel.get("calibrated")) is date:
+        return channel | {"calibrated": day.isoformat()}
+    return channel
+
+
+def as_a_person_states_it(channel: Channel) -> Channel:
+    """Raise ValueError if a channel has what a person cannot mean."""
+    if not _NAME.fullmatch(channel.name):
+        raise ValueError("its name is not a letter, and at most 59 letters, digits and _ after it")
+    if channel.sign not in (1, -1):
+        raise ValueError("its sign is not 1 or -1")
+    if channel.calibrated:
+        try:
+            date.fromisoformat(channel.calibrated)
+        except ValueError as error:
+            raise ValueError("calibrated is not a day like 2026-05-31") from error
+    if len(channel.serial_number.encode()) > 64:
+        raise ValueError("its serial_number takes more than 64 bytes in a session file")
+    if len(channel.signal.encode()) > _SIGNAL_BYTES:
+        raise ValueError("the name of its signal takes more than 128 bytes")
+    stated = channel.motion_ratio != 1.0 or channel.motion_ratio_sigma > 0.0
+    if stated and channel.quantity is not Quantity.SUSPENSION_TRAVEL:
+        raise ValueError(f"motion_ratio is for suspension_travel, not for {channel.quantity}")
+    if channel.motion_ratio_sigma > channel.motion_ratio / 3.0:
+        raise ValueError("motion_ratio_sigma is more than a third of motion_ratio")
+    return channel
+
+
+StatedChannel = Annotated[Channel, BeforeValidator(with_day), AfterValidator(as_a_person_states_it)]
+"""One `[[channel]]`."""
+Buses = Annotated[
+    tuple[BusConfig, ...],
+    Field(min_length=1, max_length=16),
+    BeforeValidator(lambda buses: [buses] if isinstance(buses, dict) else buses),
+]
+"""`[bus]`, or one `[[bus]]` each."""
+
+
+class DescribedCar(Table):
+    """The tables that a bench.toml and a channel map share."""
+
+    vehicle: VehicleTable = VehicleTable()
+    campaign: Campaign = Campaign()
+    trigger: TriggerConfig = TriggerConfig()
+    weight: tuple[WeightTable, ...] = ()
+    fact: tuple[Fact, ...] = ()
+    calibration: CalibrationTable = CalibrationTable()
+    channel: tuple[StatedChannel, ...] = ()
+
+    @model_validator(mode="after")
+    def _states_both_masses(self) -> DescribedCar:
+        if self.campaign.mass_states != Campaign().mass_states:
+            raise ValueError("campaign.mass_states cannot be chosen")
+        return self
+
+
+class BenchFile(DescribedCar):
+    """A complete bench.toml."""
+
+    dbc: str = ""
+    sensor: Annotated[tuple[SensorTable, ...], Field(max_length=100)] = ()
+    bus: Buses = (BusConfig(),)
+    recorder: RecorderConfig = RecorderConfig()
+    message: tuple[MessageRule, ...] = ()
+    sample_set: tuple[SampleSet, ...] = ()
+
+    @model_validator(mode="after")
+    def _one_way_to_name_databases(self) -> BenchFile:
+        if self.sensor and self.dbc:
+            raise ValueError("dbc and [[sensor]] exclude each other: a sensor names its own dbc")
+        return self
+
+
+class Limits(NamedTuple):
+    """Limits of a number in bench.toml."""
+
+    low: float
+    high: float
+    above_low: bool
+    """True if the number must be above `low`; False if it may equal it."""
+
+
+def campaign_limits(key: str) -> Limits:
+    """Return the limits of a number of `[campaign]`; the highest may be reached."""
+    limits = BenchFile.model_json_schema()["$defs"]["Campaign"]["properties"][key]
+    above_low = "exclusiveMinimum" in limits
+    low = limits["exclusiveMinimum" if above_low else "minimum"]
+    return Limits(float(low), float(limits["maximum"]), above_low)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +336,6 @@ class Bench:
     """Channels, with full names of signals (`daq.channels`)."""
     mass_states: tuple[MassState, ...]
     campaign: Campaign
-    bump_s: float
-    """Duration of the bump, s."""
     trigger: TriggerConfig
     message_rules: tuple[MessageRule, ...] = ()
     """Properties of messages that the DBC does not state."""
@@ -96,8 +343,6 @@ class Bench:
     """Messages that carry one sample together."""
     calibration_days: int = 365
     """Age of a calibration from which the check warns, days."""
-    procedure: Procedure = field(default_factory=Procedure)
-    """The way in which the bumps are made."""
     recorder: RecorderConfig = RecorderConfig()
     """Limits of the recorder."""
     sensors: tuple[Sensor, ...] = ()
@@ -150,56 +395,51 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     starts.  `dbc_text`: the DBC, if it is known already (in a journal); else it is read from the
     path in the file.  Raises InputError as `load_bench`.
     """
-    stated = validated(text, where, BenchFile)
-    databases = read_databases(stated, text, where, folder if dbc_text is None else None)
+    document = toml_tables(text, where)
+    stated = validated(document, text, where, BenchFile)
+    places: dict[str, Place] = {} if stated.sensor else {stated.dbc: ("dbc",)}
+    for position, sensor in enumerate(stated.sensor):
+        key = "layout" if sensor.layout else "dbc"
+        places.setdefault(sensor.database, ("sensor", position, key))
+    databases = read_databases(places, text, where, folder if dbc_text is None else None)
     if dbc_text is None:
         dbc_text = stored_text(databases)
-    return bench_of(_completed(stated), text, where, dbc_text)
-
-
-def bench_of(table: BenchFile, text: str, where: str, dbc_text: str) -> Bench:
-    """Return the bench that checked tables describe.
-
-    `text` and `where`: as in `parse_bench`.  `dbc_text`: all databases; empty for data that did not
-    come from a bus.  Raises InputError if two things have the same name, a fact has an unknown
-    quantity, or the name of a signal is too long for a session file.
-    """
+    table = validated(completed(document, default_bench_text()), text, where, BenchFile)
+    bench = bench_of(table, text, where)
     for kind, tables in (
         ("sensor", table.sensor),
-        ("channel", table.channel),
         ("message", table.message),
         ("sample set", table.sample_set),
     ):
-        for name, times in Counter(each.name for each in tables).items():
-            if times > 1:
-                raise InputError(where, f"{kind} {name} occurs twice", "give each its own name")
-    stated = table.bus if isinstance(table.bus, list) else [table.bus]
-    buses = tuple(BusConfig(**bus.model_dump()) for bus in stated)
-    for (interface, name), times in Counter((b.interface, b.channel) for b in buses).items():
-        if times > 1:
-            what = f"bus {interface} {name} occurs twice"
-            raise InputError(where, what, "give each [[bus]] its own channel")
-    sensors = tuple(
-        Sensor(s.name, s.database, _bus_of(s, buses, where), s.id_offset, MappingProxyType(s.ids))
-        for s in table.sensor
-    )
-    channels = tuple(
-        Channel(
-            **channel.model_dump(exclude={"calibrated"}),
-            calibrated=channel.calibrated.isoformat() if channel.calibrated else "",
-        )
-        for channel in table.channel
-    )
+        require_unique(kind, [each.name for each in tables], where)
+    require_unique("bus", [f"{b.interface} {b.channel}" for b in table.bus], where)
+    sensors = tuple(sensor.on(table.bus, where) for sensor in table.sensor)
+    channels = bench.channels
     if sensors and dbc_text:
-        databases = stored_databases(dbc_text)
-        messages = [m for s in sensors for m in sensors_codec([s], databases, len(buses)).messages]
+        known = stored_databases(dbc_text)
+        messages = [m for s in sensors for m in sensors_codec([s], known, len(table.bus)).messages]
         channels = tuple(replace(c, signal=full_name(c.signal, messages)) for c in channels)
-    for channel in channels:
-        if len(channel.signal.encode()) > _SIGNAL_BYTES:
-            what = f"channel {channel.name}: the name of its signal takes more than 128 bytes"
-            raise InputError(where, what, "give the signal a shorter name in its file")
-    geometry = table.vehicle.geometry
-    decided = table.vehicle.structure.decided
+    names = ", ".join(dict.fromkeys(sensor.database for sensor in sensors))
+    return replace(
+        bench,
+        dbc_name=names or table.dbc or "bumpbench.dbc (shipped)",
+        dbc_text=dbc_text,
+        buses=table.bus,
+        channels=channels,
+        message_rules=table.message,
+        sample_sets=table.sample_set,
+        recorder=table.recorder,
+        sensors=sensors,
+    )
+
+
+def bench_of(table: DescribedCar, text: str, where: str) -> Bench:
+    """Return the bench that checked tables describe, without buses and databases.
+
+    Raises InputError if two channels have the same name or a fact has an unknown quantity.
+    """
+    require_unique("channel", [each.name for each in table.channel], where)
+    geometry, decided = table.vehicle.geometry, table.vehicle.structure.decided
     structure = Structure(
         table.vehicle.structure.symmetric,
         *(decided.get(name, False) for name in ("anti_roll_bars", "tyre_damping", "cg_offset")),
@@ -209,74 +449,34 @@ def bench_of(table: BenchFile, text: str, where: str, dbc_text: str) -> Bench:
         if fact.quantity not in known:
             what = f"fact {fact.quantity}: is not a quantity of this vehicle"
             raise InputError(where, what, f"use one of {', '.join(known)}")
+    lengths = VehicleGeometry(*geometry.model_dump().values()) if geometry else None
+    weights = AddedMass(tuple(weight.weight() for weight in table.weight))
     return Bench(
         where=where,
         text=text,
-        dbc_name=", ".join(dict.fromkeys(sensor.database for sensor in sensors))
-        or table.dbc
-        or "bumpbench.dbc (shipped)",
-        dbc_text=dbc_text,
-        buses=buses,
-        vehicle=Vehicle(
-            table.vehicle.name,
-            VehicleGeometry(*geometry.model_dump().values()) if geometry else None,
-            structure,
-            tuple(Fact(**fact.model_dump()) for fact in table.fact),
-            decided,
-        ),
-        channels=channels,
-        mass_states=(
-            MassState(BASELINE),
-            MassState(ADDED, AddedMass(tuple(weight.weight() for weight in table.weight))),
-        ),
-        campaign=Campaign(tuple(table.campaign.excitations), table.campaign.repeats),
-        bump_s=table.campaign.bump_s,
+        dbc_name="",
+        dbc_text="",
+        buses=(BusConfig(),),
+        vehicle=Vehicle(table.vehicle.name, lengths, structure, table.fact, decided),
+        channels=table.channel,
+        mass_states=(MassState(BASELINE), MassState(ADDED, weights)),
+        campaign=table.campaign,
         trigger=table.trigger,
-        message_rules=tuple(table.message),
-        sample_sets=tuple(table.sample_set),
         calibration_days=table.calibration.max_age_days,
-        procedure=Procedure(
-            table.campaign.method,
-            table.campaign.bump_height_mm * 1e-3,
-            table.campaign.accept_after_s,
-            MappingProxyType(dict(table.campaign.instructions)),
-        ),
-        recorder=RecorderConfig(
-            table.recorder.segment_mb * 1e6,
-            table.recorder.segment_minutes * 60.0,
-            table.recorder.keep_gb * 1e9,
-            table.recorder.reserve_mb * 1e6,
-            table.recorder.silent_s,
-        ),
-        sensors=sensors,
     )
 
 
-def _bus_of(sensor: SensorTable, buses: Sequence[BusConfig], where: str) -> int:
-    """Return the position of a sensor's bus, which it states by name, channel or position."""
-    known = ", ".join(bus.label for bus in buses)
-    if sensor.bus is None:
-        if len(buses) == 1:
-            return 0
-        what = f"sensor {sensor.name} states no bus, and there are {len(buses)}"
-        raise InputError(where, what, f"state bus, one of {known}")
-    if isinstance(sensor.bus, int):
-        matching = [sensor.bus] if sensor.bus < len(buses) else []
-    else:
-        matching = [i for i, bus in enumerate(buses) if sensor.bus in (bus.name, bus.channel)]
-    if len(matching) != 1:
-        what = f"sensor {sensor.name} is on bus {sensor.bus}, which matches {len(matching)} buses"
-        raise InputError(where, what, f"state one of {known}, or its position from 0")
-    return matching[0]
+def require_unique(kind: str, names: Sequence[str], where: str) -> None:
+    """Raise InputError if a name of things of one kind occurs twice."""
+    for name, times in Counter(names).items():
+        if times > 1:
+            raise InputError(where, f"{kind} {name} occurs twice", "give each its own name")
 
 
 def bench_codec(bench: Bench) -> Codec:
     """Return the bench's databases, compiled, with the properties that bench.toml adds to messages.
 
-    Raises
-    ------
-    InputError
-        If the DBC cannot be used, or bench.toml contradicts the DBC.
+    Raises InputError if the DBC cannot be used, or bench.toml contradicts the DBC.
     """
     if bench.sensors:
         used = {message_of(channel.signal) for channel in bench.channels}
@@ -294,35 +494,6 @@ def bench_codec(bench: Bench) -> Codec:
     return codec
 
 
-def _completed(table: BenchFile) -> BenchFile:
-    """Add the tables that the file takes from the shipped bench or from ready maps."""
-    if table.sensor:
-        stated = table.model_dump(include={"channel", "message", "sample_set"})
-        sensors = [(sensor.name, sensor.database) for sensor in table.sensor]
-        added = BenchFile.model_validate(ready_tables(sensors, stated))
-        return table.model_copy(
-            update={
-                "channel": table.channel + added.channel,
-                "message": table.message + added.message,
-                "sample_set": table.sample_set + added.sample_set,
-            }
-        )
-    if not table.dbc.startswith(PREFIX):
-        if table.channel:
-            return table
-        shipped = validated(default_bench_text(), "bench.toml (shipped)", BenchFile)
-        return table.model_copy(update={"channel": shipped.channel})
-    ready = validated(ready_map(table.dbc.removeprefix(PREFIX)).bench_text, table.dbc, BenchFile)
-    messages = {message.name for message in table.message}
-    return table.model_copy(
-        update={
-            "channel": table.channel or ready.channel,
-            "message": table.message + [m for m in ready.message if m.name not in messages],
-            "sample_set": table.sample_set or ready.sample_set,
-        }
-    )
-
-
 def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
     """Return the bench with the named bus as its only bus; unchanged if no bus is named.
 
@@ -333,11 +504,8 @@ def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
     if len({sensor.bus for sensor in bench.sensors}) > 1:
         what = f"the bench has sensors on {len(bench.buses)} buses, and one bus is named"
         raise InputError("--interface, --channel", what, "name the buses in bench.toml")
-    bus = replace(
-        bench.bus,
-        interface=interface or bench.bus.interface,
-        channel=channel or bench.bus.channel,
-    )
+    first = bench.bus
+    bus = replace(first, interface=interface or first.interface, channel=channel or first.channel)
     return replace(bench, buses=(bus,))
 
 

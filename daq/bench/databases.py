@@ -7,7 +7,7 @@ the names by which bench.toml refers to them.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePath
@@ -15,7 +15,6 @@ from pathlib import Path, PurePath
 from dbc import Codec, parse_codec, read_dbc, shipped_dbc, split_by_bus
 
 from ..errors import InputError
-from .bench_tables import BenchFile
 from .ready_maps import PREFIX, ready_map
 from .toml_file import Place, line_of
 
@@ -35,18 +34,14 @@ class Database:
 
 
 def read_databases(
-    table: BenchFile, text: str, where: str, folder: Path | None
+    places: Mapping[str, Place], text: str, where: str, folder: Path | None
 ) -> tuple[Database, ...]:
     """Return the databases that a bench names.
 
-    `text` and `where`: the bench.toml and its name.  `folder`: where relative paths start; None
-    reads the ready maps only.  Raises InputError, with the line of bench.toml, if one cannot be
-    read.
+    `places`: where it names each.  `text` and `where`: the bench.toml and its name.  `folder`:
+    where relative paths start; None reads the ready maps only.  Raises InputError, with the line of
+    bench.toml, if one cannot be read.
     """
-    places: dict[str, Place] = {} if table.sensor else {table.dbc: ("dbc",)}
-    for position, sensor in enumerate(table.sensor):
-        key = "layout" if sensor.layout else "dbc"
-        places.setdefault(sensor.database, ("sensor", position, key))
     databases = []
     for name, place in places.items():
         try:

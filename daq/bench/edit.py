@@ -21,7 +21,7 @@ from ..runs import Excitation
 from ..vehicle import BodyWeight, Fact, HubWeight, Structure
 from .campaign import Method
 from .config import default_bench_text, parse_bench
-from .ready_maps import PREFIX, ready_map, ready_tables
+from .ready_maps import completed
 
 WHERE = "bench.toml"
 Weight = BodyWeight | HubWeight
@@ -79,7 +79,7 @@ def with_channel(text: str, name: str, sign: float | None = None, tare: float | 
         raise InputError(WHERE, f"channel {name}: sign {sign} is not 1 or -1", "state 1 or -1")
     rows = list(document.get("channel", []))
     if name not in [row["name"] for row in rows]:
-        rows += _channels_in_force(document)
+        rows = completed(document, default_bench_text())["channel"]
     stated = {"sign": None if sign is None else int(sign), "tare": tare}
     changed = {key: value for key, value in stated.items() if value is not None}
     rows = [row | changed if row["name"] == name else row for row in rows]
@@ -96,22 +96,19 @@ def with_campaign(
 ) -> str:
     """Return the text with another campaign; instructions and duration of the bump are kept."""
     _document(text)
-    before = parse_bench(text, WHERE, Path(), "")
-    kinds = tuple(excitations)
-    procedure = before.procedure
+    before, kinds = parse_bench(text, WHERE, Path(), "").campaign, tuple(excitations)
+    height_mm = float(f"{bump_height_m * 1e3:.12g}")  # 0.07 m is 70 mm, not 70.00000000000001
     changed = {
         key: value
         for key, old, new, value in (
-            ("excitations", before.campaign.excitations, kinds, [str(kind) for kind in kinds]),
-            ("repeats", before.campaign.repeats, repeats, repeats),
-            ("method", procedure.method, method, str(method)),
-            # 0.07 m is 70 mm, not 70.00000000000001
-            ("bump_height_mm", procedure.bump_height_m, bump_height_m,
-             float(f"{bump_height_m * 1e3:.12g}")),
-            ("accept_after_s", procedure.accept_after_s, accept_after_s, accept_after_s),
+            ("excitations", before.excitations, kinds, [str(kind) for kind in kinds]),
+            ("repeats", before.repeats, repeats, repeats),
+            ("method", before.method, method, str(method)),
+            ("bump_height_mm", before.bump_height_m, bump_height_m, height_mm),
+            ("accept_after_s", before.accept_after_s, accept_after_s, accept_after_s),
         )
         if old != new
-    }  # fmt: skip
+    }
     return _checked(_with_keys(text, ("campaign",), changed))
 
 
@@ -128,20 +125,6 @@ def _checked(text: str) -> str:
 
 def _without_defaults(row: _Row) -> dict[str, Any]:
     return {key: value for key, value in row.items() if _OPTIONAL.get(key) != value}
-
-
-def _channels_in_force(document: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the channels that apply although the bench.toml does not state them."""
-    if "sensor" in document:
-        sensors = [
-            (t["name"], f"{PREFIX}{t['layout']}" if t.get("layout") else t["dbc"])
-            for t in document["sensor"]
-        ]
-        return ready_tables(sensors, document)["channel"]
-    dbc = str(document.get("dbc", ""))
-    ready = dbc.startswith(PREFIX)
-    text = ready_map(dbc.removeprefix(PREFIX)).bench_text if ready else default_bench_text()
-    return list(tomllib.loads(text)["channel"])
 
 
 # Tables within the text ---------------------------------------------------------------------------

@@ -4,16 +4,79 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, model_validator
 
 from dbc import Codec
+from dbc.crc import CRC_RULES
 from dbc.layout import CounterRule, MessageLayout, SignalLayout
 from dbc.units import to_si
 
 from ..errors import InputError
-from .bench_tables import MessageRule, SampleSet
+from .toml_file import Table
 
 CORRECT_MESSAGE = "correct that [[message]] in bench.toml"
 CORRECT_SET = "correct that [[sample_set]] in bench.toml"
+
+
+def _crc_rule(name: str) -> str:
+    if name not in CRC_RULES:
+        raise ValueError(f"is none of {', '.join(CRC_RULES)}")
+    return name
+
+
+class MessageRule(Table):
+    """One `[[message]]`: properties of a message that its DBC does not state."""
+
+    name: str
+    """Name of the message."""
+    cycle_ms: Annotated[float, Field(gt=0)] | None = None
+    """Time between two frames, ms, instead of that of the DBC."""
+    counter: str | None = None
+    """Name of its rolling counter."""
+    counter_modulus: Annotated[int, Field(ge=2, le=1 << 32)] | None = None
+    """Number of values of the counter; None: all values of its bits."""
+    crc: str | None = None
+    """Signal that holds its checksum."""
+    crc_rule: Annotated[str, AfterValidator(_crc_rule)] = "crc8_j1850"
+    """Rule by which the checksum is computed, one of `dbc.crc.CRC_RULES`."""
+    time_signal: str | None = None
+    """Signal that holds the sensor's own time."""
+    time_unit: Annotated[str, Field(max_length=16)] = ""
+    """Its unit if the DBC states none or a wrong one; empty: as in the DBC."""
+    time_wrap: Annotated[float, Field(gt=0)] | None = None
+    """Value at which it starts again from 0, in its unit; None: at the end of its bits."""
+
+    @model_validator(mode="after")
+    def _belongs_to_something(self) -> MessageRule:
+        stated = self.model_fields_set
+        for owner, keys in (
+            ("counter", {"counter_modulus"}),
+            ("crc", {"crc_rule"}),
+            ("time_signal", {"time_unit", "time_wrap"}),
+        ):
+            if keys & stated and owner not in stated:
+                raise ValueError(f"{min(keys & stated)} says nothing without {owner}")
+        return self
+
+
+class SampleSet(Table):
+    """One `[[sample_set]]`: messages that carry one sample together."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
+    """Name of their sample group."""
+    messages: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Names of the messages."""
+    bound_by: str
+    """``Message.signal``: a counter or time stamp in a separate frame that is sent in one burst
+    with the others; or the name of a counter that each of the messages has."""
+
+    @property
+    def carrier(self) -> tuple[str, str]:
+        """Message and signal by which the sets are numbered."""
+        message, dot, signal = self.bound_by.rpartition(".")
+        return (message, signal) if dot else (self.messages[0], self.bound_by)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,12 @@
-"""Reads ready maps of common sensors: a DBC and a part of bench.toml for each, in `daq/layouts`."""
+"""Reads ready maps of common sensors: a DBC and a part of bench.toml for each, in `daq/layouts`.
+
+Completes the tables of a bench.toml by those of its ready maps, or of the shipped bench.
+"""
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
@@ -12,7 +15,6 @@ from ..errors import InputError
 
 PREFIX = "layout:"
 """Prefix of `dbc` in bench.toml that names a ready map instead of a file."""
-
 _FOLDER = files("daq") / "layouts"
 
 
@@ -32,15 +34,12 @@ class ReadyMap:
 
 def ready_map_names() -> tuple[str, ...]:
     """Return the names of all ready maps, sorted."""
-    files = (entry.name for entry in _FOLDER.iterdir())
-    return tuple(sorted(name.removesuffix(".dbc") for name in files if name.endswith(".dbc")))
+    names = (entry.name for entry in _FOLDER.iterdir())
+    return tuple(sorted(name.removesuffix(".dbc") for name in names if name.endswith(".dbc")))
 
 
 def ready_map(name: str) -> ReadyMap:
-    """Return one ready map.
-
-    Raises InputError if there is none of this name.
-    """
+    """Return one ready map; raises InputError if there is none of this name."""
     if name not in ready_map_names():
         names = ", ".join(ready_map_names())
         raise InputError(f"{PREFIX}{name}", "there is no such layout", f"use one of {names}")
@@ -70,24 +69,33 @@ def sensor_map(sensor: str, database: str) -> dict[str, Any]:
     return piece
 
 
-def ready_tables(
-    sensors: Sequence[tuple[str, str]], stated: Mapping[str, Sequence[Mapping[str, Any]]]
-) -> dict[str, list[dict[str, Any]]]:
-    """Return the tables that the ready maps add to those that bench.toml states.
+def completed(document: Mapping[str, Any], shipped: str) -> dict[str, Any]:
+    """Return the tables of a bench.toml with those that it does not state.
 
-    `sensors`: name and database of each.  `stated`: the tables of bench.toml by kind.  The channels
-    of a sensor's ready map are added unless bench.toml has a channel of that sensor.  A message or
-    sample set is added unless bench.toml has one of that name or of that sensor.
+    The channels of a sensor's ready map are added unless bench.toml has a channel of that sensor; a
+    message or sample set unless it has one of that name or of that sensor.  A bench with one DBC
+    takes them from its ready map, or its channels from `shipped`, the text of the shipped bench.
     """
-    added: dict[str, list[dict[str, Any]]] = {"message": [], "sample_set": [], "channel": []}
-    messages = {str(table.get("name")) for table in stated.get("message", ())}
-    signals = [str(table.get("signal")) for table in stated.get("channel", ())]
-    in_sets = [str(m) for table in stated.get("sample_set", ()) for m in table.get("messages", ())]
-    for name, database in sensors:
-        piece, prefix = sensor_map(name, database), f"{name}."
+    channels, messages, sets = (
+        list(document.get(kind, ())) for kind in ("channel", "message", "sample_set")
+    )
+    named = {message["name"] for message in messages}
+    signals = [channel["signal"] for channel in channels]
+    in_sets = [name for each in sets for name in each["messages"]]
+    dbc = document.get("dbc", "")
+    pieces = []
+    for sensor in document.get("sensor", ()):
+        layout = sensor.get("layout")
+        database = f"{PREFIX}{layout}" if layout else sensor["dbc"]
+        pieces.append((f"{sensor['name']}.", sensor_map(sensor["name"], database)))
+    if not pieces and dbc.startswith(PREFIX):
+        pieces = [("", tomllib.loads(ready_map(dbc.removeprefix(PREFIX)).bench_text))]
+    elif not pieces:
+        pieces = [("", {"channel": tomllib.loads(shipped)["channel"]})]
+    for prefix, piece in pieces:
         if not any(signal.startswith(prefix) for signal in signals):
-            added["channel"] += piece.get("channel", [])
-        added["message"] += [m for m in piece.get("message", []) if m["name"] not in messages]
-        if not any(message.startswith(prefix) for message in in_sets):
-            added["sample_set"] += piece.get("sample_set", [])
-    return added
+            channels += piece.get("channel", [])
+        if not any(name.startswith(prefix) for name in in_sets):
+            sets += piece.get("sample_set", [])
+        messages += [m for m in piece.get("message", []) if m["name"] not in named]
+    return {**document, "channel": channels, "message": messages, "sample_set": sets}

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InputError
-from .bench_tables import Table
 
 MAX_CONFIG_BYTES = 1_000_000
 """Largest size of a bench.toml or channel map, bytes."""
@@ -20,7 +19,14 @@ MAX_CONFIG_BYTES = 1_000_000
 Place = tuple[str | int, ...]
 """Keys and positions that lead to a value."""
 
-_AnyTable = TypeVar("_AnyTable", bound=Table)
+
+class Table(BaseModel):
+    """A table whose keys are all known."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+_File = TypeVar("_File", bound=Table)
 _HEADER = re.compile(r"\s*\[(\[?)\s*([^\[\]]+?)\s*\]")
 _KEY = re.compile(r"""\s*([\w.'"-]+)\s*=""")
 _QUOTED = re.compile(r"'([^']*)'")
@@ -55,10 +61,11 @@ def holds_toml(path: Path) -> bool:
         return False
 
 
-def validated(text: str, where: str, model: type[_AnyTable]) -> _AnyTable:
-    """Return the tables of a TOML text.
+def toml_tables(text: str, where: str) -> dict[str, Any]:
+    """Return the tables of a TOML text; `where`: its name, for messages.
 
-    `where`: its name, for messages.  Raises InputError with file, line and key.
+    Raises InputError with its line if it is not TOML, has `true` in place of a number, or a text
+    that no session file can store.
     """
     try:
         document = tomllib.loads(text)
@@ -67,39 +74,67 @@ def validated(text: str, where: str, model: type[_AnyTable]) -> _AnyTable:
         if at := _AT_LINE.search(what):
             where, what = f"{where}:{at[1]}", f"{what[: at.start()]}, column {at[2]}"
         raise InputError(where, f"is not TOML: {what}", "correct that line") from error
+    for place, value in _values(document, ()):
+        if isinstance(value, bool) and "structure" not in place:
+            raise _mistake(text, where, place, "{}: is true or false, not a number or a text")
+        if isinstance(value, str) and "\0" in value:
+            raise _mistake(text, where, place, "{}: has the character NUL")
+    return document
+
+
+def _values(value: object, place: Place) -> Iterator[tuple[Place, object]]:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _values(item, (*place, key))
+    elif isinstance(value, list):
+        for position, item in enumerate(value):
+            yield from _values(item, (*place, position))
+    else:
+        yield place, value
+
+
+def validated(document: Mapping[str, Any], text: str, where: str, model: type[_File]) -> _File:
+    """Return the tables of a TOML text as a model.
+
+    `where`: its name, for messages.  Raises InputError with file, line and key.
+    """
     try:
         return model.model_validate(document)
     except ValidationError as error:
-        raise _mistake(error, text, where) from error
+        first, *others = error.errors(include_url=False)
+        if first["type"] == "missing":  # rather an unknown key of its table
+            same = (o for o in others if o["loc"][:-1] == first["loc"][:-1])
+            first = next((o for o in same if o["type"] == "extra_forbidden"), first)
+        place = first["loc"]
+        what = first["msg"].removeprefix("Value error, ")  # prefix for errors of our own checks
+        what = (
+            what.replace("Input should be", "must be")
+            .replace("tuple", "list")
+            .partition(", unable to parse")[0]
+        )
+        if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+            schema = model.model_json_schema()
+            tables = (schema, *schema["$defs"].values())
+            known = sorted({key for table in tables for key in table.get("properties", ())})
+            name = str(place[-1])
+            advice = f"remove it or correct its name{_nearest(name, known)}"
+            if name in known:
+                advice = "remove it: it has no meaning here"
+            raise _mistake(text, where, place, "unknown key {}", advice) from error
+        if first["type"] == "missing":
+            raise _mistake(text, where, place, "{} is missing", "state it") from error
+        known = _QUOTED.findall(str(first.get("ctx", {}).get("expected", "")))
+        near = _nearest(first["input"], known) if isinstance(first["input"], str) else ""
+        raise _mistake(text, where, place, f"{{}}: {what}", f"correct that value{near}") from error
 
 
-def _mistake(error: ValidationError, text: str, where: str) -> InputError:
-    """Return the first mistake in one line; before a missing key, an unknown one of its table."""
-    first, *others = error.errors(include_url=False)
-    if first["type"] == "missing":
-        for other in others:
-            if other["type"] == "extra_forbidden" and other["loc"][:-1] == first["loc"][:-1]:
-                first = other
-                break
-    types = {table.__name__ for table in Table.__subclasses__()}
-    key = ".".join(str(part) for part in first["loc"] if part not in types) or "the file"
-    line = line_of(text, first["loc"])
-    place = f"{where}:{line}" if line else where
-    if first["type"] == "extra_forbidden":
-        known = sorted({name for table in Table.__subclasses__() for name in table.model_fields})
-        name = str(first["loc"][-1])
-        advice = f"remove it or correct its name{_nearest(name, known)}"
-        if name in known:
-            advice = "remove it: it has no meaning here"
-        return InputError(place, f"unknown key {key}", advice)
-    if first["type"] == "missing":
-        return InputError(place, f"{key} is missing", "state it")
-    what = first["msg"].removeprefix("Value error, ")  # prefix for errors of our own checks
-    what = what.replace("Input should be", "must be").partition(", unable to parse")[0]
-    known = _QUOTED.findall(str(first.get("ctx", {}).get("expected", "")))
-    given: Any = first["input"]
-    near = _nearest(given, known) if isinstance(given, str) else ""
-    return InputError(place, f"{key}: {what}", f"correct that value{near}")
+def _mistake(
+    text: str, where: str, place: Place, what: str, advice: str = "correct that value"
+) -> InputError:
+    """Return what is wrong with the value at a place; `{}` in `what` stands for its key."""
+    line = line_of(text, place)
+    key = ".".join(str(part) for part in place) or "the file"
+    return InputError(f"{where}:{line}" if line else where, what.replace("{}", key, 1), advice)
 
 
 def _nearest(given: str, known: Sequence[str]) -> str:
@@ -110,7 +145,7 @@ def _nearest(given: str, known: Sequence[str]) -> str:
 def line_of(text: str, loc: Sequence[str | int]) -> int:
     """Return the line of a value, or of the table in which it is missing; 0 if there is none.
 
-    `loc`: keys and positions, with names of types between them, as Pydantic returns them.
+    `loc`: keys and positions, as Pydantic returns them.
     """
     line_number, deepest = 0, 0
     table: Place = ()

@@ -17,8 +17,8 @@ from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 from dbc.words import plural
 
-from ..bench.bench_tables import SampleSet
 from ..bench.config import Bench
+from ..bench.message_rules import SampleSet
 from ..channels import sensor_of, sensor_of_signal
 from ..runs import SampleGroup
 from ..samples.groups import sample_groups, timekeeping
@@ -74,7 +74,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     lines += check_messages(mapped, keeping, table, decoded)
     groups = {g.name: g for g in sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))}
     lines += [_set_line(s, groups[s.name]) for s in bench.sample_sets if s.name in groups]
-    if not trigger_channels(bench.channels, bench.procedure.method):
+    if not trigger_channels(bench.channels, bench.campaign.method):
         advice = "add a hub_acceleration or a body_acceleration"
         lines.append(Finding("trigger", FAIL, "no channel can trigger", "trigger", advice))
     lines += open_questions(bench.text, "bench.toml")

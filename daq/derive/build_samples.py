@@ -168,7 +168,7 @@ def _run(
         excitation=run.excitation,
         repeat=run.repeat,
         t0_ns=start_ns,
-        bump_s=bench.bump_s,
+        bump_s=bench.campaign.bump_s,
         groups=groups,
         status=RunStatus.REJECTED if rejected else RunStatus.ACCEPTED,
         reasons=reasons,

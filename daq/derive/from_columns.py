@@ -242,7 +242,7 @@ def given_run(channel_map: ChannelMap, recorded: Recording, given: GivenRun) -> 
         excitation=step.excitation,
         repeat=step.repeat,
         t0_ns=recorded.start_ns + round(start_s * 1e9),
-        bump_s=channel_map.bench.bump_s,
+        bump_s=channel_map.bench.campaign.bump_s,
         groups=tuple(groups),
         status=RunStatus.REJECTED if reasons else RunStatus.ACCEPTED,
         reasons=tuple(reasons),

@@ -19,7 +19,7 @@ import numpy as np
 from dbc import Codec
 from dbc.frames import FrameBatch
 
-from ..bench.campaign import Campaign, Step
+from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
 from ..bus.source import HopLosses
 from ..errors import InputError
@@ -158,10 +158,11 @@ def with_steps(bench: Bench, steps: Sequence[Step]) -> Bench:
             raise InputError("runs", what, f"use one of {', '.join(states)}")
     if set(steps) <= set(bench.campaign.steps):
         return bench
-    wider = Campaign(
-        tuple(dict.fromkeys(step.excitation for step in steps)),
-        max(step.repeat for step in steps),
-        tuple(dict.fromkeys(step.mass_state for step in steps)),
+    wider = replace(
+        bench.campaign,
+        excitations=tuple(dict.fromkeys(step.excitation for step in steps)),
+        repeats=max(step.repeat for step in steps),
+        mass_states=tuple(dict.fromkeys(step.mass_state for step in steps)),
     )
     return replace(bench, campaign=wider)
 

@@ -189,7 +189,7 @@ def _left_out(
     for wheels in dict.fromkeys(measure.wheels for measure in known.values()):
         alike = {label: m for label, m in known.items() if m.wheels == wheels}
         planned = bench.campaign.repeats - (len(accepted) - len(alike))
-        out = left_out(bench.channels, bench.bump_s, alike, planned)
+        out = left_out(bench.channels, bench.campaign.bump_s, alike, planned)
         found += [LeftOut(label, text) for label, text in out.items() if label not in decided]
     return tuple(found)
 

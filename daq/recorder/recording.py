@@ -274,7 +274,7 @@ class Recording:
             bench_crc32=zlib.crc32(bench.text.encode()),
             phase=loop.phase,
             phase_s=max(self._t_ns - loop.since_ns, 0) * 1e-9,
-            countdown_s=loop.countdown_s(self._t_ns, bench.procedure.accept_after_s, self._due),
+            countdown_s=loop.countdown_s(self._t_ns, bench.campaign.accept_after_s, self._due),
             not_at_rest=trigger.not_at_rest(bench.trigger, self._trigger)
             if loop.phase is Phase.WAITING
             else (),
@@ -352,8 +352,8 @@ class Recording:
             ready and full,
             self._run_log,
             self._due,
-            bench.bump_s,
-            bench.procedure.accept_after_s,
+            bench.campaign.bump_s,
+            bench.campaign.accept_after_s,
         )
 
     def _decoded(self, cycle: Cycle) -> Cycle:

@@ -31,7 +31,7 @@ def counts_of(bench: Bench, run_log: RunLog) -> Counts:
     if step is None:
         return Counts(None, tallies)
     tally = _tally(bench, run_log, (step.mass_state, step.excitation))
-    text = instruction(bench.procedure, step.excitation)
+    text = instruction(bench.campaign, step.excitation)
     return Counts(Due(step, tally.accepted, tally.planned, tally.rejected, text), tallies)
 
 

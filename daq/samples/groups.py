@@ -12,9 +12,8 @@ from dbc import Codec
 from dbc.layout import MessageLayout
 from dbc.samples import Decoded, Quality, Samples
 
-from ..bench.bench_tables import SampleSet
 from ..bench.config import Bench
-from ..bench.message_rules import SensorClock, sensor_clocks
+from ..bench.message_rules import SampleSet, SensorClock, sensor_clocks
 from ..runs import SampleGroup
 from .clock import SensorTimes, arrival_times, even_times, sensor_times, stamped_times
 from .mapping import MappedChannel

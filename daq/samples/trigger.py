@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from dbc import Codec
 
-from ..bench.bench_tables import TriggerConfig
 from ..bench.campaign import Method
-from ..bench.config import Bench
+from ..bench.config import Bench, TriggerConfig
 from ..bench.toml_file import channel_line
 from ..channels import Channel, Quantity
 from ..errors import InputError
@@ -281,7 +280,7 @@ def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...]
     # All channels are mapped although only some trigger, so that errors are found before the first
     # bump and not after the last.
     mapped = mapped_channels(bench, codec)
-    triggers = frozenset(c.name for c in trigger_channels(bench.channels, bench.procedure.method))
+    triggers = frozenset(c.name for c in trigger_channels(bench.channels, bench.campaign.method))
     if not triggers:
         what, advice = "has no channel that can trigger", "add a hub or a body acceleration"
         raise InputError("bench.toml", what, advice)

@@ -120,13 +120,13 @@ class Acts:
             excitation = _MIXED_UP.get(excitation, Excitation.ROLL)
         again_s = SECOND_BUMP_S if fault is Fault.DOUBLE_BUMP else 0.0
         act = self._bump(mass_state, excitation, 1.0, again_s)
-        triggers = trigger_channels(self._bench.channels, self._bench.procedure.method)
+        triggers = trigger_channels(self._bench.channels, self._bench.campaign.method)
         if fault is Fault.WEAK:
             peak = max(float(np.max(np.abs(self._moved(act, c)))) for c in triggers)
             height = WEAK_LEVELS * self._bench.trigger.level / peak
             return self._bump(mass_state, excitation, height)
         if fault is Fault.OVERLOAD:  # the strongest sensor, at half of its free motion
-            free = round((LEAD_S + self._bench.bump_s + 0.01) / _SEEN_S)
+            free = round((LEAD_S + self._bench.campaign.bump_s + 0.01) / _SEEN_S)
             top, name = max((float(self._moved(act, c)[free:].max()), c.name) for c in triggers)
             return replace(act, limits={name: GRAVITY_M_S2 + top / 2})
         if fault is Fault.FROZEN:
@@ -136,10 +136,10 @@ class Acts:
 
     def _bump(self, mass_state: str, kind: Excitation, height: float, again_s: float = 0.0) -> Act:
         """Return a bump as the procedure makes it, or two as if rolled over, `again_s` apart."""
-        plant, height_m = self._rig.plants[mass_state], height * self._bench.procedure.bump_height_m
-        method, end_s = self._bench.procedure.method, LEAD_S + SWING_S + again_s
+        plant, height_m = self._rig.plants[mass_state], height * self._bench.campaign.bump_height_m
+        method, end_s = self._bench.campaign.method, LEAD_S + SWING_S + again_s
         if method is Method.ROLL_OVER or again_s:
-            bump = Bump(kind, height_m, LEAD_S, self._bench.bump_s)
+            bump = Bump(kind, height_m, LEAD_S, self._bench.campaign.bump_s)
             first = drive(plant, bump, end_s + _MARGIN_S)
             if not again_s:
                 return self._rig.act(first, end_s + _MARGIN_S, end_s, LEAD_S)

@@ -172,7 +172,7 @@ def campaign_frames(
     for mass_state, kind in dict.fromkeys(
         (s.mass_state, s.excitation) for s in bench.campaign.steps
     ):  # repeats are the same motion with other noise
-        bump = Bump(kind, bench.procedure.bump_height_m, car.lead_s, bench.bump_s)
+        bump = Bump(kind, bench.campaign.bump_height_m, car.lead_s, bench.campaign.bump_s)
         try:
             motions[mass_state, kind] = drive(rig.plants[mass_state], bump, car.run_s)
         except ValueError as error:

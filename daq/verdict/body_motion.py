@@ -126,7 +126,7 @@ def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> Body | None:
     geometry = bench.vehicle.geometry
     length_m = (geometry.a + geometry.b) / 2 if geometry else _HALF_WHEELBASE_M
     width_m = (geometry.t_f + geometry.t_r) / 2 if geometry else _HALF_TRACK_M
-    grid = np.arange(-STRIKE_S / 2, bench.bump_s + STRIKE_S, _GRID_S)
+    grid = np.arange(-STRIKE_S / 2, bench.campaign.bump_s + STRIKE_S, _GRID_S)
     points = [t for t in signals if t.channel.quantity is Quantity.BODY_ACCELERATION]
     if not points:
         return None

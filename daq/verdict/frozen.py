@@ -18,7 +18,9 @@ from .words import finding
 def frozen(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find channels that held one value: by the rule with which the identification omits a run."""
     holds = {
-        trace.channel.name: longest_hold(trace.time_s, trace.value, -BEFORE_S, bench.bump_s)
+        trace.channel.name: longest_hold(
+            trace.time_s, trace.value, -BEFORE_S, bench.campaign.bump_s
+        )
         for trace in signals
     }
     found = []

@@ -81,7 +81,7 @@ def _measure(
         )
 
     how = bump_patterns[0] if bump_patterns else None
-    wave = body_wave(signals, bench.bump_s)
+    wave = body_wave(signals, bench.campaign.bump_s)
     return RunMeasure(
         peak_m_s2=largest(TIME_DERIVATIVE[Quantity.BODY_ACCELERATION]),
         peak_m=largest(TIME_DERIVATIVE[Quantity.SUSPENSION_TRAVEL]),

@@ -92,7 +92,7 @@ def _rest_limit(trace: Trace, signals: tuple[Trace, ...]) -> float:
 
 def too_weak(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the peak with the trigger's level and with the noise."""
-    names = {channel.name for channel in trigger_channels(bench.channels, bench.procedure.method)}
+    names = {channel.name for channel in trigger_channels(bench.channels, bench.campaign.method)}
     triggers = [trace for trace in signals if trace.channel.name in names]
     if triggers:
         strongest = max(triggers, key=lambda trace: trace.peak)
@@ -131,11 +131,11 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     struck = struck or [t for t in signals if t.channel.quantity is Quantity.BODY_ACCELERATION]
     struck = struck or list(signals)
     largest = {t.channel.name: max(o.peak for o in kin(t, signals)) for t in struck}
-    guard_s = PUSH_GUARD_S if bench.procedure.method is Method.PUSH else STRUCK_GUARD_S
+    guard_s = PUSH_GUARD_S if bench.campaign.method is Method.PUSH else STRUCK_GUARD_S
     best: tuple[float, float, str] = (0.0, 0.0, "")
     for trace in struck:
         if trace.peak > 0.2 * largest[trace.channel.name]:
-            share, at_s = _second_strike(trace, bench.bump_s + guard_s)
+            share, at_s = _second_strike(trace, bench.campaign.bump_s + guard_s)
             best = max(best, (share, at_s, trace.channel.name))
     share, at_s, name = best
     if share > STRUCK_SHARE:
@@ -155,7 +155,7 @@ def too_strong(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> I
     if not travels:
         return
     largest = max(travels, key=lambda trace: trace.peak)
-    limit = STRONG_HEIGHTS * bench.procedure.bump_height_m
+    limit = STRONG_HEIGHTS * bench.campaign.bump_height_m
     text = (
         f"{largest.channel.name} moved by {largest.peak * 1e3:.0f} mm (limit {limit * 1e3:.0f} "
         f"mm: {STRONG_HEIGHTS:g} times the planned height)"
@@ -263,7 +263,7 @@ def peak_left(
 
 def rest_changed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the rest positions before and after a run, unless it began on blocks."""
-    if bench.procedure.method is Method.DROP:
+    if bench.campaign.method is Method.DROP:
         return
     travels = [t for t in signals if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
     if not travels:

@@ -35,7 +35,7 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
     Travels alone may be misleading with stiff anti-roll bars, which move one wheel with the other.
     """
     found: list[Pattern] = []
-    pushed = bench.procedure.method is Method.PUSH
+    pushed = bench.campaign.method is Method.PUSH
     for quantity in (
         Quantity.HUB_ACCELERATION,
         Quantity.HUB_DISPLACEMENT,
@@ -66,8 +66,8 @@ def _of_wheels(bench: Bench, four: tuple[Trace, ...], by: str, quick: bool) -> P
     if quick:
         size = np.array([trace.rms(-STRIKE_S / 2, _AXLES_S) for trace in four])
     else:  # a wheel on the board goes up; the body rises after it and pulls the other wheels down
-        way = -1.0 if bench.procedure.method is Method.DROP else 1.0
-        parts = [way * trace.part(0.0, bench.bump_s) for trace in four]
+        way = -1.0 if bench.campaign.method is Method.DROP else 1.0
+        parts = [way * trace.part(0.0, bench.campaign.bump_s) for trace in four]
         size = np.array([np.max(part, initial=0.0) for part in parts])
     size = size / max(float(np.linalg.norm(size)), 1e-12)
     like = {

@@ -153,7 +153,7 @@ def _sent_by(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def overload(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find tops that were cut; on the bump itself they are harmless."""
-    free_s = bench.bump_s
+    free_s = bench.campaign.bump_s
     cut = _cut_tops(window, signals)
     late = {name: times[times > free_s] for name, times in cut.items() if (times > free_s).any()}
     for name, times in late.items():

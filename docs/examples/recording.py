@@ -27,7 +27,7 @@ def main(folder: Path, bench_toml: Path | None = None) -> Path:
     """Record a campaign of the simulated car, and return its session file."""
     bench = load_bench(bench_toml)
     # No operator can reject a run here: the next bump may come at once.
-    bench = replace(bench, procedure=replace(bench.procedure, accept_after_s=0.0))
+    bench = replace(bench, campaign=replace(bench.campaign, accept_after_s=0.0))
     # Ten lines ...
     stop, news = threading.Event(), News()
     bus = open_source(bench.bus, 0)  # before the first frame

@@ -8,15 +8,14 @@ from functools import cache
 
 import numpy as np
 
-from daq.bench.bench_tables import TriggerConfig
 from daq.bench.campaign import Campaign
-from daq.bench.config import Bench, load_bench
+from daq.bench.config import Bench, TriggerConfig, load_bench
 from daq.runs import Event, Excitation
 from dbc import Codec, FrameBatch, parse_codec
 
 START_NS = 1_800_000_000_000_000_000
 PERIOD_S = 1.2
-CAMPAIGN = Campaign((Excitation.BOUNCE, Excitation.ROLL), 1)
+CAMPAIGN = Campaign((Excitation.BOUNCE, Excitation.ROLL), 1, bump_height_m=0.05)
 LABELS = [step.label for step in CAMPAIGN.steps]
 
 

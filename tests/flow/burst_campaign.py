@@ -141,7 +141,7 @@ async def _campaign(operator: Seat) -> tuple[int, int]:
     await operator.until(lambda: app.step is BenchStep.IDENTIFY, typist.go_on)
     assert app.bench is not None
     assert app.status is not None
-    vehicle, procedure = app.bench.vehicle, app.bench.procedure
+    vehicle, procedure = app.bench.vehicle, app.bench.campaign
     facts = {str(f.quantity): f for f in vehicle.facts}
     found = {
         "name": vehicle.name,

@@ -81,7 +81,7 @@ def main(campaigns: int, name: str = GRANADA) -> None:
     stds = np.array([o.stds for o in outcomes])
     z = errors / stds
     chi2 = np.array([o.quality.chi2_per_n for o in outcomes])
-    height_mm = bench.procedure.bump_height_m * 1e3
+    height_mm = bench.campaign.bump_height_m * 1e3
     print(f"{campaigns} campaigns of {name}, shipped bench, {height_mm:.0f} mm bump")
     print(f"{'':6} rms error %  stated %  covered %  rms z")
     for i, parameter in enumerate(names):

@@ -28,7 +28,7 @@ def test_a_frame_on_its_way_to_a_session_file(quick: Bench, codec: Codec, tmp_pa
             running.order(Arm(Until.COMPLETE))
             running.until(lambda s: s.disk.recorded_frames == 1200)
         derive(recordings(tmp_path / "journal")[0].segments, tmp_path / "again.h5")
-    assert {"daq/recorder/recorder.py", "dbc/decode.py"} <= files  # it sees both ends
+    assert {"daq/recorder/recorder.py", "dbc/codec.py"} <= files  # it sees both ends
     assert len(files) <= 58, sorted(files)
 
 

@@ -161,18 +161,20 @@ def test_the_terminals_outlook_is_that_of_the_weights_that_are_on_the_bench(
     answer[0] = Advice(LOST, (BETTER,) * 3, ("one roll run",))
     assert expected_gain(BENCH).remedies == ("one roll run",)
     (first, *_) = answer[1:]
-    assert first.bump.height_m == BENCH.procedure.bump_height_m
+    assert first.bump.height_m == BENCH.campaign.bump_height_m
 
 
 def test_a_bench_is_planned_as_it_will_be_recorded() -> None:
     vehicle = FORD_GRANADA.to_array()
     plan = planned(BENCH, vehicle, None, 0.03)
     assert plan.bump.height_m == 0.03
-    assert plan.bump.duration_s == BENCH.bump_s
-    assert plan.decay_s == pytest.approx(BENCH.trigger.post_s - BENCH.bump_s)
+    assert plan.bump.duration_s == BENCH.campaign.bump_s
+    assert plan.decay_s == pytest.approx(BENCH.trigger.post_s - BENCH.campaign.bump_s)
     assert [run.mass_state for run in plan.runs] == ["baseline"] * 3 + ["added"] * 3
     assert {run.repeats for run in plan.runs} == {2}
-    short = replace(BENCH, trigger=BENCH.trigger.model_copy(update={"post_s": BENCH.bump_s + 0.1}))
+    short = replace(
+        BENCH, trigger=BENCH.trigger.model_copy(update={"post_s": BENCH.campaign.bump_s + 0.1})
+    )
     assert planned(short, vehicle, None, 0.03).decay_s == 0.2
     campaign = replace(
         BENCH.campaign, excitations=(Excitation.ROLL, Excitation.ROLL), mass_states=("baseline",)

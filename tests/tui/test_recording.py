@@ -54,14 +54,14 @@ def test_runs_are_accepted_at_once_where_nobody_looks_at_them(
 
     assert record_campaign(BENCH, open_source, tmp_path, lifetime, log, stage) == a_status()
     bench, folder, opener, options = made
-    assert BENCH.procedure.accept_after_s == 3.0
-    assert bench.procedure.accept_after_s == pause_s
+    assert BENCH.campaign.accept_after_s == 3.0
+    assert bench.campaign.accept_after_s == pause_s
     assert (folder, opener) == (tmp_path, open_source)
     assert options == {"software": f"bumpbench {version('bumpbench')}"}
     assert ran[0] == "recorder"
     assert ran[1] is bench
     assert (ran[2], ran[4], ran[5]) == (tmp_path, "log", stage)
-    assert ran[3].reread().procedure.accept_after_s == pause_s
+    assert ran[3].reread().campaign.accept_after_s == pause_s
     assert (ran[3].arm, ran[3].figures, ran[3].stay) == (arm, tmp_path / "a.prom", True)
     assert isinstance(ran[3].end, threading.Event)
 

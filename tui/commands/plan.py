@@ -59,7 +59,7 @@ def plan(
         else:
             expected = typical()
         expected = with_structure(expected, described)
-        high_m = described.procedure.bump_height_m if bump_mm is None else bump_mm * 1e-3
+        high_m = described.campaign.bump_height_m if bump_mm is None else bump_mm * 1e-3
         campaign = planned(described, expected.vehicle, rate, high_m, expected.elements)
         known = KnownRuns()
         advice = advise(campaign, lambda done, text: stage(0.2 + 0.5 * done, text), known)

@@ -388,7 +388,7 @@ def rows_of(status: Status) -> tuple[Row, ...]:
 
 def sketch_of(bench: Bench, excitation: Excitation) -> Sketch:
     """Return the sketch of a bump; a push that cannot make it is a drop."""
-    procedure = bench.procedure
+    procedure = bench.campaign
     height = f"{procedure.bump_height_m * 1e3:g} mm"
     bump = BUMPS[excitation]
     fl, fr, rl, rr = (share > 0.0 for share in bump.shares)

@@ -76,7 +76,7 @@ def expected_gain(bench: Bench) -> Gain:
     from .planning import planned
 
     car = expected_car(bench.vehicle)
-    plan = planned(bench, car.to_array(), None, bench.procedure.bump_height_m)
+    plan = planned(bench, car.to_array(), None, bench.campaign.bump_height_m)
     advice = advise(plan)
     now = advice.outlook
     finite = np.isfinite(now.worst)

@@ -44,8 +44,8 @@ def planned(
             for state in bench.campaign.mass_states
             for excitation in dict.fromkeys(bench.campaign.excitations)
         ),
-        bump=Bump(bump_height_m, 0.0, bench.bump_s),
-        decay_s=max(bench.trigger.post_s - bench.bump_s, 0.2),
+        bump=Bump(bump_height_m, 0.0, bench.campaign.bump_s),
+        decay_s=max(bench.trigger.post_s - bench.campaign.bump_s, 0.2),
         geometry=bench.vehicle.geometry,
         structure=bench.vehicle.structure,
         facts=bench.vehicle.facts,

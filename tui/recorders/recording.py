@@ -85,7 +85,7 @@ def record_campaign(
 
 def _unreviewed(bench: Bench) -> Bench:
     """Return a bench whose runs are accepted without a pause for the operator to reject them."""
-    return replace(bench, procedure=replace(bench.procedure, accept_after_s=0.0))
+    return replace(bench, campaign=replace(bench.campaign, accept_after_s=0.0))
 
 
 def recorded_session(last: Status) -> tuple[Path, Session]:

@@ -143,12 +143,12 @@ MISTAKES = {
     "calibration": ('[calibration]\nmax_age_days = 0\n', "calibration.max_age_days"),
     "calibrated": (
         '[[channel]]\nname = "a"\nsignal = "Acc.up"\nquantity = "unused"\ncalibrated = "May"\n',
-        "channel.0.calibrated",
+        "calibrated is not a day",
     ),
     "calibrated when": (
         '[[channel]]\nname = "a"\nsignal = "Acc.up"\nquantity = "unused"\n'
         "calibrated = 2026-01-01T10:00:00\n",
-        "is not a day",
+        "channel.0.calibrated: must be a valid string",
     ),
     "unit of another kind": (
         '[[channel]]\nname = "a"\nsignal = "Acc.up"\nsignal_unit = "mm"\n'
@@ -204,7 +204,7 @@ def test_a_mistake_is_one_line(name: str) -> None:
         ("[[weight]]\nhub = 'FL'\n", "b.toml:1: weight.0.mass_kg is missing (state it)"),
         (
             "[bus]\nchanel = 'can0'\n",
-            "b.toml:2: unknown key bus.chanel"
+            "b.toml:2: unknown key bus.0.chanel"
             " (remove it or correct its name; did you mean channel?)",
         ),
         (

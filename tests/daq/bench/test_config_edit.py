@@ -103,9 +103,9 @@ def test_each_edit_says_what_was_asked_for() -> None:
     assert len(channels) == 14  # all of the shipped ones, written out
     assert bench.campaign.excitations == (Excitation.WARP,)
     assert bench.campaign.repeats == 7
-    assert bench.procedure.method is Method.DROP
+    assert bench.campaign.method is Method.DROP
     assert tomllib.loads(text)["campaign"]["bump_height_mm"] == 70.0
-    assert bench.procedure.instructions == {Excitation.BOUNCE: "drop it"}
+    assert bench.campaign.instructions == {Excitation.BOUNCE: "drop it"}
 
 
 def test_weights_that_stay_keep_their_lines_and_headings_stay_above_what_follows() -> None:

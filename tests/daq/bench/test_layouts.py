@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Method, Procedure, instruction, sketch
+from daq.bench.campaign import Campaign, Method, instruction, sketch
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.check.check import check_bench
 from daq.errors import InputError
@@ -275,7 +275,7 @@ def test_an_unknown_layout_is_one_line() -> None:
 def test_the_sketch_marks_the_wheels_of_the_bump(method: Method) -> None:
     mark = "===" if method is Method.ROLL_OVER else "[#]"
     counts = [
-        sum(line.count(mark) for line in sketch(Procedure(method), kind)[:-1])
+        sum(line.count(mark) for line in sketch(Campaign(method=method), kind)[:-1])
         for kind in Excitation
     ]
     assert counts == [4, 2, 2, 2, 2]
@@ -335,6 +335,6 @@ def test_a_layout_yields_to_what_the_file_states() -> None:
 
 
 def test_the_words_of_the_bench_come_first() -> None:
-    own = Procedure(instructions=MappingProxyType({Excitation.ROLL: "Left wheels over the plank."}))
+    own = Campaign(instructions=MappingProxyType({Excitation.ROLL: "Left wheels over the plank."}))
     assert instruction(own, Excitation.ROLL) == "Left wheels over the plank."
-    assert instruction(own, Excitation.PITCH) == instruction(Procedure(), Excitation.PITCH)
+    assert instruction(own, Excitation.PITCH) == instruction(Campaign(), Excitation.PITCH)

@@ -102,9 +102,9 @@ def test_a_number_or_a_text_has_its_limits(
         (UNUSED + 'serial_number = "' + 33 * "ä" + '"\n', "more than 64 bytes"),
         (UNUSED.replace("IMU_Accel.acc_z", 129 * "x"), "more than 128 bytes"),
         (HUB + "position_sigma_m = 0.1\n", "for a weight on the body"),
-        (CHANNEL.format("suspension_travel"), "corner do not go together"),
-        (CHANNEL.format("hub_displacement"), "corner do not go together"),
-        (CHANNEL.format("pitch_rate") + 'corner = "FL"\n', "corner do not go together"),
+        (CHANNEL.format("suspension_travel"), "suspension_travel needs a corner"),
+        (CHANNEL.format("hub_displacement"), "hub_displacement needs a corner"),
+        (CHANNEL.format("pitch_rate") + 'corner = "FL"\n', "pitch_rate has no corner"),
         (UNUSED + "motion_ratio = 0.9\n", "motion_ratio is for suspension_travel"),
         (UNUSED + "motion_ratio_sigma = 0.1\n", "motion_ratio is for suspension_travel"),
         ('[[bus]]\nchannel = "a"\n[[bus]]\nchannel = "a"\n', "bus virtual a occurs twice"),
@@ -146,10 +146,10 @@ def test_what_a_bench_is_if_nothing_is_stated() -> None:
     trigger = bench.trigger
     assert (trigger.level, trigger.pre_s, trigger.post_s, trigger.rest_s) == (3.0, 1.0, 2.5, 0.3)
     assert bench.campaign.excitations == (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
-    assert (bench.campaign.repeats, bench.bump_s) == (2, 0.2)
-    assert bench.procedure.method is Method.ROLL_OVER
-    assert bench.procedure.bump_height_m == pytest.approx(0.04)
-    assert bench.procedure.accept_after_s == 3.0
+    assert (bench.campaign.repeats, bench.campaign.bump_s) == (2, 0.2)
+    assert bench.campaign.method is Method.ROLL_OVER
+    assert bench.campaign.bump_height_m == pytest.approx(0.04)
+    assert bench.campaign.accept_after_s == 3.0
     recorder = bench.recorder
     assert (recorder.segment_bytes, recorder.segment_s) == (64e6, 900.0)
     assert (recorder.keep_bytes, recorder.reserve_bytes) == (100e9, 200e6)

@@ -11,7 +11,7 @@ import pytest
 from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench, with_database
 from daq.bench.databases import Database, stored_databases, stored_text
 from daq.bench.edit import with_channel
-from daq.bench.ready_maps import ready_tables, sensor_map
+from daq.bench.ready_maps import completed, sensor_map
 from daq.errors import InputError
 from daq.samples.trigger import bench_mapping
 from dbc import Samples
@@ -228,19 +228,17 @@ def test_a_motion_ratio_has_limits(lines: str, reason: str | None) -> None:
 
 
 def test_a_bench_that_states_no_tables_gets_those_of_the_ready_map() -> None:
-    added = ready_tables([("imu", "layout:bosch_mm7"), ("own", "own.dbc")], {})
-    assert added == {
-        "message": sensor_map("imu", "layout:bosch_mm7")["message"],
-        "sample_set": sensor_map("imu", "layout:bosch_mm7")["sample_set"],
-        "channel": sensor_map("imu", "layout:bosch_mm7")["channel"],
-    }
-    for kind, stated in (
-        ("message", {"name": added["message"][0]["name"]}),
-        ("sample_set", {"messages": [added["message"][0]["name"]]}),
-        ("channel", {"signal": "imu.x"}),
-    ):
-        rest = ready_tables([("imu", "layout:bosch_mm7")], {kind: [stated]})
-        assert {name for name in added if rest[name] != added[name]} == {kind}
+    ready = sensor_map("imu", "layout:bosch_mm7")
+    listed = {"sensor": [{"name": "imu", "layout": "bosch_mm7"}, {"name": "own", "dbc": "own.dbc"}]}
+    added = completed(listed, "")
+    assert {kind: added[kind] for kind in ready} == ready
+    own_channel = {"signal": "imu.x"}
+    own_set = {"messages": [ready["message"][0]["name"]]}
+    assert completed({**listed, "channel": [own_channel]}, "")["channel"] == [own_channel]
+    assert completed({**listed, "sample_set": [own_set]}, "")["sample_set"] == [own_set]
+    own_message = {"name": ready["message"][0]["name"]}
+    messages = completed({**listed, "message": [own_message]}, "")["message"]
+    assert messages == [own_message, *ready["message"][1:]]
 
 
 def test_a_sensor_without_a_bus_is_on_the_only_one() -> None:

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.bench.bench_tables import SampleSet
 from daq.bench.config import BusConfig, bench_codec, load_bench
-from daq.bench.message_rules import SensorClock
+from daq.bench.message_rules import SampleSet, SensorClock
 from daq.channels import Channel, Quantity
 from daq.check.check import CheckReport, check_bench
 from daq.check.frame_checks import check_buses, check_messages, frame_table, mixed_messages

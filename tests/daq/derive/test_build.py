@@ -216,7 +216,9 @@ def test_the_last_bench_toml_holds_and_what_persons_said_goes_along(tmp_path: Pa
 
 
 def test_simulated_samples_get_their_true_times() -> None:
-    bench = replace(small_bench(), campaign=Campaign((Excitation.PITCH,), 1, ("baseline",)))
+    bench = replace(
+        small_bench(), campaign=Campaign((Excitation.PITCH,), 1, ("baseline",), bump_height_m=0.05)
+    )
     car = SimulatedCar(jitter_s=100e-6)
     drawn = truth(bench, car, 3)
     frames = next(iter(campaign_frames(bench, CODEC, car, 3, START_NS)))

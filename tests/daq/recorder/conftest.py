@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from daq.bench.campaign import Procedure
 from daq.bench.config import Bench
 from daq.recorder import judging
 from daq.verdict import RunMeasure
@@ -16,4 +15,4 @@ from daq.verdict import RunMeasure
 def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
     """Return a bench whose runs come thick and fast; its judge lets everything pass."""
     monkeypatch.setattr(judging, "judge", lambda *_: ((), RunMeasure()))
-    return replace(bench, procedure=Procedure(accept_after_s=0.1))
+    return replace(bench, campaign=replace(bench.campaign, accept_after_s=0.1))

@@ -11,7 +11,7 @@ from shutil import copytree
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Campaign, Procedure, Step
+from daq.bench.campaign import Campaign, Step
 from daq.bench.config import Bench, bench_codec, load_bench
 from daq.bus.clock import Now
 from daq.bus.source import HopLosses
@@ -251,8 +251,7 @@ def test_of_a_bus_whose_stamps_stand_still_20_000_blocks_are_kept() -> None:
 
 BENCH = replace(
     load_bench(None),
-    campaign=Campaign((Excitation.BOUNCE,), 2, (BASELINE,)),
-    procedure=Procedure(accept_after_s=0.0),
+    campaign=Campaign((Excitation.BOUNCE,), 2, (BASELINE,), accept_after_s=0.0),
 )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.bench.bench_tables import TriggerConfig
+from daq.bench.config import TriggerConfig
 from daq.channels import Channel, Quantity, paper_channels
 from daq.runs import Event
 from daq.samples.trigger import (

@@ -33,7 +33,10 @@ from .bench_campaign import START_NS, Kept, record
 @cache
 def short_bench() -> Bench:
     """Return the shipped bench with two bounces in one state."""
-    return replace(load_bench(None), campaign=Campaign((Excitation.BOUNCE,), 2, (BASELINE,)))
+    return replace(
+        load_bench(None),
+        campaign=Campaign((Excitation.BOUNCE,), 2, (BASELINE,), bump_height_m=0.05),
+    )
 
 
 def _idle() -> Status:
@@ -83,8 +86,7 @@ def test_the_car_is_dropped_or_pushed_as_the_procedure_says(method: Method, leve
     bench = load_bench(None)
     bench = replace(
         bench,
-        campaign=Campaign((Excitation.ROLL,), 1, (BASELINE,)),
-        procedure=replace(bench.procedure, method=method),
+        campaign=Campaign((Excitation.ROLL,), 1, (BASELINE,), method=method, bump_height_m=0.05),
         trigger=bench.trigger.model_copy(update={"level": level}),
     )
     _, status = record(bench, 5)

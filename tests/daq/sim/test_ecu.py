@@ -24,7 +24,7 @@ SILENT = Spread(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def short_bench() -> Bench:
-    campaign = Campaign((Excitation.BOUNCE, Excitation.ROLL), repeats=1)
+    campaign = Campaign((Excitation.BOUNCE, Excitation.ROLL), repeats=1, bump_height_m=0.05)
     return replace(load_bench(None), campaign=campaign)
 
 
@@ -99,7 +99,10 @@ def test_a_seed_decides_everything(batches: list[FrameBatch], codec: Codec) -> N
 
 
 def test_a_frame_carries_the_value_of_its_true_delay_ago(codec: Codec) -> None:
-    bench = replace(load_bench(None), campaign=Campaign((Excitation.BOUNCE,), 1, ("baseline",)))
+    bench = replace(
+        load_bench(None),
+        campaign=Campaign((Excitation.BOUNCE,), 1, ("baseline",), bump_height_m=0.05),
+    )
     hub = [c for c in bench.channels if c.signal.startswith("HUB_Front")]
     late = [replace(c, delay_s=0.05, delay_sigma_s=0.0) for c in hub]
     prompt = [replace(c, delay_s=0.0, delay_sigma_s=0.0) for c in hub]
@@ -162,9 +165,8 @@ def quiet_run(
 ) -> dict[str, NDArray[np.float64]]:
     shipped = load_bench(None)
     exact = tuple(replace(channel, gain_sigma=0.0) for channel in shipped.channels)
-    campaign = Campaign((excitation,), 1, ("baseline",))
-    procedure = replace(shipped.procedure, bump_height_m=height_m)
-    bench = replace(shipped, channels=exact, campaign=campaign, procedure=procedure)
+    campaign = Campaign((excitation,), 1, ("baseline",), bump_height_m=height_m)
+    bench = replace(shipped, channels=exact, campaign=campaign)
     (batch,) = campaign_frames(bench, codec, QUIET, SEED, START_NS)
     return {name: samples.value for name, samples in codec.decode(batch).samples.items()}
 
@@ -186,7 +188,10 @@ def test_an_overloaded_bus_stays_late_into_the_next_run(codec: Codec) -> None:
 
 
 def test_repeats_differ_by_their_noise_only(codec: Codec) -> None:
-    bench = replace(load_bench(None), campaign=Campaign((Excitation.PITCH,), 2, ("baseline",)))
+    bench = replace(
+        load_bench(None),
+        campaign=Campaign((Excitation.PITCH,), 2, ("baseline",), bump_height_m=0.05),
+    )
     first, second = (
         codec.decode(batch)["HUB_Front.acc_fl"].value
         for batch in campaign_frames(bench, codec, CAR, SEED, START_NS)

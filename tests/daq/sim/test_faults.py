@@ -46,7 +46,7 @@ def codec() -> Codec:
 def frames(codec: Codec, car: SimulatedCar, signal: str) -> NDArray[np.float64]:
     shipped = load_bench(None)
     exact = tuple(replace(channel, gain_sigma=0.0) for channel in shipped.channels)
-    campaign = Campaign((Excitation.ROLL,), 1, ("baseline",))
+    campaign = Campaign((Excitation.ROLL,), 1, ("baseline",), bump_height_m=0.05)
     bench = replace(shipped, channels=exact, campaign=campaign)
     (batch,) = campaign_frames(bench, codec, car, 3, 1_700_000_000_000_000_000)
     return codec.decode(batch)[signal].value

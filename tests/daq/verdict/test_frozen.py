@@ -33,7 +33,7 @@ LATER: Array = np.roll(SWING, 1)
 def one(records: Mapping[Channel, Array]) -> Finding:
     """Return the finding on some channels; the bump lasts 0.2 s."""
     bench = bench_of(*records)
-    assert bench.bump_s == pytest.approx(0.2)
+    assert bench.campaign.bump_s == pytest.approx(0.2)
     run = window(records)
     (finding,) = frozen(bench, run, traces(tuple(records), run))
     return finding

@@ -28,7 +28,7 @@ BOUNCE, PITCH, ROLL, WARP = Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL
 
 def bench_of(channels: tuple[Channel, ...], method: Method = Method.ROLL_OVER) -> Bench:
     bench = load_bench(None)
-    return replace(bench, channels=channels, procedure=replace(bench.procedure, method=method))
+    return replace(bench, channels=channels, campaign=replace(bench.campaign, method=method))
 
 
 def found(

@@ -236,7 +236,7 @@ def test_a_rear_pitch_is_eighty_percent_pure(front: float, passed: bool) -> None
         for corner, share in size.items()
     }
     bench, run = window(hubs)
-    bench = replace(bench, campaign=Campaign(FOUR, 2))
+    bench = replace(bench, campaign=Campaign(FOUR, 2, bump_height_m=0.05))
     (pattern,) = patterns(bench, traces(bench.channels, run))
     (rear,) = wrong_mode(Excitation.REAR_PITCH, pattern)
     (other,) = wrong_mode(Excitation.PITCH, pattern)

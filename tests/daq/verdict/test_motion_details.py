@@ -32,7 +32,7 @@ TURNS: Array = np.resize([0.0, 1.0, 0.0, -1.0], len(T_S))
 
 def by(method: Method, check: Check, records: Mapping[Channel, Array]) -> list[Finding]:
     bench, run = window(records)
-    bench = replace(bench, procedure=replace(bench.procedure, method=method))
+    bench = replace(bench, campaign=replace(bench.campaign, method=method))
     return list(check(bench, run, traces(bench.channels, run)))
 
 

@@ -39,7 +39,7 @@ def _bench(name: str, method: Method) -> Bench:
     level = 3.0 if method is Method.DROP and name != "IMU and travels" else 0.4
     return replace(
         bench,
-        procedure=replace(bench.procedure, method=method),
+        campaign=replace(bench.campaign, method=method),
         trigger=bench.trigger.model_copy(update={"level": level}),
     )
 

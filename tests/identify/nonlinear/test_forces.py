@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.bench.bench_tables import StructureTable
+from daq.bench.config import StructureTable
 from daq.vehicle import ELEMENTS, Fact
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import Estimate

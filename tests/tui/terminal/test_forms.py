@@ -112,8 +112,8 @@ def test_what_was_typed_is_what_the_bench_says() -> None:
     }
     assert after.campaign.excitations == tuple(Excitation)
     assert after.campaign.repeats == 5
-    assert after.procedure.bump_height_m == pytest.approx(0.0475, abs=1e-15)
-    assert after.procedure.accept_after_s == 1.5
+    assert after.campaign.bump_height_m == pytest.approx(0.0475, abs=1e-15)
+    assert after.campaign.accept_after_s == 1.5
     back = vehicle_values(after, "MK")
     assert back == {k: v.replace(",", ".") for k, v in typed.items()}
     assert vehicle_text(after.text, after, back) == after.text

@@ -16,9 +16,8 @@ from textual.timer import Timer
 from textual.widgets import Static
 
 from daq import Excitation, InputError
-from daq.bench.bench_tables import campaign_limits
 from daq.bench.campaign import Method
-from daq.bench.config import Bench
+from daq.bench.config import Bench, campaign_limits
 from daq.control.messages import Status
 from daq.control.orders import Configure, Hello, Mark, Note
 from daq.vehicle import Fact, FactQuantity, Structure
@@ -165,9 +164,9 @@ def vehicle_values(bench: Bench, operator: str) -> dict[str, str]:
         values[f"bump.{excitation}"] = YES if excitation in bench.campaign.excitations else NO
     return values | {
         "repeats": str(bench.campaign.repeats),
-        "method": str(bench.procedure.method),
-        "bump_height_mm": f"{bench.procedure.bump_height_m * 1e3:.10g}",
-        "accept_after_s": f"{bench.procedure.accept_after_s:.10g}",
+        "method": str(bench.campaign.method),
+        "bump_height_mm": f"{bench.campaign.bump_height_m * 1e3:.10g}",
+        "accept_after_s": f"{bench.campaign.accept_after_s:.10g}",
     }
 
 

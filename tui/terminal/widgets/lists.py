@@ -86,7 +86,7 @@ class SketchBox(Words):
         if bench is None or status.due is None:
             self.say(Content(""))
             return
-        lines = sketch(bench.procedure, status.due.step.excitation)
+        lines = sketch(bench.campaign, status.due.step.excitation)
         self.border_title = f"How to bump: {status.due.step.excitation.words}"
         self.say(Content("\n".join(lines)))
 
