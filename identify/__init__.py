@@ -3,9 +3,7 @@
 from dbc.finding import Finding, Severity
 
 from .decays.usable import usable_session
-from .document import Document
 from .fit.uncertainty import Estimate
-from .identification import Identification
 from .model.matrices import PhysicalModel, state_space
 from .modes.modal_model import ModalModel, Mode, mac, mode_names, mpc
 from .modes.mode_selection import identify_modes
@@ -15,10 +13,10 @@ from .modes.state_variable_method import (
     stabilisation_diagram,
 )
 from .pipeline import identify, identify_parameters
+from .result import Identification
 from .trust.finding import Judgement, Verdict
 
 __all__ = [
-    "Document",
     "Estimate",
     "Finding",
     "Identification",

@@ -8,8 +8,9 @@ from math import isfinite
 from daq.sessions import Session
 
 from .decays.usable import usable_session
-from .document import Document, ForcesEntry
+from .fit.uncertainty import Estimate
 from .pipeline import identify_parameters
+from .result import Identification
 
 Cell = float | str | None
 """None where there is no number."""
@@ -19,12 +20,12 @@ _REASONS = 3
 
 
 def session_row(session: Session) -> dict[str, Cell]:
-    """Identify the parameters of a session and return its row (`document_row`)."""
-    return document_row(session, identify_parameters(session).document())
+    """Identify the parameters of a session and return its row (`result_row`)."""
+    return result_row(session, identify_parameters(session))
 
 
-def document_row(session: Session, document: Document) -> dict[str, Cell]:
-    """Flatten the document of an identification into a row.
+def result_row(session: Session, result: Identification) -> dict[str, Cell]:
+    """Flatten an identification into a row.
 
     The columns: `session` (its uuid), `vehicle`, `created` (when it was recorded), `origin`
     (`real`, `simulated` or `replayed`), `runs_accepted`, `verdict`, `reasons` (the three worst),
@@ -35,48 +36,42 @@ def document_row(session: Session, document: Document) -> dict[str, Cell]:
     forces at speeds (`rear_damper_force_+0.10`, `rear_force_with_friction_+0.10`), N, each with
     `_std`.
     """
+    quality = result.quality
     row: dict[str, Cell] = {
         "session": session.provenance.get("uuid", ""),
         "vehicle": session.vehicle.name,
-        "created": document["source"]["created"],
-        "origin": document["source"]["origin"],
+        "created": result.provenance.get("created", ""),
+        "origin": result.provenance.get("origin", "real"),
         "runs_accepted": len(usable_session(session).accepted),
-        "verdict": document["verdict"],
-        "reasons": " | ".join(document["reasons"][:_REASONS]),
-        "chi2_per_n": _finite(document["chi2_per_n"]),
-        "surviving": " ".join(document["surviving"]),
-        "lost": " ".join(document["lost"]),
+        "verdict": str(quality.verdict),
+        "reasons": " | ".join(quality.reasons[:_REASONS]),
+        "chi2_per_n": quality.chi2_per_n if isfinite(quality.chi2_per_n) else None,
+        "surviving": " ".join(quality.survival.surviving),
+        "lost": " ".join(quality.survival.lost),
     }
-    for name, estimate in document["parameters"].items():
-        row[name] = _finite(estimate["value"])
-        row[f"{name}_std"] = _finite(estimate["std"])
-    if document["forces"]:
-        row |= _forces(document["forces"])
-    for state, modes in document["modes"].items():
-        for number, mode in enumerate(modes, start=1):
+    row |= _cells(result.parameters)
+    if result.forces:
+        from .nonlinear.forces import forces_at_speeds
+
+        row["elements"] = " ".join(one.name for one in result.forces.choices if one.kept)
+        for one in result.forces.axles:
+            row |= _cells({f"{one.axle}_{name}": e for name, e in one.values.items()})
+            for at in forces_at_speeds(one.damper):
+                speed = f"{at.speed_m_s:+.2f}"
+                row |= _cells({f"{one.axle}_damper_force_{speed}": at.damper})
+                row |= _cells({f"{one.axle}_force_with_friction_{speed}": at.total})
+    for state, modes in result.modes.items():
+        named = zip(result.mode_names[state], modes, strict=True)
+        for number, (name, mode) in enumerate(named, start=1):
             key = f"{state}_{number}"
-            row[f"{key}_name"] = mode["name"]
-            row[f"{key}_hz"] = _finite(mode["frequency_hz"])
-            row[f"{key}_hz_std"] = _finite(mode["frequency_std_hz"])
-            row[f"{key}_damping"] = _finite(mode["damping_ratio"])
-            row[f"{key}_damping_std"] = _finite(mode["damping_ratio_std"])
+            row[f"{key}_name"] = name
+            row |= _cells({f"{key}_hz": mode.frequency, f"{key}_damping": mode.damping_ratio})
     return row
 
 
-def _forces(forces: ForcesEntry) -> dict[str, Cell]:
-    """Return elements and forces of both axles, and the elements that are present."""
-    kept = (one["name"] for one in forces["elements"] if one["kept"])
-    row: dict[str, Cell] = {"elements": " ".join(kept)}
-    for axle, one in forces["axles"].items():
-        known = {f"{axle}_{name}": e for name, e in one["elements"].items()}
-        for at in one["at_speeds"]:
-            speed = f"{at['speed_m_s']:+.2f}"
-            known[f"{axle}_damper_force_{speed}"] = at["damper"]
-            known[f"{axle}_force_with_friction_{speed}"] = at["with_friction"]
-        for name, e in known.items():
-            row[name], row[f"{name}_std"] = _finite(e["value"]), _finite(e["std"])
+def _cells(estimates: Mapping[str, Estimate]) -> dict[str, Cell]:
+    """Return values and standard deviations; None for what is not determined."""
+    row: dict[str, Cell] = {}
+    for name, e in estimates.items():
+        row[name], row[f"{name}_std"] = (e.value, e.std) if e.determined else (None, None)
     return row
-
-
-def _finite(value: float) -> float | None:
-    return value if isfinite(value) else None

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from daq.vehicle import RICHEST, Structure, parameter_unit
 
-from .document import unit_text
 from .fit.estimation import Estimation
 from .fit.grey_box import SIGNED, GreyBox
 from .fit.likelihood import fit
@@ -29,6 +28,7 @@ from .model.chi_squared import chance_of_more, exceeded_by_chance
 from .nonlinear.car import elements
 from .nonlinear.forces import element_in_words
 from .numbers import plus_minus
+from .words import unit_text
 
 # Brings the fits of several sessions to one structure, so that one joint fit can hold them all ----
 #

@@ -21,10 +21,10 @@ from dbc.errors import InputError
 from .change import Change, change_of
 from .fit.grey_box import weight_sigmas
 from .fit.uncertainty import COVERAGE_95, Estimate
-from .identification import Identification
 from .model.chi_squared import chance_of_more
 from .nonlinear.forces import force_quantities
 from .nonlinear.release import AS_PARAMETERS
+from .result import Identification
 
 # Names what the sessions of a comparison state differently although a car has only one of it ------
 

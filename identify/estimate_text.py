@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from .document import EstimateEntry
-from .numbers import half_width_percent, interval, rounded
+from typing import Any
+
+from .numbers import half_width_percent, rounded
+
+Document = dict[str, Any]
+EstimateEntry = dict[str, Any]
 
 
 def value_text(e: EstimateEntry) -> str:
@@ -21,11 +25,6 @@ def high_text(e: EstimateEntry) -> str:
     return rounded(e["value"], e["low"], e["high"])[2]
 
 
-def ends_text(e: EstimateEntry) -> str:
-    """Write both ends of the interval; nothing where there is none."""
-    return interval(e["value"], e["low"], e["high"])
-
-
 def half_text(e: EstimateEntry) -> str:
     """Write half of the interval as a share of the value."""
     return half_width_percent(e["value"], e["low"], e["high"])
@@ -33,4 +32,4 @@ def half_text(e: EstimateEntry) -> str:
 
 def half_percent(e: EstimateEntry) -> float:
     """Return half of the interval, % of the value, which must not be zero."""
-    return (e["high"] - e["low"]) / 2.0 / abs(e["value"]) * 100.0
+    return float((e["high"] - e["low"]) / 2.0 / abs(e["value"]) * 100.0)

@@ -30,12 +30,12 @@ from .fit.uncertainty import (
     mode_estimates,
     motion_ratio_estimates,
 )
-from .identification import Identification
 from .model.matrices import loaded_model
 from .modes.modal_model import mode_names, modes_of, pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import ClosedForm, closed_form
 from .real_car import explained_by_elements, share_of_faults
+from .result import Identification
 from .trust.faults import clock_jump, wrong_channel
 from .trust.finding import Judgement
 from .trust.judge import judge

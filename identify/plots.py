@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from dbc.errors import InputError
 
-from .identification import Identification
 from .modes.state_variable_method import StabilisationDiagram
 from .report.blocks import Picture
 from .report.cars import shape_of, still_cars
@@ -21,6 +20,7 @@ from .report.evidence import correlation_drawing
 from .report.figure import figure_of, look
 from .report.modes import mode_text, stabilisation_drawing
 from .report.parameters import parameter_section
+from .result import Identification
 
 _ACROSS = 2
 _TITLE_IN = 0.22
@@ -64,7 +64,7 @@ def dampers(result: Identification) -> Figure:
     Raises InputError if the session was refused before a fit, or the linear model explains its
     decays.
     """
-    forces = _fitted(result).document()["forces"]
+    forces = _fitted(result).forces
     if forces is None:
         what = "there is no damper curve: the linear model explains the decays"
         raise InputError("plot", what, "take c_sf and c_sr, or bump higher")

@@ -17,7 +17,7 @@ from daq.files import write_named
 from dbc import InputError
 
 if TYPE_CHECKING:
-    from identify import Document, Identification
+    from identify import Identification
 
 MODEL_ENDINGS = (".mat",)
 DAMPER_ENDINGS = (".csv", ".mat")
@@ -49,7 +49,7 @@ def write_model(result: Identification, path: Path) -> None:
     """
     import numpy as np
 
-    lost = [name for name, one in result.parameters.items() if not one.determined]
+    lost = result.undetermined
     if result.quality.verdict == "refused" or not result.physical or lost:
         why = f"not determined: {', '.join(lost)}" if lost else "the identification is refused"
         advice = "see the result of identify for the session"
@@ -106,7 +106,7 @@ def state_space(result: Identification, state: str) -> StateSpace:
     )
 
 
-def write_damper_table(document: Document, path: Path) -> None:
+def write_damper_table(result: Identification, path: Path) -> None:
     """Write the damper curves of both axles, of one corner, compression positive, SI.
 
     `.csv` has a row for each axle and speed; `.mat` (MATLAB v5) the matrices `front` and `rear`,
@@ -116,19 +116,19 @@ def write_damper_table(document: Document, path: Path) -> None:
     """
     import numpy as np
 
-    forces = document["forces"]
-    if forces is None:
+    if result.forces is None:
         what = "not written: the linear model explains the decays, so there is no damper curve"
         raise InputError(str(path), what, "take c_sf and c_sr, or bump higher")
-    axles = forces["axles"].items()
-    tables = {
-        axle: np.array([dict(one["damper"])[name] for name in _CURVES]).T for axle, one in axles
-    }
+    tables = {}
+    for one in result.forces.axles:
+        curve = one.damper
+        columns = (curve.force_n, *curve.band_n, curve.total_n, *curve.total_band_n)
+        tables[one.axle] = np.column_stack([curve.speed_m_s, *columns])
     if path.suffix.lower() == ".mat":
         content: dict[str, Any] = {**tables, "columns": np.array(_CURVES, dtype=object)}
-        for axle, one in axles:
-            determined = {n: e["value"] for n, e in one["elements"].items() if not e["reason"]}
-            content[f"{axle}_elements"] = determined
+        for one in result.forces.axles:
+            determined = {name: e.value for name, e in one.values.items() if e.determined}
+            content[f"{one.axle}_elements"] = determined
         write_named(path, _mat(content))
         return
     text = StringIO()

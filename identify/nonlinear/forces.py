@@ -79,6 +79,12 @@ class DamperCurve:
         half = COVERAGE_95 * self.std_n
         return self.force_n - half, self.force_n + half
 
+    @property
+    def total_band_n(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper end of the 95 % band of `total_n`, (n,) each."""
+        half = COVERAGE_95 * self.total_std_n
+        return self.total_n - half, self.total_n + half
+
 
 @dataclass(frozen=True, slots=True)
 class AxleForces:

@@ -7,7 +7,6 @@ order.
 from .blocks import MovingCars, Picture, Report, Source
 from .cars import still_cars
 from .content import report_of
-from .dampers import damper_columns, damper_rows, element_answer
 from .decays import decay_section, decay_traces
 from .figure import png_of, svg_of
 from .html import comparison_html, drawings, html_of
@@ -19,12 +18,9 @@ __all__ = [
     "Report",
     "Source",
     "comparison_html",
-    "damper_columns",
-    "damper_rows",
     "decay_section",
     "decay_traces",
     "drawings",
-    "element_answer",
     "html_of",
     "pdf_of",
     "png_of",

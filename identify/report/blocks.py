@@ -8,7 +8,7 @@ from typing import Any
 
 from dbc.finding import Finding
 
-from ..document import Document
+from ..estimate_text import Document
 from ..numbers import number
 from ..trust.finding import Verdict
 from .cars import Shape

@@ -14,11 +14,11 @@ from dbc.words import counted
 
 from ..change import Change
 from ..compare import Compared, Comparison
-from ..document import EstimateEntry, unit_text
-from ..estimate_text import high_text, low_text, value_text
+from ..estimate_text import EstimateEntry, high_text, low_text, value_text
 from ..fit.estimation import Estimation
 from ..fit.uncertainty import COVERAGE_95, Estimate
 from ..numbers import NOT_DETERMINED, half_width, plus_minus, signed
+from ..words import NOT_OK, unit_text
 from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
 from .decays import overlay_gallery
 from .figure import (
@@ -31,7 +31,6 @@ from .figure import (
     lines_height_in,
     shared_legend,
 )
-from .words import NOT_OK
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase

@@ -9,13 +9,13 @@ from daq.sessions import Session
 
 from ..cross_checks import CrossChecks
 from ..decays.usable import usable_session
-from ..document import Document, survival_lines, unit_text
-from ..estimate_text import half_percent, half_text, value_text
+from ..estimate_text import Document, half_percent, half_text, value_text
 from ..fit.cross_validation import Prediction
 from ..fit.grey_box import SIGNED
-from ..identification import Identification
 from ..numbers import NOT_DETERMINED
+from ..result import Identification
 from ..trust.finding import Verdict
+from ..words import survival_lines, unit_text
 from .blocks import Cell, Report, Section, Source, cited
 from .dampers import damper_section
 from .decays import decay_section
@@ -46,11 +46,10 @@ def report_of(
     `checks` are those of the result's estimation, empty if there is none.
     """
     session = usable_session(session)
-    document = result.document()
-    document["source"]["file_sha256"] = source.sha256
+    document = result.document(source.sha256)
     sections: list[Section] = []
     if result.estimation is not None:
-        dampers = damper_section(document)
+        dampers = damper_section(result)
         sections += [
             parameter_section(document),
             *([dampers] if dampers else []),
@@ -72,7 +71,7 @@ def report_of(
         source=source,
         verdict=result.quality.verdict,
         findings=result.quality.findings,
-        survival=tuple(survival_lines(document)),
+        survival=tuple(survival_lines(result.quality)),
         highlights=_highlights(session, document, checks.predictions),
         sections=tuple(sections),
         document=document,

@@ -5,26 +5,27 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ..document import Document, ElementEntry, EstimateEntry, ForcesEntry, unit_text
-from ..estimate_text import high_text, low_text, value_text
-from ..numbers import NOT_DETERMINED, half_width, number
-from .blocks import Block, Cell, Picture, Section, Table, cited
+from ..numbers import number, rounded
+from ..result import Identification
+from ..words import damper_columns, damper_rows, element_answer, plain, unit_text, value_text
+from .blocks import Block, Cell, Picture, Section, Table
 from .figure import FAINT, PALETTE, WIDTH_IN, Drawing
-from .words import plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
 
+    from ..nonlinear.forces import Forces
 
-def damper_section(document: Document) -> Section | None:
+
+def damper_section(result: Identification) -> Section | None:
     """Return the section of dampers and friction; None for a linear car."""
-    forces = document["forces"]
+    forces = result.forces
     if forces is None:
         return None
     blocks: list[Block] = [damper_picture(forces), _forces_at_speeds(forces)]
-    if any(one["elements"] for one in forces["axles"].values()):
-        blocks.append(_elements(document, forces))
-    blocks.append(_tried(document, forces))
+    if any(one.values for one in forces.axles):
+        blocks.append(_elements(forces))
+    blocks.append(_tried(forces))
     return Section(
         "dampers",
         "Damper dynamometer",
@@ -37,43 +38,7 @@ def damper_section(document: Document) -> Section | None:
     )
 
 
-def damper_rows(forces: ForcesEntry) -> list[list[str]]:
-    """Return, for each standard speed, the force of each axle's damper and that with friction.
-
-    Each has half of its 95 % interval; an entry is empty where an axle did not reach the speed.
-    """
-    axles = [{at["speed_m_s"]: at for at in one["at_speeds"]} for one in forces["axles"].values()]
-    rows = []
-    for speed in sorted({speed for one in axles for speed in one}):
-        texts = []
-        for one in axles:
-            known = one.get(speed)
-            texts += (
-                [_force(known["damper"]), _force(known["with_friction"])] if known else ["", ""]
-            )
-        rows.append([f"{speed:+.2f}", *texts])
-    return rows
-
-
-def damper_columns(forces: ForcesEntry) -> list[str]:
-    """Return the headings of `damper_rows` after the speed."""
-    return [name for axle in forces["axles"] for name in (axle, f"{axle} + friction")]
-
-
-def element_answer(one: ElementEntry) -> str:
-    """Return the result for an element that was tried."""
-    if one["forced"]:
-        return "stated" if one["kept"] else "excluded"
-    return "there" if one["kept"] else "not needed"
-
-
-def _force(e: EstimateEntry) -> str:
-    if e["reason"]:
-        return NOT_DETERMINED
-    return f"{value_text(e)} ± {half_width(e['value'], e['high'])}"
-
-
-def damper_picture(forces: ForcesEntry) -> Picture:
+def damper_picture(forces: Forces) -> Picture:
     """Return the curves of both axles with their bands."""
     return Picture(
         "dampers",
@@ -84,7 +49,7 @@ def damper_picture(forces: ForcesEntry) -> Picture:
     )
 
 
-def _forces_at_speeds(forces: ForcesEntry) -> Table:
+def _forces_at_speeds(forces: Forces) -> Table:
     rows = tuple(tuple(Cell(text) for text in row) for row in damper_rows(forces))
     return Table(
         "Force of one corner at a speed, N",
@@ -95,29 +60,26 @@ def _forces_at_speeds(forces: ForcesEntry) -> Table:
     )
 
 
-def _elements(document: Document, forces: ForcesEntry) -> Table:
+def _elements(forces: Forces) -> Table:
     rows = []
-    for axle, one in forces["axles"].items():
-        for name, e in one["elements"].items():
-            place = ("forces", "axles", axle, "elements", name)
-            cells = (cited(document, *place, form=f) for f in (value_text, low_text, high_text))
-            rows.append((Cell(axle), Cell(plain(name)), *cells, Cell(unit_text(e["unit"]))))
+    for one in forces.axles:
+        for name, e in one.values.items():
+            ends = rounded(e.value, e.low, e.high)[1:] if e.determined else ("", "")
+            texts = (one.axle, plain(name), value_text(e), *ends, unit_text(e.unit))
+            rows.append(tuple(Cell(text) for text in texts))
     return Table(
         "Force elements of one corner",
         ("axle", "element", "#estimate", "#from", "#to", "unit"),
         tuple(rows),
-        "; ".join(
-            f"{axle} {note}" for axle, one in forces["axles"].items() for note in one["notes"]
-        ),
+        "; ".join(f"{one.axle} {note}" for one in forces.axles for note in one.notes),
     )
 
 
-def _tried(document: Document, forces: ForcesEntry) -> Table:
+def _tried(forces: Forces) -> Table:
     rows = []
-    for i, one in enumerate(forces["elements"]):
-        gain = cited(document, "forces", "elements", i, "gain", form=number)
-        limit = cited(document, "forces", "elements", i, "threshold", form=number)
-        rows.append((Cell(plain(one["name"])), gain, limit, Cell(element_answer(one))))
+    for one in forces.choices:
+        texts = (plain(one.name), number(one.gain), number(one.threshold), element_answer(one))
+        rows.append(tuple(Cell(text) for text in texts))
     return Table(
         "Elements that were tried",
         ("element", "#gain", "#needed", ""),
@@ -127,24 +89,21 @@ def _tried(document: Document, forces: ForcesEntry) -> Table:
     )
 
 
-def _draw_dampers(forces: ForcesEntry, figure: FigureBase) -> None:
+def _draw_dampers(forces: Forces, figure: FigureBase) -> None:
     """Draw one curve for each axle, side by side on the same scale."""
-    n = len(forces["axles"])
+    n = len(forces.axles)
     first = None
-    for i, (axle, one) in enumerate(forces["axles"].items()):
-        curve = one["damper"]
-        speed = curve["speed_m_s"]
+    for i, one in enumerate(forces.axles):
+        speed = one.damper.speed_m_s
         left = 0.1 + i * 0.9 / n
         axes = figure.add_axes((left, 0.19, 0.9 / n - 0.07, 0.7), sharey=first)
         first = first or axes
         axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
         axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-        axes.fill_between(
-            speed, curve["force_low_n"], curve["force_high_n"], color=PALETTE[1], alpha=0.25, lw=0
-        )
-        axes.plot(speed, curve["force_n"], color=PALETTE[1], lw=1.4, label="damper, 95 % band")
-        axes.plot(speed, curve["total_n"], "--", color=PALETTE[2], lw=1.0, label="with friction")
-        axes.set_title(axle)
+        axes.fill_between(speed, *one.damper.band_n, color=PALETTE[1], alpha=0.25, lw=0)
+        axes.plot(speed, one.damper.force_n, color=PALETTE[1], lw=1.4, label="damper, 95 % band")
+        axes.plot(speed, one.damper.total_n, "--", color=PALETTE[2], lw=1.0, label="with friction")
+        axes.set_title(one.axle)
         axes.set_xlabel("speed, m/s, compression positive")
         if not i:
             axes.set_ylabel("force, N")

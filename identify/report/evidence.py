@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from dbc.words import counted
 
-from ..document import Document, unit_text
-from ..estimate_text import half_percent
+from ..estimate_text import Document, half_percent
 from ..fit.cross_validation import Prediction
-from ..identification import Identification
+from ..result import Identification
 from ..trust.motion import SNR_LIMIT_DB
+from ..words import parameter_words, unit_text
 from .blocks import Block, Cell, Picture, Section, Table, cited
 from .figure import (
     FAINT,
@@ -29,7 +29,6 @@ from .figure import (
     shared_legend,
 )
 from .parameters import about_zero, interval_bars
-from .words import parameter_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

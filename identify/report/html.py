@@ -16,11 +16,11 @@ from daq.documents import json_in_html
 from ..compare import Comparison
 from ..fit.estimation import Estimation
 from ..trust.finding import Verdict
+from ..words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
 from .cars import moving_car
 from .comparison import comparison_sections
 from .figure import svg_of
-from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 
 _WIDE = 9
 """Columns beyond which a table is set small."""

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..document import Document, SensedModeEntry
+from ..estimate_text import Document
 from ..fit.uncertainty import ModeEstimate
-from ..identification import Identification
 from ..modes.state_variable_method import StabilisationDiagram
 from ..numbers import NOT_DETERMINED, rounded, with_half
+from ..result import Identification
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table, cited
 from .cars import shape_of
 from .figure import FAINT, HALF_IN, PALETTE, Drawing
@@ -118,7 +118,7 @@ def _sensed(document: Document, state: str) -> Table:
     )
 
 
-def _with_sigma(mode: SensedModeEntry) -> Iterator[str]:
+def _with_sigma(mode: Mapping[str, float]) -> Iterator[str]:
     """Yield frequency and damping ratio, each with its standard deviation and fitting digits."""
     for value, sigma in (
         (mode["frequency_hz"], mode["frequency_std_hz"]),

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..document import Document, unit_text
-from ..estimate_text import half_percent, half_text, high_text, low_text, value_text
+from ..estimate_text import Document, half_percent, half_text, high_text, low_text, value_text
 from ..numbers import LARGEST_PERCENT, by_kind, half_width_percent, largest_share
+from ..words import parameter_words, plain, unit_text
 from .blocks import Block, Cell, Picture, Section, Table, cited
 from .figure import (
     INK,
@@ -21,7 +21,6 @@ from .figure import (
     lines_height_in,
     shared_legend,
 )
-from .words import parameter_words, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,10 +13,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from ..trust.finding import Verdict
+from ..words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
 from .cars import still_cars
 from .figure import svg_of
-from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 
 
 def pdf_of(report: Report) -> bytes:

@@ -14,13 +14,13 @@ from daq.samples.trigger import BUMP
 from daq.sessions import Session, notes_of, overrides_of
 from daq.vehicle import BodyWeight, MassState, Structure
 
-from ..document import Document
+from ..estimate_text import Document
 from ..fit.estimation import Estimation
-from ..identification import Identification
 from ..numbers import number
+from ..result import Identification
 from ..trust.finding import Verdict
+from ..words import HEADLINE, plain
 from .blocks import Block, Cell, Section, Source, Table, cited
-from .words import HEADLINE, plain
 
 _ROUTINE = (BUMP, "run_end")
 _UNSTATED = "not stated"

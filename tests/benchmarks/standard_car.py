@@ -22,9 +22,9 @@ from daq.arrays import session_from_arrays
 from daq.channels import Channel
 from daq.sessions import Session
 from daq.vehicle import Vehicle
-from identify.identification import Identification
 from identify.nonlinear.release import BY_NAME
 from identify.pipeline import identify
+from identify.result import Identification
 
 from ..identify.nonlinear.truth import (
     BUMP_S,

@@ -12,7 +12,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from identify.document import VERSION
+from identify.result import VERSION
 
 from .built import ROOT, build, package_files
 

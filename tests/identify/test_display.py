@@ -1,4 +1,4 @@
-"""Notebooks show sessions, modes and identifications as tables."""
+"""Notebooks show sessions and modes as tables."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from daq import Session, session_from_arrays
+from daq import Session
 from daq.vehicle import Vehicle
-from identify import Identification, ModalModel, identify
-from tests.tui.batches import paper_session, refused_session
+from identify import ModalModel
+from tests.tui.batches import paper_session
 
 _EVIL = "<script>alert('x')</script> & \"car\""
 
@@ -47,11 +47,6 @@ _TAGS = {"p", "table", "caption", "thead", "tbody", "tr", "th", "td"}
 @pytest.fixture(scope="module")
 def session() -> Session:
     return paper_session(1)
-
-
-@pytest.fixture(scope="module")
-def result(session: Session) -> Identification:
-    return identify(session)
 
 
 def test_a_session_shows_runs_and_channels(session: Session) -> None:
@@ -95,27 +90,3 @@ def test_modes_show_deviations_where_they_are_known_and_the_angle_of_what_moves(
     slow = ["1", "0.7958", "0.046", "0.6000", "0.002", "0.00 ∠ 0°", "0.50 ∠ 0°", "1.00 ∠ 0°"]
     fast = ["2", "1.5915", "0.12", "0.6000", "1.00 ∠ 0°", "0.25 ∠ -90°", "0.00 ∠ 90°"]
     assert shown.rows[2:] == [slow, fast]
-
-
-def test_an_identification_shows_its_numbers(result: Identification) -> None:
-    shown = _Cells(result._repr_html_())
-    assert shown.tags == _TAGS
-    assert shown.rows[0][0].startswith(f"Verdict: {result.quality.verdict}; chi2/n")
-    rows = {row[0]: row for row in shown.rows if row}
-    for name, estimate in result.parameters.items():
-        value, low, high = (
-            float(text.replace(",", "")) for text in (rows[name][1], *rows[name][2].split(" .. "))
-        )
-        # Two digits of half the interval: off by a twentieth of it at most.
-        least = 0.05 * (estimate.high - estimate.value)
-        assert value == pytest.approx(estimate.value, abs=least)
-        assert (low, high) == pytest.approx((estimate.low, estimate.high), abs=least)
-    assert "Modes, baseline" in rows
-    assert "Modes, added" in rows
-
-
-def test_a_refusal_shows_why() -> None:
-    for session in (refused_session(1), session_from_arrays([])):
-        shown = _Cells(identify(session)._repr_html_())
-        assert shown.rows[0] == ["Verdict: refused"]
-        assert any("refused" in row for row in shown.rows)

@@ -16,6 +16,8 @@ from identify import Identification, StabilisationDiagram, identify, plots
 from identify.numbers import half_width_percent
 from tests.tui.batches import paper_session, refused_session
 
+from .artists import upright
+
 
 @pytest.fixture(scope="module")
 def result() -> Identification:
@@ -95,3 +97,23 @@ def test_a_refused_session_has_no_figures(plot: Callable[[Identification], Figur
 def test_an_unknown_mass_state_is_named(result: Identification) -> None:
     with pytest.raises(InputError, match="choose baseline, added"):
         plots.modes(result, "loaded")
+
+
+@pytest.mark.parametrize(
+    ("stable", "rank", "modes"),
+    [
+        ([True, True, True, True], [2, 4, 4, 4], [2.0, 4.0]),
+        ([True, True, True, False], [2, 2, 2, 4], [1.0, 2.0]),
+        ([False, False, False, False], [2, 2, 2, 4], []),
+    ],
+)
+def test_modes_are_the_stable_poles_of_the_highest_rank(
+    stable: list[bool], rank: list[int], modes: list[float]
+) -> None:
+    """Poles of 1, 2 and 4 Hz, and a third that does not swing."""
+    poles = np.array([2.0j, 4.0j, -6.0 + 0.0j, 8.0j]) * complex(np.pi)
+    diagram = StabilisationDiagram(
+        np.array(rank), poles, np.ones((1, 4), complex), np.array(stable)
+    )
+    (axes,) = plots.stabilisation(diagram).axes
+    assert upright(axes) == pytest.approx(modes)

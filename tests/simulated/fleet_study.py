@@ -15,8 +15,8 @@ import numpy as np
 
 import identify
 from daq.sim.car import true_parameters
-from identify.identification import Identification
 from identify.nonlinear.forces import Forces
+from identify.result import Identification
 from identify.trust.finding import Verdict
 
 from .fleet import elements, fleet_car

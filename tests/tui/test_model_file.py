@@ -14,9 +14,9 @@ from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc import InputError
 from dbc.finding import Finding, Severity
 from identify.fit.uncertainty import Correlation, Estimate
-from identify.identification import Identification
 from identify.model.matrices import physical_model
 from identify.nonlinear.forces import AxleForces, DamperCurve, Forces
+from identify.result import Identification
 from identify.trust.finding import Judgement
 from tui.model_file import state_space, write_damper_table, write_model
 
@@ -117,7 +117,7 @@ def with_curves() -> Identification:
 
 
 def test_each_axle_and_speed_is_a_row(tmp_path: Path) -> None:
-    write_damper_table(with_curves().document(), tmp_path / "d.csv")
+    write_damper_table(with_curves(), tmp_path / "d.csv")
     header, *rows = csv.reader((tmp_path / "d.csv").read_text().splitlines())
     assert header[:5] == ["axle", "speed_m_s", "force_n", "force_low_n", "force_high_n"]
     assert [row[0] for row in rows] == ["front"] * 5 + ["rear"] * 5
@@ -130,7 +130,7 @@ def test_each_axle_and_speed_is_a_row(tmp_path: Path) -> None:
 
 def test_the_mat_file_has_the_same_matrices_and_the_other_elements(tmp_path: Path) -> None:
     path = tmp_path / "dampers.mat"
-    write_damper_table(with_curves().document(), path)
+    write_damper_table(with_curves(), path)
     found = loadmat(path, squeeze_me=True)
     assert_allclose(found["rear"][:, 0], SPEED)
     assert_allclose(found["rear"][:, 1], 2100.0 * SPEED)
@@ -141,7 +141,7 @@ def test_the_mat_file_has_the_same_matrices_and_the_other_elements(tmp_path: Pat
 
 
 def test_a_linear_car_has_no_curve(tmp_path: Path) -> None:
-    document = Identification(Judgement((), 1.0), {}).document()
+    linear = Identification(Judgement((), 1.0), {})
     with pytest.raises(InputError, match="the linear model explains the decays"):
-        write_damper_table(document, tmp_path / "d.csv")
+        write_damper_table(linear, tmp_path / "d.csv")
     assert not (tmp_path / "d.csv").exists()

@@ -23,7 +23,7 @@ from tui.recorders.daemon import Lifetime
 
 from ..daq.a_status import a_status
 from ..daq.small_session import small_session
-from ..identify.test_documents_by_hand import result
+from ..identify.results import result
 from .conftest import Stages
 
 # The demonstration --------------------------------------------------------------------------------

@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from identify import Estimate
+from dbc.finding import Severity
+from identify import Estimate, Identification
 from identify.change import Change
 from identify.compare import Compared, Comparison, Difference, Trend
-from identify.document import Document, EstimateEntry, ModeEntry
 from tui.jobs.comparing import comparison_lines
 from tui.result import print_identification
 
-from ..identify.test_documents_by_hand import result
+from ..identify.results import result
 
 Printed = Callable[..., list[list[str]]]
 
@@ -32,46 +32,27 @@ def printed(capsys: pytest.CaptureFixture[str]) -> Printed:
     return cells
 
 
-def entry(value: float, half: float, unit: str, reason: str = "") -> EstimateEntry:
-    return {
-        "value": value, "std": half / 2, "low": value - half, "high": value + half,
-        "unit": unit, "reason": reason,
-    }  # fmt: skip
-
-
-def mode(name: str, hz: float, ratio: float) -> ModeEntry:
-    return {
-        "name": name, "reason": "", "frequency_hz": hz, "frequency_std_hz": 0.01,
-        "frequency_low_hz": hz - 0.02, "frequency_high_hz": hz + 0.02, "damping_ratio": ratio,
-        "damping_ratio_std": 0.005, "damping_ratio_low": ratio - 0.011,
-        "damping_ratio_high": ratio + 0.011,
-    }  # fmt: skip
-
-
-def document() -> Document:
-    made: Document = result().document()
-    made["derived"] = {"damping_ratio_heave": entry(0.25, 0.011, "1")}
-    made["motion_ratios"] = {"travel_fl": entry(0.7, 0.013, "1")}
-    made["drivers"] = {"m_s": {"baseline_bounce_1": 0.25, "baseline_bounce_2": 0.5, "wb": 0.25}}
-    first = made["modes"]["baseline"]
-    made["modes"] = {"baseline": [*first, mode("rear wheels", 11.0, 0.3)]}
-    made["modes"]["added"] = [mode("front wheels", 9.5, 0.2), mode("body bounce", 1.1, 0.24)]
-    made["paired"] = {
-        "added": [{"first": 1, "this": 2, "mac": 0.9}, {"first": 2, "this": 1, "mac": 0.9}]
-    }
-    made["swapped"] = {"added": [[1, 2]]}
-    forces = made["forces"]
-    assert forces is not None
-    forces["axles"]["front"]["notes"] = ["knees: none seen"]
-    made["findings"][3]["severity"] = "refused"
-    made["findings"][2]["severity"] = "ok"
-    return made
+def judged() -> Identification:
+    """Return a result with findings of every severity and a remark on its forces."""
+    made = result()
+    findings = tuple(
+        replace(finding, severity=severity)
+        for finding, severity in zip(
+            made.quality.findings,
+            (Severity.WARNING, Severity.WARNING, Severity.NOTE, Severity.ERROR),
+            strict=True,
+        )
+    )
+    assert made.forces is not None
+    front, rear = made.forces.axles
+    forces = replace(made.forces, axles=(replace(front, notes=("knees: none seen",)), rear))
+    return replace(made, quality=replace(made.quality, findings=findings), forces=forces)
 
 
 def test_an_identification_is_printed_with_intervals_and_what_they_rest_on(
     printed: Printed,
 ) -> None:
-    lines = printed(print_identification, document(), {})
+    lines = printed(print_identification, judged(), {})
     for row in (
         ["parameter", "estimate", "95 % interval", "±", "unit", "mostly from"],
         ["m_s", "1,380.0", "1,372.4 .. 1,387.6", "0.55 %", "kg", "baseline_bounce 75 %"],
@@ -93,11 +74,11 @@ def test_an_identification_is_printed_with_intervals_and_what_they_rest_on(
         ["front knees: none seen"],
         ["elements there: friction"],
         ["elements not needed: bump stops"],
-        ["verdict: doubtful", "chi2/n 1.062"],
+        ["verdict: refused", "chi2/n 1.062"],
         ["- doubt: reason 0"],
         ["- note: reason 2"],
         ["- refused: reason 3"],
-        ["- usable: none"],
+        ["- usable all the same, moved by no cause that was sized: m_s, a"],
     ):
         assert row in lines, row
     titles = [row[0] for row in lines]

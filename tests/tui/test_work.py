@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -19,7 +20,6 @@ import pytest
 import daq
 from daq.runs import RunStatus
 from tui.jobs.lines import (
-    CompareTask,
     Done,
     ExportTask,
     IdentifyTask,
@@ -27,13 +27,10 @@ from tui.jobs.lines import (
     Line,
     ListTask,
     Progress,
-    ReportTask,
     Task,
     Trouble,
-    task_text,
 )
-from tui.jobs.outcome_of import without
-from tui.jobs.worker import lines_of
+from tui.jobs.worker import lines_of, without
 from tui.terminal.screens.work import LongWork, after, work_text
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 
@@ -64,21 +61,6 @@ def lines_from_child(task: Task, see: Callable[[Line], None] = lambda _: None) -
         return lines
 
     return asyncio.run(listen())
-
-
-TASKS: tuple[Task, ...] = (
-    IdentifyTask("a b.h5", ("baseline_bounce_1",)),
-    ReportTask("a.h5", "a.html", "a.pdf"),
-    CompareTask(("a.h5", "\x1b[31m.h5")),
-    ExportTask("a.h5", "mf4"),
-    ListTask("."),
-)
-LINES: tuple[Line, ...] = (
-    Progress(0.5, "fitting"),
-    Item({"path": "a.h5"}),
-    Done({"numbers": [1.0, 2.5]}),
-    Trouble("a.h5", "no such file", "name another"),
-)
 
 
 def test_progress_never_goes_back_and_names_each_stage_once() -> None:
@@ -116,8 +98,8 @@ def test_a_child_says_what_it_does_and_sends_the_outcome(tmp_path: Path) -> None
     assert first == Progress(0.05, "reading")
     assert between[-1] == Progress(0.95, "drawing")
     assert isinstance(last, Done)
-    assert last.body["verdict"] == "refused"
-    assert last.body["session"] == str(tmp_path / "s.h5")
+    assert last.body.result.quality.verdict == "refused"
+    assert last.body.session == str(tmp_path / "s.h5")
 
 
 def test_a_killed_child_is_reported(session: Path) -> None:
@@ -161,15 +143,16 @@ def test_a_screen_closed_twice_in_a_row_leaves_nothing_open(tmp_path: Path, turn
 
 
 def test_the_child_ends_when_its_terminal_does(session: Path) -> None:
-    task = task_text(IdentifyTask(str(session)))
-    command = [sys.executable, "-m", "tui.jobs.worker", task]
+    command = [sys.executable, "-m", "tui.jobs.worker"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
         assert child.stdin is not None
         assert child.stdout is not None
-        child.stdout.readline()
+        pickle.dump(IdentifyTask(str(session)), child.stdin)
+        child.stdin.flush()
+        assert pickle.load(child.stdout) == Progress(0.05, "reading")
         child.stdin.close()
         assert child.wait(20.0) == 1
-        assert b'"done"' not in child.stdout.read()
+        assert b"Done" not in child.stdout.read()
 
 
 def test_the_list_shows_sessions_reports_and_bad_files(session: Path, tmp_path: Path) -> None:
@@ -181,12 +164,12 @@ def test_the_list_shows_sessions_reports_and_bad_files(session: Path, tmp_path: 
     reported.with_suffix(".html").write_text("report")
     (tmp_path / "bad.h5").write_text("no HDF5 \x1b[31m")
     lines = lines_from_child(ListTask(str(tmp_path)))
-    entries = {line.body["path"]: line.body for line in lines if isinstance(line, Item)}
-    states = {Path(path).name: body["state"] for path, body in entries.items()}
+    entries = {line.body.path: line.body for line in lines if isinstance(line, Item)}
+    states = {Path(path).name: entry.state for path, entry in entries.items()}
     assert states == {
         "session_0001.h5": "ready",
         "session_0002.h5": "reported",
         "bad.h5": "damaged",
     }
-    assert entries[str(good)]["accepted"] == 6
-    assert entries[str(good)]["vehicle"] == daq.read_session(session).vehicle.name
+    assert entries[str(good)].accepted == 6
+    assert entries[str(good)].vehicle == daq.read_session(session).vehicle.name

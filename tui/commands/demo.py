@@ -68,19 +68,18 @@ def demo(
     path, session = recorded_session(last)
     with progress("identify") as stage:
         result = method.identify(session, stage)
-    truth, document = present_parameters(simulated), result.document()
+    truth = present_parameters(simulated)
     if json:
-        document["source"]["file_sha256"] = file_sha256(path)
-        print_json({**document, "truth": truth, "session": str(path)})
+        print_json({**result.document(file_sha256(path)), "truth": truth, "session": str(path)})
     else:
         print_summary(path, session)
         print_line()
-        print_identification(document, truth)
+        print_identification(result, truth)
         print_line()
         print_line("Next, to paste:")
         for command in next_commands(path):
             print_line(f"  {command}")
-    return ExitCode.ANSWER_IS_NO if document["verdict"] == "refused" else ExitCode.OK
+    return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK
 
 
 def begun_anew(folder: Path) -> Path:

@@ -42,16 +42,14 @@ def identify(
         stage(0.05, "reading")
         recorded = daq.read_session(session)
         result = method.identify(recorded, stage)
-    document = result.document()
     if json:
-        document["source"]["file_sha256"] = file_sha256(session)
-        print_json(document)
+        print_json(result.document(file_sha256(session)))
     else:
         from ..result import print_identification
 
-        print_identification(document, {})
+        print_identification(result, {})
     if dampers is not None:
-        write_damper_table(document, dampers)
+        write_damper_table(result, dampers)
     if model is not None:
         write_model(result, model)
-    return ExitCode.ANSWER_IS_NO if document["verdict"] == "refused" else ExitCode.OK
+    return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK

@@ -83,7 +83,7 @@ def report(
 
 def _say_verdict(quality: Judgement) -> None:
     from identify import Verdict  # loaded by the work
-    from identify.report.words import SEVERITY
+    from identify.words import SEVERITY
 
     say(f"verdict: {quality.verdict}")
     for finding in quality.findings:

@@ -11,10 +11,9 @@ from textwrap import wrap
 from daq import read_session
 from identify import Identification, identify_parameters
 from identify.compare import Compared, Comparison
-from identify.document import unit_text
 from identify.numbers import plus_minus, plus_minus_percent, rounded
 from identify.report.comparison import unchanged_line
-from identify.report.words import NOT_OK
+from identify.words import NOT_OK, unit_text
 
 from ..output import Stage
 from .executors import map_items

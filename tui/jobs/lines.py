@@ -1,19 +1,20 @@
-"""Messages between a terminal and its worker process: one JSON object a line.
+"""Messages between a terminal and its worker process.
 
-The terminal puts one task on the worker's command line.  The worker answers with lines of progress,
-then with one last line: the result, or the error.
+The terminal sends one task.  The worker answers with lines of progress, then with one last line:
+the result, or the error.
 """
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Literal
-
-from pydantic import Field, TypeAdapter, ValidationError
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from dbc import BumpbenchError
 from dbc.errors import printable
+
+if TYPE_CHECKING:
+    from identify import Identification
+    from identify.report.decays import Trace
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +23,6 @@ class IdentifyTask:
 
     session: str
     without: tuple[str, ...] = ()
-    task: Literal["identify"] = "identify"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,6 @@ class ReportTask:
     session: str
     html: str
     pdf: str
-    task: Literal["report"] = "report"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +39,6 @@ class CompareTask:
     """Compare sessions with the first of them."""
 
     sessions: tuple[str, ...]
-    task: Literal["compare"] = "compare"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +49,6 @@ class ExportTask:
     form: str
     replace: bool = False
     """True if existing files may be replaced; otherwise they are refused."""
-    task: Literal["export"] = "export"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +56,41 @@ class ListTask:
     """List the recordings and sessions of a folder, one item a session."""
 
     folder: str
-    task: Literal["list"] = "list"
 
 
-Task = Annotated[
-    IdentifyTask | ReportTask | CompareTask | ExportTask | ListTask, Field(discriminator="task")
-]
-_TASK: TypeAdapter[Task] = TypeAdapter(Task)
+Task = IdentifyTask | ReportTask | CompareTask | ExportTask | ListTask
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """One run: its status, and its decay where it was used."""
+
+    label: str
+    status: str
+    """`accepted`, `rejected`, or `left out`."""
+    reasons: tuple[str, ...]
+    """Reasons why it was not used."""
+    traces: tuple[Trace, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What the screens show of one identification."""
+
+    session: str
+    """The session file."""
+    without: tuple[str, ...]
+    """Runs left out for a trial; the file is not changed by that."""
+    result: Identification
+    """Without its fit."""
+    overrides: tuple[str, ...]
+    """Warnings that a person overrode, with reason and name."""
+    runs: tuple[RunOutcome, ...]
+
+    @property
+    def used(self) -> int:
+        """Number of runs that the result is based on."""
+        return sum(run.status == "accepted" for run in self.runs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,23 +99,20 @@ class Progress:
 
     share: float
     text: str = ""
-    line: Literal["progress"] = "progress"
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
     """One of several answers, sent as soon as it is ready."""
 
-    body: dict[str, Any]
-    line: Literal["item"] = "item"
+    body: Any
 
 
 @dataclass(frozen=True, slots=True)
 class Done:
     """The answer."""
 
-    body: dict[str, Any]
-    line: Literal["done"] = "done"
+    body: Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +122,6 @@ class Trouble:
     where: str
     what: str
     advice: str
-    line: Literal["trouble"] = "trouble"
 
     @property
     def text(self) -> str:
@@ -108,34 +129,7 @@ class Trouble:
         return f"{self.where}: {self.what} ({self.advice})"
 
 
-Line = Annotated[Progress | Item | Done | Trouble, Field(discriminator="line")]
-_LINE: TypeAdapter[Line] = TypeAdapter(Line)
-
-
-def task_text(task: Task) -> str:
-    """Return a task as the argument of a worker."""
-    return json.dumps(asdict(task))
-
-
-def parse_task(text: str) -> Task:
-    """Return the task that `task_text` wrote.
-
-    Raises ValueError if it is none.
-    """
-    return _TASK.validate_json(text)
-
-
-def line_bytes(line: Line) -> bytes:
-    """Return a line for the pipe; numbers that are not finite are written as Python does."""
-    return json.dumps(asdict(line)).encode() + b"\n"
-
-
-def parse_line(text: bytes) -> Line | None:
-    """Return the parsed line of a worker; None for other output, such as a library's."""
-    try:
-        return _LINE.validate_json(text)
-    except ValidationError:
-        return None
+Line = Progress | Item | Done | Trouble
 
 
 def trouble_of(error: Exception, where: str) -> Trouble:

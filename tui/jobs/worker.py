@@ -1,22 +1,25 @@
-"""Does long work of the terminal in a separate process: `python -m tui.jobs.worker TASK`.
+"""Does long work of the terminal in a separate process: `python -m tui.jobs.worker`.
 
-TASK is JSON (`lines.task_text`); every line on the child's stdout is a `lines.Line`.  The child
-ends when its standard input does: a terminal that is killed leaves no work behind.
+The child reads a pickled `lines.Task` from its standard input, and writes pickled `lines.Line`s to
+its standard output.  It ends when its standard input does: a terminal that is killed leaves no work
+behind.
 """
 
 from __future__ import annotations
 
 import asyncio
 import os
+import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from .lines import (
     CompareTask,
@@ -26,22 +29,24 @@ from .lines import (
     Item,
     Line,
     ListTask,
+    Outcome,
     Progress,
     ReportTask,
+    RunOutcome,
     Task,
     Trouble,
     ended,
-    line_bytes,
-    parse_line,
-    parse_task,
-    task_text,
     trouble_of,
 )
+
+if TYPE_CHECKING:
+    from daq import Session
 
 Send = Callable[[Line], None]
 _NICE = 10
 """Niceness of the worker: the recorder has priority."""
 _READ = 0.05
+_LEFT_OUT = "left out for a trial"
 
 
 # The terminal's end -------------------------------------------------------------------------------
@@ -56,7 +61,7 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
     """
     try:
         child = subprocess.Popen(
-            [sys.executable, "-m", "tui.jobs.worker", task_text(task)],
+            [sys.executable, "-m", "tui.jobs.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -66,20 +71,17 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
         what = f"no process can be started ({error.strerror or error})"
         yield Trouble(where, what, "end other programs, and try again")
         return
-    heard: asyncio.Queue[bytes | int] = asyncio.Queue()
+    heard: asyncio.Queue[Line | int] = asyncio.Queue()
     # A thread is used instead of the loop's own subprocess, which must be awaited to its end, and
     # which a screen that is closed twice in a row leaves with open pipes.
-    arguments = (child, heard, asyncio.get_running_loop())
+    arguments = (child, task, heard, asyncio.get_running_loop())
     Thread(target=_listen, args=arguments, name="worker", daemon=True).start()
     try:
-        while isinstance(text := await heard.get(), bytes):
-            line = parse_line(text)
-            if line is None:
-                continue
+        while not isinstance(line := await heard.get(), int):
             yield line
             if isinstance(line, Done | Trouble):
                 return
-        yield ended(text, where)
+        yield ended(line, where)
     finally:
         _end(child)
 
@@ -95,37 +97,38 @@ def _end(child: subprocess.Popen[bytes]) -> None:
 
 def _listen(
     child: subprocess.Popen[bytes],
-    heard: asyncio.Queue[bytes | int],
+    task: Task,
+    heard: asyncio.Queue[Line | int],
     loop: asyncio.AbstractEventLoop,
 ) -> None:
-    """Pass on each line of a process, last its exit code; close its pipes."""
-    with suppress(RuntimeError), child:  # the loop is closed
+    """Send the task; pass on each line of the process, last its exit code; close its pipes."""
+    with suppress(RuntimeError, OSError), child:  # the loop is closed, or it has ended
+        assert child.stdin is not None
         assert child.stdout is not None
-        for text in child.stdout:
-            loop.call_soon_threadsafe(heard.put_nowait, text)
+        with suppress(OSError, EOFError, pickle.UnpicklingError):  # it has ended
+            pickle.dump(task, child.stdin)
+            child.stdin.flush()
+            while True:
+                loop.call_soon_threadsafe(heard.put_nowait, pickle.load(child.stdout))
         loop.call_soon_threadsafe(heard.put_nowait, child.wait())
 
 
 # The worker's end ---------------------------------------------------------------------------------
 
 
-def main(argument: str) -> None:
+def main() -> None:
     """Do one task and write its lines to stdout."""
-    # Output of a library must not come between the lines.
-    out = os.dup(1)
-    os.dup2(2, 1)
-    with suppress(OSError, AttributeError):
-        os.nice(_NICE)
-    Thread(target=_end_with_stdin, daemon=True).start()
-
-    def send(line: Line) -> None:
-        _write(out, line_bytes(line))
-
-    task = parse_task(argument)
-    try:
-        send(Done(answer(task, send)))
-    except Exception as error:
-        send(trouble_of(error, _subject(task)))
+    with os.fdopen(os.dup(1), "wb") as out:
+        os.dup2(2, 1)  # output of a library must not come between the lines
+        with suppress(OSError, AttributeError):
+            os.nice(_NICE)
+        task: Task = pickle.load(sys.stdin.buffer)
+        Thread(target=_end_with_stdin, daemon=True).start()
+        send = partial(_write, out)
+        try:
+            send(Done(answer(task, send)))
+        except Exception as error:
+            send(trouble_of(error, _subject(task)))
 
 
 def _end_with_stdin() -> None:
@@ -134,9 +137,9 @@ def _end_with_stdin() -> None:
     os._exit(1)
 
 
-def _write(descriptor: int, data: bytes) -> None:
-    while data:
-        data = data[os.write(descriptor, data) :]
+def _write(out: BinaryIO, line: Line) -> None:
+    pickle.dump(line, out)
+    out.flush()
 
 
 def _subject(task: Task) -> str:
@@ -149,7 +152,7 @@ def _subject(task: Task) -> str:
             return task.session
 
 
-def answer(task: Task, send: Send) -> dict[str, Any]:
+def answer(task: Task, send: Send) -> Any:
     """Do a task in this process, send its progress, and return the answer."""
     match task:
         case IdentifyTask():
@@ -164,17 +167,42 @@ def answer(task: Task, send: Send) -> dict[str, Any]:
             return _list(task, send)
 
 
-def _identify(task: IdentifyTask, send: Send) -> dict[str, Any]:
+def _identify(task: IdentifyTask, send: Send) -> Outcome:
     from daq import read_session
-    from identify import identify
-
-    from .outcome_of import outcome_of, without
+    from daq.sessions import overrides_of
+    from identify import identify, usable_session
+    from identify.report import decay_traces
 
     send(Progress(_READ, "reading"))
     session = without(read_session(task.session), task.without)
     result = identify(session, lambda share, text: send(Progress(share, text)))
     send(Progress(0.95, "drawing"))
-    return asdict(outcome_of(task.session, session, result, task.without))
+    drawn = decay_traces(result.estimation) if result.estimation else ()
+    traces = {run.label: run.traces for run in drawn}
+    runs = tuple(
+        RunOutcome(
+            run.label,
+            "left out" if run.reasons == (_LEFT_OUT,) else str(run.status),
+            run.reasons,
+            traces.get(run.label, ()),
+        )
+        for run in usable_session(session).runs
+    )
+    result = replace(result, estimation=None, residuals=())
+    return Outcome(task.session, task.without, result, overrides_of(session.provenance), runs)
+
+
+def without(session: Session, labels: Sequence[str]) -> Session:
+    """Return a session in which some runs are not used."""
+    from daq import RunStatus
+
+    runs = (
+        replace(run, status=RunStatus.REJECTED, reasons=(_LEFT_OUT,))
+        if run.label in labels and run.is_accepted
+        else run
+        for run in session.runs
+    )
+    return replace(session, runs=tuple(runs))
 
 
 def _report(task: ReportTask, send: Send) -> dict[str, Any]:
@@ -223,10 +251,10 @@ def _list(task: ListTask, send: Send) -> dict[str, Any]:
 
     count = 0
     for entry in sessions_in(Path(task.folder)):
-        send(Item(asdict(entry)))
+        send(Item(entry))
         count += 1
     return {"count": count}
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main()

@@ -39,7 +39,7 @@ from .widgets.bars import LOST_IN_A_FIELD, MessageApp
 if TYPE_CHECKING:
     from daq.bench.config import Bench
 
-    from ..jobs.outcome import Outcome
+    from ..jobs.lines import Outcome
     from .screens.results import ResultsScreen
     from .screens.work import IdentifyScreen, ReportScreen
 

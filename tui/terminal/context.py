@@ -24,7 +24,7 @@ from .state.signals import Signals
 if TYPE_CHECKING:
     from daq.bench.config import Bench
 
-    from ..jobs.outcome import Outcome
+    from ..jobs.lines import Outcome
 
 
 class StatusArrived(Message):

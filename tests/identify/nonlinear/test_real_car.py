@@ -10,8 +10,8 @@ from daq.arrays import session_from_arrays
 from daq.vehicle import Vehicle
 from identify.change import change_of
 from identify.compare import compare
-from identify.identification import Identification
 from identify.pipeline import identify
+from identify.result import Identification
 from identify.trust.finding import Verdict
 
 from ..report.sessions import made

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from identify.document import EstimateEntry
 from identify.report.blocks import Picture, Section, Table
 
 
@@ -43,7 +42,7 @@ def at(document: Mapping[str, Any], source: str) -> Any:
     return found
 
 
-def entry(value: float, half: float, unit: str, reason: str = "") -> EstimateEntry:
+def entry(value: float, half: float, unit: str, reason: str = "") -> dict[str, Any]:
     """Return a number with half of its 95 % interval."""
     return {
         "value": value, "std": half / 1.96, "low": value - half, "high": value + half,

@@ -5,10 +5,9 @@ from functools import cache
 
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
-from identify import Document, Identification, identify
+from identify import Identification, identify
 from identify.cross_checks import CrossChecks, cross_checks
 from identify.decays.usable import usable
-from identify.document import FindingEntry
 from identify.fit.estimation import Estimation, estimate
 from identify.pipeline import grey_box
 from identify.report.blocks import Report, Source
@@ -55,6 +54,6 @@ def hostile() -> Report:
     )
     report = report_of(session, result, CrossChecks(), replace(SOURCE, name=HOSTILE))
     kept = [s for s in report.sections if s.key in {"parameters", "runs", "provenance"}]
-    finding: FindingEntry = {"gate": "chi2", "severity": "ok", "text": HOSTILE}
-    document: Document = {**report.document, "findings": [finding]}
+    finding = {"gate": "chi2", "severity": "ok", "text": HOSTILE}
+    document = {**report.document, "findings": [finding]}
     return replace(report, sections=tuple(kept), document=document)

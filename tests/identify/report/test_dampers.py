@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from math import isnan
 
 import numpy as np
 import pytest
 
-from daq import InputError, session_from_arrays
+from daq import InputError
 from identify import Estimate, Identification, Judgement, plots
-from identify.batch import document_row
 from identify.compare import compare
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
 from identify.report.blocks import Picture, Table
-from identify.report.dampers import damper_rows, damper_section, element_answer
+from identify.report.dampers import damper_section
 from identify.report.figure import svg_of
+from identify.words import damper_rows, element_answer
 from tui.jobs.comparing import comparison_lines
-from tui.jobs.outcome_of import damper_lines
+from tui.terminal.screens.results import damper_lines
 
 SPEED = np.array([-0.3, -0.1, 0.0, 0.1, 0.3])
 
@@ -38,20 +37,8 @@ def _result() -> Identification:
     return Identification(Judgement((), 1.0), {}, forces=forces)
 
 
-def test_the_document_holds_the_curve_and_its_band() -> None:
-    forces = _result().document()["forces"]
-    assert forces is not None
-    damper = forces["axles"]["rear"]["damper"]
-    assert damper["force_n"] == pytest.approx([-600.0, -200.0, 0.0, 200.0, 600.0])
-    assert damper["force_low_n"][0] == pytest.approx(-600.0 - 19.6, abs=0.01)
-    assert damper["total_high_n"][4] == pytest.approx(650.0 + 39.2, abs=0.01)
-    assert forces["axles"]["front"]["elements"]["friction"]["value"] == 50.0
-    assert [one["kept"] for one in forces["elements"]] == [True, False]
-    json.dumps(forces)
-
-
 def test_forces_are_given_where_the_speed_occurred_and_nowhere_else() -> None:
-    forces = _result().document()["forces"]
+    forces = _result().forces
     assert forces is not None
     rows = {row[0]: row[1:] for row in damper_rows(forces)}
     assert rows["+0.20"] == ["300 ± 20", "350 ± 39", "400 ± 20", "450 ± 39"]
@@ -66,30 +53,19 @@ def test_what_is_not_determined_is_a_word_in_row_table_and_json() -> None:
     # The front gives 150 N at 0.1 m/s: 51 N are more than a quarter, and than the 50 N that matter.
     curve = replace(front.damper, std_n=np.full(5, 51.0), total_std_n=np.full(5, 49.0))
     front = replace(front, values={"bump_stop": vague}, damper=curve)
-    document = replace(result, forces=replace(result.forces, axles=(front, rear))).document()
-    forces = document["forces"]
-    assert forces is not None
-    at = {one["speed_m_s"]: one for one in forces["axles"]["front"]["at_speeds"]}
+    result = replace(result, forces=replace(result.forces, axles=(front, rear)))
+    written = result.document()["forces"]["axles"]["front"]
+    at = {one["speed_m_s"]: one for one in written["at_speeds"]}
     assert isnan(at[0.1]["damper"]["value"])
     assert at[0.1]["with_friction"]["value"] == 200.0
-    assert isnan(forces["axles"]["front"]["elements"]["bump_stop"]["value"])
-    section = damper_section(document)
+    assert isnan(written["elements"]["bump_stop"]["value"])
+    section = damper_section(result)
     assert section is not None
     cells = [
         cell.text for b in section.blocks if isinstance(b, Table) for r in b.rows for cell in r
     ]
     assert cells.count("not determined") == 5  # the stop, and 4 speeds within 0.1 m/s
     assert not [text for text in cells if "nan" in text or "30,000" in text]
-
-
-def test_a_batch_row_has_forces_with_their_sigma_and_what_is_there() -> None:
-    row = document_row(session_from_arrays([]), _result().document())
-    assert row["elements"] == "friction"
-    assert (row["front_friction"], row["front_friction_std"]) == (50.0, 1.0)
-    assert row["rear_damper_force_+0.20"] == pytest.approx(400.0)
-    assert row["rear_damper_force_+0.20_std"] == pytest.approx(10.0)
-    assert row["rear_force_with_friction_-0.20"] == pytest.approx(-450.0)
-    assert "rear_damper_force_+0.40" not in row
 
 
 def test_compare_names_the_friction_that_changed() -> None:
@@ -111,9 +87,7 @@ def test_compare_names_the_friction_that_changed() -> None:
 
 
 def test_the_terminal_shows_it_within_its_frame_of_80_columns() -> None:
-    forces = _result().document()["forces"]
-    assert forces is not None
-    lines = list(damper_lines(forces))
+    lines = list(damper_lines(_result()))
     assert [line for line in lines if len(line) > 78] == []
     (at_02,) = (line.split() for line in lines if line.startswith(" +0.20"))
     assert at_02[:7] == ["+0.20", "300", "±", "20", "350", "±", "39"]
@@ -136,7 +110,7 @@ def test_the_public_plot_is_the_curve_of_the_report() -> None:
 
 
 def test_the_section_shows_curves_elements_and_what_was_tried() -> None:
-    section = damper_section(_result().document())
+    section = damper_section(_result())
     assert section is not None
     (drawing,) = [b.drawing for b in section.blocks if isinstance(b, Picture)]
     svg = svg_of(drawing, "dampers")
@@ -153,9 +127,9 @@ def test_the_section_shows_curves_elements_and_what_was_tried() -> None:
 
 
 def test_a_linear_car_has_no_such_section() -> None:
-    document = replace(_result(), forces=None).document()
-    assert document["forces"] is None
-    assert damper_section(document) is None
+    linear = replace(_result(), forces=None)
+    assert linear.document()["forces"] is None
+    assert damper_section(linear) is None
 
 
 @pytest.mark.parametrize(
@@ -169,11 +143,7 @@ def test_a_linear_car_has_no_such_section() -> None:
 )
 def test_what_became_of_an_element_is_said_in_a_word(kept: bool, forced: bool, answer: str) -> None:
     choice = ElementChoice("friction", 120.0, 20.0, kept, forced, {})
-    result = _result()
-    assert result.forces is not None
-    forces = replace(result, forces=replace(result.forces, choices=(choice,))).document()["forces"]
-    assert forces is not None
-    assert [element_answer(one) for one in forces["elements"]] == [answer]
+    assert element_answer(choice) == answer
 
 
 def test_a_speed_that_one_axle_did_not_reach_is_empty_there() -> None:
@@ -183,9 +153,7 @@ def test_a_speed_that_one_axle_did_not_reach_is_empty_there() -> None:
     slow = np.linspace(-0.1, 0.1, 5)
     short = DamperCurve(slow, 2e3 * slow, np.full(5, 10.0), 2e3 * slow, np.full(5, 20.0))
     forces = replace(result.forces, axles=(front, replace(rear, damper=short)))
-    entry = replace(result, forces=forces).document()["forces"]
-    assert entry is not None
-    rows = {row[0]: row[1:] for row in damper_rows(entry)}
+    rows = {row[0]: row[1:] for row in damper_rows(forces)}
     assert list(rows) == ["-0.20", "-0.10", "-0.05", "+0.05", "+0.10", "+0.20"]
     assert rows["+0.20"] == ["300 ± 20", "350 ± 39", "", ""]
     assert rows["+0.05"][2:] == ["100 ± 20", "100 ± 39"]

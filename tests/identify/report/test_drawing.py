@@ -15,7 +15,6 @@ from daq import session_from_arrays
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
 from identify import Identification, Judgement
-from identify.document import Document, software_sha256
 from identify.fit.cross_validation import leave_one_out
 from identify.fit.likelihood import fit, residuals
 from identify.report.blocks import Cell, Section, Source, Table
@@ -27,7 +26,8 @@ from identify.report.html import html_of
 from identify.report.parameters import intervals_drawing
 from identify.report.pdf import pdf_of
 from identify.report.session import REFUSED, certificate_section, marked
-from tui.jobs.outcome_of import outcome_of
+from identify.result import software_sha256
+from identify.words import parameter_words
 from tui.result import print_identification
 from tui.terminal.screens.results import matrix_rows, parameter_rows
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
@@ -171,7 +171,7 @@ def tagged(node: Any) -> list[Any]:
 SOURCE = Source("car.h5", "ab" * 32, "1.2", {}, "2026-11-22", "A. Engineer", "B. Head")
 
 
-def _rows(session: Session, document: Document) -> dict[str, dict[str, str]]:
+def _rows(session: Session, document: dict[str, Any]) -> dict[str, dict[str, str]]:
     section = certificate_section(session, document, SOURCE)
     return {
         block.title: {row[0].text: row[1].text for row in block.rows}
@@ -286,16 +286,15 @@ def test_no_run_is_predicted_by_others_that_do_not_determine_the_car() -> None:
 def test_the_terminal_says_so_and_what_is_known_keeps_its_number(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    session, result = made("no_roll")
-    print_identification(result.document(), {})
+    _, result = made("no_roll")
+    print_identification(result, {})
     printed = capsys.readouterr().out
     (t_f,) = (line for line in printed.splitlines() if line.startswith("t_f "))
     assert t_f.split()[:3] == ["t_f", "not", "determined"]
     assert ".." not in t_f
     (m_s,) = (line for line in printed.splitlines() if line.startswith("m_s "))
     assert "1,3" in m_s
-    outcome = outcome_of("car.h5", session, result)
-    _, rows = parameter_rows(outcome.parameters, GLYPHS, wide=True)
+    _, rows = parameter_rows(result.parameters, parameter_words, result.drivers, GLYPHS, wide=True)
     assert sum("not determined" in str(cells[3]) for cells in rows) == 3
-    ((only,),) = matrix_rows(outcome.states)
+    ((only,),) = matrix_rows(result)
     assert "not determined" in str(only)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from identify import Document, Estimate, Identification, Judgement, ModalModel
+from identify import Estimate, Identification, Judgement, ModalModel
 from identify.fit.uncertainty import Correlation, ModeEstimate
 from identify.modes.modal_model import Pairing
 from identify.modes.state_variable_method import StabilisationDiagram
@@ -193,7 +193,7 @@ def test_a_mode_that_changed_its_rank_stays_in_its_column() -> None:
     np.testing.assert_array_equal(decibel, [[nan, 11.0], [33.0, 44.0]])
 
 
-def document() -> Document:
+def document() -> dict[str, Any]:
     made = Identification(
         Judgement(
             (), 1.0, {"added_roll_1": {"z_s": 1.0, "hub": 1.25}, "baseline_roll_1": {"p": 0.9}}

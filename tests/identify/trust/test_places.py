@@ -21,8 +21,8 @@ from daq.vehicle import (
     MassState,
     VehicleParameters,
 )
-from identify.identification import Identification
 from identify.pipeline import identify_parameters
+from identify.result import Identification
 from identify.trust.finding import Verdict
 from tests.simulated.campaign import Plan, PlannedBump, simulate
 from tests.simulated.instruments import Fitting, channels

@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from identify.numbers import half_width_percent, interval, rounded
-from tui.jobs.outcome import (
-    Curve,
-    Estimated,
-    FindingRow,
-    ModeRow,
-    Outcome,
-    Row,
-    RunOutcome,
-    StateOutcome,
-)
+import numpy as np
+
+from dbc.finding import Finding, Severity
+from identify import Estimate, Identification, Judgement, PhysicalModel
+from identify.fit.uncertainty import ModeEstimate
+from identify.report.decays import Trace
+from identify.trust.finding import Loss, Survival
+from tui.jobs.lines import Outcome, RunOutcome
 
 _PARAMETERS = (
     ("m_s", "sprung mass", 1380.0, 22.0, "kg"),
@@ -46,103 +43,84 @@ _LABELS = [
     for repeat in (1, 2)
 ]
 DOUBTS = (
-    FindingRow(
-        "odd_run", "doubtful",
+    Finding(
+        "odd_run", Severity.WARNING,
         "run baseline_bounce_2 differs from its repeat by 7.1 sigma (limit 5): somebody leaned on "
         "the car, or a damper warmed up; exclude it, or record bounce again",
     ),
-    FindingRow("late_start", "ok", "the decays begin 0.05 s after the stated end of the bump"),
+    Finding(
+        "late_start", Severity.NOTE, "the decays begin 0.05 s after the stated end of the bump"
+    ),
 )  # fmt: skip
 
 
-def _estimated(
-    name: str, words: str, value: float, half: float, unit: str, rests_on: str = ""
-) -> Estimated:
-    text, *_ = rounded(value, value - half, value + half)
-    ends = interval(value, value - half, value + half)
-    share = half / value * 100.0 if half else None
-    percent = half_width_percent(value, value - half, value + half)
-    return Estimated(name, words, text, ends, share, percent, unit, rests_on)
+def estimate(value: float, half: float, unit: str) -> Estimate:
+    return Estimate(value, half / 1.96, value - half, value + half, unit)
+
+
+def judged(outcome: Outcome, quality: Judgement) -> Outcome:
+    """Return an outcome with another judgement."""
+    return replace(outcome, result=replace(outcome.result, quality=quality))
 
 
 def outcome(session: str = "/bench/session_0001.h5") -> Outcome:
     """Return the outcome of twelve good runs."""
-    return Outcome(
-        session,
-        "T5-ABC123",
-        "2026-11-21T10:42:00Z",
-        (),
-        "ok",
-        "The parameters may be used.",
-        "The model of the car explains the decays down to the noise of the "
-        "sensors, and the intervals hold.",
-        1.016,
-        (),
-        (),
-        ("noise wheel_rr: lift in the next bay runs (MK)",),
-        tuple(
-            _estimated(name, words, value, half, unit, "baseline_bounce 40 %")
-            for name, words, value, half, unit in _PARAMETERS
-        ),
-        (_estimated("total_mass", "total mass", 1552.0, 25.0, "kg"),),
-        tuple(
-            StateOutcome(
-                state,
-                tuple(
-                    ModeRow(n, f"{share * f:.4f}", f"{0.002 * f:.4f}", f"{z:.4f}", "0.0016")
-                    for n, f, z in _MODES
-                ),
-                _matrix(1380.0),
-                _matrix(5986.0),
-                _matrix(78043.0),
+    chi2 = {label: {"body_acc_z": 1.02} for label in _LABELS}
+    whole = {"baseline": 1.0, "added": 0.96}
+    result = Identification(
+        Judgement((), 1.016, chi2),
+        {},
+        parameters={
+            name: estimate(value, half, unit) for name, _, value, half, unit in _PARAMETERS
+        },
+        derived={"total_mass": estimate(1552.0, 25.0, "kg")},
+        drivers={name: {"baseline_bounce_1": 0.4} for name, *_ in _PARAMETERS},
+        modes={
+            state: tuple(
+                ModeEstimate(estimate(share * f, 0.002 * f, "Hz"), estimate(z, 0.0016, "1"))
+                for _, f, z in _MODES
             )
-            for state, share in (("baseline", 1.0), ("added", 0.96))
-        ),
-        tuple(RunOutcome(label, "accepted", (), 1.02, (_curve(),)) for label in _LABELS),
+            for state, share in whole.items()
+        },
+        mode_names={state: tuple(name for name, *_ in _MODES) for state in whole},
+        physical={
+            state: PhysicalModel(_matrix(1380.0), _matrix(5986.0), _matrix(78043.0))
+            for state in whole
+        },
     )
+    runs = tuple(RunOutcome(label, "accepted", (), (_trace(),)) for label in _LABELS)
+    return Outcome(session, (), result, ("noise wheel_rr: lift in the next bay runs (MK)",), runs)
 
 
 def doubtful() -> Outcome:
     """Return one with a doubt, a note, and a run that was not used."""
+    lost = {
+        name: Loss("run baseline_bounce_2", shift)
+        for name, shift in (("m_s", 0.04), ("k_sf", -0.03))
+    }
+    survival = Survival(("I_xx", "k_tf", "k_tr", "t_f", "t_r"), lost)
     whole = outcome()
-    run = replace(whole.runs[1], status="rejected", reasons=("second bump at +0.84 s",), curves=())
-    return replace(
-        whole,
-        verdict="doubtful",
-        headline="Use the parameters with care.",
-        findings=DOUBTS,
-        survival=(
-            "usable, moved by no cause that was sized: I_xx, k_tf, k_tr, t_f, t_r",
-            "lost, run baseline_bounce_2: m_s +4 %, k_sf -3 %",
-        ),
-        runs=(whole.runs[0], run, *whole.runs[2:]),
-    )
+    quality = replace(whole.result.quality, findings=DOUBTS, survival=survival)
+    run = RunOutcome(whole.runs[1].label, "rejected", ("second bump at +0.84 s",), ())
+    return judged(replace(whole, runs=(whole.runs[0], run, *whole.runs[2:])), quality)
 
 
 def refused() -> Outcome:
     """Return one without numbers."""
     text = "no accepted run: record bounce, pitch and roll in both mass states"
-    return replace(
-        outcome(),
-        verdict="refused",
-        headline="The parameters must not be used.",
-        findings=(FindingRow("no_runs", "refused", text),),
-        chi2_per_n=math.nan,
-        parameters=(),
-        derived=(),
-        states=(),
-        runs=(),
+    quality = Judgement((Finding("no_runs", Severity.ERROR, text),), math.nan)
+    return replace(outcome(), result=Identification(quality, {}), runs=())
+
+
+def _matrix(diagonal: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    return np.where(np.eye(7, dtype=bool), diagonal, -0.25 * diagonal)
+
+
+def _trace() -> Trace:
+    time_s = 0.01 * np.arange(300)
+    fitted = 4.0 * np.exp(-1.7 * time_s) * np.cos(6.6 * time_s)
+    measured = fitted + 0.05 * np.sin(91.0 * time_s)
+    still = np.zeros((2, 1))
+    return Trace(
+        "body_acc_z", "m/s²", np.stack([time_s, measured]), np.stack([time_s, fitted]), still
     )
-
-
-def _matrix(diagonal: float) -> tuple[Row, ...]:
-    return tuple(
-        tuple(diagonal if i == j else -0.25 * diagonal for j in range(7)) for i in range(7)
-    )
-
-
-def _curve() -> Curve:
-    time_s = tuple(0.01 * i for i in range(300))
-    fitted = tuple(4.0 * math.exp(-1.7 * t) * math.cos(6.6 * t) for t in time_s)
-    ripple = tuple(y + 0.05 * math.sin(91.0 * t) for t, y in zip(time_s, fitted, strict=True))
-    return Curve("body_acc_z", "m/s²", time_s, ripple, time_s, fitted)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import pytest
 from textual.app import App
@@ -78,7 +78,7 @@ class FakeWorker:
                 return
         match task:
             case IdentifyTask(path):
-                yield Done(asdict(outcome(path)))
+                yield Done(outcome(path))
             case ReportTask():
                 yield Done({**REPORTED, "verdict": "ok"})
             case CompareTask():
@@ -87,7 +87,7 @@ class FakeWorker:
                 yield Done({"paths": ["/bench/session_0001.mf4"], "notes": []})
             case ListTask():
                 for entry in ENTRIES:
-                    yield Item(asdict(entry))
+                    yield Item(entry)
                 yield Done({"count": len(ENTRIES)})
 
 

@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 import daq
 from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA
-from tui.jobs.outcome import Outcome
+from tui.jobs.lines import Outcome
 from tui.terminal.app import BenchApp
 
 from ...identify.stress import stress_session
@@ -72,12 +72,10 @@ def test_real_sessions_from_the_list_to_report_and_results(
 def _is_the_granada(outcome: Outcome | None) -> None:
     """Hold what crossed the pipe to the car of the simulation."""
     assert outcome is not None
-    by_name = {row.name: row for row in outcome.parameters}
+    result = outcome.result
     for name in ("m_s", "k_sf", "c_sr"):
-        row = by_name[name]
-        value = float(row.value.replace(",", ""))
-        assert row.half_percent is not None
-        assert abs(value / getattr(FORD_GRANADA, name) - 1.0) * 100.0 < 3 * row.half_percent
-    assert {state.name for state in outcome.states} == {"baseline", "added"}
-    assert all(len(state.mass) == len(state.stiffness) == 7 for state in outcome.states)
-    assert all(run.curves for run in outcome.runs)
+        e = result.parameters[name]
+        assert abs(e.value - getattr(FORD_GRANADA, name)) < 6 * e.std
+    assert set(result.modes) == set(result.physical) == {"baseline", "added"}
+    assert result.estimation is None
+    assert all(run.traces for run in outcome.runs)

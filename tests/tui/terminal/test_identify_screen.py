@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -34,7 +33,7 @@ def tasks(monkeypatch: pytest.MonkeyPatch) -> list[Task]:
         given.append(task)
         assert isinstance(task, IdentifyTask)
         yield Progress(0.4, "fitting")
-        yield Done(asdict(outcome(task.session)))
+        yield Done(outcome(task.session))
 
     monkeypatch.setattr(work, "lines_of", lines_of)
     return given

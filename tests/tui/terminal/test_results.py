@@ -11,12 +11,13 @@ from textual.app import App
 from textual.pilot import Pilot
 
 from daq.control.orders import Accept, Build, Mark, Reject
-from tui.jobs.outcome import Outcome
+from tui.jobs.lines import Outcome
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.results import ResultsScreen
 from tui.terminal.screens.work import IdentifyScreen, ReportScreen
 from tui.terminal.state.glyphs import GlyphSet
 
+from ...identify.results import forces
 from .conftest import at_every_size, screen_text
 from .fake_recorder import FakeRecorder
 from .outcomes import doubtful, outcome, refused
@@ -153,14 +154,15 @@ def test_space_goes_on_to_the_report_of_this_session(make_app: MakeApp) -> None:
 
 def test_a_car_with_damper_curves_has_a_page_of_them(make_app: MakeApp) -> None:
     app = make_app(measured())
-    shown = replace(outcome(), dampers=("Force of one corner", " +0.20  300 ± 20"))
+    shown = outcome()
+    shown = replace(shown, result=replace(shown.result, forces=forces()))
 
     async def play(pilot: Pilot[None]) -> None:
         assert "Dampers" in screen_text(app)
         await pilot.press("shift+tab")
         await pilot.pause()
         assert " Dampers " in screen_text(app)
-        assert "+0.20  300 ± 20" in screen_text(app)
+        assert " +0.05        50.0 ± 9.8" in screen_text(app)
         await pilot.press("tab")
         await pilot.pause()
         assert "sprung mass" in screen_text(app)
@@ -187,6 +189,6 @@ def test_findings_say_which_parameters_can_be_used(make_app: MakeApp) -> None:
         await pilot.pause()
         text = screen_text(app)
         assert "usable, moved by no cause that was sized: I_xx" in text
-        assert "lost, run baseline_bounce_2: m_s +4 %" in text
+        assert "lost, run baseline_bounce_2: m_s +4.0 %" in text
 
     in_front(app, (140, 40), play, doubtful())

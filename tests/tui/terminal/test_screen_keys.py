@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,6 +18,7 @@ from tui.terminal.screens.sessions import SessionsScreen
 from tui.terminal.screens.work import IdentifyScreen, LongWork, ReportScreen, Stage
 from tui.terminal.widgets.table import Table
 
+from ...identify.results import forces
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder
 from .operated import Make, orders_of, until
@@ -45,7 +46,7 @@ def tasks(monkeypatch: pytest.MonkeyPatch) -> list[Task]:
         given.append(task)
         if isinstance(task, ListTask):
             for entry in ENTRIES:
-                yield Item(asdict(entry))
+                yield Item(entry)
             yield Done({"count": len(ENTRIES)})
         else:
             yield Trouble(where, "needs more memory", "end other programs")
@@ -161,7 +162,8 @@ async def test_results_scroll_export_and_turn_their_pages(
         assert not results.ready
         await app.open("results")
         await until(pilot, lambda: "nothing is identified yet: SPACE = step 6" in screen_text(app))
-        results.show_outcome(replace(outcome("/b/s1.h5"), dampers=("curve " * 40,) * 60))
+        shown = outcome("/b/s1.h5")
+        results.show_outcome(replace(shown, result=replace(shown.result, forces=forces())))
         assert results.ready
         await pilot.pause()
         scroll = results.query_one("Table#mck")
@@ -174,7 +176,7 @@ async def test_results_scroll_export_and_turn_their_pages(
             await until(pilot, lambda row=row: scroll.scroll_y == row)
         await pressed(pilot, *["shift+tab"] * 3)
         assert " Dampers " in seen(app)
-        assert "curve curve" in seen(app)
+        assert "Force of one corner at the wheel" in seen(app)
         await pressed(pilot, "p", "down", "down", "up")
         runs = results.query_one("#runs", Table)
         assert runs.cursor_row == 1

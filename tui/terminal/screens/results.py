@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import isfinite
+from collections.abc import Callable, Iterator, Mapping
+from math import isfinite, nan
 from pathlib import Path
 from textwrap import wrap
 from typing import ClassVar
@@ -18,8 +18,25 @@ from daq.control.orders import Accept, Mark, Reject
 from daq.errors import printable
 from daq.runlog import LoggedStatus
 from dbc import counted
+from identify import Estimate, Identification, Verdict
+from identify.numbers import half_width, largest_share
+from identify.words import (
+    HEADLINE,
+    MEANING,
+    damper_columns,
+    damper_rows,
+    element_answer,
+    ends_text,
+    half_percent,
+    half_text,
+    parameter_words,
+    plain,
+    survival_lines,
+    unit_text,
+    value_text,
+)
 
-from ...jobs.outcome import Estimated, Outcome, RunOutcome, StateOutcome
+from ...jobs.lines import Outcome
 from ..state.campaign import BenchStep, is_marked
 from ..state.glyphs import Glyphs, GlyphSet
 from ..widgets.table import Cell, Table, right
@@ -42,23 +59,22 @@ def mark(verdict: str, glyphs: Glyphs) -> str:
 
 def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> list[str]:
     """Return the verdict in words, then its gravest reasons with advice, at most `most` lines."""
-    word = outcome.verdict.upper()
-    runs = f"{outcome.used} of {counted(len(outcome.runs), 'run')} used"
-    fit = f"   chi2/n {outcome.chi2_per_n:.3f}" if isfinite(outcome.chi2_per_n) else ""
-    head = f"{mark(outcome.verdict, glyphs)} {word}  {outcome.headline}"
-    tail = f"{runs}{fit}"
+    quality = outcome.result.quality
+    verdict = quality.verdict
+    fit = f"   chi2/n {quality.chi2_per_n:.3f}" if isfinite(quality.chi2_per_n) else ""
+    head = f"{mark(verdict, glyphs)} {verdict.upper()}  {HEADLINE[verdict]}"
+    tail = f"{outcome.used} of {counted(len(outcome.runs), 'run')} used{fit}"
     if outcome.without:
         tail += f"   trial without {printable(', '.join(outcome.without), 40)}"
     lines = [f"{head}   {tail}"] if len(head) + len(tail) + 3 <= width else [head, f"  {tail}"]
-    grave = [finding for finding in outcome.findings if finding.severity != "ok"]
-    rest = [finding for finding in outcome.findings if finding.severity == "ok"]
-    for finding in (*grave, *(() if grave else rest)):
-        lines += finding_lines(finding.severity, finding.text, glyphs, width)
-    if not outcome.findings:
-        lines += wrap(outcome.meaning, width - 2, initial_indent="  ", subsequent_indent="  ")
+    findings = [(Verdict.of(finding.severity), finding.text) for finding in quality.findings]
+    grave = [one for one in findings if one[0] is not Verdict.OK]
+    for severity, text in grave or findings:
+        lines += finding_lines(severity, text, glyphs, width)
+    if not findings:
+        lines += wrap(MEANING[verdict], width - 2, initial_indent="  ", subsequent_indent="  ")
     if len(lines) > most:
-        hidden = len(lines) - most + 1
-        more = counted(hidden, "more line")
+        more = counted(len(lines) - most + 1, "more line")
         lines = [*lines[: most - 1], f"  ... {more}: Tab to Findings"]
     return lines
 
@@ -73,14 +89,15 @@ def finding_lines(severity: str, text: str, glyphs: Glyphs, width: int) -> list[
 
 def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
     """Return all findings, and the warnings that a person overrode."""
-    lines = [*wrap(outcome.meaning, width), ""]
-    for finding in outcome.findings:
-        lines += finding_lines(finding.severity, finding.text, glyphs, width)
-    if not outcome.findings:
+    quality = outcome.result.quality
+    lines = [*wrap(MEANING[quality.verdict], width), ""]
+    for finding in quality.findings:
+        lines += finding_lines(Verdict.of(finding.severity), finding.text, glyphs, width)
+    if not quality.findings:
         lines.append(f"{glyphs.good} nothing was found that speaks against the result")
-    if outcome.survival:
+    if survival := survival_lines(quality):
         lines += ["", "Which parameters can be used:"]
-        for text in outcome.survival:
+        for text in survival:
             lines += wrap(f"  {printable(text, 700)}", width, subsequent_indent="    ")
     lines += ["", "Warnings of the bench check that a person overrode:"]
     if not outcome.overrides:
@@ -108,51 +125,63 @@ def bar(half_percent: float | None, widest: float, glyphs: Glyphs) -> str:
 
 
 def parameter_rows(
-    rows: tuple[Estimated, ...], glyphs: Glyphs, wide: bool
+    estimates: Mapping[str, Estimate],
+    words: Callable[[str], str],
+    drivers: Mapping[str, Mapping[str, float]],
+    glyphs: Glyphs,
+    wide: bool,
 ) -> tuple[list[str], list[list[Cell]]]:
     """Return heads and rows of quantities with their 95 % intervals, as numbers and as bars."""
-    halves = [row.half_percent for row in rows]
+    halves = [_half(e) for e in estimates.values()]
     widest = max((half for half in halves if half is not None and isfinite(half)), default=0.0)
     heads = ["parameter", "value", "unit", "95 % interval", f"bar ±{widest:.2g} %"]
     cells: list[list[Cell]] = []
-    for row, half in zip(rows, halves, strict=True):
-        symbol = "" if row.words == row.name.replace("_", " ") else f"{row.name:<5}"
-        interval = row.interval if half is None or isfinite(half) else "not determined"
-        name = f"{symbol}{row.words}"[:29]
-        drawn = bar(half, widest, glyphs)
-        cells.append([name, right(row.value), row.unit, right(interval), drawn])
+    for (name, e), half in zip(estimates.items(), halves, strict=True):
+        symbol = "" if words(name) == plain(name) else f"{name:<5}"
+        value, interval = (value_text(e), ends_text(e)) if e.determined else ("", value_text(e))
+        title = f"{symbol}{words(name)}"[:29]
+        cells.append(
+            [title, right(value), unit_text(e.unit), right(interval), bar(half, widest, glyphs)]
+        )
         if wide:
-            cells[-1] += [right(row.share), f" {row.rests_on}"]
+            cells[-1] += [right(half_text(e)), f" {largest_share(drivers.get(name, {}))}"]
     return [*heads, "±", " rests mostly on"] if wide else heads, cells
 
 
-def mode_rows(states: tuple[StateOutcome, ...]) -> list[list[Cell]]:
+def _half(e: Estimate) -> float | None:
+    """Return half of an interval, % of the value; None for a given value, NaN without one."""
+    if not e.determined:
+        return nan
+    return (half_percent(e) or None) if e.value else None
+
+
+def mode_rows(result: Identification) -> list[list[Cell]]:
     """Return the modes of every mass state with their 95 % intervals."""
-    return [
-        [
-            printable(state.name, 12), f"{i} {mode.name}", right(mode.frequency_hz),
-            right(mode.frequency_half_hz), right(mode.damping_ratio),
-            right(mode.damping_ratio_half),
-        ]
-        for state in states
-        for i, mode in enumerate(state.modes, start=1)
-    ]  # fmt: skip
+    rows: list[list[Cell]] = []
+    for state, modes in result.modes.items():
+        names = zip(result.mode_names[state], modes, strict=True)
+        for i, (name, mode) in enumerate(names, start=1):
+            rows.append([printable(state, 12), f"{i} {name}"])
+            for e in (mode.frequency, mode.damping_ratio):
+                half = half_width(e.value, e.high) if e.determined else ""
+                rows[-1] += [right(value_text(e)), right(half)]
+    return rows
 
 
-def matrix_rows(states: tuple[StateOutcome, ...]) -> list[list[Cell]]:
+def matrix_rows(result: Identification) -> list[list[Cell]]:
     """Return M, C and K of every mass state, SI; a row of names before each."""
-    if not all(state.mass for state in states):
+    if result.undetermined:
         return [["No matrices: a parameter in them is not determined (see Findings)."]]
     rows: list[list[Cell]] = []
-    for state in states:
+    for state, model in result.physical.items():
         for letter, unit, matrix in (
-            ("M", "kg, kg m²", state.mass),
-            ("C", "N s/m, N m s/rad", state.damping),
-            ("K", "N/m, N m/rad", state.stiffness),
+            ("M", "kg, kg m²", model.M),
+            ("C", "N s/m, N m s/rad", model.C),
+            ("K", "N/m, N m/rad", model.K),
         ):
-            title = f"{letter} {printable(state.name, 9)}"
+            title = f"{letter} {printable(state, 9)}"
             rows.append([title, *(right(dof) for dof in _DOF), f" {unit}"])
-            for dof, row in zip(_DOF, matrix, strict=True):
+            for dof, row in zip(_DOF, matrix.tolist(), strict=True):
                 rows.append([f"  {dof}", *(right(_short(value)) for value in row)])
     return rows
 
@@ -161,16 +190,44 @@ def _short(value: float) -> str:
     return "0" if abs(value) < 1e-9 else f"{value:.5g}" if abs(value) < 1e4 else f"{value:,.0f}"
 
 
-def run_rows(runs: Sequence[RunOutcome], glyphs: Glyphs) -> list[list[Cell]]:
+def run_rows(outcome: Outcome, glyphs: Glyphs) -> list[list[Cell]]:
     """Return a row for each run of the result."""
-    return [
-        [
-            f"{mark(run.status, glyphs)} {printable(run.label, 40)}",
-            "" if run.status == "accepted" else f" {run.status.upper()}",
-            f" chi2/n {run.chi2_per_n:.2f}" if isfinite(run.chi2_per_n) else "",
-        ]
-        for run in runs
-    ]
+    rows: list[list[Cell]] = []
+    for run in outcome.runs:
+        chi2 = outcome.result.quality.chi2_by_run.get(run.label, {}).values()
+        rows.append(
+            [
+                f"{mark(run.status, glyphs)} {printable(run.label, 40)}",
+                "" if run.status == "accepted" else f" {run.status.upper()}",
+                f" chi2/n {sum(chi2) / len(chi2):.2f}" if chi2 else "",
+            ]
+        )
+    return rows
+
+
+def damper_lines(result: Identification) -> Iterator[str]:
+    """Yield force at speeds, elements, remarks, and which elements were tried; none if linear."""
+    forces = result.forces
+    if forces is None:
+        return
+    yield "Force of one corner at the wheel, N ± half of the 95 % interval"
+    yield "over its speed, compression positive; on the right of each with friction"
+    yield f"{'m/s':>6}" + "".join(f"{name:>18}" for name in damper_columns(forces))
+    for speed, *texts in damper_rows(forces):
+        yield f"{speed:>6}" + "".join(f"{text:>18}" for text in texts)
+    yield ""
+    yield f"{'element of one corner':<30}{'value':>14} {'':<6}{'95 % interval':>26}"
+    for one in forces.axles:
+        for name, e in one.values.items():
+            unit = unit_text(e.unit) if e.determined else ""
+            head = f"{one.axle} {plain(name)}"
+            yield f"{head:<30}{value_text(e):>14} {unit:<6}{ends_text(e):>26}"
+    for one in forces.axles:
+        yield from (f"  {one.axle} {note}" for note in one.notes)
+    yield ""
+    yield "Elements that were tried"
+    for tried in forces.choices:
+        yield f"  {plain(tried.name):<30}{element_answer(tried)}"
 
 
 _PAGES = ("Parameters", "Modes", "M C K", "Decays", "Findings", "Derived", "Dampers")
@@ -375,12 +432,13 @@ class ResultsScreen(BenchScreen):
         if not self.query("#runs") or self.outcome is None:
             return
         tabs = self.query_one(Tabs)
-        if self.outcome.dampers:
+        result = self.outcome.result
+        if result.forces:
             tabs.show("dampers")
         else:
             tabs.hide("dampers")
-        tabs.styles.width = 63 if self.outcome.dampers else 54
-        tabs.active = "parameters" if self.outcome.parameters else "findings"
+        tabs.styles.width = 63 if result.forces else 54
+        tabs.active = "parameters" if result.parameters else "findings"
         self._draw()
 
     def _draw(self) -> None:
@@ -397,19 +455,24 @@ class ResultsScreen(BenchScreen):
         lines = [f"{glyphs.warn} {OUTDATED}"] if self._shown_outdated else []
         lines += verdict_lines(outcome, glyphs, size.width - 2, most - len(lines))
         verdict.update("\n".join(lines))
-        verdict.set_classes(outcome.verdict)
+        result = outcome.result
+        verdict.set_classes(str(result.quality.verdict))
         step = BenchStep.IDENTIFY if self._shown_outdated else BenchStep.REPORT
         name = printable(Path(outcome.session).name, 60)
         ours = self.step_shown is not None
         words = f"step {step.title}" if ours else f"report of {name}"
         self.query_one("#space", Static).update(f"SPACE = {words}")
         wide = size.width >= _WIDE
-        for page, rows in (("parameters", outcome.parameters), ("derived", outcome.derived)):
-            self.query_one(f"Table#{page}", Table).show(*parameter_rows(rows, glyphs, wide))
+        for page, estimates, in_words in (
+            ("parameters", result.parameters, parameter_words),
+            ("derived", result.derived, plain),
+        ):
+            table = parameter_rows(estimates, in_words, result.drivers, glyphs, wide)
+            self.query_one(f"Table#{page}", Table).show(*table)
         heads = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
-        self.query_one("Table#modes", Table).show(heads, mode_rows(outcome.states))
-        self.query_one("Table#mck", Table).show([""] * 9, matrix_rows(outcome.states))
-        self.query_one("#runs", Table).show([""] * 3, run_rows(outcome.runs, glyphs))
+        self.query_one("Table#modes", Table).show(heads, mode_rows(result))
+        self.query_one("Table#mck", Table).show([""] * 9, matrix_rows(result))
+        self.query_one("#runs", Table).show([""] * 3, run_rows(outcome, glyphs))
         findings = "\n".join(findings_lines(outcome, glyphs, size.width - 3))
         self.query_one("#findings Static", Static).update(findings)
-        self.query_one("#dampers Static", Static).update("\n".join(outcome.dampers))
+        self.query_one("#dampers Static", Static).update("\n".join(damper_lines(result)))

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
-from pydantic import TypeAdapter
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import ModalScreen
@@ -26,8 +25,6 @@ from ..widgets.table import Cell, Table, right
 from .base import BenchScreen
 from .dialogs import TextScreen
 from .work import export_session
-
-_ENTRY = TypeAdapter(SessionEntry)
 
 
 class SessionsScreen(BenchScreen):
@@ -194,7 +191,7 @@ class SessionsScreen(BenchScreen):
         async with aclosing(lines_of(task, "list of sessions")) as lines:
             async for line in lines:
                 if isinstance(line, Item):
-                    entries.append(_ENTRY.validate_python(line.body))
+                    entries.append(line.body)
                 elif isinstance(line, Trouble):
                     self._trouble = line.text
         status = self.bench_app.status

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from contextlib import aclosing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from glob import escape
@@ -21,8 +21,17 @@ from daq.errors import printable
 from daq.runlog import LoggedStatus
 from dbc import counted, plural
 
-from ...jobs.lines import Done, ExportTask, IdentifyTask, Item, Line, Progress, ReportTask, Trouble
-from ...jobs.outcome import Outcome, parse_outcome
+from ...jobs.lines import (
+    Done,
+    ExportTask,
+    IdentifyTask,
+    Item,
+    Line,
+    Outcome,
+    Progress,
+    ReportTask,
+    Trouble,
+)
 from ...jobs.session_list import report_of, size_text
 from ...jobs.worker import lines_of
 from ..context import begin
@@ -55,7 +64,7 @@ class LongWork:
     """The parts that were begun, in order."""
     trouble: Trouble | None = None
     """Why it failed."""
-    answer: dict[str, Any] = field(default_factory=dict)
+    answer: Any = None
     """The worker's answer."""
 
 
@@ -285,7 +294,7 @@ class IdentifyScreen(WorkScreen):
                 async for line in lines:
                     self.work = after(self.work, line)
                     if isinstance(line, Done):
-                        self._kept[key] = parse_outcome(line.body)
+                        self._kept[key] = line.body
                     self.draw()
             if key not in self._kept:
                 return

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jobs.outcome import Curve
 from .glyphs import Glyphs, GlyphSet
+
+if TYPE_CHECKING:
+    from identify.report.decays import Trace
 
 
 def _form(
@@ -147,14 +150,13 @@ class Scale:
         return np.clip(rows, 0, self.rows - 1).astype(np.int64)
 
 
-def decay_rows(curve: Curve, width: int, height: int, glyphs: Glyphs) -> list[list[Piece]]:
+def decay_rows(curve: Trace, width: int, height: int, glyphs: Glyphs) -> list[list[Piece]]:
     """Draw a curve.
 
     Returns list of list of (str, Ink): `height` rows of at most `width` characters; empty where
     there is no room or no curve.
     """
-    measured_s, measured = np.array(curve.measured_s), np.array(curve.measured)
-    fitted_s, fitted = np.array(curve.fitted_s), np.array(curve.fitted)
+    (measured_s, measured), (fitted_s, fitted) = curve.measured, curve.fitted
     if width < _LEAST[0] or height < _LEAST[1] or not len(measured_s) or not len(fitted_s):
         return []
     across, down = (1, 1) if glyphs.name is GlyphSet.ASCII else glyphs.dots

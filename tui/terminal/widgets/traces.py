@@ -15,7 +15,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Static
 
-from ...jobs.outcome import RunOutcome
+from ...jobs.lines import RunOutcome
 from ..state.glyphs import Glyphs
 from ..state.lanes import Lanes, LaneSpec, Window
 from ..state.traces import Ink, decay_rows, full_scale, pooled, trace
@@ -169,14 +169,14 @@ class DecayPlot(Static):
         self._draw()
 
     def _draw(self) -> None:
-        curves = () if self._run is None else self._run.curves
+        traces = () if self._run is None else self._run.traces
         width, height = self.size.width, self.size.height
-        if not curves:
+        if not traces:
             why = "" if self._run is None else "this run is not used: there is no fit of it"
             self.update(Content(why))
             return
-        shown = curves[: max(1, height // self.LEAST_ROWS)]
+        shown = traces[: max(1, height // self.LEAST_ROWS)]
         each = height // len(shown)
-        rows = [row for c in shown for row in decay_rows(c, width, each, self._glyphs)]
+        rows = [row for t in shown for row in decay_rows(t, width, each, self._glyphs)]
         lines = [Content.assemble(*((text, _STYLE[ink]) for text, ink in row)) for row in rows]
         self.update(Content("\n").join(lines))
