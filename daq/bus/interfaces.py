@@ -37,6 +37,7 @@ from .source import (
     SourceLosses,
     enlarge_buffer,
     keep_to_own_group,
+    socket_of,
 )
 
 # Converts python-can's messages to the columns of a block, and says how long frames take ----------
@@ -44,7 +45,6 @@ from .source import (
 CLOCK_TOLERANCE_S = 86_400.0
 """Difference from the host's clock, s, above which a stamp is taken to have another epoch (boot,
 adapter reset) or none."""
-
 _FLAGS = {
     "is_extended_id": FrameFlag.EXTENDED,
     "is_remote_frame": FrameFlag.REMOTE,
@@ -54,6 +54,8 @@ _FLAGS = {
     "error_state_indicator": FrameFlag.ERROR_STATE,
 }
 """Flag of a frame by attribute of a message."""
+_FAST_DATA = 4
+"""Assumed ratio of data to nominal bit rate of FD frames; bench.toml has no data bit rate."""
 
 
 def _checked(message: can.Message, arrived_ns: int) -> tuple[int, int, int, int, bytes]:
@@ -67,13 +69,10 @@ def _checked(message: can.Message, arrived_ns: int) -> tuple[int, int, int, int,
     can_id, length, payload = index(message.arbitration_id), index(message.dlc), message.data
     is_fd, is_remote = bool(flags & FrameFlag.FD), bool(flags & FrameFlag.REMOTE)
     bits = 29 if flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) else 11
-    if (
-        not 0 <= can_id < 1 << bits
-        or not 0 <= length <= 64
-        or not LENGTH_ALLOWED[int(is_fd), length]
-    ):
+    is_allowed = 0 <= length <= 64 and LENGTH_ALLOWED[int(is_fd), length]
+    if not 0 <= can_id < 1 << bits or not is_allowed or (is_fd and is_remote):
         raise ValueError("no identifier or length of a frame")
-    if len(payload) != (0 if is_remote else length) or (is_fd and is_remote):
+    if len(payload) != (0 if is_remote else length):
         raise ValueError("another payload than the length says")
     t_ns, stamp_s = 0, message.timestamp
     if abs(stamp_s - arrived_ns * 1e-9) < CLOCK_TOLERANCE_S:  # False for NaN
@@ -91,7 +90,7 @@ def messages_of(frames: FrameBatch, start_ns: int = 0) -> Iterator[can.Message]:
     rows = zip(*(column.tolist() for column in columns), strict=True)
     payload, width = frames.data.tobytes(), frames.data.shape[1]
     for i, (time_s, can_id, flags, bus, length) in enumerate(rows):
-        message = can.Message(
+        yield can.Message(
             timestamp=time_s,
             arbitration_id=can_id,
             is_rx=not flags & FrameFlag.TRANSMITTED,
@@ -100,11 +99,6 @@ def messages_of(frames: FrameBatch, start_ns: int = 0) -> Iterator[can.Message]:
             data=None if flags & FrameFlag.REMOTE else payload[i * width : i * width + length],
             **{name: bool(flags & flag) for name, flag in _FLAGS.items()},
         )
-        yield message
-
-
-_FAST_DATA = 4
-"""Assumed ratio of data to nominal bit rate of FD frames; bench.toml has no data bit rate."""
 
 
 def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
@@ -121,19 +115,17 @@ def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
     return np.asarray((47 + 20 * extended + data) * (31 / 30))
 
 
-# The interfaces -----------------------------------------------------------------------------------
+# Opens the interfaces -----------------------------------------------------------------------------
 
-GARBLED_UNTIL_GONE = 10_000
-"""Number of consecutive unreadable pieces, without a pause, after which the interface counts as
-lost."""
-_STAMPED_BY_KERNEL = frozenset({"socketcan", "udp_multicast"})
-"""Interfaces whose frames wait in a socket's buffer, each with its time of arrival."""
-_STAMPED_BY_DRIVER = frozenset({"ixxat", "kvaser", "pcan", "vector", "virtual"})
-"""Interfaces whose stamped frames wait in a queue for at least a thousand frames."""
+_GATHERS_S = dict.fromkeys(("ixxat", "kvaser", "pcan", "vector", "virtual"), GATHER_S)
+_GATHERS_S |= dict.fromkeys(("socketcan", "udp_multicast"), LONG_GATHER_S)
+"""Time, s, for which frames may gather in interfaces that stamp them and have a long queue."""
 _WALL_CLOCK_STAMPS = frozenset(
     {"udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"}
 )
 """Interfaces whose frames are stamped by the host's wall clock."""
+_NAMED_BY_DIGITS = frozenset({"usb2can"})
+"""Interfaces of vendors whose channel may be digits and is no number."""
 _OPTIONS: dict[str, dict[str, Any]] = {
     # The simulated car has its own clock; real time would make a fast replay meaningless.
     "virtual": {"preserve_timestamps": True},
@@ -146,29 +138,6 @@ _ADVICE = {
     "slcan": "channel is the serial device, like /dev/ttyACM0 or /dev/ttyUSB0@115200",
     "udp_multicast": "channel is a multicast group, like 239.74.163.2",
 }
-_DRIVERS = {
-    "canalystii": "the Python package canalystii",
-    "cantact": "the Python package cantact",
-    "etas": "ETAS BOA, for Windows",
-    "gs_usb": "the Python package gs_usb, and libusb",
-    "iscan": "Thorsis isCAN",
-    "ixxat": "IXXAT VCI, for Windows",
-    "kvaser": "Kvaser CANlib",
-    "neousys": "Neousys WDT_DIO",
-    "neovi": "the Python package python-ics, of Intrepid",
-    "nican": "NI-CAN, for Windows",
-    "nixnet": "NI-XNET, for Windows",
-    "pcan": "PEAK PCAN-Basic",
-    "systec": "SYS TEC USB-CANmodul, for Windows",
-    "usb2can": "8devices USB2CAN, for Windows",
-    "vector": "Vector XL Driver Library, for Windows",
-}
-"""Driver that each interface needs beside python-can."""
-_COUNTED_CHANNELS = frozenset(
-    {"canalystii", "cantact", "gs_usb", "iscan", "ixxat", "kvaser", "neousys", "neovi", "systec"}
-    | {"vector"}
-)
-"""Interfaces whose channel is a number if it consists of digits."""
 
 # python-can logs every vendor library that is not installed.
 logging.getLogger("can").addHandler(logging.NullHandler())
@@ -177,10 +146,7 @@ logging.getLogger("can").addHandler(logging.NullHandler())
 def open_source(config: BusConfig, bus: int) -> FrameSource:
     """Open a bus for reading; its frames have the number `bus` in `FrameBatch.bus`.
 
-    Raises
-    ------
-    BusError
-        If there is no such interface or it cannot be opened, for any reason.
+    Raises BusError if there is no such interface or it cannot be opened, for any reason.
     """
     if config.interface == "slcan":  # python-can reads byte by byte: too slow for a full bus
         with _one_line(config):
@@ -188,25 +154,22 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
     if config.interface == "socketcan" and sys.platform == "linux" and sys.maxsize > 1 << 32:
         with _one_line(config):
             return open_socketcan(config.channel, bus)
-    bus_ = open_bus(config)
-    gather_s = GATHER_S if config.interface in _STAMPED_BY_KERNEL | _STAMPED_BY_DRIVER else 0.0
-    if config.interface in _STAMPED_BY_KERNEL:
-        with contextlib.suppress(Exception), _socket_of(bus_) as sock:
-            if sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2 >= RECEIVE_BUFFER_BYTES:
-                gather_s = LONG_GATHER_S
+    opened = open_bus(config)
+    gather_s = _GATHERS_S.get(config.interface, 0.0)
+    if gather_s == LONG_GATHER_S:
+        with contextlib.suppress(Exception), socket_of(opened.fileno) as sock:
+            if sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2 < RECEIVE_BUFFER_BYTES:
+                gather_s = GATHER_S
     if config.interface in _WALL_CLOCK_STAMPS:
         on_axis = STEADY_CLOCK.from_wall
-        return PythonCanSource(bus_, _name(config), bus, gather_s, time.time_ns, on_axis)
-    return PythonCanSource(bus_, _name(config), bus, gather_s)
+        return PythonCanSource(opened, _name(config), bus, gather_s, time.time_ns, on_axis)
+    return PythonCanSource(opened, _name(config), bus, gather_s)
 
 
 def open_bus(config: BusConfig) -> can.BusABC:
-    """Open a bus for sending.
-
-    Raises BusError as `open_source`.
-    """
+    """Open a bus for sending; raises BusError as `open_source`."""
     channel: str | int | None = config.channel or None  # None: the interface's own first channel
-    if config.channel.isdecimal() and config.interface in _COUNTED_CHANNELS:
+    if config.channel.isdecimal() and config.interface not in _NAMED_BY_DIGITS:
         channel = int(config.channel)
     with _one_line(config):
         bus = can.Bus(
@@ -216,20 +179,10 @@ def open_bus(config: BusConfig) -> can.BusABC:
             bitrate=config.bitrate,
             **_OPTIONS.get(config.interface, {}),
         )
-    with contextlib.suppress(Exception), _socket_of(bus) as sock:  # most are no socket
+    with contextlib.suppress(Exception), socket_of(bus.fileno) as sock:  # most are no socket
         enlarge_buffer(sock)
         keep_to_own_group(sock)
     return bus
-
-
-@contextlib.contextmanager
-def _socket_of(bus: can.BusABC) -> Iterator[socket.socket]:
-    """Lend the socket of a bus; raises any exception if it has none."""
-    sock = socket.socket(fileno=bus.fileno())
-    try:
-        yield sock
-    finally:
-        sock.detach()  # the descriptor belongs to the bus
 
 
 @contextlib.contextmanager
@@ -245,9 +198,9 @@ def _name(config: BusConfig) -> str:
 
 @contextlib.contextmanager
 def _one_line(config: BusConfig) -> Iterator[None]:
-    """Convert any exception of a backend on opening (also NameError) to a BusError."""
-    if config.interface != "slcan" and config.interface not in can.VALID_INTERFACES:
-        known = sorted({*can.VALID_INTERFACES, "slcan"})
+    """Convert any exception of a backend on opening to a BusError."""
+    known = sorted({*can.VALID_INTERFACES, "slcan"})
+    if config.interface not in known:
         near = get_close_matches(config.interface, known, 1)
         advice = f"did you mean {near[0]}? There are " if near else "name one of "
         what = f"python-can has no interface {config.interface!r}"
@@ -256,28 +209,27 @@ def _one_line(config: BusConfig) -> Iterator[None]:
         yield
     except BusError:
         raise
-    except TypeError as error:
-        if config.channel:
-            raise _closed(config, _reason(error)) from error
-        raise _closed(config, "no channel is named") from error
-    except (NameError, AttributeError, ImportError) as error:  # what its library would define
-        raise _closed(config, "its driver does not load") from error
     except Exception as error:
-        raise _closed(config, _reason(error)) from error
-
-
-def _closed(config: BusConfig, reason: str) -> BusError:
-    advice = _ADVICE.get(config.interface, "check [bus] in bench.toml, cable and driver")
-    if driver := _DRIVERS.get(config.interface):
-        advice = f"check channel and cable, and that its driver is installed: {driver}"
-    advice = advice.format(channel=config.channel, bitrate=config.bitrate)
-    return BusError(_name(config), f"cannot be opened: {reason}", advice)
+        reason = _reason(error)
+        if isinstance(error, NameError | AttributeError | ImportError):  # of a vendor's library
+            reason = "its driver does not load"
+        elif isinstance(error, TypeError) and not config.channel:
+            reason = "no channel is named"
+        advice = _ADVICE.get(config.interface, "check [bus] in bench.toml, cable and driver")
+        advice = advice.format(channel=config.channel, bitrate=config.bitrate)
+        raise BusError(_name(config), f"cannot be opened: {reason}", advice) from error
 
 
 def _reason(error: BaseException) -> str:
-    text = str(error) or type(error).__name__
-    cause = error.__cause__
+    text, cause = str(error) or type(error).__name__, error.__cause__
     return f"{text}: {cause}" if isinstance(cause, OSError) and str(cause) not in text else text
+
+
+# Reads them ---------------------------------------------------------------------------------------
+
+GARBLED_UNTIL_GONE = 10_000
+"""Number of consecutive unreadable pieces, without a pause, after which the interface counts as
+lost."""
 
 
 class PythonCanSource:
@@ -302,43 +254,37 @@ class PythonCanSource:
         self.name = name
         self._bus, self._index, self._gather_s = bus, index, gather_s
         self._now_ns, self._on_axis = now_ns, on_axis
-        self._drops = SocketDrops(lambda: bus.fileno())
+        self._drops = SocketDrops(bus.fileno)
         self._garbled = self._restamped = self._garbled_in_a_row = 0
 
     def read(self, timeout_s: float) -> FrameBatch:
         """Return a block of at most `BLOCK_FRAMES` frames; see `FrameSource`."""
-        messages: list[can.Message] = []
-        arrived_ns: list[int] = []
+        received: list[tuple[can.Message, int]] = []
         end_s = time.monotonic() + timeout_s
-        receive, now_ns = self._bus.recv, self._now_ns
-        while len(messages) < BLOCK_FRAMES:
-            left_s = 0.0 if self._gather_s and messages else max(end_s - time.monotonic(), 0.0)
+        while len(received) < BLOCK_FRAMES:
+            left_s = 0.0 if self._gather_s and received else max(end_s - time.monotonic(), 0.0)
             try:
-                message = receive(0.0 if self._gather_s else left_s)
+                message = self._bus.recv(0.0 if self._gather_s else left_s)
             except Exception as error:  # backends also raise ValueError, IndexError, NameError...
                 self._garbled_in_a_row += 1
                 if _is_fault(error) or self._garbled_in_a_row >= GARBLED_UNTIL_GONE:
-                    if messages:
+                    if received:
                         break  # the next call raises
-                    what, advice = (
-                        f"has gone: {_reason(error)}",
-                        "check plug and power, start again",
-                    )
-                    raise BusError(self.name, what, advice) from error
+                    advice = "check plug and power, start again"
+                    raise BusError(self.name, f"has gone: {_reason(error)}", advice) from error
                 self._garbled += 1
                 continue
             self._garbled_in_a_row = 0
             if message is not None:
-                messages.append(message)
-                arrived_ns.append(now_ns())
-                if len(messages) == 1:
+                received.append((message, self._now_ns()))
+                if len(received) == 1:
                     time.sleep(self._gather_s)
                     end_s = time.monotonic() + GATHER_S
-            elif messages or not left_s:
+            elif received or not left_s:
                 break
             elif self._gather_s:
                 time.sleep(min(left_s, GATHER_S))
-        return self._batch(messages, arrived_ns)
+        return self._batch(received)
 
     def losses(self) -> SourceLosses:
         """Return the losses; for a socket the kernel's, because python-can reports none."""
@@ -350,9 +296,9 @@ class PythonCanSource:
         with contextlib.suppress(Exception):  # some backends cannot close a lost device
             self._bus.shutdown()
 
-    def _batch(self, messages: list[can.Message], arrived_ns: list[int]) -> FrameBatch:
+    def _batch(self, received: list[tuple[can.Message, int]]) -> FrameBatch:
         rows = []
-        for message, now_ns in zip(messages, arrived_ns, strict=True):
+        for message, now_ns in received:
             try:
                 stamp_ns, *others = _checked(message, now_ns)
             except (TypeError, ValueError, OverflowError):
@@ -387,6 +333,6 @@ def _is_fault(error: BaseException) -> bool:
         if before in chain:  # a driver that raises the same exception object repeatedly
             break
         chain.append(before)
-    if any(isinstance(e, OSError) for e in chain):
+    if any(isinstance(each, OSError) for each in chain):
         return True
     return isinstance(error, can.CanError) and len(chain) == 1

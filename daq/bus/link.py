@@ -16,7 +16,7 @@ from dbc.frames import FrameBatch
 
 from ..bench.config import BusConfig
 from ..errors import BusError
-from .source import FrameSource, Interface, LinkFacts, SourceLosses
+from .source import FrameSource, LinkFacts, SourceLosses
 
 BACK_OFF_S = (0.1, 2.0)
 """First and longest pause before a bus is opened again, s; each pause is twice the one before."""
@@ -85,8 +85,7 @@ class Link:
         ):
             self._alive_s = now_s
             self._drop()
-        source = self._source
-        down = not len(frames) and isinstance(source, Interface) and source.interface_down
+        down = not len(frames) and getattr(self._source, "interface_down", False)
         self._facts = replace(
             self._facts, heartbeat_s=now_s, losses=self._losses(), interface_down=down
         )

@@ -9,10 +9,10 @@ from __future__ import annotations
 import socket
 import struct
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from dbc.frames import FrameBatch
 
@@ -128,15 +128,6 @@ class FrameSource(Protocol):
         """Release the interface; never raises."""
 
 
-@runtime_checkable
-class Interface(FrameSource, Protocol):
-    """A source on a network interface, which can be taken down and up while it is open."""
-
-    @property
-    def interface_down(self) -> bool:
-        """True if it was taken down and no frame has come since."""
-
-
 # Sizes the buffer of a bus that is a socket, and counts the datagrams that it had no room for -----
 
 RECEIVE_BUFFER_BYTES = 8 << 20
@@ -156,8 +147,9 @@ def enlarge_buffer(sock: socket.socket) -> int:
 
     More than `net.core.rmem_max` needs a privilege.
     """
-    options = (socket.SO_RCVBUF, *((_SO_RCVBUFFORCE,) if sys.platform == "linux" else ()))
-    for option in options:
+    for option in (
+        (socket.SO_RCVBUF, _SO_RCVBUFFORCE) if sys.platform == "linux" else (socket.SO_RCVBUF,)
+    ):
         with suppress(OSError):
             sock.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
     # The kernel doubles the size for its own bookkeeping, and returns the double.
@@ -195,6 +187,16 @@ def drop_counter(sock: socket.socket) -> int | None:
     return int(_COUNTS.unpack(raw)[_DROPS]) if len(raw) == _COUNTS.size else None
 
 
+@contextmanager
+def socket_of(fileno: Callable[[], int]) -> Iterator[socket.socket]:
+    """Lend the socket of a bus; raises any exception if it has none."""
+    sock = socket.socket(fileno=fileno())
+    try:
+        yield sock
+    finally:
+        sock.detach()  # the descriptor belongs to the bus
+
+
 class SocketDrops:
     """Counts the drops of one socket since construction; 0 if the system does not count them.
 
@@ -203,22 +205,15 @@ class SocketDrops:
 
     def __init__(self, fileno: Callable[[], int]) -> None:
         self._fileno = fileno
-        self._last = 0
         self._before: int | None = None
-        with suppress(Exception):  # no socket, no descriptor, not implemented, another system
-            self._before = self._read()
+        self._last = 0
+        with suppress(Exception), socket_of(fileno) as sock:
+            self._before = drop_counter(sock)
 
     def count(self) -> int:
         """Return the number of datagrams dropped; of a closed socket, the last known number."""
         if self._before is not None:
-            with suppress(Exception):
-                if (now := self._read()) is not None:
+            with suppress(Exception), socket_of(self._fileno) as sock:
+                if (now := drop_counter(sock)) is not None:
                     self._last = (now - self._before) % (1 << 32)
         return self._last
-
-    def _read(self) -> int | None:
-        sock = socket.socket(fileno=self._fileno())
-        try:
-            return drop_counter(sock)
-        finally:
-            sock.detach()  # the descriptor belongs to the bus

@@ -5,12 +5,14 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import can
 import numpy as np
 import pytest
+from can.interfaces import BACKENDS
 
 from daq.bench.config import BusConfig
 from daq.bus.interfaces import (
@@ -18,7 +20,7 @@ from daq.bus.interfaces import (
     open_bus,
     open_source,
 )
-from daq.bus.source import FrameSource
+from daq.bus.source import FrameSource, enlarge_buffer, keep_to_own_group
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 
@@ -185,20 +187,13 @@ def test_a_virtual_bus_carries_the_clock_of_its_sender() -> None:
     assert not (batch.flags & FrameFlag.TRANSMITTED).any()
 
 
-SENDER = """
-import sys, can
-from daq.bus.interfaces import open_bus
-from daq.bench.config import BusConfig
-with open_bus(BusConfig("udp_multicast", sys.argv[1], 1_000_000)) as bus:
-    for i in range(2000):
-        bus.send(can.Message(arbitration_id=0x110, is_extended_id=False, data=i.to_bytes(8, "big")))
-"""
-
-
-def test_frames_of_another_process_cross_udp_multicast_and_a_stall_of_the_reader() -> None:
-    source = open_source(BusConfig("udp_multicast", GROUP, 1_000_000), 0)
+def test_frames_cross_udp_multicast_and_a_stall_of_the_reader() -> None:
+    config = BusConfig("udp_multicast", GROUP, 1_000_000)
+    source = open_source(config, 0)
     # Nothing is read until all has been sent: more than the kernel's default buffer holds.
-    subprocess.run([sys.executable, "-c", SENDER, GROUP], check=True, timeout=30)
+    with open_bus(config) as bus:
+        for i in range(2000):
+            bus.send(frame(0x110, data=i.to_bytes(8, "big")))
     batch = read_until(source, 2000)
     age_s = time.time() - batch.t_ns / 1e9
     source.close()
@@ -279,6 +274,7 @@ def test_closing_a_lost_device_raises_nothing() -> None:
     assert bus.shut
 
 
+@pytest.mark.long
 def test_vendor_libraries_that_are_missing_say_nothing_on_the_terminal() -> None:
     code = (
         "from daq.bus.interfaces import open_bus\nfrom daq.bench.config import BusConfig\n"
@@ -290,3 +286,94 @@ def test_vendor_libraries_that_are_missing_say_nothing_on_the_terminal() -> None
         [sys.executable, "-c", code], capture_output=True, check=True, timeout=60, env=os.environ
     )
     assert (done.stdout, done.stderr) == (b"", b"")
+
+
+# When a bus counts as lost, and is opened again; what its socket is asked for -------------------
+
+
+def read(*script: can.Message | Exception | None) -> list[list[int] | str]:
+    """Return the identifiers of each block until the script ends, or that the bus has gone."""
+    bus = ScriptedBus(*script)
+    source = source_on(bus)
+    seen: list[list[int] | str] = []
+    while bus.script:
+        try:
+            seen.append(source.read(0.0).can_id.tolist())
+        except BusError:
+            seen.append("gone")
+    return seen
+
+
+@pytest.mark.parametrize(("pieces", "seen"), [(9_999, [[1]]), (10_000, ["gone", [1]])])
+def test_ten_thousand_unreadable_pieces_are_a_bus_that_has_gone(
+    pieces: int, seen: list[list[int] | str]
+) -> None:
+    assert read(*[parse_error()] * pieces, frame(1)) == seen
+
+
+def loopbacks() -> Iterator[tuple[socket.AddressFamily, str, int, int]]:
+    """Yield family, address, level and option of the loopbacks of this machine."""
+    yield socket.AF_INET, "127.0.0.1", socket.IPPROTO_IP, 49  # IP_MULTICAST_ALL of linux/in.h
+    with suppress(OSError), socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as there:
+        there.bind(("::1", 0))
+        yield socket.AF_INET6, "::1", socket.IPPROTO_IPV6, 29  # IPV6_MULTICAST_ALL of linux/in6.h
+
+
+@pytest.mark.parametrize(("family", "address", "level", "option"), list(loopbacks()))
+def test_a_multicast_socket_hears_its_own_groups_alone_and_begins_empty(
+    family: socket.AddressFamily, address: str, level: int, option: int
+) -> None:
+    with socket.socket(family, socket.SOCK_DGRAM) as receiving:
+        receiving.bind((address, 0))
+        with socket.socket(family, socket.SOCK_DGRAM) as sending:
+            for _ in range(3):
+                sending.sendto(b"stray", receiving.getsockname())
+            before = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+            enlarge_buffer(receiving)
+            keep_to_own_group(receiving)
+            assert receiving.getsockopt(level, option) == 0
+            assert receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= before
+            sending.sendto(b"own", receiving.getsockname())
+            receiving.settimeout(30.0)
+            assert receiving.recv(100) == b"own"
+
+
+# What each interface of python-can is opened with, and the one line where it cannot be ----------
+
+
+CHANNELS = ["0", "1", "12", "can0", "PCAN_USBBUS1", "/dev/ttyUSB0@115200", "COM3", "239.74.163.2"]
+
+
+@pytest.mark.parametrize("interface", sorted(BACKENDS))
+def test_a_channel_reaches_its_interface_as_it_counts_or_names_them(
+    interface: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = can.Bus(interface="virtual", channel="of a constructor")
+    made: list[tuple[Any, ...]] = []
+
+    def construct(*positional: Any, **named: Any) -> can.BusABC:
+        made.append((positional, named["bitrate"]))
+        return opened
+
+    monkeypatch.setattr("can.interface._get_class_for_interface", lambda _: construct)
+    for channel in CHANNELS:
+        open_bus(BusConfig(interface, channel, 500_000))
+        counts = interface != "usb2can" and channel.isdecimal()
+        assert made.pop() == ((int(channel) if counts else channel,), 500_000)
+    open_bus(BusConfig(interface, "", 500_000))
+    assert made == [((), 500_000)], "the interface chooses its own channel"
+    opened.shutdown()
+
+
+@pytest.mark.parametrize("interface", sorted(BACKENDS.keys() - {"virtual", "udp_multicast"}))
+def test_an_interface_that_is_not_there_is_one_line_that_names_what_it_needs(
+    interface: str,
+) -> None:
+    channel = ""
+    with pytest.raises(BusError) as refused:
+        open_bus(BusConfig(interface, channel, 500_000))
+    text = str(refused.value)
+    assert text.startswith(f"{interface} {channel}".rstrip() + ": cannot be opened: ")
+    assert "\n" not in text
+    assert "missing 1 required" not in text
+    assert "is not defined" not in text

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.bus.error_frames import ControllerState, ErrorClass, describe_error_frame
@@ -144,6 +144,7 @@ def test_older_drivers_send_counters_with_a_change_of_state_and_no_class_for_the
     assert describe_error_frame(0x088, bytes.fromhex("0000000000000102")).tx_errors is None
 
 
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 0xFFFFFFFF), st.binary(max_size=64))
 def test_whatever_comes_is_one_printable_line(can_id: int, data: bytes) -> None:
     said = describe_error_frame(can_id, data)

@@ -6,6 +6,7 @@ import itertools
 import socket
 import struct
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -248,3 +249,95 @@ def test_a_bus_that_was_never_heard_is_left_open() -> None:
     for _ in range(1000):
         link.read(0.1)
     assert not source.closed
+
+
+# When a bus counts as lost, and is opened again -------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error", "what", "advice"),
+    [
+        (BusError("can0", "has gone", "plug it in"), "has gone", "plug it in"),
+        (OSError(5, "Input/output error"), "Input/output error", "check plug, power and driver"),
+        (OSError("odd"), "odd", "check plug, power and driver"),
+        (NameError("canlib"), "NameError('canlib')", "please report this"),
+    ],
+)
+def test_why_a_bus_was_lost_is_said(error: Exception, what: str, advice: str) -> None:
+    clock = Clock()
+    link = link_to(clock, Source(clock, [ONE, error]))
+    for _ in range(3):
+        link.read(0.0)
+    facts = link.facts()
+    assert (facts.connected, facts.error, facts.advice) == (False, what, advice)
+
+
+@pytest.mark.parametrize(("silent_s", "closed"), [(4.9, False), (5.1, True)])
+def test_a_bus_is_opened_again_after_five_seconds_of_silence(silent_s: float, closed: bool) -> None:
+    clock = Clock()
+    first, second = Source(clock, [ONE]), Source(clock, [])
+    link = link_to(clock, first, second)
+    link.read(0.1)
+    assert len(link.read(0.1)) == len(ONE)
+    clock.now_s += silent_s
+    assert not len(link.read(0.0))
+    assert first.closed is closed
+
+
+@pytest.mark.parametrize("ended", ["halt", "close"])
+def test_a_link_that_has_ended_opens_nothing_any_more(ended: str) -> None:
+    clock = Clock()
+    source = Source(clock, [ONE])
+    link = link_to(clock, OSError("not yet"), source)
+    assert not len(link.read(0.0))
+    getattr(link, ended)()
+    clock.now_s += 60.0
+    for _ in range(3):
+        assert not len(link.read(0.0))
+    assert source.frames == 0
+    assert not link.facts().connected
+
+
+def test_a_bus_that_is_opened_for_the_first_time_was_not_opened_again() -> None:
+    clock = Clock()
+    link = link_to(clock, OSError("not yet"), Source(clock, []), Source(clock, []))
+    clock.now_s += 1.0
+    link.read(0.0)
+    clock.now_s += 1.0
+    assert link.read(0.0) is not None
+    assert (link.facts().connected, link.facts().reopened) == (True, 0)
+    assert isinstance(link.read(0.0), FrameBatch)
+
+
+@pytest.mark.parametrize("raised", [SystemExit(1), KeyboardInterrupt(), MemoryError()])
+def test_a_driver_that_ends_the_program_is_one_more_lost_bus(raised: BaseException) -> None:
+    """The reader goes on, and opens the bus again."""
+
+    class Fatal:
+        name = "fatal"
+
+        def read(self, timeout_s: float) -> Any:
+            raise raised
+
+        def losses(self) -> Any:
+            raise raised
+
+        def close(self) -> None:
+            raise raised
+
+    openings: list[int] = []
+
+    def open_fatal(_: BusConfig, number: int) -> Any:
+        openings.append(number)
+        if len(openings) == 2:
+            raise raised
+        return Fatal()
+
+    now_s = iter(range(0, 100_000, 10))
+    link = Link(BusConfig("kvaser", "0", 500_000), 3, open_fatal, lambda: float(next(now_s)))
+    for _ in range(7):
+        assert not len(link.read(0.0))
+    assert openings == [3] * 4
+    assert not link.facts().connected
+    assert type(raised).__name__ in link.facts().error
+    link.close()

@@ -108,7 +108,7 @@ def encoded(encoder: Any, frames: list[can.Message]) -> bytes:
 
 
 @given(st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_frames_of_every_kind_cut_anywhere_arrive_as_python_can_sent_them(
     encoder: can.BusABC, data: st.DataObject
 ) -> None:
@@ -259,7 +259,7 @@ def test_a_bit_rate_that_the_protocol_does_not_know_is_named_with_those_it_does(
 
 
 @given(st.lists(st.binary(max_size=40), max_size=10), st.binary(max_size=300))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_any_bytes_whatever_become_frames_or_counts(lines: list[bytes], tail: bytes) -> None:
     source = source_of(*(line + b"\r" for line in lines), tail)
     got = read_all(source)
