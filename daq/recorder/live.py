@@ -18,8 +18,7 @@ from ..control.messages import Lane, LeftOut, Live
 from ..runlog.run_log import Code, LoggedRun, LoggedStatus, RunLog, entry
 from ..runs import Event, Excitation
 from ..samples.mapping import SampleBlock
-from ..verdict import RunMeasure
-from ..verdict.consistent import left_out
+from ..verdict import RunMeasure, left_out
 from .orders import OrderError
 
 BIN_S = 0.02

@@ -113,7 +113,7 @@ class Hold:
     first: int
     last: int
     """`first`, `last`: its first and last sample."""
-    held_s: float
+    length_s: float
     """Its length, s; 0 if none begins in the first half second of the decay or reaches into it."""
 
     @property
@@ -137,7 +137,7 @@ class Hold:
         `changes`: share of samples at which the channel changes when it is healthy, 0..1; NaN if it
         is unknown.
         """
-        return self.held_s >= FROZEN_S and is_stuck(self.last - self.first + 1, changes)
+        return self.length_s >= FROZEN_S and is_stuck(self.last - self.first + 1, changes)
 
 
 def longest_hold(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from types import MappingProxyType
+from collections.abc import Iterable, Sequence
 
 from dbc.finding import Finding
 
@@ -11,24 +10,23 @@ from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..channels import TIME_DERIVATIVE, Quantity
 from . import motion, traffic
-from .frozen import frozen
-from .pattern import mirrored, patterns, struck, wrong_mode
+from .bump_kind import Pattern, mirrored, patterns, struck, wrong_mode
 from .repeats import levels, not_repeatable, roughness, waves
-from .strikes import Pattern
 from .wave import body_wave
-from .window import ANGULAR, RunMeasure, RunWindow, Trace, traces
+from .window import RunMeasure, RunWindow, Trace, traces
 from .words import finding
 
-_CHECKS = (
+_BEFORE_KIND = (
     traffic.stale,
     traffic.lost_frames,
     traffic.overload,
-    frozen,
+    traffic.frozen,
     motion.not_at_rest,
     motion.too_weak,
     motion.double_bump,
     motion.too_strong,
 )
+"""The checks that go before the kind of the bump."""
 
 
 def judge(
@@ -49,48 +47,48 @@ def judge(
     """
     signals = traces(bench.channels, window)
     if not signals:
-        findings = tuple(traffic.stale(bench, window, signals))
+        findings = list(traffic.stale(bench, window, signals))
         text = "no channel has samples before and after the bump"
         return (*findings, finding("no_data", False, 0.0, 1.0, "", text)), RunMeasure()
-    findings = tuple(found for check in _CHECKS for found in check(bench, window, signals))
-    bump_patterns = patterns(bench, signals)
-    measure = _measure(bench, step, signals, bump_patterns)
-    findings += tuple(found for way in bump_patterns for found in wrong_mode(step.excitation, way))
-    findings += tuple(
-        found for way in bump_patterns[:1] for found in mirrored(step.excitation, way)
-    )
-    findings += tuple(motion.not_decayed(bench, window, signals))
-    findings += tuple(motion.rest_changed(bench, window, signals))
+    kinds = patterns(bench, signals)
+    measure = _measure(bench, step, signals, kinds[:1])
+    findings = [each for check in _BEFORE_KIND for each in check(bench, window, signals)]
+    findings += [each for kind in kinds for each in wrong_mode(step.excitation, kind)]
+    findings += [each for kind in kinds[:1] for each in mirrored(step.excitation, kind)]
+    findings += motion.not_decayed(bench, window, signals)
+    findings += motion.rest_changed(bench, window, signals)
     before, doubted = (
         [other for other in others if other.wheels == measure.wheels]
         for others in (accepted, unlike)
     )
-    findings += tuple(not_repeatable(signals, measure, before, doubted))
+    findings += not_repeatable(signals, measure, before, doubted)
     return (*findings, _motion(measure)), measure
 
 
 def _measure(
-    bench: Bench, step: Step, signals: tuple[Trace, ...], bump_patterns: tuple[Pattern, ...]
+    bench: Bench, step: Step, signals: tuple[Trace, ...], kinds: Iterable[Pattern]
 ) -> RunMeasure:
-    linear = [trace for trace in signals if trace.channel.quantity not in ANGULAR]
-
-    def largest(derivative: int) -> float | None:
-        return max(
-            (t.peak for t in linear if TIME_DERIVATIVE[t.channel.quantity] == derivative),
-            default=None,
-        )
-
-    how = bump_patterns[0] if bump_patterns else None
-    wave = body_wave(signals, bench.campaign.bump_s)
+    """Return the measures of a run; `kinds`: the best pattern of the bump, if there is any."""
+    kind = next(iter(kinds), None)
+    angular = {Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION}
+    peaks = {
+        order: [
+            t.peak
+            for t in signals
+            if TIME_DERIVATIVE[t.channel.quantity] == order and t.channel.quantity not in angular
+        ]
+        for order in (0, 2)
+    }
+    frequency_hz, damping = body_wave(signals, bench.campaign.bump_s) or (None, None)
     return RunMeasure(
-        peak_m_s2=largest(TIME_DERIVATIVE[Quantity.BODY_ACCELERATION]),
-        peak_m=largest(TIME_DERIVATIVE[Quantity.SUSPENSION_TRAVEL]),
-        frequency_hz=wave[0] if wave else None,
-        damping=wave[1] if wave else None,
-        shares=how.shares if how else MappingProxyType({}),
-        purity=how.likeness[step.excitation] if how else None,
-        wheels=struck(step.excitation, how) if how else None,
-        peaks=MappingProxyType({trace.channel.name: trace.peak for trace in signals}),
+        peak_m_s2=max(peaks[2], default=None),
+        peak_m=max(peaks[0], default=None),
+        frequency_hz=frequency_hz,
+        damping=damping,
+        shares=kind.shares if kind else {},
+        purity=kind.likeness[step.excitation] if kind else None,
+        wheels=struck(step.excitation, kind) if kind else None,
+        peaks={trace.name: trace.peak for trace in signals},
         waves=waves(signals),
         levels=levels(signals),
         roughness=roughness(signals),
@@ -98,12 +96,13 @@ def _measure(
 
 
 def _motion(measure: RunMeasure) -> Finding:
+    """Return size, frequency and damping of the motion, for information."""
     parts = []
     if measure.peak_m_s2 is not None:
         parts.append(f"peak {measure.peak_m_s2:.1f} m/s2")
     if measure.peak_m is not None:
         parts.append(f"{measure.peak_m * 1e3:.0f} mm")
-    if measure.frequency_hz is not None and measure.damping is not None:
+    if measure.frequency_hz is not None:
         parts.append(f"f {measure.frequency_hz:.2f} Hz, zeta {measure.damping:.2f}")
     if measure.purity is not None:
         parts.append(f"{measure.purity:.0%} pure")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from ..bench.config import Bench
 from ..channels import Channel, Quantity
 from ..samples.mapping import SampleBlock
 from ..samples.trigger import trigger_channels
-from .window import RunWindow, Trace, kin, traces
+from .window import RunWindow, Trace, kind_of, largest_peaks, traces
 from .words import finding
 
 REST_NOISE = 3.0
@@ -57,6 +57,8 @@ PUSH_GUARD_S = 1.0
 """Time after a push by hand that belongs to the same strike, s: the push down and the release are
 one strike."""
 _GRID_S = 0.005
+_QUICK_S = 0.15
+"""Width of the running mean, s, that is subtracted where the motion of wheels is wanted."""
 _FINEST = 1e-3
 """Least ratio of noise to peak that is assumed for any sensor."""
 
@@ -73,52 +75,62 @@ _SLOW = (
 """Quantities that show the swing of the body."""
 
 
+def of_quantity(signals: Sequence[Trace], *quantities: Quantity) -> tuple[Trace, ...]:
+    """Return the traces of some quantities."""
+    return tuple(trace for trace in signals if trace.channel.quantity in quantities)
+
+
 def not_at_rest(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the motion before the bump with the noise and with the motion after it."""
-    moved = [(trace.moved / _rest_limit(trace, signals), trace) for trace in signals]
-    worst, trace = max(moved, key=lambda pair: pair[0])
-    limit, unit = _rest_limit(trace, signals), trace.channel.unit
+    largest = largest_peaks(signals)
+    limits = {
+        t.name: max(REST_NOISE * t.noise, REST_SHARE * largest[kind_of(t.channel)], 1e-9)
+        for t in signals
+    }
+    worst = max(signals, key=lambda trace: trace.moved / limits[trace.name])
+    limit, unit = limits[worst.name], worst.channel.unit
     text = (
-        f"before the bump {trace.channel.name} moved by {sized(trace.moved, unit)} RMS "
-        f"(limit {sized(limit, unit)})"
+        f"before the bump {worst.name} moved by {_sized(worst.moved, unit)} RMS "
+        f"(limit {_sized(limit, unit)})"
     )
-    yield finding("not_at_rest", worst <= 1.0, trace.moved, limit, unit, text, trace.channel.name)
+    passed = worst.moved <= limit
+    yield finding("not_at_rest", passed, worst.moved, limit, unit, text, worst.name)
 
 
-def _rest_limit(trace: Trace, signals: tuple[Trace, ...]) -> float:
-    largest = max(other.peak for other in kin(trace, signals))
-    return max(REST_NOISE * trace.noise, REST_SHARE * largest, 1e-9)
+def _sized(value: float, unit: str) -> str:
+    """Return a value as text: lengths in mm, angles in degrees."""
+    if unit == "m":
+        return f"{value * 1e3:.2g} mm"
+    if unit.startswith("rad"):
+        return f"{np.degrees(value):.2g} deg{unit[3:]}"
+    return f"{value:.2g} {unit}"
 
 
 def too_weak(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the peak with the trigger's level and with the noise."""
     names = {channel.name for channel in trigger_channels(bench.channels, bench.campaign.method)}
-    triggers = [trace for trace in signals if trace.channel.name in names]
+    triggers = [trace for trace in signals if trace.name in names]
     if triggers:
         strongest = max(triggers, key=lambda trace: trace.peak)
-        limit = WEAK_LEVELS * bench.trigger.level
+        peak, limit = strongest.peak, WEAK_LEVELS * bench.trigger.level
         text = (
-            f"peak {strongest.peak:.1f} m/s2 on {strongest.channel.name} (at least {limit:.1f}: "
+            f"peak {peak:.1f} m/s2 on {strongest.name} (at least {limit:.1f}: "
             f"{WEAK_LEVELS:g} times the trigger's level)"
         )
-        enough = strongest.peak >= limit
-        name = strongest.channel.name
-        yield finding("too_weak", enough, strongest.peak, limit, "m/s2", text, name)
-        if not enough:
+        yield finding("too_weak", peak >= limit, peak, limit, "m/s2", text, strongest.name)
+        if peak < limit:
             return
-    slow = [trace for trace in signals if trace.channel.quantity in _SLOW and trace.noise > 0.0]
+    slow = [trace for trace in of_quantity(signals, *_SLOW) if trace.noise > 0.0]
     axles = {trace.channel.corner.front if trace.channel.corner else None for trace in slow}
-    hubs = any(trace.channel.quantity is Quantity.HUB_ACCELERATION for trace in signals)
     # Travels of one axle hardly show a bump at the other; hubs that swing are proof enough.
-    if slow and not (hubs and axles in ({True}, {False})):
+    if slow and not (
+        of_quantity(signals, Quantity.HUB_ACCELERATION) and axles in ({True}, {False})
+    ):
         clearest = max(slow, key=lambda trace: trace.peak / trace.noise)
         ratio = clearest.peak / clearest.noise
-        text = (
-            f"peak of {clearest.channel.name} is {ratio:.0f} times its noise (at least "
-            f"{WEAK_NOISE:.0f})"
-        )
-        name = clearest.channel.name
-        yield finding("too_weak", ratio >= WEAK_NOISE, ratio, WEAK_NOISE, "", text, name)
+        text = f"peak of {clearest.name} is {ratio:.0f} times its noise (at least {WEAK_NOISE:.0f})"
+        passed = ratio >= WEAK_NOISE
+        yield finding("too_weak", passed, ratio, WEAK_NOISE, "", text, clearest.name)
 
 
 def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
@@ -127,20 +139,18 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
     Each hub is judged separately, so that a rear axle that passes the board after the front one is
     struck once.
     """
-    struck = [t for t in signals if t.channel.quantity is Quantity.HUB_ACCELERATION]
-    struck = struck or [t for t in signals if t.channel.quantity is Quantity.BODY_ACCELERATION]
-    struck = struck or list(signals)
-    largest = {t.channel.name: max(o.peak for o in kin(t, signals)) for t in struck}
+    struck = of_quantity(signals, Quantity.HUB_ACCELERATION)
+    struck = struck or of_quantity(signals, Quantity.BODY_ACCELERATION) or signals
+    largest = largest_peaks(signals)
     guard_s = PUSH_GUARD_S if bench.campaign.method is Method.PUSH else STRUCK_GUARD_S
-    best: tuple[float, float, str] = (0.0, 0.0, "")
+    share, onset_s, name = 0.0, 0.0, ""
     for trace in struck:
-        if trace.peak > 0.2 * largest[trace.channel.name]:
-            share, at_s = _second_strike(trace, bench.campaign.bump_s + guard_s)
-            best = max(best, (share, at_s, trace.channel.name))
-    share, at_s, name = best
+        if trace.peak > 0.2 * largest[kind_of(trace.channel)]:
+            again = _second_strike(trace, bench.campaign.bump_s + guard_s)
+            share, onset_s, name = max((share, onset_s, name), (*again, trace.name))
     if share > STRUCK_SHARE:
         text = (
-            f"second bump at +{at_s:.2f} s: {name} with {share:.0%} of the first (limit "
+            f"second bump at +{onset_s:.2f} s: {name} with {share:.0%} of the first (limit "
             f"{STRUCK_SHARE:.0%})"
         )
         yield finding("double_bump", False, share, STRUCK_SHARE, "", text, name)
@@ -149,92 +159,88 @@ def double_bump(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
         yield finding("double_bump", True, share, STRUCK_SHARE, "", text)
 
 
-def too_strong(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Compare the travel of the suspension with the planned height of the bump."""
-    travels = [t for t in signals if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
-    if not travels:
-        return
-    largest = max(travels, key=lambda trace: trace.peak)
-    limit = STRONG_HEIGHTS * bench.campaign.bump_height_m
-    text = (
-        f"{largest.channel.name} moved by {largest.peak * 1e3:.0f} mm (limit {limit * 1e3:.0f} "
-        f"mm: {STRONG_HEIGHTS:g} times the planned height)"
-    )
-    strong = largest.peak > limit
-    yield finding("too_strong", not strong, largest.peak, limit, "m", text, largest.channel.name)
-
-
 def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     """Return the ratio of a second strike to the first, and its time, s; 0 if there is none."""
     grid = np.arange(0.0, trace.time_s[-1], _GRID_S)
     if len(grid) * _GRID_S < guard_s + 2 * STRUCK_S:
         return 0.0, 0.0
     quick = _quick(trace)
-    floor = 3.0 * trace.noise
-    envelope = _rms_envelope(trace.time_s, quick, grid)
-    start = int(np.argmax(envelope > 0.5 * envelope.max()))
-    first_stop = start + round(guard_s / _GRID_S)
-    first = float(envelope[:first_stop].max())
-    later = envelope[first_stop:]
-    lowest = np.maximum(np.minimum.accumulate(later), max(floor, 0.02 * first))
+    energy = np.concatenate([[0.0], np.cumsum(quick**2)])
+    first, last = np.searchsorted(trace.time_s, [grid - STRUCK_S / 2, grid + STRUCK_S / 2])
+    envelope = np.sqrt((energy[last] - energy[first]) / np.maximum(last - first, 1))
+    stop = int(np.argmax(envelope > 0.5 * envelope.max())) + round(guard_s / _GRID_S)
+    size, later = float(envelope[:stop].max()), envelope[stop:]
+    lowest = np.maximum(np.minimum.accumulate(later), max(3.0 * trace.noise, 0.02 * size))
     risen = np.where(later > STRUCK_RISE * lowest, later, 0.0)
     if not risen.any():
         return 0.0, 0.0
-    share = float(risen.max() / first)
     # The envelope looks ahead; the strike itself is where the signal reaches half of its maximum.
-    onset_s, highest_s = grid[first_stop + np.array([np.argmax(risen > 0.0), np.argmax(risen)])]
+    onset_s, highest_s = grid[stop + np.array([np.argmax(risen > 0.0), np.argmax(risen)])]
     near = (trace.time_s > onset_s - STRUCK_S) & (trace.time_s < highest_s + STRUCK_S)
     high = np.where(near, np.abs(quick), 0.0)
-    return share, float(trace.time_s[np.argmax(high > high.max() / 2)])
+    return float(risen.max() / size), float(trace.time_s[np.argmax(high > high.max() / 2)])
 
 
 def _quick(trace: Trace) -> NDArray[np.float64]:
-    """Return the motion faster than the body: the signal minus its running mean over 0.15 s."""
+    """Return the motion faster than the body: the signal minus its running mean."""
     period_s = max(float(np.median(np.diff(trace.time_s))), 1e-4)
-    n = max(round(0.15 / period_s), 1)
+    n = round(_QUICK_S / period_s)
     if n < 3:
         return trace.value
     padded = np.pad(trace.value, (n // 2, n - 1 - n // 2), mode="edge")
     total = np.concatenate([[0.0], np.cumsum(padded)])
-    smooth = (total[n:] - total[:-n]) / n
-    return np.asarray(trace.value - smooth)
+    return np.asarray(trace.value - (total[n:] - total[:-n]) / n)
 
 
-def _rms_envelope(
-    time_s: NDArray[np.float64], value: NDArray[np.float64], grid: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    total = np.concatenate([[0.0], np.cumsum(value**2)])
-    first = np.searchsorted(time_s, grid - STRUCK_S / 2)
-    last = np.searchsorted(time_s, grid + STRUCK_S / 2)
-    return np.asarray(np.sqrt((total[last] - total[first]) / np.maximum(last - first, 1)))
+def too_strong(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Compare the travel of the suspension with the planned height of the bump."""
+    travels = of_quantity(signals, Quantity.SUSPENSION_TRAVEL)
+    if not travels:
+        return
+    largest = max(travels, key=lambda trace: trace.peak)
+    peak, limit = largest.peak, STRONG_HEIGHTS * bench.campaign.bump_height_m
+    text = (
+        f"{largest.name} moved by {peak * 1e3:.0f} mm (limit {limit * 1e3:.0f} mm: "
+        f"{STRONG_HEIGHTS:g} times the planned height)"
+    )
+    yield finding("too_strong", peak <= limit, peak, limit, "m", text, largest.name)
 
 
 def not_decayed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the motion at the end of the run with the peak."""
     end_s = bench.trigger.post_s
-    left = _left(signals, end_s)
-    if left is None:
-        return
-    share, name = left
-    text = f"{share:.0%} of the motion left after {end_s:g} s ({name}; limit {LEFT_SHARE:.0%})"
-    yield finding("not_decayed", share <= LEFT_SHARE, share, LEFT_SHARE, "", text, name)
+    share, name = _remaining(signals, end_s)
+    if share is not None:
+        text = f"{share:.0%} of the motion left after {end_s:g} s ({name}; limit {LEFT_SHARE:.0%})"
+        yield finding("not_decayed", share <= LEFT_SHARE, share, LEFT_SHARE, "", text, name)
 
 
-def _left(signals: tuple[Trace, ...], now_s: float) -> tuple[float, str] | None:
+def peak_left(
+    channels: tuple[Channel, ...], bump_ns: int, columns: SampleBlock, now_ns: int
+) -> float | None:
+    """Return the ratio of the present motion to its peak.
+
+    `bump_ns` and `now_ns`: time stamps of the bump and of the latest frame.  `columns`: samples
+    from before the bump until now, SI.  Returns 0..1; None while it is not known.
+    """
+    return _remaining(traces(channels, RunWindow(bump_ns, columns)), (now_ns - bump_ns) * 1e-9)[0]
+
+
+def _remaining(signals: tuple[Trace, ...], now_s: float) -> tuple[float | None, str]:
     """Return the ratio of the remaining motion to the peak, and the channel that moves most.
 
     All channels count in units of their noise, so that one that this bump hardly moves has little
     weight.
     """
-    slow = tuple(trace for trace in signals if trace.channel.quantity in _SLOW) or signals
-    unit = {t.channel.name: max(t.noise, _FINEST * max(o.peak for o in kin(t, slow))) for t in slow}
-    peak = {t.channel.name: t.peak / max(unit[t.channel.name], 1e-12) for t in slow}
-    left = {t.channel.name: _amplitude(t, now_s) / max(unit[t.channel.name], 1e-12) for t in slow}
-    whole = float(np.linalg.norm(list(peak.values())))
+    slow = of_quantity(signals, *_SLOW) or signals
+    largest = largest_peaks(slow)
+    unit = [max(t.noise, _FINEST * largest[kind_of(t.channel)], 1e-12) for t in slow]
+    whole = float(np.linalg.norm([t.peak / one for t, one in zip(slow, unit, strict=True)]))
     if whole < WEAK_NOISE:
-        return None
-    share = float(np.linalg.norm(list(left.values()))) / whole
-    return min(share, 1.0), max(left, key=lambda name: left[name])
+        return None, ""
+    moving = [_amplitude(t, now_s) / one for t, one in zip(slow, unit, strict=True)]
+    share = float(np.linalg.norm(moving)) / whole
+    return min(share, 1.0), slow[int(np.argmax(moving))].name
 
 
 def _amplitude(trace: Trace, now_s: float) -> float:
@@ -248,46 +254,15 @@ def _amplitude(trace: Trace, now_s: float) -> float:
     return float(np.sqrt(2.0 * max(power, 0.0)))
 
 
-def peak_left(
-    channels: tuple[Channel, ...], bump_ns: int, columns: SampleBlock, now_ns: int
-) -> float | None:
-    """Return the ratio of the present motion to its peak.
-
-    `bump_ns` and `now_ns`: time stamps of the bump and of the latest frame.  `columns`: samples
-    from before the bump until now, SI.  Returns 0..1; None while it is not known.
-    """
-    signals = traces(channels, RunWindow(bump_ns, columns))
-    left = _left(signals, (now_ns - bump_ns) * 1e-9) if signals else None
-    return None if left is None else left[0]
-
-
 def rest_changed(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the rest positions before and after a run, unless it began on blocks."""
-    if bench.campaign.method is Method.DROP:
-        return
-    travels = [t for t in signals if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
-    if not travels:
+    travels = of_quantity(signals, Quantity.SUSPENSION_TRAVEL)
+    if bench.campaign.method is Method.DROP or not travels:
         return
     end_s = bench.trigger.post_s
-    largest = max(trace.peak for trace in travels)
-
-    def changed_m(trace: Trace) -> float:
-        part = trace.part(end_s - 2 * END_S, end_s)
-        return float(np.mean(part)) if len(part) else 0.0
-
-    worst = max(travels, key=lambda trace: abs(changed_m(trace)))
-    value, limit = abs(changed_m(worst)), SHIFTED_SHARE * largest
-    text = (
-        f"{worst.channel.name} rests {value * 1e3:.1f} mm from where it was (limit "
-        f"{limit * 1e3:.1f} mm)"
-    )
-    yield finding("rest_changed", value <= limit, value, limit, "m", text, worst.channel.name)
-
-
-def sized(value: float, unit: str) -> str:
-    """Return a value as text: lengths in mm, angles in degrees."""
-    if unit == "m":
-        return f"{value * 1e3:.2g} mm"
-    if unit.startswith("rad"):
-        return f"{np.degrees(value):.2g} deg{unit[3:]}"
-    return f"{value:.2g} {unit}"
+    parts = [trace.part(end_s - 2 * END_S, end_s) for trace in travels]
+    changed_m = [abs(float(np.mean(part))) if len(part) else 0.0 for part in parts]
+    value, name = max(changed_m), travels[int(np.argmax(changed_m))].name
+    limit = SHIFTED_SHARE * max(trace.peak for trace in travels)
+    text = f"{name} rests {value * 1e3:.1f} mm from where it was (limit {limit * 1e3:.1f} mm)"
+    yield finding("rest_changed", value <= limit, value, limit, "m", text, name)

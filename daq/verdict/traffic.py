@@ -1,9 +1,10 @@
-"""Checks that all sensor data have arrived, and are within the sensors' range."""
+"""Checks that all sensor data have arrived, move, and are within the sensors' range."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,24 +15,31 @@ from dbc.words import counted, plural
 from ..bench.config import Bench
 from ..channels import Channel, Quantity, message_of
 from ..samples.clock import FASTEST
-from ..samples.converter import flat_tops
+from ..samples.converter import FROZEN_S, flat_tops, longest_hold
 from ..silence import STALE_S, WHEEL_MOTION_S, Silence, longest_gap_s, longest_silence
-from .window import RunWindow, Trace
+from .window import BEFORE_S, RunWindow, Trace, kind_of
 from .words import finding
 
 LOST_SHARE = 0.02
 """Largest share of lost frames: a loose plug loses most while the car moves most, and another bump
 costs only a minute."""
 _NO_VALUE = "check the sensor, and type, checksum and factor of its signal, then bump again"
-_SPOKEN = 0.9
+_HEALTHY = 0.9
 """Least share of a message's samples that each healthy channel has."""
+
+Times = Mapping[str, NDArray[np.int64]]
+"""Time stamps, ns, by message or channel."""
 
 
 def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find messages that were silent, and channels without a value, for a part of the run."""
-    messages = _messages(bench.channels, window)
-    poor = _poor(bench.channels, window, messages)
-    silence = _silences(bench, window, {**messages, **poor})
+    usable = _usable(bench, window)
+    messages = _best_of_message(bench, usable)
+    for channel in bench.channels:  # those without a value although their frames come
+        t_ns, all_ns = usable[channel.name], messages.get(_message(channel), ())
+        if channel.quantity is not Quantity.UNUSED and len(t_ns) < _HEALTHY * len(all_ns):
+            messages[channel.name] = t_ns
+    silence = _silences(bench, window, messages)
     for message in window.stale:
         known = silence.get(message, Silence(0.0, 0.0, STALE_S))
         length_s = max(known.length_s, known.limit_s + STALE_S)
@@ -40,81 +48,81 @@ def stale(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterat
         return
     worst = max(silence, key=lambda name: silence[name].length_s / silence[name].limit_s)
     gap_s, limit_s = silence[worst].length_s, silence[worst].limit_s
-    silent = [name for name, found in silence.items() if found.is_stale]
+    silent = [name for name, each in silence.items() if each.is_stale]
+    all_ = f"all {len(silence)} messages"
     if not silent:
-        who = f"all {len(silence)} messages" if len(silence) > 1 else "the one message"
+        who = all_ if len(silence) > 1 else "the one message"
         text = f"{who} came; longest silence {gap_s * 1e3:.0f} ms ({worst})"
         yield finding("stale", True, gap_s, limit_s, "s", text)
         return
-    who = ", ".join(silent)
-    if len(silent) == len(silence) > 1:
-        who = f"all {len(silence)} messages"
+    who = all_ if len(silent) == len(silence) > 1 else ", ".join(silent)
+    nothing = np.empty(0, np.int64)
+    came = {
+        name: max(
+            (
+                window.channels[c.name][0]
+                for c in bench.channels
+                if name in (c.name, _message(c)) and c.name in window.channels
+            ),
+            key=len,
+            default=nothing,
+        )
+        for name in silent
+    }
+    is_mute = not any(each.is_stale for each in _silences(bench, window, came).values())
+    fault = "without a usable value" if is_mute else "silent"
     were = plural(len(silent), "was", "were")
-    came = _silences(bench, window, {name: _came(name, bench, window) for name in silent})
-    mute = not any(found.is_stale for found in came.values())
-    what = "without a usable value" if mute else "silent"
-    text = f"{who} {were} {what} for {gap_s:.2f} s (limit {limit_s:.2f} s)"
-    found = finding("stale", False, gap_s, limit_s, "s", text, worst)
-    yield replace(found, advice=_NO_VALUE) if mute else found
+    text = f"{who} {were} {fault} for {gap_s:.2f} s (limit {limit_s:.2f} s)"
+    failed = finding("stale", False, gap_s, limit_s, "s", text, worst)
+    yield replace(failed, advice=_NO_VALUE) if is_mute else failed
 
 
-def _silences(
-    bench: Bench, window: RunWindow, stamps: Mapping[str, NDArray[np.int64]]
-) -> dict[str, Silence]:
+def _silences(bench: Bench, window: RunWindow, stamps: Times) -> dict[str, Silence]:
     """Return the longest silence of each message or channel in the run; times are from the bump."""
-    start_s, stop_s = -bench.trigger.pre_s, bench.trigger.post_s
+    span_s = -bench.trigger.pre_s, bench.trigger.post_s
     return {
-        name: longest_silence((t_ns - window.bump_ns) * 1e-9, start_s, stop_s)
+        name: longest_silence((t_ns - window.bump_ns) * 1e-9, *span_s)
         for name, t_ns in stamps.items()
     }
 
 
-def _messages(channels: tuple[Channel, ...], window: RunWindow) -> dict[str, NDArray[np.int64]]:
-    """Return the time stamps of each message, none for one that is absent."""
-    result: dict[str, NDArray[np.int64]] = {}
-    for channel in channels:
-        good = _good(channel, window)
-        if channel.quantity is not Quantity.UNUSED and len(good) >= len(
-            result.get(_message(channel), ())
-        ):
-            result[_message(channel)] = good
-    return result
+def _usable(bench: Bench, window: RunWindow) -> dict[str, NDArray[np.int64]]:
+    """Return the time stamps of the usable samples of each channel, none for one that is absent."""
+    nothing = np.empty(0, np.int64), np.empty(0)
+    columns = {c.name: window.channels.get(c.name, nothing) for c in bench.channels}
+    return {name: t_ns[np.isfinite(value)] for name, (t_ns, value) in columns.items()}
 
 
-def _poor(
-    channels: tuple[Channel, ...], window: RunWindow, messages: Mapping[str, NDArray[np.int64]]
-) -> dict[str, NDArray[np.int64]]:
-    """Return the time stamps of channels that have no values although their frames come."""
-    used = [channel for channel in channels if channel.quantity is not Quantity.UNUSED]
-    times = {
-        channel.name: (_good(channel, window), messages[_message(channel)]) for channel in used
-    }
-    return {name: own for name, (own, all_) in times.items() if len(own) < _SPOKEN * len(all_)}
-
-
-def _came(name: str, bench: Bench, window: RunWindow) -> NDArray[np.int64]:
-    """Return the time stamps of a message or channel, those without a usable value too."""
-    none = np.empty(0, np.int64)
-    own = (c.name for c in bench.channels if name in (c.name, _message(c)))
-    return max((window.channels.get(each, (none, none))[0] for each in own), key=len, default=none)
+def _best_of_message(bench: Bench, usable: Times) -> dict[str, NDArray[np.int64]]:
+    """Return the time stamps of the best channel of each message."""
+    best: dict[str, NDArray[np.int64]] = {}
+    for channel in bench.channels:
+        name, t_ns = _message(channel), usable[channel.name]
+        if channel.quantity is not Quantity.UNUSED and len(t_ns) >= len(best.get(name, ())):
+            best[name] = t_ns
+    return best
 
 
 def _message(channel: Channel) -> str:
     return message_of(channel.signal) or channel.name
 
 
-def _good(channel: Channel, window: RunWindow) -> NDArray[np.int64]:
-    t_ns, value = window.channels.get(channel.name, (np.empty(0, np.int64), np.empty(0)))
-    return t_ns[np.isfinite(value)]
-
-
 def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare missing with received frames; judge a gap in the wheels' motion separately."""
     lost = window.losses.measured
-    came = sum(len(t_ns) for t_ns in _messages(bench.channels, window).values())
+    came = sum(map(len, _best_of_message(bench, _usable(bench, window)).values()))
     share = lost / max(lost + came, 1)
-    text = f"{window.losses.words or '0 frames lost'}, {share:.1%} (limit {LOST_SHARE:.0%})"
-    gap_s, limit_s, name = _early_gap(window, signals)
+    gap_s, limit_s, name = 0.0, longest_gap_s(0.0), ""
+    for trace in signals:
+        time_s = trace.time_s
+        allowed_s = longest_gap_s(float(np.median(np.diff(time_s))))
+        if _message(trace.channel) in window.timed:
+            time_s = _latest_sent(time_s)
+        first, last = np.searchsorted(time_s, [0.0, WHEEL_MOTION_S])
+        gaps_s = np.diff(time_s[first - 1 : last + 1])  # a trace begins before the bump
+        widest_s = float(np.max(gaps_s, initial=0.0))
+        if widest_s / allowed_s > gap_s / limit_s:
+            gap_s, limit_s, name = widest_s, allowed_s, trace.name
     if gap_s > limit_s and share <= LOST_SHARE:
         text = (
             f"no sample of {name} for {gap_s * 1e3:.0f} ms (limit {limit_s * 1e3:.0f}) while the "
@@ -122,25 +130,11 @@ def lost_frames(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> 
         )
         yield finding("lost_frames", False, gap_s, limit_s, "s", text, name)
         return
+    text = f"{window.losses.words or '0 frames lost'}, {share:.1%} (limit {LOST_SHARE:.0%})"
     yield finding("lost_frames", share <= LOST_SHARE, share, LOST_SHARE, "", text)
 
 
-def _early_gap(window: RunWindow, signals: tuple[Trace, ...]) -> tuple[float, float, str]:
-    worst = (0.0, longest_gap_s(0.0), "")
-    for trace in signals:
-        time_s = trace.time_s
-        period_s = float(np.median(np.diff(time_s)))
-        limit_s = longest_gap_s(period_s)
-        if _message(trace.channel) in window.timed:
-            time_s = _sent_by(time_s)
-        first, last = np.searchsorted(time_s, [0.0, WHEEL_MOTION_S])
-        times = time_s[first - 1 : last + 1]  # a trace begins before the bump
-        gap_s = float(np.max(np.diff(times))) if len(times) > 1 else 0.0
-        worst = max(worst, (gap_s, limit_s, trace.channel.name), key=lambda w: w[0] / w[1])
-    return worst
-
-
-def _sent_by(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+def _latest_sent(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the latest time at which each frame can have been sent: each later frame took a cycle.
 
     A delayed reader delivers several frames at one instant.  They are late, but as many as fit into
@@ -153,33 +147,58 @@ def _sent_by(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def overload(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
     """Find tops that were cut; on the bump itself they are harmless."""
-    free_s = bench.campaign.bump_s
-    cut = _cut_tops(window, signals)
-    late = {name: times[times > free_s] for name, times in cut.items() if (times > free_s).any()}
-    for name, times in late.items():
-        text = (
-            f"{name} was at the end of its range in {counted(len(times), 'sample')} "
-            f"after the bump, the last at +{times[-1]:.2f} s"
-        )
-        yield finding("overload", False, len(times), 0.0, "", text, name)
-    if not late:
+    cut = []
+    passed = True
+    for trace in signals:
+        flat = np.zeros(len(trace.value), bool)
+        for first, stop in flat_tops(trace.value):
+            flat[first:stop] = True
+        low, high = trace.value.min(), trace.value.max()
+        if trace.name in window.saturated and low < high:  # any extreme sample counts
+            flat |= (trace.value == low) | (trace.value == high)
+        times_s = trace.time_s[flat & (trace.time_s > 0.0)]
+        cut += [trace.name] if len(times_s) else []
+        times_s = times_s[times_s > bench.campaign.bump_s]
+        if len(times_s):
+            passed = False
+            text = (
+                f"{trace.name} was at the end of its range in {counted(len(times_s), 'sample')} "
+                f"after the bump, the last at +{times_s[-1]:.2f} s"
+            )
+            yield finding("overload", False, len(times_s), 0.0, "", text, trace.name)
+    if passed:
         text = "no sensor at the end of its range"
         if cut:
             text = f"{', '.join(cut)}: at the end of the range on the bump only, which is harmless"
         yield finding("overload", True, 0.0, 0.0, "", text)
 
 
-def _cut_tops(window: RunWindow, signals: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
-    """Return the times at which each channel was at the end of its range, s since the bump."""
-    result = {}
-    for trace in signals:
-        flat = np.zeros(len(trace.value), bool)
-        for first, stop in flat_tops(trace.value):
-            flat[first:stop] = True
-        low, high = trace.value.min(), trace.value.max()
-        if trace.channel.name in window.saturated and low < high:  # any extreme sample counts
-            flat |= (trace.value == low) | (trace.value == high)
-        times = trace.time_s[flat & (trace.time_s > 0.0)]
-        if len(times):
-            result[trace.channel.name] = times
-    return result
+def frozen(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Find channels that held one value: by the rule with which the identification omits a run.
+
+    Each bump moves the suspensions and the body up and down, so a channel that is constant is
+    compared with others of its quantity.  Where all of them are constant although others move,
+    each sample should change.  A rate of roll or pitch may be silent by symmetry.
+    """
+    holds = [longest_hold(t.time_s, t.value, -BEFORE_S, bench.campaign.bump_s) for t in signals]
+    is_still = all(hold.constant for hold in holds)
+    stuck = []
+    for trace, hold in zip(signals, holds, strict=True):
+        kind, rate = kind_of(trace.channel), hold.rest_rate
+        if hold.constant or np.isnan(rate):
+            rates = [
+                other.decay_rate
+                for t, other in zip(signals, holds, strict=True)
+                if kind_of(t.channel) == kind and other.decay_rate > 0.0
+            ]
+            rate = nan if kind.startswith("rad") else max(rates, default=nan if is_still else 1.0)
+        if hold.is_frozen(rate):
+            stuck.append((hold.length_s, trace.name))
+    if not stuck:
+        text = f"no sensor held one value for {FROZEN_S:g} s"
+        yield finding("frozen", True, 0.0, FROZEN_S, "s", text)
+        return
+    length_s, worst = max(stuck)
+    names = ", ".join(name for _, name in stuck)
+    text = f"{names} held one value for {length_s:.2f} s (limit {FROZEN_S:.2f} s)"
+    yield finding("frozen", False, length_s, FROZEN_S, "s", text, worst)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..channels import Quantity
+from .motion import of_quantity
 from .window import Trace
 
 _STEP_S = 0.02
@@ -15,6 +16,13 @@ _TURNS = 3
 """Number of searches, each on the two grid cells around the best point of the previous one."""
 _CLEAR = 5.0
 """Least ratio of peak to noise at which a wave is searched for."""
+_CLEAREST_FIRST = (
+    (Quantity.SUSPENSION_TRAVEL,),
+    (Quantity.PITCH_RATE, Quantity.ROLL_RATE, Quantity.BODY_ACCELERATION),
+    (Quantity.BODY_DISPLACEMENT,),
+    (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
+)
+"""Quantities that show the body."""
 
 
 def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
@@ -26,12 +34,11 @@ def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] 
     record = _record(signals, bump_s + 0.2)
     if record is None:
         return None
-    time_s = np.asarray(np.arange(len(record)) * _STEP_S, dtype=np.float64)
     frequencies = np.geomspace(*_FREQUENCY_HZ, 24)
     dampings = np.linspace(*_DAMPING, 12)
     best = (0.0, 0.0)
     for _ in range(_TURNS):
-        misfit = _misfit(record, time_s, frequencies, dampings)
+        misfit = _misfit(record, frequencies, dampings)
         i, j = divmod(int(np.argmin(misfit)), len(dampings))
         best = float(frequencies[i]), float(dampings[j])
         frequencies, dampings = _finer(frequencies, i), _finer(dampings, j)
@@ -40,24 +47,20 @@ def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] 
 
 def _finer(grid: NDArray[np.float64], place: int) -> NDArray[np.float64]:
     """Return nine points between the neighbours of the best one."""
-    low, high = grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)]
-    return np.linspace(low, high, 9)
+    return np.linspace(grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)], 9)
 
 
 def _record(signals: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] | None:
     """Return the clearest record of the body, (n,), on an equidistant grid."""
-    for quantities in (
-        (Quantity.SUSPENSION_TRAVEL,),
-        (Quantity.PITCH_RATE, Quantity.ROLL_RATE, Quantity.BODY_ACCELERATION),
-        (Quantity.BODY_DISPLACEMENT,),
-        (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
-    ):
-        found = [t for t in signals if t.channel.quantity in quantities]
-        clear = [t for t in found if t.peak > _CLEAR * t.noise and t.time_s[-1] > start_s + 1.0]
+    for quantities in _CLEAREST_FIRST:
+        clear = [
+            t
+            for t in of_quantity(signals, *quantities)
+            if t.peak > _CLEAR * t.noise and t.time_s[-1] > start_s + 1.0
+        ]
         if not clear:
             continue
-        stop_s = min(t.time_s[-1] for t in clear)
-        edges = np.arange(start_s, stop_s, _STEP_S)
+        edges = np.arange(start_s, min(t.time_s[-1] for t in clear), _STEP_S)
         rows = np.array([_means(trace, edges) for trace in clear])
         if quantities[0] is Quantity.SUSPENSION_TRAVEL:
             u, _, _ = np.linalg.svd(rows, full_matrices=False)
@@ -68,6 +71,7 @@ def _record(signals: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] |
 
 
 def _means(trace: Trace, edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean of each step, or the value between two samples if it has none."""
     first = np.searchsorted(trace.time_s, edges)
     last = np.append(first[1:], np.searchsorted(trace.time_s, edges[-1] + _STEP_S))
     total = np.concatenate([[0.0], np.cumsum(trace.value)])
@@ -77,20 +81,16 @@ def _means(trace: Trace, edges: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _misfit(
-    record: NDArray[np.float64],
-    time_s: NDArray[np.float64],
-    frequencies: NDArray[np.float64],
-    dampings: NDArray[np.float64],
+    record: NDArray[np.float64], frequencies: NDArray[np.float64], dampings: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the residual sum of squares of each wave with the best amplitude, phase and level.
 
     The sum of squares of the record, which is the same for all, is left out.
     """
+    time_s = np.arange(len(record)) * _STEP_S
     omega = 2 * np.pi * frequencies[:, None]
-    rate = omega * dampings
-    turn = omega * np.sqrt(1.0 - dampings**2)
-    envelope = np.exp(-rate[..., None] * time_s)
-    phase = turn[..., None] * time_s
+    envelope = np.exp(-(omega * dampings)[..., None] * time_s)
+    phase = (omega * np.sqrt(1.0 - dampings**2))[..., None] * time_s
     ones = np.ones_like(envelope)
     basis = np.stack([envelope * np.cos(phase), envelope * np.sin(phase), ones], axis=-1)
     normal = np.einsum("fdti,fdtj->fdij", basis, basis)

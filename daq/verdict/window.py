@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from dbc.frames import read_only
 
 from ..bumps import Wheels
-from ..channels import Channel, Quantity
+from ..channels import SI_UNITS, Channel, Quantity
 from ..runs import Losses
 from ..samples.mapping import SampleBlock
 
@@ -21,15 +20,6 @@ BEFORE_S = 0.03
 level."""
 _FEWEST = 8
 """Least number of samples of a channel that is judged."""
-
-ANGULAR = frozenset(
-    {
-        Quantity.PITCH_RATE,
-        Quantity.ROLL_RATE,
-        Quantity.PITCH_ACCELERATION,
-        Quantity.ROLL_ACCELERATION,
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,21 +55,21 @@ class RunMeasure:
     motion shows none."""
     damping: float | None = None
     """Damping ratio of the same wave."""
-    shares: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    shares: Mapping[str, float] = field(default_factory=dict)
     """Share of bounce, pitch, roll and warp in the corners' motion, 0..1; empty if unknown."""
     purity: float | None = None
     """Likeness of the corners' motion to the excitation that was due, 0..1; None if unknown."""
     wheels: Wheels | None = None
     """The struck wheels, if they are those of the kind due or its mirror image; None otherwise, or
     if unknown."""
-    peaks: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    peaks: Mapping[str, float] = field(default_factory=dict)
     """Largest deviation from rest of each channel, SI."""
-    waves: Mapping[str, NDArray[np.float64]] = field(default_factory=lambda: MappingProxyType({}))
+    waves: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     """The slow motion after the bump on a common time axis (`daq.verdict.repeats`), SI, each shape
     (n,)."""
-    levels: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    levels: Mapping[str, float] = field(default_factory=dict)
     """Level of each suspension travel before the bump, m."""
-    roughness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    roughness: Mapping[str, float] = field(default_factory=dict)
     """RMS of the part that no swing of a wheel explains, of each channel, SI: rattle and noise."""
 
 
@@ -101,6 +91,11 @@ class Trace:
     level: float
     """Level before the bump, SI."""
 
+    @property
+    def name(self) -> str:
+        """Name of the channel."""
+        return self.channel.name
+
     def part(self, start_s: float, stop_s: float) -> NDArray[np.float64]:
         """Return the values between two times."""
         first, last = np.searchsorted(self.time_s, [start_s, stop_s])
@@ -115,16 +110,12 @@ class Trace:
     @property
     def peak(self) -> float:
         """Largest deviation after the bump."""
-        after = self.part(0.0, np.inf)
-        return float(np.max(np.abs(after))) if len(after) else 0.0
+        return float(np.max(np.abs(self.part(0.0, np.inf)), initial=0.0))
 
 
-def traces(channels: tuple[Channel, ...], window: RunWindow) -> tuple[Trace, ...]:
+def traces(channels: Iterable[Channel], window: RunWindow) -> tuple[Trace, ...]:
     """Return the channels that can be judged in a run, without unused ones."""
-    return tuple(_traces(channels, window))
-
-
-def _traces(channels: tuple[Channel, ...], window: RunWindow) -> Iterator[Trace]:
+    found = []
     for channel in channels:
         if channel.quantity is Quantity.UNUSED or channel.name not in window.channels:
             continue
@@ -137,23 +128,26 @@ def _traces(channels: tuple[Channel, ...], window: RunWindow) -> Iterator[Trace]
         if len(value) < _FEWEST or not len(before):
             continue
         level = float(np.median(before))
-        deviation = np.asarray(value - level, dtype=np.float64)
-        before = before - np.mean(before)
         noise = float(np.std(np.diff(before)) / np.sqrt(2.0)) if len(before) > 2 else 0.0
-        moved = float(np.sqrt(np.mean(before**2)))
-        yield Trace(channel, read_only(time_s), read_only(deviation), noise, moved, level)
+        moved = float(np.std(before))
+        deviation = read_only(np.asarray(value - level, dtype=np.float64))
+        found.append(Trace(channel, read_only(time_s), deviation, noise, moved, level))
+    return tuple(found)
 
 
-def kin(trace: Trace, others: tuple[Trace, ...]) -> tuple[Trace, ...]:
-    """Return the traces whose size can be compared with this one's."""
-    own = trace.channel.quantity
-    alike = {own} if own not in ANGULAR else ANGULAR & {own, *_SAME_ORDER[own]}
-    return tuple(other for other in others if other.channel.quantity in alike)
+def kind_of(channel: Channel) -> str:
+    """Return the name of the channels whose size can be compared: pitch and roll, else a quantity.
+
+    Pitch and roll rates are of one kind, and so are the angular accelerations.
+    """
+    unit = SI_UNITS[channel.quantity]
+    return unit if unit.startswith("rad") else channel.quantity
 
 
-_SAME_ORDER = {
-    Quantity.PITCH_RATE: {Quantity.ROLL_RATE},
-    Quantity.ROLL_RATE: {Quantity.PITCH_RATE},
-    Quantity.PITCH_ACCELERATION: {Quantity.ROLL_ACCELERATION},
-    Quantity.ROLL_ACCELERATION: {Quantity.PITCH_ACCELERATION},
-}
+def largest_peaks(signals: Iterable[Trace]) -> dict[str, float]:
+    """Return the largest peak of each kind (`kind_of`), SI."""
+    largest: dict[str, float] = {}
+    for trace in signals:
+        kind = kind_of(trace.channel)
+        largest[kind] = max(trace.peak, largest.get(kind, 0.0))
+    return largest

@@ -193,7 +193,7 @@ def _held(holds: Sequence[ChannelHold], usual: Sequence[str]) -> Iterator[str]:
     together: dict[str, list[str]] = {}
     for hold in holds:
         if hold.channel not in usual:
-            together.setdefault(f"{hold.longest.held_s:.2f} s", []).append(hold.channel)
+            together.setdefault(f"{hold.longest.length_s:.2f} s", []).append(hold.channel)
     for length, names in together.items():
         yield f"{', '.join(names)} held one value for {length} (limit {FROZEN_S:.2f} s)"
 
@@ -219,8 +219,8 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
     """
     starts = _starts_s(records)
     holds = [one for record, at in zip(records, starts, strict=True) for one in _holds(record, *at)]
-    found = [one for one in holds if one.longest.held_s >= FROZEN_S and _is_frozen(one, holds)]
-    return tuple(sorted(found, key=lambda one: -one.longest.held_s))
+    found = [one for one in holds if one.longest.length_s >= FROZEN_S and _is_frozen(one, holds)]
+    return tuple(sorted(found, key=lambda one: -one.longest.length_s))
 
 
 def _is_frozen(one: ChannelHold, holds: Sequence[ChannelHold]) -> bool:

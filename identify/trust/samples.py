@@ -62,7 +62,7 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
     if held:
         places = listed(f"{hold.channel} in {hold.run}" for hold in held)
         text = (
-            f"holds one value for {held[0].longest.held_s:.2f} s (limit {FROZEN_S:g}) while the "
+            f"holds one value for {held[0].longest.length_s:.2f} s (limit {FROZEN_S:g}) while the "
             f"vehicle moves: {places}; these samples are not measured and bias the result: check "
             "the sensor and repeat the run"
         )

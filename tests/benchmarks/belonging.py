@@ -16,7 +16,7 @@ import numpy as np
 from daq.sessions import Session
 from daq.sim.elements import Friction, Imperfections
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
-from daq.verdict.consistent import left_out
+from daq.verdict import left_out
 from identify import identify
 
 from ..daq.spoiled_campaigns import BUMP_S, KINDS, Campaign, bench, campaign

@@ -41,8 +41,7 @@ from daq.recorder.recording import Recording
 from daq.runlog.run_log import Change, Code, LoggedRun, LoggedStatus, RunLog, fold, verdict_entry
 from daq.runs import ADDED, BASELINE, Event, Excitation
 from daq.vehicle import Corner
-from daq.verdict import RunMeasure
-from daq.verdict.consistent import left_out
+from daq.verdict import RunMeasure, left_out
 from dbc import Codec, FrameBatch
 from dbc.finding import Finding, Severity
 

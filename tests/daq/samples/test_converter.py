@@ -411,7 +411,7 @@ def test_a_hold_counts_if_it_begins_early_in_the_decay_or_reaches_into_it(
     begin_s: float, end_s: float, held_s: float
 ) -> None:
     found = held(begin_s, end_s)
-    assert found.held_s == pytest.approx(held_s)
+    assert found.length_s == pytest.approx(held_s)
     assert not found.constant
     if held_s:
         assert found.last - found.first == round(1000 * held_s)
@@ -431,7 +431,7 @@ def test_rates_are_those_of_the_rest_and_of_the_decay_and_not_of_the_bump() -> N
 def test_a_constant_channel_is_held_for_the_whole_run() -> None:
     found = longest_hold(T_S_OF_HOLD, np.full(2000, 3.0), 0.3, 0.5)
     assert (found.first, found.last, found.constant) == (0, 1999, True)
-    assert found.held_s == pytest.approx(1.999)
+    assert found.length_s == pytest.approx(1.999)
     assert (found.rest_rate, found.decay_rate) == (0.0, 0.0)
 
 
@@ -440,10 +440,10 @@ def test_a_hold_is_frozen_from_a_fifth_of_a_second_and_20_expected_changes_on() 
     value = np.arange(80.0)
     value[30:70] = 0.0  # 40 samples, 0.195 s
     short = longest_hold(time_s, value, 0.1, 0.12)
-    assert short.held_s == pytest.approx(0.195)
+    assert short.length_s == pytest.approx(0.195)
     assert not short.is_frozen(1.0)
     long = longest_hold(time_s * 1.03, value, 0.1, 0.12)
-    assert long.held_s == pytest.approx(0.201, abs=0.001)
+    assert long.length_s == pytest.approx(0.201, abs=0.001)
     assert long.is_frozen(0.5)
     assert not long.is_frozen(0.49)
     assert not long.is_frozen(np.nan)

@@ -13,10 +13,8 @@ from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
 from daq.verdict import RunMeasure, RunWindow, judge
-from daq.verdict.body_motion import Body, of_body
+from daq.verdict.bump_kind import Body, Pattern, mirrored, of_body, patterns, struck
 from daq.verdict.motion import not_decayed
-from daq.verdict.pattern import mirrored, patterns, struck
-from daq.verdict.strikes import Pattern
 from daq.verdict.window import traces
 
 from . import closed_forms as forms

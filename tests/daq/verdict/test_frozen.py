@@ -15,7 +15,7 @@ from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.sessions import Session
 from daq.verdict import RunWindow, judge
-from daq.verdict.frozen import frozen
+from daq.verdict.traffic import frozen
 from daq.verdict.window import traces
 from dbc.finding import Finding
 from identify.decays.usable import usable

@@ -16,8 +16,7 @@ from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
 from daq.verdict import RunWindow, judge
-from daq.verdict.pattern import mirrored, patterns, struck, wrong_mode
-from daq.verdict.strikes import Pattern
+from daq.verdict.bump_kind import Pattern, mirrored, patterns, struck, wrong_mode
 from daq.verdict.window import traces
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from daq.bench.campaign import Campaign
 from daq.runs import Excitation
 from daq.vehicle import Corner
 from daq.verdict import RunMeasure
-from daq.verdict.body_motion import Body, of_body
+from daq.verdict.bump_kind import Body, of_body, patterns, wrong_mode
 from daq.verdict.motion import (
     double_bump,
     not_at_rest,
@@ -20,7 +20,6 @@ from daq.verdict.motion import (
     too_strong,
     too_weak,
 )
-from daq.verdict.pattern import patterns, wrong_mode
 from daq.verdict.repeats import not_repeatable, roughness
 from daq.verdict.window import traces
 

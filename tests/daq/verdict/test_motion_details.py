@@ -12,8 +12,8 @@ from daq.bench.campaign import Method
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner, VehicleGeometry
 from daq.verdict import RunWindow, peak_left
+from daq.verdict.bump_kind import patterns
 from daq.verdict.motion import double_bump, not_at_rest, not_decayed, rest_changed, too_weak
-from daq.verdict.pattern import patterns
 from daq.verdict.window import traces
 from dbc.finding import Finding
 

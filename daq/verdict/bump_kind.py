@@ -1,0 +1,303 @@
+"""Finds the kind of a bump (`daq.bumps`) from the struck wheels, or from the body's motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.finding import Finding
+
+from ..bench.campaign import Method
+from ..bench.config import Bench
+from ..bumps import BUMPS, Wheels, kinds_of, mirror_images
+from ..channels import Quantity
+from ..runs import Excitation
+from ..vehicle import Corner
+from .motion import of_quantity
+from .window import Trace
+from .words import finding
+
+PURITY = 0.8
+"""Least likeness to the pattern that is due: wheels at rest show a tenth of the motion of struck
+ones through body and anti-roll bars, and the struck ones differ by a third at most."""
+BODY_PURITY = 0.65
+"""Least likeness from the body alone, whose motions mix: pitch and roll come with heave.  Simulated
+cars show 0.86 and more for the right bump, 0.53 and less for a wrong one."""
+MIRRORED = 1.25
+"""Ratio of the likeness to the other side or axle to that of the one due, from which it is the
+other."""
+STRIKE_S = 0.1
+"""Time after the bump that belongs to the strike, s: the wheels' first swing."""
+_AXLES_S = 2.5
+"""Time from the front axle until the rear axle has met a board at walking pace, s."""
+_GRID_S = 0.002
+"""Spacing of the body's speeds, s."""
+_HALF_WHEELBASE_M, _HALF_TRACK_M = 1.35, 0.75
+"""Half lengths of a usual car, m, if bench.toml states none: only their ratios count."""
+_LEVEL_TURN, _FULL_TURN = 0.9, 0.4
+"""Ratios of turning to heave from which the body does not bounce, and from which it turns fully."""
+_TINY = 1e-12
+
+_PATTERNS: Mapping[str, NDArray[np.float64]] = {
+    "bounce": np.array([1.0, 1.0, 1.0, 1.0]) / 2,
+    "pitch": np.array([1.0, 1.0, -1.0, -1.0]) / 2,
+    "roll": np.array([1.0, -1.0, 1.0, -1.0]) / 2,
+    "warp": np.array([1.0, -1.0, -1.0, 1.0]) / 2,
+}
+"""Orthonormal patterns, of which any motion of four corners, in the order of `Corner`, is a sum."""
+_FL, _FR, _RL, _RR = Corner
+_TOGETHER: Mapping[Wheels, str] = {
+    Wheels(Corner): "all four wheels",
+    Wheels({_FL, _FR}): "front wheels only",
+    Wheels({_RL, _RR}): "rear wheels only",
+    Wheels({_FL, _RL}): "left wheels only",
+    Wheels({_FR, _RR}): "right wheels only",
+    Wheels({_FL, _RR}): "front left and rear right",
+    Wheels({_FR, _RL}): "front right and rear left",
+}
+"""Sets of wheels that boards or blocks may lift together, with names."""
+_STRIKES = tuple(Wheels(some) for n in (4, 2, 1, 3) for some in combinations(Corner, n))
+"""All sets of wheels that may be struck together."""
+
+
+class Pattern(NamedTuple):
+    """The kind of bump that some of the sensors show."""
+
+    shares: Mapping[str, float]
+    """Shares of bounce, pitch, roll and warp in the motion, 0..1; empty if unknown."""
+    likeness: Mapping[Excitation, float]
+    """Likeness to each kind of bump, 0..1; equal for kinds that these sensors cannot separate, or
+    the campaign does not distinguish."""
+    words: str
+    """The motion in words."""
+    by: str
+    """The sensors, in words."""
+    limit: float
+    """Least likeness to the kind that is due."""
+    strikes: Mapping[Wheels, float] = {}
+    """Likeness to a strike of these wheels, 0..1."""
+
+
+def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
+    """Return the patterns of a bump: from four hubs, else from four travels and from the body.
+
+    Travels alone may be misleading with stiff anti-roll bars, which move one wheel with the other.
+    """
+    four: dict[Quantity, tuple[Trace, ...]] = {}
+    for quantity in (
+        Quantity.HUB_ACCELERATION,
+        Quantity.HUB_DISPLACEMENT,
+        Quantity.SUSPENSION_TRAVEL,
+    ):
+        of = {t.channel.corner: t for t in of_quantity(signals, quantity)}
+        if all(corner in of for corner in Corner):
+            four[quantity] = tuple(of[corner] for corner in Corner)
+    if bench.campaign.method is Method.PUSH:
+        travels = four.get(Quantity.SUSPENSION_TRAVEL)
+        if travels is not None:
+            return (_pushed(bench, travels),)
+    elif Quantity.HUB_ACCELERATION in four:
+        size = [t.rms(-STRIKE_S / 2, _AXLES_S) for t in four[Quantity.HUB_ACCELERATION]]
+        return (_of_wheels(bench, np.array(size), "hubs"),)
+    found = []
+    if four and bench.campaign.method is not Method.PUSH:
+        # A wheel on the board goes up; the body rises after it and pulls the other wheels down.
+        way = -1.0 if bench.campaign.method is Method.DROP else 1.0
+        parts = [
+            way * trace.part(0.0, bench.campaign.bump_s) for trace in next(iter(four.values()))
+        ]
+        size = [float(np.max(part, initial=0.0)) for part in parts]
+        found.append(_of_wheels(bench, np.array(size), "travels"))
+    body = _moved_body(bench, signals)
+    if body is not None:
+        power = np.square(body[:3]) / max(float(np.sum(np.square(body[:3]))), _TINY**2)
+        shares = dict(zip(("bounce", "pitch", "roll"), power.tolist(), strict=True))
+        found.append(of_body(bench.campaign.excitations, body, shares, "body's motion"))
+    return tuple(found)
+
+
+def struck(due: Excitation, found: Pattern) -> Wheels | None:
+    """Return the struck wheels, if they are of the kind due or its mirror image; else None."""
+    if found.likeness[due] < found.limit:
+        return None
+    due_wheels = BUMPS[due].wheels
+    best = max(mirror_images(due_wheels), key=lambda wheels: found.strikes.get(wheels, 0.0))
+    clear = found.strikes.get(best, 0.0) > MIRRORED * found.strikes.get(due_wheels, 0.0)
+    return best if clear else due_wheels
+
+
+def mirrored(due: Excitation, found: Pattern) -> Iterator[Finding]:
+    """Report a bump of another side or axle than the one that is due; both count."""
+    wheels, due_wheels = struck(due, found), BUMPS[due].wheels
+    if wheels is not None and wheels != due_wheels:
+        text = f"{_in_words(wheels)}, but {_in_words(due_wheels)} were due: it still counts"
+        yield finding("mirrored", True, found.strikes[wheels], found.limit, "", text)
+
+
+def wrong_mode(due: Excitation, found: Pattern) -> Iterator[Finding]:
+    """Compare the bump with the kind that is due."""
+    like, limit = found.likeness[due], found.limit
+    shares = ", ".join(f"{name} {share:.0%}" for name, share in found.shares.items())
+    text = f"a {due.words} bump by the {found.by}, {like:.0%} pure (limit {limit:.0%}); {shares}"
+    if like < limit:
+        text = (
+            f"looks like {found.words}, not {due.words} ({like:.0%} {due.words}, at least "
+            f"{limit:.0%}; by the {found.by}: {shares})"
+        )
+    yield finding("wrong_mode", like >= limit, like, limit, "", text)
+
+
+def _in_words(wheels: Wheels) -> str:
+    return _TOGETHER.get(wheels, "one wheel only" if len(wheels) == 1 else "three wheels")
+
+
+def _shares(size: NDArray[np.float64]) -> dict[str, float]:
+    """Return the share of each pattern in the power of four corners."""
+    power = {name: float(size @ row) ** 2 for name, row in _PATTERNS.items()}
+    total = max(sum(power.values()), _TINY**2)
+    return {name: value / total for name, value in power.items()}
+
+
+def _likeness(
+    strikes: Mapping[Wheels, float], planned: tuple[Excitation, ...]
+) -> dict[Excitation, float]:
+    """Return the likeness to each kind of bump, from the likeness to each strike."""
+    likeness = dict.fromkeys(Excitation, 0.0)
+    for wheels, like in strikes.items():
+        for kind in kinds_of(wheels, planned):
+            likeness[kind] = max(likeness[kind], like)
+    return likeness
+
+
+def _of_wheels(bench: Bench, size: NDArray[np.float64], by: str) -> Pattern:
+    """Compare the strikes, which need not come at the same time; `size`: of each wheel's motion."""
+    size = size / max(float(np.linalg.norm(size)), _TINY)
+    like = {
+        wheels: float(sum(size[corner.position] for corner in wheels)) ** 2 / len(wheels)
+        for wheels in _STRIKES
+    }
+    planned = bench.campaign.excitations
+    best = max(like, key=lambda wheels: like[wheels])
+    kind = next((kind.words for kind in kinds_of(best, planned)), "no kind of bump")
+    words = f"{kind}: {_in_words(best)}"
+    return Pattern(_shares(size), _likeness(like, planned), words, by, PURITY, like)
+
+
+# From the motion of the body, if no sensor shows the wheels ---------------------------------------
+
+
+class Body(NamedTuple):
+    """Largest motion of the body in the strike, as motion at the corners, all in one unit."""
+
+    heave: float
+    pitch: float
+    roll: float
+    front: float
+    """Motion at the front axle."""
+    rear: float
+    """Motion at the rear axle."""
+    left: float
+    """Motion at the left wheels."""
+    right: float
+    """Motion at the right wheels."""
+
+
+def of_body(
+    planned: tuple[Excitation, ...], body: Body, shares: Mapping[str, float], by: str
+) -> Pattern:
+    """Judge by heave, pitch and roll alone; warp moves the body hardly more than bounce does.
+
+    A pitch bump heaves the body as much as it turns it: the likeness compares each turning with
+    heave alone, and only motion that clearly belongs to another kind is refused.  The struck axle
+    moves more than the other, and the struck side more than the other.
+
+    `planned`: the kinds of the campaign.  `body`: the motion.  `shares`: shares of the motion, for
+    the text.  `by`: the sensors, in words.
+    """
+    heave = max(body.heave, _TINY)
+
+    def turned(turn: float, other: float) -> float:
+        """Return the likeness to a turn: from its share of both, if the body turns at all."""
+        return min(turn / heave / _FULL_TURN, 1.0) * turn**2 / max(turn**2 + other**2, _TINY**2)
+
+    def more(one: float, other: float) -> float:
+        return min(one / max(other, _TINY), 1.0)
+
+    level = 1.0 - min(max(body.pitch, body.roll) / heave / _LEVEL_TURN, 1.0) / 2
+    like = dict.fromkeys(_TOGETHER, level)
+    pitch, roll = turned(body.pitch, body.roll), turned(body.roll, body.pitch)
+    like[Wheels({_FL, _FR})] = more(body.front, body.rear) * pitch
+    like[Wheels({_RL, _RR})] = more(body.rear, body.front) * pitch
+    like[Wheels({_FL, _RL})] = more(body.left, body.right) * roll
+    like[Wheels({_FR, _RR})] = more(body.right, body.left) * roll
+    likeness = _likeness(like, planned)
+    best = max(likeness, key=lambda kind: likeness[kind])
+    words = "the body stays level"
+    if likeness[best] > level and body.roll > body.pitch:
+        words = "left and right against each other"
+    elif likeness[best] > level:
+        end = "nose" if body.front >= body.rear else "tail"
+        words = f"nose and tail against each other, the {end} more"
+    return Pattern(shares, likeness, f"{best.words}: {words}", by, BODY_PURITY, like)
+
+
+def _pushed(bench: Bench, four: tuple[Trace, ...]) -> Pattern:
+    """Return the pattern of a push from the four travels, which the body moves all."""
+    grid = np.arange(0.0, min(trace.time_s[-1] for trace in four), 0.01)
+    rows = np.array([np.interp(grid, trace.time_s, trace.value) for trace in four])
+    u, _, _ = np.linalg.svd(rows, full_matrices=False)
+    motion = np.asarray(u[:, 0])  # the strongest common pattern of the records
+    shares = _shares(motion)
+    fl, fr, rl, rr = motion.tolist()
+    heave, pitch, roll = (shares[name] ** 0.5 for name in ("bounce", "pitch", "roll"))
+    ends = abs(fl + fr), abs(rl + rr), abs(fl + rl), abs(fr + rr)
+    body = Body(heave, pitch, roll, *ends)
+    return of_body(bench.campaign.excitations, body, shares, "travels")
+
+
+def _moved_body(bench: Bench, signals: tuple[Trace, ...]) -> Body | None:
+    """Return the largest speeds of the body, m/s; None with too few sensors."""
+    geometry = bench.vehicle.geometry
+    length_m = (geometry.a + geometry.b) / 2 if geometry else _HALF_WHEELBASE_M
+    width_m = (geometry.t_f + geometry.t_r) / 2 if geometry else _HALF_TRACK_M
+    points = of_quantity(signals, Quantity.BODY_ACCELERATION)
+    if not points:
+        return None
+    grid = np.arange(-STRIKE_S / 2, bench.campaign.bump_s + STRIKE_S, _GRID_S)
+    values = np.array([_speed(trace, grid) for trace in points])
+    ahead_m = np.array([-length_m if t.channel.at_cg else t.channel.x_m for t in points])
+    middle_m = float(np.mean(ahead_m))  # from the front axle, because the CG is not known
+    rates = of_quantity(signals, Quantity.PITCH_RATE, Quantity.ROLL_RATE)
+    turns = of_quantity(signals, Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION)
+    turning = {
+        t.channel.quantity.partition("_")[0]: _speed(t, grid) for t in (*turns[::-1], *rates[::-1])
+    }
+    if len(turning) == 2:
+        heave, pitch, roll = np.mean(values, axis=0), turning["pitch"], turning["roll"]
+    else:
+        left_m = [t.channel.y_m for t in points]
+        rows = np.stack([np.ones(len(points)), middle_m - ahead_m, left_m], axis=1)
+        if len(points) < 3 or np.linalg.matrix_rank(rows, tol=0.1) < 3:
+            return None
+        heave, pitch, roll = np.linalg.lstsq(rows, values)[0]
+    speeds = (
+        heave,
+        length_m * pitch,
+        width_m * roll,
+        heave + middle_m * pitch,
+        heave + (middle_m + 2.0 * length_m) * pitch,
+        heave + width_m * roll,
+        heave - width_m * roll,
+    )
+    return Body(*(float(np.max(np.abs(speed))) for speed in speeds))
+
+
+def _speed(trace: Trace, grid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the speed since rest; for a rate, the rate itself."""
+    value = np.interp(grid, trace.time_s, trace.value, right=0.0)
+    is_rate = trace.channel.quantity in (Quantity.PITCH_RATE, Quantity.ROLL_RATE)
+    return np.asarray(value if is_rate else np.cumsum(value) * _GRID_S)
