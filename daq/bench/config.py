@@ -84,8 +84,7 @@ class RecorderConfig:
     )
     """Age at which a file of the journal ends, s."""
     keep_bytes: Annotated[float, Field(ge=0.1, alias="keep_gb"), _times(1e9)] = 100e9
-    """Total size of the files of the journal; above it, the oldest files that are sealed and
-    derived are deleted."""
+    """Total size of the files of the journal; above it, the oldest are deleted."""
     reserve_bytes: Annotated[float, Field(ge=1, alias="reserve_mb"), _times(1e6)] = 200e6
     """Free space that is always left on the disk; recording stops before it is used."""
     silent_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0

@@ -58,7 +58,7 @@ def journal_provenance(
     }
     return {
         # The same recording gives the same uuid, however often its session is built.
-        "uuid": str(uuid.UUID(head.recording or digest[:32])),
+        "uuid": str(uuid.UUID(head.recording)),
         "created": utc_text(head.wall_ns),
         "software": head.software,
         "origin": str(head.origin),

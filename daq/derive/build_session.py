@@ -21,7 +21,7 @@ from typing import TextIO
 from ..bench.config import bench_codec, parse_bench
 from ..errors import BumpbenchError, InputError, printable
 from ..files import rewritten, sync_folder
-from ..journal.folder import note_built, scanned, state_of
+from ..journal.folder import scanned, state_of
 from ..journal.reader import read_windows
 from ..runlog.run_log import fold
 from ..sessions import Session
@@ -80,8 +80,6 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
         if not replacing:
             _refuse_less(target, session)
         write_session(target, session)
-        folder, identity = segments[0].parent, recording.head.identity
-        note_built(folder, identity, recording.next_number, target, run_log.revision)
         if recording.ended and run_log.runs and target.name == recording.session_name:
             _keep_finished(target)
     return Derived(session, loss)

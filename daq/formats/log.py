@@ -16,6 +16,7 @@ from dbc.words import counted, plural
 from ..bench.campaign import Origin
 from ..bus.source import HopLosses
 from ..errors import InputError
+from ..journal.format import MAGIC
 from ..journal.reader import JournalReader
 from . import asc, blf, can_csv, candump, mf4, trc
 from .source import LogLoss, Unpacked
@@ -48,7 +49,7 @@ class LogFormat:
 
 BLF = LogFormat("BLF", blf.LACKS, ".blf")
 MF4 = LogFormat("MF4", mf4.LACKS, ".mf4")
-JOURNAL = LogFormat("MCAP journal", "", ".mcap")
+JOURNAL = LogFormat("journal", "", ".bbj")
 _TEXTS = (
     LogFormat("candump", candump.LACKS, ".log", candump.CandumpParser),
     LogFormat("ASC", asc.LACKS, ".asc", asc.AscParser),
@@ -57,7 +58,13 @@ _TEXTS = (
 )
 NAMES = "BLF, ASC, TRC, candump -L, CSV of python-can, MF4, journal; packed with gzip or not"
 """Names of the formats, for messages."""
-_MAGIC = {b"LOGG": BLF, b"MDF     ": MF4, b"UnFinMF ": MF4, b"\x89MCAP0\r\n": JOURNAL}
+_MAGIC = {
+    b"LOGG": BLF,
+    b"MDF     ": MF4,
+    b"UnFinMF ": MF4,
+    MAGIC: JOURNAL,
+    b"\x89MCAP0\r\n": JOURNAL,  # of Bumpbench 0.1, which its reader refuses in its own words
+}
 
 _ORIGIN = re.compile(rb"(?:origin: |\) )(simulated|replayed)")
 """How an exported ASC or BLF states its origin, or the interface in a line of candump."""

@@ -12,17 +12,12 @@ from dbc.frames import FrameBatch, freeze_arrays
 from dbc.words import counted
 
 from ..bus.source import HopLosses
+from ..runlog.run_log import Code
 from ..runs import Event
-from .format import FrameBlock, JournalHead, unpack_frames
+from .format import ENDED, FrameBlock, JournalHead, session_name, unpack_frames
 
 _NOTES = 20
 """Largest number of notes that are given in full in one line."""
-_NO_TIMES = np.zeros(0, np.int64)
-
-
-def session_name(first_segment: int) -> str:
-    """Return the name of a recording's session file, from the number of its first segment."""
-    return f"session_{first_segment:04d}.h5"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,17 +25,14 @@ class JournalLoss:
     """The parts of a journal that are missing."""
 
     bytes_cut: int = 0
-    """Number of bytes at the ends of segments that are not a complete record."""
+    """Number of bytes at the ends of segments that are not a complete block."""
     blocks_corrupt: int = 0
-    """Number of blocks whose checksum does not match."""
+    """Number of places between blocks that are damaged."""
     blocks_missing: int = 0
-    """Number of blocks that are missing between other blocks."""
+    """Number of blocks, in addition, that are missing between other blocks."""
     frames_dropped: int = 0
     """Number of frames that the recorder itself reported as lost: disk and memory were full, or a
     file was deleted while it was written."""
-    segments_unclosed: int = 0
-    """Number of segments without a proper end: the writer was killed, or its disk was full.  This
-    alone is not a loss."""
     notes: tuple[str, ...] = ()
     """The losses in words, with the names of the files."""
 
@@ -55,8 +47,8 @@ class JournalLoss:
     def text(self) -> str:
         """The notes on one line, only the first if there are many; empty if there are none."""
         more = len(self.notes) - _NOTES
-        rest = (counted(more, "more note"),) if more > 0 else ()
-        return "; ".join((*self.notes[:_NOTES], *rest))
+        last = (counted(more, "more note"),) if more > 0 else ()
+        return "; ".join((*self.notes[:_NOTES], *last))
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +65,7 @@ class JournalBlock:
     @property
     def t_ns(self) -> NDArray[np.int64]:
         """Time stamps of the frames, ns, shape (n,)."""
-        return np.concatenate([each.t_ns for each in self.stored]) if self.stored else _NO_TIMES
+        return np.concatenate([np.zeros(0, np.int64), *(each.t_ns for each in self.stored)])
 
     @property
     def frames(self) -> FrameBatch:
@@ -110,61 +102,40 @@ class HopCounts:
 class RecordingInfo:
     """A recording in a folder, without its frames."""
 
-    recording: str
-    """Identity of the recording."""
+    head: JournalHead
+    """Its head; the clocks are those of the first segment."""
     segments: tuple[Path, ...]
     """Its segments, in order."""
-    first_segment: int
-    """Number of its first segment, which may have been deleted to make room."""
-    bytes: int
-    """Size of all segments, bytes."""
-    frames: int
-    """Number of frames in all segments."""
-    first_ns: int
-    """Time stamp of the first frame, ns; 0 if there is none."""
-    last_ns: int
-    """Latest time stamp, ns; 0 if there is none."""
-    bumps: int
-    """Number of bumps that are runs."""
-    ended: bool
-    """True if its recorder ended it; else a recorder may resume it."""
-
-    @property
-    def session_name(self) -> str:
-        """Name of its session file."""
-        return session_name(self.first_segment)
-
-
-@dataclass(frozen=True, slots=True)
-class JournalTail:
-    """State of a recording, for a recorder that resumes it."""
-
-    head: JournalHead
-    """Head of its first segment."""
     next_number: int
     """Number of the next block."""
-    t_ns: int
-    """Latest time stamp, ns; 0 if there is none."""
     frames: int
     """Number of frames recorded."""
+    first_ns: int
+    """Earliest time stamp, ns; 0 if there is none."""
+    last_ns: int
+    """Latest time stamp, ns; 0 if there is none."""
     events: tuple[Event, ...]
     """All events: the run log is a fold over them."""
-    ended: bool
-    """True if it was ended, so that nothing may be added."""
-    segments: tuple[Path, ...]
-    """Its segments, in order."""
-    first_segment: int
-    """Number of its first segment, which may have been deleted to make room."""
+
+    @property
+    def ended(self) -> bool:
+        """True if its recorder ended it; else a recorder may resume it."""
+        return any(event.code == ENDED for event in self.events)
+
+    @property
+    def bumps(self) -> int:
+        """Number of bumps that are runs."""
+        return sum(event.code == Code.BUMP for event in self.events)
 
     @property
     def session_name(self) -> str:
         """Name of its session file."""
-        return session_name(self.first_segment)
+        return session_name(self.head.first_segment)
 
 
 @dataclass(frozen=True, slots=True)
 class JournalContents:
-    """A journal in memory: all of its frames, or those around the bumps."""
+    """A journal in memory: all of its frames, or only those around the bumps."""
 
     head: JournalHead
     """bench.toml, DBC, software and clocks."""

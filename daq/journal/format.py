@@ -1,18 +1,21 @@
-"""Packs and unpacks the messages of the journal's MCAP files.
+"""Packs and unpacks the blocks of the journal's segments, and names the segments.
 
-A journal is a sequence of segments `journal_0001.mcap`, `journal_0002.mcap`...  Each begins with a
-metadata record and the texts of bench.toml and DBC as attachments, all of them twice, so that it
-can be read separately, also after damage.  Every message has its number in the whole journal and a
-CRC: without chunks, MCAP itself does not detect a flipped bit.
+A journal is a sequence of segments `journal_0001.bbj`, `journal_0002.bbj`...; a segment is a
+sequence of blocks, one every 100 ms.  Each block begins with a magic number, a checksum, its kind
+and length, its running number, and the identity of its writer and its recording, so that it can be
+read whatever has become of the bytes before it.  bench.toml and DBC stand in the first block of a
+segment, in another a second later, and in the last one.
 """
 
 from __future__ import annotations
 
 import json
 import struct
+import uuid
 import zlib
 from collections.abc import Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, field
+from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,25 +28,82 @@ from ..bench.campaign import Origin
 from ..bus.source import HopLosses
 from ..runs import Event
 
-PROFILE = "bumpbench"
-FRAMES_TOPIC, EVENTS_TOPIC = "frames", "events"
-HEAD_RECORD, BENCH_NAME, DBC_NAME = "bumpbench", "bench.toml", "bench.dbc"
+# Blocks -------------------------------------------------------------------------------------------
 
-_RECORD_CRC = "crc32"
-_CAMPAIGN, _BETWEEN = "campaign", "between"
-_CRC = struct.Struct("<I")
-_BLOCK = struct.Struct("<QII4Q")  # number, frames, payload width, HopLosses
+MAGIC = b"\xb5BUMP\r\n\x01"
+"""The first bytes of each block."""
+HEADER = struct.Struct("<8sIIIQQ16s")
+"""Magic, CRC-32 of all that follows it, kind, length of the content in bytes, number, writer,
+recording."""
+_CHECKED_FROM = 12
+"""Position in a block from which its checksum is calculated, bytes."""
+LARGEST_BYTES = 64 << 20
+"""Longest content of a block, bytes: a greater length is damage.  The largest block of frames has
+6 MB, the largest DBC 5 MB."""
+_FRAMES = struct.Struct("<II4Q")  # frames, payload width, HopLosses
 _FORMS = {"t_ns": "<i8", "can_id": "<u4", "flags": "<u2", "bus": "u1", "length": "u1"}
 _COLUMNS = tuple((name, np.dtype(form)) for name, form in _FORMS.items())
 _PAYLOADS = {width: np.dtype((np.uint8, width)) for width in (8, 64)}
-_COLUMN_BYTES = sum(form.itemsize for _, form in _COLUMNS)
-_BLOCK_HEAD = _CRC.size + _BLOCK.size
-"""Number of bytes of a message of frames before its first column, `t_ns`."""
+_FRAME_BYTES = sum(form.itemsize for _, form in _COLUMNS)
+
+
+class Kind(IntEnum):
+    """Kinds of blocks."""
+
+    HEAD = 1
+    """What a segment needs to be read: a `JournalHead`."""
+    FRAMES = 2
+    EVENTS = 3
+    END = 4
+    """The head again and a summary of the segment, whose last block it is."""
+
+
+class Block(NamedTuple):  # a frozen dataclass takes four times as long to make
+    """A block whose checksum matches."""
+
+    kind: int
+    number: int
+    """Its number in the recording; of a head or an end that of the next block."""
+    writer: int
+    """The process that wrote it: `JournalHead.wall_ns`."""
+    recording: str
+    """Identity of the recording."""
+    content: bytes | memoryview
+    """The bytes after the header."""
+
+
+def pack_block(block: Block) -> bytes:
+    """Return a block as it is stored."""
+    identity = bytes.fromhex(block.recording)
+    header = HEADER.pack(
+        MAGIC, 0, block.kind, len(block.content), block.number, block.writer, identity
+    )
+    crc = zlib.crc32(block.content, zlib.crc32(header[_CHECKED_FROM:]))
+    return b"".join((MAGIC, crc.to_bytes(4, "little"), header[_CHECKED_FROM:], block.content))
+
+
+def content_bytes(header: bytes | memoryview) -> int | None:
+    """Return the length of the content after a header; None if this is no header."""
+    if len(header) < HEADER.size or header[: len(MAGIC)] != MAGIC:
+        return None
+    length: int = HEADER.unpack_from(header)[3]
+    return length if length <= LARGEST_BYTES else None
+
+
+def unpack_block(stored: memoryview) -> Block | None:
+    """Return the block in bytes from its magic number to its end; None if a bit was changed."""
+    _, crc, kind, _, number, writer, identity = HEADER.unpack_from(stored)
+    if zlib.crc32(stored[_CHECKED_FROM:]) != crc:
+        return None
+    return Block(kind, number, writer, identity.hex(), stored[HEADER.size :])
+
+
+# Contents of blocks -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class JournalHead:
-    """The beginning of every segment of a recording."""
+    """What every segment of a recording says about it."""
 
     bench_text: str
     """bench.toml in full."""
@@ -55,197 +115,116 @@ class JournalHead:
     """The host's wall-clock time when the recording was begun or resumed, ns."""
     monotonic_ns: int
     """The host's monotonic time, read together with `wall_ns`, ns."""
-    recording: str = ""
-    """Identity of the recording (a uuid4 as 32 hex digits), kept when it is resumed; empty in
-    journals of older versions, whose identity is made of the clocks."""
-    first_segment: int = 0
+    recording: str = field(default_factory=lambda: uuid.uuid4().hex)
+    """Identity of the recording, 32 hexadecimal digits, kept when it is resumed."""
+    first_segment: int = 1
     """Number of the recording's first segment.  It names the session file, also after that segment
-    was deleted to make room; 0 in journals of older versions."""
+    was deleted to make room."""
     campaign: bool = True
     """False for a recording between two campaigns, which has no runs."""
     origin: str = Origin.REAL
     """Origin of the frames: a value of `Origin`."""
 
-    @property
-    def identity(self) -> str:
-        """Identity of the recording, the same in all of its segments."""
-        return self.recording or f"{self.wall_ns}+{self.monotonic_ns}"
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The content of a segment, without its frames."""
+
+    first: int
+    """Number of the first block."""
+    stop: int
+    """Number of the block after the last; equal to `first` if there is none."""
+    frames: int = 0
+    """Number of frames in all its blocks."""
+    first_ns: int = 0
+    """Earliest time stamp, ns; 0 if there is none."""
+    last_ns: int = 0
+    """Latest time stamp, ns; 0 if there is none."""
+    events: tuple[tuple[int, Event], ...] = ()
+    """Events in order, each with the number of its block."""
 
 
-def head_record(head: JournalHead, segment: int) -> dict[str, str]:
-    """Return the metadata of a segment; the texts are stored as attachments."""
-    record = {
-        "software": head.software,
-        "wall_ns": str(head.wall_ns),
-        "monotonic_ns": str(head.monotonic_ns),
-        "segment": str(segment),
-        "recording": head.recording,
-        "first_segment": str(head.first_segment),
-        "span": _CAMPAIGN if head.campaign else _BETWEEN,
-        "origin": head.origin,
-        "bench_crc32": str(zlib.crc32(head.bench_text.encode())),
-        "dbc_crc32": str(zlib.crc32(head.dbc_text.encode())),
-    }
-    return record | {_RECORD_CRC: str(zlib.crc32(_canonical(record)))}
+def pack_head(head: JournalHead) -> bytes:
+    """Return the content of a block of kind HEAD."""
+    return json.dumps(asdict(head)).encode()
 
 
-def parse_head(record: dict[str, str], texts: dict[int, bytes]) -> tuple[JournalHead, int] | None:
-    """Return the head and the segment number in a record of `head_record`.
-
-    `texts`: the attachments that were read, by their CRC-32.  Returns None if one is missing.
-    Raises ValueError or KeyError if the record was changed, or is from another program.
-    """
-    content = {name: value for name, value in record.items() if name != _RECORD_CRC}
-    if len(content) < len(record) and int(record[_RECORD_CRC]) != zlib.crc32(_canonical(content)):
-        raise ValueError("checksum does not fit")  # older versions wrote none
-    bench_text = texts.get(int(record["bench_crc32"]))
-    dbc_text = texts.get(int(record["dbc_crc32"]))
-    if bench_text is None or dbc_text is None:
-        return None
-    head = JournalHead(
-        bench_text.decode(),
-        dbc_text.decode(),
-        record["software"],
-        int(record["wall_ns"]),
-        int(record["monotonic_ns"]),
-        record.get("recording", ""),
-        int(record.get("first_segment", 0)),
-        record.get("span", _CAMPAIGN) == _CAMPAIGN,
-        record.get("origin", str(Origin.REAL)),
-    )
-    return head, int(record["segment"])
+def pack_end(head: JournalHead, summary: Summary) -> bytes:
+    """Return the content of a block of kind END."""
+    events = [[number, *astuple(event)] for number, event in summary.events]
+    return json.dumps({**asdict(head), "summary": {**asdict(summary), "events": events}}).encode()
 
 
-def pack_frames(number: int, frames: FrameBatch, losses: HopLosses) -> bytes:
-    """Return the message for a block of frames and the losses counted up to it."""
-    width = frames.data.shape[1]
-    body = b"".join(
+def unpack_head(content: bytes | memoryview) -> tuple[JournalHead, Summary | None]:
+    """Return the head in a block of kind HEAD or END, and the summary of the latter."""
+    fields = json.loads(bytes(content))
+    summary = fields.pop("summary", None)
+    if summary is not None:
+        events = tuple((number, Event(*event)) for number, *event in summary.pop("events"))
+        summary = Summary(**summary, events=events)
+    return JournalHead(**fields), summary
+
+
+def pack_events(events: Sequence[Event]) -> bytes:
+    """Return the content of a block of kind EVENTS."""
+    return json.dumps([astuple(event) for event in events]).encode()
+
+
+def unpack_events(content: bytes | memoryview) -> tuple[Event, ...]:
+    """Return the events in a block of kind EVENTS."""
+    return tuple(Event(*fields) for fields in json.loads(bytes(content)))
+
+
+def pack_frames(frames: FrameBatch, losses: HopLosses) -> bytes:
+    """Return the content of a block of kind FRAMES; `losses`: counted up to it."""
+    return b"".join(
         [
-            _BLOCK.pack(number, len(frames), width, *losses.counts),
+            _FRAMES.pack(len(frames), frames.data.shape[1], *losses.counts),
             *(getattr(frames, name).astype(form).tobytes() for name, form in _COLUMNS),
             frames.data.tobytes(),
         ]
     )
-    return _CRC.pack(zlib.crc32(body)) + body
 
 
-class FrameBlock(NamedTuple):  # a frozen dataclass takes four times as long to make
-    """A stored block of frames whose checksum matches."""
+class FrameBlock(NamedTuple):
+    """A stored block of frames."""
 
-    number: int
-    """Its number in the recording."""
     frames: int
     """Number of its frames."""
     width: int
     """Payload bytes of each frame, 8 or 64."""
     counts: tuple[int, ...]
     """The fields of `HopLosses`, counted by the process that wrote the block."""
-    message: bytes | memoryview
-    """The message of `pack_frames`."""
+    content: bytes | memoryview
+    """From `pack_frames`."""
 
     @property
     def t_ns(self) -> NDArray[np.int64]:
         """Time stamps of the frames, ns, shape (frames,)."""
-        return np.frombuffer(self.message, "<i8", self.frames, _BLOCK_HEAD)
+        return np.frombuffer(self.content, "<i8", self.frames, _FRAMES.size)
 
 
-def check_frames(message: bytes | memoryview) -> FrameBlock:
-    """Return the block in a message of `pack_frames`.
-
-    Raises ValueError if a single bit was changed.
-    """
-    if len(message) < _BLOCK_HEAD:
-        raise ValueError("too short for a block")
-    if _CRC.unpack_from(message)[0] != zlib.crc32(memoryview(message)[_CRC.size :]):
-        raise ValueError("checksum does not fit")
-    number, n, width, *counts = _BLOCK.unpack_from(message, _CRC.size)
-    if width not in (8, 64) or len(message) != _BLOCK_HEAD + n * (_COLUMN_BYTES + width):
-        raise ValueError("length does not fit the number of frames")
-    return FrameBlock(number, n, width, tuple(counts), message)
+def frame_block(content: bytes | memoryview) -> FrameBlock:
+    """Return the block of frames in a block of kind FRAMES, whose columns are not read yet."""
+    n, width, *counts = _FRAMES.unpack_from(content)
+    return FrameBlock(n, width, tuple(counts), content)
 
 
 def unpack_frames(blocks: Sequence[FrameBlock]) -> FrameBatch:
     """Return the frames of blocks of one width, joined: column by column, not block by block."""
     columns = {}
-    before = _BLOCK_HEAD  # bytes of a block before the column; `row` bytes of it for each frame
-    row = 0
+    row = 0  # bytes of a frame in the columns before this one
     for name, form in (*_COLUMNS, ("data", _PAYLOADS[blocks[0].width])):
-        size = form.itemsize
-        parts = [
-            block.message[before + row * block.frames : before + (row + size) * block.frames]
-            for block in blocks
-        ]
+        parts = []
+        for block in blocks:
+            begin = _FRAMES.size + row * block.frames
+            parts.append(block.content[begin : begin + form.itemsize * block.frames])
         columns[name] = np.frombuffer(b"".join(parts), form)
-        row += size
+        row += form.itemsize
     return FrameBatch(**columns)
 
 
-def pack_events(number: int, events: Sequence[Event]) -> bytes:
-    """Return the message for events: JSON, so that any MCAP tool can show it."""
-    body = {"number": number, "events": [list(astuple(event)) for event in events]}
-    return json.dumps({"crc32": zlib.crc32(_canonical(body)), **body}).encode()
-
-
-@dataclass(frozen=True, slots=True)
-class EventBlock:
-    """A block of events."""
-
-    number: int
-    """Its number in the recording."""
-    events: tuple[Event, ...]
-    """In order."""
-
-
-def unpack_events(message: bytes) -> EventBlock:
-    """Return the block in a message of `pack_events`.
-
-    Raises ValueError if it was changed.
-    """
-    try:
-        body = json.loads(message)
-        if body.pop("crc32") != zlib.crc32(_canonical(body)):
-            raise ValueError("checksum does not fit")
-        number, events = body["number"], tuple(Event(*fields) for fields in body["events"])
-    except (KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(f"not the JSON of events: {error}") from error
-    if not all(map(_is_event, events)) or type(number) is not int or number < 0:
-        raise ValueError("not the JSON of events: a field is of another type")
-    return EventBlock(number, events)
-
-
-def _is_event(event: Event) -> bool:
-    texts = isinstance(event.code, str) and isinstance(event.text, str)
-    return texts and type(event.t_ns) is int and isinstance(event.value, int | float)
-
-
-def _canonical(body: object) -> bytes:
-    return json.dumps(body, sort_keys=True, separators=(",", ":")).encode()
-
-
-# Defines the names of segments, which show which of them never change again -----------------------
-
-SEALED, OPEN = "journal_*.mcap", "open_*.mcap"
-"""Patterns of the names of segments that never change again, and of the one being written."""
-
-
-def open_path(folder: Path, number: int) -> Path:
-    """Return the path of a segment while it is written."""
-    return folder / f"open_{number:04d}.mcap"
-
-
-def sealed_path(path: Path) -> Path:
-    """Return the path of a segment after it was written; the same path if it is sealed already."""
-    number = path.name.removeprefix("open_")
-    return path if number == path.name else path.with_name(f"journal_{number}")
-
-
-def segment_number(path: Path) -> int:
-    """Return the number in a segment's name, 0 if there is none."""
-    digits = path.stem.rpartition("_")[2]
-    return int(digits) if digits.isdecimal() else 0
-
-
-# Defines the events that report blocks that are missing from a journal, as the recorder knows -----
+# Events that report what is missing ---------------------------------------------------------------
 
 DISK_GAP = "disk_gap"
 """Code: neither the disk nor the memory had room."""
@@ -279,20 +258,36 @@ def gap_event(code: str, t_ns: int, gap: Gap) -> Event:
 
 
 def parse_gap(event: Event) -> Gap | None:
-    """Return the gap that an event reports; None if it is another event or cannot be read."""
+    """Return the gap that an event reports; None if it is another event."""
     if event.code not in (DISK_GAP, FILE_GONE, RETENTION):
         return None
-    try:
-        return Gap(**json.loads(event.text))
-    except (ValueError, TypeError):
-        return None
+    return Gap(**json.loads(event.text))
 
 
-def overlap(first: int, stop: int, gaps: Sequence[Gap]) -> int:
-    """Return the number of block numbers of a span that are in gaps."""
-    covered = 0
-    for gap in sorted(gaps, key=lambda gap: gap.first):
-        begin = max(first, gap.first)
-        covered += max(0, min(stop, gap.stop) - begin)
-        first = max(first, gap.stop)
-    return covered
+# Names of segments, which show which of them never change again -----------------------------------
+
+SUFFIX = ".bbj"
+SEALED, OPEN = f"journal_*{SUFFIX}", f"open_*{SUFFIX}"
+"""Patterns of the names of segments that never change again, and of the one being written."""
+
+
+def open_path(folder: Path, number: int) -> Path:
+    """Return the path of a segment while it is written."""
+    return folder / f"open_{number:04d}{SUFFIX}"
+
+
+def sealed_path(path: Path) -> Path:
+    """Return the path of a segment after it was written; the same path if it is sealed already."""
+    number = path.name.removeprefix("open_")
+    return path if number == path.name else path.with_name(f"journal_{number}")
+
+
+def segment_number(path: Path) -> int:
+    """Return the number in a segment's name, 0 if there is none."""
+    digits = path.stem.rpartition("_")[2]
+    return int(digits) if digits.isdecimal() else 0
+
+
+def session_name(first_segment: int) -> str:
+    """Return the name of a recording's session file, from the number of its first segment."""
+    return f"session_{first_segment:04d}.h5"

@@ -1,9 +1,9 @@
-"""Reads journals up to the place where a crash cut them, with an exact account of all losses."""
+"""Reads journals: every block that is whole, with an exact account of all losses."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,18 +16,23 @@ from ..bus.source import HopLosses
 from ..errors import InputError
 from ..runs import Event
 from .contents import HopCounts, JournalBlock, JournalContents, JournalLoss
+from .folder import scan
 from .format import (
     DISK_GAP,
     FILE_GONE,
     RETENTION,
-    EventBlock,
+    Block,
     FrameBlock,
     Gap,
     JournalHead,
-    overlap,
+    Kind,
+    frame_block,
     parse_gap,
+    segment_number,
+    unpack_events,
+    unpack_head,
 )
-from .segment_reader import CorruptBlock, SegmentReader
+from .segment_reader import ADVICE, SegmentFile
 
 _GROUP_FRAMES = 4096
 """Approximate number of frames that are unpacked together: the cost of a call is shared by them."""
@@ -36,31 +41,16 @@ _GAP_TEXTS = {
     FILE_GONE: "lost: the file was removed while it was written",
     RETENTION: "between the runs deleted to make room",
 }
+_ALWAYS = (-(2**63), 2**63 - 1)
 
 
-def read_journal(
-    paths: Sequence[Path], spans: Sequence[tuple[int, int]] | None = None
-) -> JournalContents:
+def read_journal(paths: Sequence[Path]) -> JournalContents:
     """Read all segments of a recording.
 
-    `paths`: as for `JournalReader`.  `spans`, sequence of (int, int): keep only frames with time
-    stamps in these spans, start <= t < stop, ns, so that memory grows with the spans, not with the
-    recording.  Without it all frames are kept.  Raises InputError as `JournalReader`.
+    `paths`: as for `JournalReader`.  Raises InputError as `JournalReader`.
     """
-    reader = JournalReader(paths)
-    frames: list[FrameBatch] = []
-    events: list[Event] = []
-    hops = _HopTable()
-    for block in reader:
-        hops.add(block, block.t_ns)
-        events += block.events
-        if block.stored:
-            kept = block.frames if spans is None else block.frames.within(spans)
-            if len(kept):
-                frames.append(kept)
-    return JournalContents(
-        reader.head, FrameBatch.concatenate(frames), tuple(events), hops.counts(), reader.lost
-    )
+    contents, (frames,) = read_windows(paths, [_ALWAYS])
+    return replace(contents, frames=frames)
 
 
 def read_windows(
@@ -68,8 +58,9 @@ def read_windows(
 ) -> tuple[JournalContents, tuple[FrameBatch, ...]]:
     """Read the frames in windows of time, which may overlap, from segments of a recording.
 
-    `windows`: start <= t < stop, ns.  Returns all else that is in the segments, and the frames of
-    each window.  Raises InputError as `JournalReader`.
+    `windows`: start <= t < stop, ns; memory grows with them, not with the recording.  Returns all
+    else that is in the segments, and the frames of each window.  Raises InputError as
+    `JournalReader`.
     """
     reader = JournalReader(paths)
     pieces: list[list[FrameBatch]] = [[] for _ in windows]
@@ -85,7 +76,7 @@ def read_windows(
         touched = np.flatnonzero((starts_ns <= t_ns.max()) & (t_ns.min() < stops_ns)).tolist()
         frames = block.frames if touched else FrameBatch.empty()  # most frames are in no window
         for k in touched:
-            pieces[k].append(frames.within([windows[k]]))
+            pieces[k].append(frames if windows[k] is _ALWAYS else frames.within([windows[k]]))
     none = FrameBatch.empty()
     contents = JournalContents(reader.head, none, tuple(events), hops.counts(), reader.lost)
     joined = []
@@ -106,15 +97,13 @@ class _HopTable:
         for part in (t_ns[:first], t_ns[first:]) if len(t_ns) else (t_ns,):
             if len(part):
                 self._t_ns = max(self._t_ns, int(part.max()))
-            self._add_row((self._t_ns, *block.losses.counts))
-
-    def _add_row(self, row: tuple[int, ...]) -> None:
-        # `HopCounts.between` uses the row before a span and the first one after it.  Because both
-        # ends of every level are kept, it returns the same losses.
-        if len(self._rows) >= 2 and self._rows[-1][1:] == row[1:] == self._rows[-2][1:]:
-            self._rows[-1] = row
-        else:
-            self._rows.append(row)
+            row = (self._t_ns, *block.losses.counts)
+            # `HopCounts.between` uses the row before a span and the first one after it.  Because
+            # both ends of every level are kept, it returns the same losses.
+            if len(self._rows) >= 2 and self._rows[-1][1:] == row[1:] == self._rows[-2][1:]:
+                self._rows[-1] = row
+            else:
+                self._rows.append(row)
 
     def counts(self) -> HopCounts:
         table = np.array(self._rows, np.int64).reshape(-1, 5)
@@ -124,130 +113,154 @@ class _HopTable:
 class JournalReader:
     """Iterates once over the blocks of a recording; `lost` is exact after that.
 
-    `paths`: the segments of one recording, in any order, also of several processes.  Raises
-    InputError if files belong to different recordings, or if none can be read and has a complete
-    head.
+    `paths`: the segments of one recording, in any order, also of several processes.  `head`: that
+    of the recording.  Raises InputError if files belong to different recordings, or if none can be
+    read and has a head.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        self._lost = JournalLoss()
+        self._lost: list[JournalLoss] = []
+        self._open: list[JournalLoss] = []  # losses that the next block may cancel
         self._missing: list[tuple[str, int, int]] = []  # file, first block, block after the last
         self._gaps: dict[tuple[str, Gap], None] = {}
-        self._open: list[JournalLoss] = []  # losses that the next segment may cancel
-        found: dict[Path, tuple[JournalHead, int]] = {}
+        firsts: dict[Path, Block] = {}
         refused: list[InputError] = []
         for path in paths:
             try:
-                with SegmentReader(path) as segment:
-                    if segment.head is not None:
-                        found[path] = segment.head
+                with SegmentFile(path) as file:
+                    first = file.first()
+                    if first is not None:
+                        firsts[path] = first
                         continue
-                    # Usually killed while it was created: nothing in it was reported as written.
-                    note = f"{path.name}: has no complete beginning"
-                    cut = segment.file.size if segment.holds_blocks() else 0
-            except InputError as error:  # its beginning may be overwritten
+                    size, why = file.size, "has no whole block"
+            except InputError as error:
                 refused.append(error)
-                note = f"{path.name}: {error.what}"
-                cut = path.stat().st_size if path.is_file() else 0
-            self._lost = _plus(self._lost, JournalLoss(bytes_cut=cut, notes=(note,)))
-        if refused and not found:
-            raise refused[0]
-        if not found:
+                size, why = path.stat().st_size if path.is_file() else 0, error.what
+            self._lost.append(JournalLoss(bytes_cut=size, notes=(f"{path.name}: {why}",)))
+        if not firsts:
             where = ", ".join(str(path) for path in paths) or "journal"
-            advice = "it is damaged at its beginning, or not a journal; journals are journal_*.mcap"
-            raise InputError(where, "holds no recording", advice)
-        self._paths = sorted(found, key=lambda path: found[path][1])
-        self._heads = {path: found[path][0] for path in self._paths}
-        self.head: JournalHead = self._heads[self._paths[0]]
-        for path, head in self._heads.items():
-            if head.identity != self.head.identity:
-                raise InputError(
-                    str(path),
-                    f"belongs to another recording than {self._paths[0].name}",
-                    "read one recording at a time",
-                )
+            raise refused[0] if refused else InputError(where, "holds no recording", ADVICE)
+        self._sort(firsts)
+
+    def _sort(self, firsts: dict[Path, Block]) -> None:
+        """Find the head, and the order of the segments, from the first block of each."""
+        heads: dict[Path, JournalHead] = {}
+        for path, block in firsts.items():
+            if block.kind == Kind.HEAD:
+                heads[path] = unpack_head(block.content)[0]
+            elif (info := scan(path)) and info.head:  # only its beginning is damaged
+                heads[path] = info.head
+        if not heads:
+            what = "has lost every copy of its bench.toml and DBC"
+            raise InputError(str(next(iter(firsts))), what, "name all segments of its recording")
+        (one, head), *others = heads.items()
+        for path, other in others:
+            if other.recording != head.recording:
+                what = f"belongs to another recording than {one.name}"
+                raise InputError(str(path), what, "read one recording at a time")
+        for path in [path for path in firsts if firsts[path].recording != head.recording]:
+            note = f"{path.name}: has lost every copy of its bench.toml and DBC"
+            self._lost.append(JournalLoss(bytes_cut=path.stat().st_size, notes=(note,)))
+            del firsts[path]
+        self._paths = sorted(firsts, key=lambda p: (firsts[p].number, segment_number(p)))
+        self._writers = {path: block.writer for path, block in firsts.items()}
+        earliest = next(heads[path] for path in self._paths if path in heads)
+        self.head = replace(earliest, wall_ns=self._writers[self._paths[0]])
 
     @property
     def lost(self) -> JournalLoss:
         """The losses found; exact once all blocks have been read."""
-        lost = self._lost
-        gaps = [gap for _, gap in self._gaps]
+        lost = [*self._lost]
+        gaps = sorted((gap for _, gap in self._gaps), key=lambda gap: gap.first)
         for name, first, stop in self._missing:
-            missing = stop - first - overlap(first, stop, gaps)
+            missing = stop - first
+            for gap in gaps:
+                missing -= max(0, min(stop, gap.stop) - max(first, gap.first))
+                first = max(first, gap.stop)
             if missing > 0:
                 note = f"{name}: {counted(missing, 'block')} missing before it"
-                lost = _plus(lost, JournalLoss(blocks_missing=missing, notes=(note,)))
+                lost.append(JournalLoss(blocks_missing=missing, notes=(note,)))
         for code, gap in self._gaps:
             text = f"{gap.file}: {gap.frames}" if gap.file else f"{gap.frames}"
             dropped = 0 if code == RETENTION else gap.frames
             note = f"{text} {plural(gap.frames, 'frame')} {_GAP_TEXTS[code]}"
-            lost = _plus(lost, JournalLoss(frames_dropped=dropped, notes=(note,)))
-        return lost
+            lost.append(JournalLoss(frames_dropped=dropped, notes=(note,)))
+        return JournalLoss(
+            sum(each.bytes_cut for each in lost),
+            sum(each.blocks_corrupt for each in lost),
+            sum(each.blocks_missing for each in lost),
+            sum(each.frames_dropped for each in lost),
+            tuple(note for each in lost for note in each.notes),
+        )
 
     def __iter__(self) -> Iterator[JournalBlock]:
-        expected = 0
+        expected, writer = 0, self._writers[self._paths[0]]
         losses = before = HopLosses()
-        head = self.head
         group: list[FrameBlock] = []
         for path in self._paths:
-            if self._heads[path] != head:  # another process, which repeats no block
+            if self._writers[path] != writer:  # another process, which repeats no block
                 self._settle()
                 if group:
                     yield JournalBlock(losses, tuple(group))
                     group = []
-                before, head = losses, self._heads[path]
+                before, writer = losses, self._writers[path]
             for block in self._blocks(path):
-                if isinstance(block, CorruptBlock):
-                    note = f"{path.name}: block after {expected} is corrupt: {block.text}"
-                    self._open.append(JournalLoss(blocks_corrupt=1, notes=(note,)))
-                    continue
                 if block.number < expected:
                     continue  # written twice: the first time its fdatasync failed
-                if block.number != expected or self._open:
-                    self._account(path, expected, block.number)
+                if block.kind == Kind.END and block.number == expected:  # only heads are damaged
+                    self._open = [lost for lost in self._open if lost.bytes_cut]
+                elif block.number == expected:
+                    self._open.clear()  # the block that was cut off before is this one
+                else:
+                    corrupt = sum(lost.blocks_corrupt for lost in self._open)
+                    self._missing.append((path.name, expected + corrupt, block.number))
+                    self._settle()
+                if block.kind == Kind.END:
+                    expected = block.number
+                    continue
                 expected = block.number + 1
-                if group and (isinstance(block, EventBlock) or not _belongs(block, group)):
+                if block.kind == Kind.FRAMES:
+                    stored = frame_block(block.content)
+                    if group and not _belongs(stored, group):
+                        yield JournalBlock(losses, tuple(group))
+                        group = []
+                    if not group:
+                        counts = zip(before.counts, stored.counts, strict=True)
+                        losses = HopLosses(*(x + y for x, y in counts))
+                    group.append(stored)
+                    continue
+                if group:
                     yield JournalBlock(losses, tuple(group))
                     group = []
-                if isinstance(block, FrameBlock):
-                    if not group:
-                        losses = _sum(before, block.counts)
-                    group.append(block)
-                    continue
-                for event in block.events:
-                    if (gap := parse_gap(event)) and gap.recording == head.identity:
+                events = unpack_events(block.content)
+                for event in events:
+                    if (gap := parse_gap(event)) and gap.recording == self.head.recording:
                         # Reported again before the segment with this event was deleted: counts
                         # once.
                         self._gaps[event.code, gap] = None
-                yield JournalBlock(losses, events=block.events)
+                yield JournalBlock(losses, events=events)
         if group:
             yield JournalBlock(losses, tuple(group))
         self._settle()
 
-    def _account(self, path: Path, expected: int, number: int) -> None:
-        """Note the blocks that are missing between two blocks, and settle earlier open losses."""
-        if number == expected:
-            self._open.clear()  # the block that was cut off before is this one
-        corrupt = sum(lost.blocks_corrupt for lost in self._open)
-        self._missing.append((path.name, expected + corrupt, number))  # often nothing is missing
-        self._settle()
-
-    def _blocks(self, path: Path) -> Iterator[FrameBlock | EventBlock | CorruptBlock]:
-        """Yield the blocks of a segment, and count the losses at its end."""
-        with SegmentReader(path) as segment:
-            yield from segment.blocks()
-            if segment.sealed:
-                return
-            note = f"{path.name}: not closed"
-            self._lost = _plus(self._lost, JournalLoss(segments_unclosed=1, notes=(note,)))
-            if cut := segment.bytes_cut:
-                note = f"{path.name}: last {counted(cut, 'byte')} {segment.file.why_stopped}"
-                self._open.append(JournalLoss(bytes_cut=cut, notes=(note,)))
+    def _blocks(self, path: Path) -> Iterator[Block]:
+        """Yield the numbered blocks of a segment, and note what is damaged."""
+        with SegmentFile(path) as file:
+            for block in file.blocks():
+                if isinstance(block, Block):
+                    if block.kind in (Kind.FRAMES, Kind.EVENTS, Kind.END):
+                        yield block
+                    continue
+                span = f"{path.name}: {counted(block.bytes, 'byte')} from byte {block.offset}"
+                if not block.at_end:
+                    self._open.append(JournalLoss(blocks_corrupt=1, notes=(f"{span} are damaged",)))
+                elif block.kind not in (Kind.HEAD, Kind.END):  # nothing is lost with those
+                    note = f"{span} {file.fault or 'are no whole block'}"
+                    self._open.append(JournalLoss(bytes_cut=block.bytes, notes=(note,)))
 
     def _settle(self) -> None:
         """Count the losses that no later block has cancelled."""
-        for lost in self._open:
-            self._lost = _plus(self._lost, lost)
+        self._lost += self._open
         self._open.clear()
 
 
@@ -256,11 +269,3 @@ def _belongs(block: FrameBlock, group: Sequence[FrameBlock]) -> bool:
     first = group[0]
     alike = block.width == first.width and block.counts == first.counts
     return alike and len(group) * max(block.frames, 1) < _GROUP_FRAMES
-
-
-def _plus(a: JournalLoss, b: JournalLoss) -> JournalLoss:
-    return JournalLoss(*(x + y for x, y in zip(astuple(a), astuple(b), strict=True)))
-
-
-def _sum(a: HopLosses, counts: Sequence[int]) -> HopLosses:
-    return HopLosses(*(x + y for x, y in zip(a.counts, counts, strict=True)))

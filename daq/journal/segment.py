@@ -1,4 +1,4 @@
-"""Writes one file of the journal: an MCAP file without chunks, each write synced.
+"""Writes one file of the journal, each write synced, and watches its disk.
 
 After `Segment.write` has returned, neither a kill nor a power cut loses the blocks.  After the
 first write error a file is not touched again: a repeated write in the same file leaves holes in
@@ -16,26 +16,27 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import FileIO
 from pathlib import Path
-from typing import IO, Protocol, cast
-
-from mcap.writer import IndexType, Writer
+from typing import Protocol
 
 from ..bench.config import RecorderConfig
 from ..files import sync_data, sync_folder
+from ..runs import Event
 from .format import (
-    BENCH_NAME,
-    DBC_NAME,
-    EVENTS_TOPIC,
-    FRAMES_TOPIC,
-    HEAD_RECORD,
-    PROFILE,
+    Block,
     Gap,
     JournalHead,
+    Kind,
+    Summary,
+    pack_block,
+    pack_end,
+    pack_head,
     sealed_path,
     segment_number,
-    unpack_events,
 )
-from .records import SUMMARY_RECORD, Summary, pack_summary
+
+_HEAD_AGAIN = 10
+"""Number of blocks after which a segment repeats its head, about a second: then no damage to the
+beginning of a segment that never got its end costs all of it."""
 
 
 class JournalFile(Protocol):
@@ -70,89 +71,81 @@ class SyncedFile(FileIO):
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
-    """A message to be written."""
+class Pending:
+    """A block to be written."""
 
     number: int
     """Its number in the recording."""
-    topic: str
-    """`FRAMES_TOPIC` or `EVENTS_TOPIC`."""
+    kind: Kind
+    content: bytes
+    """The packed frames or events."""
     t_ns: int
     """Latest time stamp up to the block, ns."""
-    message: bytes
-    """The packed message."""
-    frames: int
+    frames: int = 0
     """Number of frames in it."""
     first_ns: int = 0
     """Earliest time stamp in it, ns; 0 without frames."""
+    events: tuple[Event, ...] = ()
+    """Its events."""
 
 
 class Segment:
     """A file of the journal.
 
     `file`: new and empty; closed here.  `path`: its path; deleted again if the head cannot be
-    written.  After the last write it is renamed to `names.sealed_path`.  `record`: from
-    `head_record`.  Raises OSError if the head cannot be written.
+    written.  After the last write it is renamed to `sealed_path`.  `number`: of its first block.
+    Raises OSError if the head cannot be written.
     """
 
-    def __init__(
-        self, file: JournalFile, path: Path, record: dict[str, str], head: JournalHead
-    ) -> None:
-        self.path = path
-        self.file = file
+    def __init__(self, file: JournalFile, path: Path, head: JournalHead, number: int) -> None:
+        self.path, self.file = path, file
+        self.size = 0
+        """Number of bytes written."""
         self.first: int | None = None
-        self._stop = self._frames = self._first_ns = self._last_ns = 0
-        self._events: list[bytes] = []
-        self._stream = _Unbuffered(file)
-        self._writer = Writer(
-            cast(IO[bytes], self._stream), use_chunking=False, index_types=IndexType.METADATA
-        )
+        """Number of its first block on the disk; None if there is none."""
+        self._head = head
+        self._stop, self._blocks = number, 0
+        self._frames = self._first_ns = self._last_ns = 0
+        self._events: list[tuple[int, Event]] = []
         try:
-            self._writer.start(PROFILE, head.software)
-            self._channels = {
-                FRAMES_TOPIC: self._writer.register_channel(FRAMES_TOPIC, "bumpbench-frames-1", 0),
-                EVENTS_TOPIC: self._writer.register_channel(EVENTS_TOPIC, "json", 0),
-            }
-            for _ in range(2):  # one may be damaged
-                self._writer.add_metadata(HEAD_RECORD, record)
-                for name, text in ((BENCH_NAME, head.bench_text), (DBC_NAME, head.dbc_text)):
-                    self._writer.add_attachment(0, head.wall_ns, name, "text/plain", text.encode())
+            self._write(self._packed(Kind.HEAD, pack_head(head)))
             file.sync()
             sync_folder(path.parent)
         except OSError:
             self.discard()
             raise
 
-    @property
-    def size(self) -> int:
-        """Number of bytes written."""
-        return self._stream.size
-
-    def write(self, blocks: Sequence[Block]) -> None:
+    def write(self, blocks: Sequence[Pending]) -> None:
         """Write blocks through to the disk.
 
         Raises OSError if the write failed; then nothing else may be written to this file.
         """
-        for block in blocks:
-            self._writer.add_message(
-                self._channels[block.topic],
-                block.t_ns,
-                block.message,
-                block.t_ns,
-                sequence=block.number & 0xFFFF_FFFF,
-            )
+        stored = [self._packed(block.kind, block.content, block.number) for block in blocks]
+        if self._blocks < _HEAD_AGAIN <= self._blocks + len(blocks):
+            stored.append(self._packed(Kind.HEAD, pack_head(self._head), blocks[-1].number + 1))
+        self._write(b"".join(stored))
         self.file.sync()
+        self.first = blocks[0].number if self.first is None else self.first
+        self._stop = blocks[-1].number + 1
+        self._blocks += len(blocks)
         for block in blocks:
-            self._note(block)
+            self._events += ((block.number, event) for event in block.events)
+            if block.frames:
+                self._frames += block.frames
+                self._first_ns = min(self._first_ns or block.first_ns, block.first_ns)
+                self._last_ns = max(self._last_ns, block.t_ns)
 
     def finish(self) -> None:
-        """Write the end that MCAP tools expect, and close.
+        """Write the end, which makes the segment quick to scan, and close.
 
         Raises OSError if the end is not on the disk; the file is closed, and all blocks are in it.
         """
+        first = self._stop if self.first is None else self.first
+        summary = Summary(
+            first, self._stop, self._frames, self._first_ns, self._last_ns, tuple(self._events)
+        )
         try:
-            self._writer.add_metadata(SUMMARY_RECORD, pack_summary(self._summary()))
-            self._writer.finish()
+            self._write(self._packed(Kind.END, pack_end(self._head, summary)))
             self.file.sync()
         finally:
             self._settle()
@@ -169,58 +162,30 @@ class Segment:
         with suppress(OSError):
             self.file.close()
 
-    def _settle(self) -> None:
-        """Close the file, and rename it as sealed."""
-        with suppress(OSError):
-            self.file.close()
-        with suppress(OSError):  # the next recorder will rename it
-            self.path = self.path.rename(sealed_path(self.path))
-
-    def _note(self, block: Block) -> None:
-        """Add a block that is on the disk to the summary."""
-        if self.first is None:
-            self.first = block.number
-        self._stop = block.number + 1
-        if block.topic == EVENTS_TOPIC:
-            self._events.append(block.message)
-        elif block.frames:
-            self._frames += block.frames
-            self._first_ns = min(self._first_ns or block.first_ns, block.first_ns)
-            self._last_ns = max(self._last_ns, block.t_ns)
-
-    def _summary(self) -> Summary:
-        blocks = [unpack_events(message) for message in self._events]
-        events = tuple((block.number, event) for block in blocks for event in block.events)
-        first = self._stop if self.first is None else self.first
-        return Summary(first, self._stop, self._frames, self._first_ns, self._last_ns, events)
-
     def discard(self) -> None:
         """Close and delete the file: nothing in it was reported as written."""
-        with suppress(OSError):
-            self.file.close()
+        self.release()
         with suppress(OSError):
             self.path.unlink()
 
+    def _settle(self) -> None:
+        """Close the file, and rename it as sealed."""
+        self.release()
+        with suppress(OSError):  # the next recorder will rename it
+            self.path = self.path.rename(sealed_path(self.path))
 
-class _Unbuffered:
-    """The stream of MCAP's writer, without a buffer that a later flush could lose."""
+    def _packed(self, kind: Kind, content: bytes, number: int | None = None) -> bytes:
+        number = self._stop if number is None else number
+        return pack_block(Block(kind, number, self._head.wall_ns, self._head.recording, content))
 
-    def __init__(self, file: JournalFile) -> None:
-        self._file = file
-        self.size = 0
-
-    def write(self, data: bytes) -> int:
-        rest = memoryview(data)
-        while rest:  # on an almost full disk a part is written without an error
-            written = self._file.write(rest)
+    def _write(self, data: bytes) -> None:
+        view = memoryview(data)
+        while view:  # on an almost full disk a part is written without an error
+            written = self.file.write(view)
             if not written:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             self.size += written
-            rest = rest[written:]
-        return len(data)
-
-    def tell(self) -> int:
-        return self.size
+            view = view[written:]
 
 
 # Checks about once per second the free space on the disk and that the open file still exists ------
@@ -251,12 +216,6 @@ def room_on(folder: Path) -> Room:
     return Room(usage.free, usage.total)
 
 
-def too_little(room: Room, limits: RecorderConfig, stopped: bool) -> bool:
-    """Return whether recording must stop; `stopped`: True if it has already stopped."""
-    reserves = _RESUME_RESERVES if stopped else 1.0
-    return room.free < reserves * limits.reserve_bytes
-
-
 def low_text(room: Room, limits: RecorderConfig) -> str:
     """Return a warning if there is little space, else an empty text."""
     if room.free < LOW_RESERVES * limits.reserve_bytes or room.free < LOW_SHARE * room.total:
@@ -265,29 +224,6 @@ def low_text(room: Room, limits: RecorderConfig) -> str:
             f"recording stops at {limits.reserve_bytes / 1e6:,.0f} MB"
         )
     return ""
-
-
-def place_of(folder: Path) -> tuple[int, int] | None:
-    """Return the identity of a folder: its disk and its number on it; None if it is gone."""
-    try:
-        found = folder.stat()
-    except OSError:
-        return None
-    return found.st_dev, found.st_ino
-
-
-def taken_away(path: Path, opened: os.stat_result, size: int) -> str:
-    """Return what another process did to the open file, in words; empty if nothing.
-
-    `opened`: state of the open file.  `size`: bytes written to it.
-    """
-    try:
-        named = path.stat()
-    except OSError:
-        return "was deleted"
-    if opened.st_nlink == 0 or (named.st_dev, named.st_ino) != (opened.st_dev, opened.st_ino):
-        return "was replaced by another file"
-    return "was truncated" if opened.st_size < size else ""
 
 
 class DiskWatch:
@@ -305,7 +241,7 @@ class DiskWatch:
 
     def settle(self) -> None:
         """Take the folder that now has the name as the folder of the journal."""
-        self._place = place_of(self._folder)
+        self._place = _place(self._folder)
 
     def measure(self, limits: RecorderConfig) -> None:
         """Measure the space, and decide whether recording must stop.
@@ -313,19 +249,34 @@ class DiskWatch:
         Raises OSError if the folder does not exist.
         """
         self.room = self._room_on(self._folder)
-        self.stopped = too_little(self.room, limits, self.stopped)
+        reserves = _RESUME_RESERVES if self.stopped else 1.0
+        self.stopped = self.room.free < reserves * limits.reserve_bytes
 
     def taken_text(self, segment: Segment | None) -> str:
         """Return what another process did to folder or open segment, in words; empty if nothing."""
-        if place_of(self._folder) != self._place:
+        if _place(self._folder) != self._place:
             return f"folder {self._folder.name} was removed or its disk was unmounted"
         if segment is None:
             return ""
+        name, named = segment.path.name, _place(segment.path)
         try:
-            text = taken_away(segment.path, segment.file.stat(), segment.size)
+            opened = segment.file.stat()
         except OSError as error:
-            text = f"cannot be checked: {error.strerror or error}"
-        return f"{segment.path.name} {text}" if text else ""
+            return f"{name} cannot be checked: {error.strerror or error}"
+        if named is None:
+            return f"{name} was deleted"
+        if opened.st_nlink == 0 or named != (opened.st_dev, opened.st_ino):
+            return f"{name} was replaced by another file"
+        return f"{name} was truncated" if opened.st_size < segment.size else ""
+
+
+def _place(path: Path) -> tuple[int, int] | None:
+    """Return the identity of a file or folder, disk and number; None if it is gone."""
+    try:
+        state = path.stat()
+    except OSError:
+        return None
+    return state.st_dev, state.st_ino
 
 
 # Holds blocks in memory while the disk refuses them, and counts frames without room ---------------
@@ -335,72 +286,60 @@ HELD_BYTES = 32_000_000
 EVENT_BYTES = 4_000_000
 """Additional bytes for events: they are few, and runs depend on them."""
 _OVERHEAD_BYTES = 400
-"""Memory of a block in addition to its message, bytes."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Held:
-    block: Block
-    since_s: float
+"""Memory of a block in addition to its content, bytes."""
 
 
 class Backlog:
     """A queue of blocks; the frames that do not fit are counted.
 
-    `frames` and `dropped`: number of frames that wait, and of frames without room.
+    `frames` and `dropped`: number of frames that wait, and of frames without room.  `bytes`: size
+    of all blocks that wait.
     """
 
     def __init__(self, recording: str) -> None:
-        self.dropped = 0
-        self.frames = 0
+        self.dropped = self.frames = self.bytes = 0
         self._recording = recording
-        self._held: deque[_Held] = deque()
-        self._bytes = 0
+        self._waiting: deque[tuple[Pending, float]] = deque()
         self._gap: Gap | None = None
 
     def __len__(self) -> int:
-        return len(self._held)
-
-    @property
-    def bytes(self) -> int:
-        """Size of all blocks that wait, bytes."""
-        return self._bytes
+        return len(self._waiting)
 
     def since_s(self) -> float | None:
         """Return the time at which the oldest block was added, s; None if there is none."""
-        return self._held[0].since_s if self._held else None
+        return self._waiting[0][1] if self._waiting else None
 
-    def put(self, block: Block, now_s: float) -> None:
+    def put(self, block: Pending, now_s: float) -> None:
         """Append a block, or count its frames as dropped."""
         room = HELD_BYTES if block.frames else HELD_BYTES + EVENT_BYTES
         # After a drop all frames are dropped until the disk takes blocks again, so that one event
         # reports one gap.
-        if self._bytes + len(block.message) > room or (self._gap is not None and block.frames):
+        if self.bytes + len(block.content) > room or (self._gap is not None and block.frames):
             gap = self._gap or Gap(self._recording, block.number, block.number, 0)
             # Blocks of events between them are stored; the reader ignores this.
             self._gap = replace(gap, stop=block.number + 1, frames=gap.frames + block.frames)
             self.dropped += block.frames
             return
-        self._held.append(_Held(block, now_s))
-        self._bytes += len(block.message) + _OVERHEAD_BYTES
+        self._waiting.append((block, now_s))
+        self.bytes += len(block.content) + _OVERHEAD_BYTES
         self.frames += block.frames
 
-    def first(self, size: int) -> Sequence[Block]:
+    def first(self, size: int) -> Sequence[Pending]:
         """Return the oldest blocks, at least one and about `size` bytes, without removing them."""
-        blocks: list[Block] = []
+        blocks: list[Pending] = []
         total = 0
-        for held in self._held:
-            if blocks and total + len(held.block.message) > size:
+        for block, _ in self._waiting:
+            total += len(block.content)
+            if blocks and total > size:
                 break
-            blocks.append(held.block)
-            total += len(held.block.message)
+            blocks.append(block)
         return blocks
 
     def remove(self, count: int) -> None:
         """Remove the oldest blocks, which are on the disk."""
         for _ in range(count):
-            block = self._held.popleft().block
-            self._bytes -= len(block.message) + _OVERHEAD_BYTES
+            block, _ = self._waiting.popleft()
+            self.bytes -= len(block.content) + _OVERHEAD_BYTES
             self.frames -= block.frames
 
     def take_gap(self) -> Gap | None:
@@ -424,7 +363,7 @@ class WriteLedger:
         """The segments that have blocks, in order."""
         return tuple(sorted(self._spans, key=segment_number))
 
-    def note(self, path: Path, blocks: Sequence[Block]) -> int:
+    def note(self, path: Path, blocks: Sequence[Pending]) -> int:
         """Add blocks that are on the disk; return their number of frames."""
         frames = sum(block.frames for block in blocks)
         before = self._spans.get(path)

@@ -1,207 +1,147 @@
-"""Reads one segment once: its head, its blocks and its end, also past damaged records."""
+"""Reads one segment: every block that is whole, whatever has become of the bytes between them."""
 
 from __future__ import annotations
 
-import zlib
+import os
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Self
 
 from ..errors import InputError
-from .format import (
-    HEAD_RECORD,
-    PROFILE,
-    EventBlock,
-    FrameBlock,
-    JournalHead,
-    check_frames,
-    parse_head,
-    unpack_events,
-)
-from .records import (
-    ADVICE,
-    MAGIC,
-    Kind,
-    Record,
-    SegmentFile,
-    differ_by_a_byte,
-    parse_attachment,
-    parse_metadata,
-)
+from ..files import open_regular
+from .format import HEADER, MAGIC, Block, Kind, content_bytes, sealed_path, unpack_block
 
-_MESSAGE_BYTES = 22
-"""Number of bytes of a message before its block: channel, sequence and two times, which are not
-used."""
-_EVENTS_BEGIN = b'{"crc32":'
-"""Beginning of the message of `pack_events`."""
+ADVICE = "move it away, and name the recorder's own files journal_*.bbj"
+_READ_BYTES = 1 << 20
+"""Number of bytes read at once: more is not faster."""
+_END_BYTES = (1 << 16, 1 << 24)
+"""Numbers of bytes at the end of a file in which its last block is searched, the likely first."""
+_MCAP = b"\x89MCAP0\r\n"
 
 
-@dataclass(frozen=True, slots=True)
-class CorruptBlock:
-    """A record between blocks that is not a block, or a block whose content was changed."""
+class Damage(NamedTuple):
+    """A part of a segment that is no whole block."""
 
-    text: str
-    """The fault in words."""
-
-
-class _Metadata(NamedTuple):
-    name: str
-    entries: dict[str, str]
-
-
-class _Text(NamedTuple):
-    """The content of an attachment."""
-
-    data: bytes
+    offset: int
+    """Position of its first byte."""
+    bytes: int
+    """Its length."""
+    at_end: bool
+    """True if no whole block follows."""
+    kind: int
+    """Kind in the header with which it begins; 0 if there is none."""
 
 
-_BLOCKS = (FrameBlock, EventBlock, CorruptBlock)
-_Item = FrameBlock | EventBlock | CorruptBlock | _Metadata | _Text
+class SegmentFile:
+    """An open segment; a context manager that closes it.
 
-
-class SegmentReader:
-    """An open segment, read up to the end of its head; a context manager that closes it.
-
-    `path`: the file.  `head`: head and number of the segment, None if it has no complete head.
-    `sealed`: True after `blocks` has reached the segment's proper end.  Raises InputError as
-    `SegmentFile`, and if the file was written by another program.
+    `size`: when it was opened, bytes; later data are not read.  `fault`: why the disk could not
+    read a part of it; empty if it could.  Raises InputError if it is not a regular file, cannot be
+    opened, or has no block.
     """
 
     def __init__(self, path: Path) -> None:
-        self.file = SegmentFile(path)
-        self.sealed = False
-        self._items = self._read_items()
-        try:
-            self.head = self._read_head()
-        except InputError:
-            self.file.close()
-            raise
+        # Its writer may have finished and renamed it since it was listed.
+        self.path = path if os.path.lexists(path) else sealed_path(path)
+        self._fd = open_regular(self.path, ADVICE)
+        self.size = os.fstat(self._fd).st_size
+        self.fault = ""
+        self._piece, self._from = b"", 0  # bytes of the file, and their offset
+        if self._next_magic(0) == self.size > 0:
+            old = self._bytes(0, len(_MCAP)) == _MCAP
+            self.close()
+            if old:
+                what = "this journal was written by Bumpbench 0.1"
+                raise InputError(str(path), what, "recover it with that release")
+            raise InputError(str(path), "is not a journal", ADVICE)
+
+    def first(self) -> Block | None:
+        """Return the first whole block; None if there is none."""
+        return next((block for block in self.blocks() if isinstance(block, Block)), None)
+
+    def end(self) -> Block | None:
+        """Return the last block of a sealed segment; None if it has no proper end."""
+        for wanted in _END_BYTES:
+            start = max(0, self.size - wanted)
+            tail = self._bytes(start, self.size - start)
+            at = bytes(tail).rfind(MAGIC)
+            if at >= 0:
+                block = self._block(start + at)
+                whole = block is not None and start + at + _stored_bytes(block) == self.size
+                return block if whole and block is not None and block.kind == Kind.END else None
+        return None
+
+    def blocks(self) -> Iterator[Block | Damage]:
+        """Yield the whole blocks in order, and what is damaged before, between and after them."""
+        at = whole = 0  # where a block may begin, and where the last whole one ends
+        while at < self.size:
+            block = self._block(at)
+            if block is None:
+                at = self._next_magic(at + 1)
+                continue
+            if at > whole:
+                yield self._damage(whole, at)
+            at = whole = at + _stored_bytes(block)
+            yield block
+        if whole < self.size:
+            yield self._damage(whole, self.size)
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._fd)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.file.close()
+        self.close()
 
-    def blocks(self) -> Iterator[FrameBlock | EventBlock | CorruptBlock]:
-        """Yield the blocks between head and end in order; to be called once, if there is a head.
+    def _block(self, at: int) -> Block | None:
+        header = self._bytes(at, HEADER.size)
+        length = content_bytes(header)
+        if length is None or at + HEADER.size + length > self.size:
+            return None
+        stored = self._bytes(at, HEADER.size + length)
+        return unpack_block(stored) if len(stored) == HEADER.size + length else None
 
-        A segment that was not sealed ends with its last complete block.
-        """
-        for item in self._items:
-            if isinstance(item, _BLOCKS):
-                yield item
+    def _damage(self, start: int, stop: int) -> Damage:
+        header = self._bytes(start, HEADER.size)
+        kind = HEADER.unpack(header)[2] if content_bytes(header) is not None else 0
+        return Damage(start, stop - start, stop == self.size, kind)
 
-    def holds_blocks(self) -> bool:
-        """Return whether there are blocks in a segment without a complete head."""
-        candidates = self.file.candidates(len(MAGIC))
-        return any(each.kind == Kind.MESSAGE and _is_whole(each) for _, each in candidates)
+    def _next_magic(self, at: int) -> int:
+        """Return the offset of the next magic number; the size of the file if there is none."""
+        while at < self.size:
+            if not self._from <= at <= self._from + len(self._piece) - len(MAGIC):
+                self._load(at, _READ_BYTES)
+            place = self._piece.find(MAGIC, at - self._from)
+            if place >= 0:
+                return self._from + place
+            at = self._from + max(len(self._piece), _READ_BYTES) - len(MAGIC) + 1
+        return self.size
 
-    @property
-    def bytes_cut(self) -> int:
-        """Bytes after the last complete record; 0 if only part of the segment's end is missing."""
-        file = self.file
-        if self.sealed or file.read_at(file.stop, 1) in (_METADATA, _DATA_END):
-            return 0
-        return file.size - file.stop
+    def _bytes(self, at: int, size: int) -> memoryview:
+        """Return bytes of the file; fewer at its end, or if the disk fails."""
+        if not self._from <= at <= self._from + len(self._piece) - size:
+            self._load(at, max(size, _READ_BYTES))
+        return memoryview(self._piece)[at - self._from :][:size]
 
-    def _read_head(self) -> tuple[JournalHead, int] | None:
-        """Return the first head that is whole, made of the parts of both copies if need be."""
-        records: list[dict[str, str]] = []
-        texts: dict[int, bytes] = {}
-        for item in self._items:
-            if isinstance(item, _Metadata) and item.name == HEAD_RECORD:
-                records.append(item.entries)
-            elif isinstance(item, _Text):
-                texts[zlib.crc32(item.data)] = item.data
-            elif isinstance(item, FrameBlock | EventBlock):
-                return None
-            for record in records:
-                try:
-                    if head := parse_head(record, texts):
-                        return head
-                except (ValueError, KeyError):
-                    continue  # damaged
-        return None
-
-    def _read_items(self) -> Iterator[_Item]:
-        """Yield what each record holds; after damage, from the next record that is whole.
-
-        The length of a damaged record cannot be believed.
-        """
-        file, start = self.file, len(MAGIC)  # `start`: where the last record that is whole ends
-        following: int | None = start
-        end = int(Kind.DATA_END)  # comparing with a Kind takes longer
-        while following is not None:
-            begin, fault, kind = following, "", -1
-            for record in file.records(following):
-                kind = record.kind
-                if kind == end and len(record.content) == 4 and begin == start:
-                    self.sealed = True
-                    return  # the rest is an index for other tools
-                if start == len(MAGIC) and kind in (Kind.HEADER, Kind.CHANNEL):
-                    self._check_profile(record)
-                    begin = file.stop
-                    continue
-                try:
-                    item = _parsed(record)
-                except ValueError as error:
-                    fault = str(error)
-                    break
-                begin = start = file.stop
-                yield item
-            if not fault and file.why_stopped != "torn":
-                return
-            stop, why_stopped = file.stop, file.why_stopped
-            following = next(
-                (at for at, each in file.candidates(start + 1) if _is_whole(each)), None
-            )
-            if following is not None:
-                start = following
-                yield CorruptBlock(fault or why_stopped)
-            elif fault:
-                # If no block follows, metadata are the segment's own summary: no block is lost.
-                if kind != Kind.METADATA:
-                    yield CorruptBlock(fault)
-                last = next(file.records(stop), None)
-                self.sealed = last is not None and last.kind == end
-                file.stop = stop
-
-    def _check_profile(self, header: Record) -> None:
-        """Raise InputError at the header of another program's file."""
-        profile = header.content[4 : 4 + len(PROFILE)]
-        if header.kind == Kind.HEADER and not differ_by_a_byte(profile, PROFILE.encode()):
-            what = "is an MCAP file of another program"
-            raise InputError(str(self.file.path), what, ADVICE)
+    def _load(self, at: int, size: int) -> None:
+        parts = []
+        self._from = at
+        while size > 0:
+            try:
+                os.lseek(self._fd, at, os.SEEK_SET)  # Windows has no pread
+                part = os.read(self._fd, size)
+            except OSError as error:
+                self.fault = f"cannot be read ({error.strerror or error})"
+                break
+            if not part:
+                break
+            parts.append(part)
+            at, size = at + len(part), size - len(part)
+        self._piece = b"".join(parts)
 
 
-_METADATA, _DATA_END = bytes([Kind.METADATA]), bytes([Kind.DATA_END])
-
-
-def _parsed(record: Record) -> FrameBlock | EventBlock | _Metadata | _Text:
-    """Return what a record between the header and the end holds.
-
-    Raises ValueError if it was changed.
-    """
-    kind, content = record
-    if kind == Kind.MESSAGE:
-        if content.startswith(_EVENTS_BEGIN, _MESSAGE_BYTES):
-            return unpack_events(content[_MESSAGE_BYTES:])
-        return check_frames(memoryview(content)[_MESSAGE_BYTES:])
-    try:
-        if kind == Kind.METADATA:
-            return _Metadata(*parse_metadata(content))
-        if kind == Kind.ATTACHMENT:
-            return _Text(parse_attachment(content)[1])
-    except ValueError:
-        pass
-    raise ValueError("its kind was changed")
-
-
-def _is_whole(record: Record) -> bool:
-    try:
-        _parsed(record)
-    except ValueError:
-        return False
-    return True
+def _stored_bytes(block: Block) -> int:
+    return HEADER.size + len(block.content)

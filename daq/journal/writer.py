@@ -12,7 +12,9 @@ the constructor raises errors.
 from __future__ import annotations
 
 import errno
+import logging
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Self
@@ -24,28 +26,32 @@ from dbc.words import counted
 from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses
 from ..control.messages import DiskStatus
+from ..errors import InputError
+from ..files import is_regular
+from ..runlog.run_log import Code
 from ..runs import Event
-from .contents import JournalTail
-from .folder import next_segment
+from .contents import RecordingInfo
+from .folder import SegmentInfo, next_segment, scan, segments_in
 from .format import (
     DISK_GAP,
     ENDED,
-    EVENTS_TOPIC,
     FILE_GONE,
-    FRAMES_TOPIC,
+    RETENTION,
+    Gap,
     JournalHead,
+    Kind,
     gap_event,
-    head_record,
     open_path,
     pack_events,
     pack_frames,
+    parse_gap,
+    segment_number,
 )
-from .retention import Retention, parting_events
 from .segment import (
     Backlog,
-    Block,
     DiskWatch,
     JournalFile,
+    Pending,
     Room,
     Segment,
     SyncedFile,
@@ -63,6 +69,11 @@ _WARNING_S = 60.0
 """Time, s, for which a warning on a failed or removed file is shown."""
 _USUAL_LIMITS = RecorderConfig()
 _TRANSIENT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
+_DELETIONS = 8
+"""Largest number of segments deleted in one call, which delays the writing."""
+_LOG_CODES = frozenset(Code)
+
+_log = logging.getLogger("recorder")
 
 
 class JournalError(BumpbenchError, OSError):
@@ -73,11 +84,11 @@ class JournalWriter:
     """Writes recordings one after another; a context manager that closes the journal.
 
     `folder`: created if it does not exist.  Segment numbers continue those in the folder, because a
-    wrong clock must not affect names.  `head`: written into every segment of the first recording.
-    With `resume`, its `recording` is that of the tail.  `limits`: when segments end, when old ones
-    are deleted, space left free; may be changed at any time.  `resume`: state of the recording that
-    is resumed.  Raises JournalError if the folder cannot be written at all.  If the disk is full or
-    fails, blocks wait.
+    wrong clock must not affect names.  `head`: written into every segment of the first recording,
+    with the number of its first segment.  `limits`: when segments end, when old ones are deleted,
+    space left free; may be changed at any time.  `resume`: state of the recording that is resumed,
+    with the same `recording` as the head.  Raises JournalError if the folder cannot be written at
+    all.  If the disk is full or fails, blocks wait.
 
     `head`, `ledger`: those of the present recording.  `stored_frames`: number of frames of all
     recordings that this writer has stored on the disk.
@@ -89,14 +100,15 @@ class JournalWriter:
         head: JournalHead,
         limits: RecorderConfig = _USUAL_LIMITS,
         create: Callable[[Path], JournalFile] = SyncedFile,
-        resume: JournalTail | None = None,
+        resume: RecordingInfo | None = None,
         room: Callable[[Path], Room] = room_on,
     ) -> None:
         self._folder, self.limits = folder, limits
         self._create = create
-        self._adopt(head)
+        first = next_segment(folder) if resume is None else resume.head.first_segment
+        self._adopt(replace(head, first_segment=first))
         if resume is not None:
-            self._number, self._t_ns = resume.next_number, resume.t_ns
+            self._number, self._t_ns = resume.next_number, resume.last_ns
             self._recorded = resume.frames
         self.stored_frames = 0
         self._segment: Segment | None = None
@@ -105,11 +117,17 @@ class JournalWriter:
         self._failed = self._warning = self._retention_warning = ""
         self._checked_bytes = 0
         self._disk = DiskWatch(folder, room)
+        self._sizes: dict[Path, int] = {}
+        """Sizes of the segments in the folder except the open one, bytes."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._disk.settle()
             self._disk.measure(limits)
-            self._retention = Retention(folder, head.identity)
+            for path in segments_in(folder):
+                if is_regular(path):
+                    self._sizes[path] = path.stat().st_size
+                else:
+                    _log.warning("%s: is not a regular file and is ignored (move it away)", path)
             if not self._disk.stopped:
                 self._segment = self._new_segment()
         except OSError as error:
@@ -138,7 +156,6 @@ class JournalWriter:
             return False
         self._seal()
         self._adopt(replace(head, first_segment=next_segment(self._folder)))
-        self._retention.recording = head.identity
         self._open_next()
         return True
 
@@ -153,11 +170,13 @@ class JournalWriter:
         if len(frames):
             self._t_ns = max(self._t_ns, int(frames.t_ns.max()))
         losses = replace(losses, queue_dropped=losses.queue_dropped + self._backlog.dropped)
-        self._put(FRAMES_TOPIC, pack_frames(self._number, frames, losses), len(frames), first_ns)
+        content = pack_frames(frames, losses)
+        self._put(Pending(self._number, Kind.FRAMES, content, self._t_ns, len(frames), first_ns))
 
     def append_events(self, events: Sequence[Event]) -> None:
         """Store events; as `append`."""
-        self._put(EVENTS_TOPIC, pack_events(self._number, events), 0)
+        content, all_of = pack_events(events), tuple(events)
+        self._put(Pending(self._number, Kind.EVENTS, content, self._t_ns, events=all_of))
 
     def maintain(self, monotonic_s: float) -> None:
         """Check disk and files; to be called with every block, and ten times per second if idle."""
@@ -182,7 +201,7 @@ class JournalWriter:
         since_s = self._backlog.since_s()
         return DiskStatus(
             free_bytes=self._disk.room.free,
-            journal_bytes=self._retention.bytes + self._size,
+            journal_bytes=self._sealed_bytes + self._size,
             recorded_frames=self._recorded,
             lag_s=0.0 if since_s is None else (self._now_s or 0.0) - since_s,
             held_frames=self._backlog.frames,
@@ -231,20 +250,19 @@ class JournalWriter:
     def _adopt(self, head: JournalHead) -> None:
         self.head = head
         self._number = self._t_ns = self._recorded = 0
-        self._backlog, self.ledger = Backlog(head.identity), WriteLedger(head.identity)
+        self._backlog, self.ledger = Backlog(head.recording), WriteLedger(head.recording)
+        self._with_runs: dict[Path, bool] = {}
 
     # -- blocks ---------------------------------------------------------------------------------
 
-    def _put(self, topic: str, message: bytes, frames: int, first_ns: int = 0) -> None:
+    def _put(self, block: Pending) -> None:
+        if self._segment is None or len(self._backlog) or not self._store([block]):
+            self._backlog.put(block, self._now_s or 0.0)
         # The number is used in any case: a block that was tried and then dropped may nevertheless
         # be on the disk, and no other block may have its number.
-        block = Block(self._number, topic, self._t_ns, message, frames, first_ns)
-        self._number += 1
-        if self._segment is not None and not len(self._backlog) and self._store([block]):
-            return
-        self._backlog.put(block, self._now_s or 0.0)
+        self._number = block.number + 1
 
-    def _store(self, blocks: Sequence[Block]) -> bool:
+    def _store(self, blocks: Sequence[Pending]) -> bool:
         """Write blocks into the open segment, or else a new one; return whether this succeeded."""
         for _ in range(2):
             if self._segment is None and not self._open_next():
@@ -288,7 +306,9 @@ class JournalWriter:
         self._disk.settle()
         number = next_segment(self._folder)
         path = open_path(self._folder, number)
-        segment = Segment(self._create(path), path, head_record(self.head, number), self.head)
+        waiting = self._backlog.first(0)
+        first = waiting[0].number if waiting else self._number
+        segment = Segment(self._create(path), path, self.head, first)
         self._opened_s, self._checked_bytes = self._now_s or 0.0, 0
         return segment
 
@@ -312,7 +332,7 @@ class JournalWriter:
         finally:
             self.ledger.rename(path, segment.path)
             if segment.first is not None:
-                self._retention.add(segment.path, segment.size)
+                self._sizes[segment.path] = segment.size
 
     def _seal(self) -> None:
         name = self._segment.path.name if self._segment else ""
@@ -360,7 +380,7 @@ class JournalWriter:
         self._leave(Segment.release)
         gone = self.ledger.take_gone(replaced)
         for path in gone:
-            self._retention.forget(path)
+            self._sizes.pop(path, None)
         frames = sum(gap.frames for gap in gone.values())
         self._recorded -= frames
         self._warn(f"{text}: {counted(frames, 'recorded frame is', 'recorded frames are')} lost")
@@ -372,28 +392,84 @@ class JournalWriter:
         self._warned_s = self._now_s or 0.0
         self._warning = text
 
+    @property
+    def _sealed_bytes(self) -> int:
+        return sum(self._sizes.values())
+
     def _make_room(self) -> None:
-        """Delete old segments if the journal is too large or the free space too small."""
+        """Delete the oldest segments if the journal is too large or the free space too small.
+
+        Those of the present recording that have events of its runs stay, with their neighbours:
+        a run reaches from before its bump until after it.
+        """
         reserve = self.limits.reserve_bytes
-        excess = self._retention.bytes + self._size - self.limits.keep_bytes
+        excess = self._sealed_bytes + self._size - self.limits.keep_bytes
         if self._disk.room.free < 2 * reserve:
             excess = max(excess, 2 * reserve - self._disk.room.free)
-        if excess <= 0:
-            self._retention_warning = ""
-            return
-        going = self._retention.choose(excess, self._t_ns)
-        if going is None:
-            return  # not all old segments are scanned yet
-        for info in going:
-            self.append_events(parting_events(info, self.head.identity, self._t_ns))
-            self._retention.delete(info)
-            self.ledger.forget(info.path)
-        self._retention_warning = (
-            ""
-            if going
-            else f"the journal has {self._retention.bytes / 1e9:.2f} GB and none of it may be "
-            "deleted: its runs are in no session file yet"
-        )
+        self._retention_warning = ""
+        deleted = 0
+        paths = sorted(self._sizes, key=segment_number)
+        for k, path in enumerate(paths):
+            if excess <= 0 or deleted == _DELETIONS:
+                return
+            if any(self._has_runs(near) for near in paths[max(0, k - 1) : k + 2]):
+                continue
+            try:
+                info = scan(path)
+            except (InputError, OSError):
+                info = None
+            if info is None:
+                self._sizes.pop(path)  # from another program, or it does not exist
+                continue
+            if info.recording == self.head.recording:
+                if k == len(paths) - 1:
+                    continue  # a bump may come at any moment
+                self.append_events(_parting_events(info, self._t_ns))
+            with suppress(OSError):
+                path.unlink()
+            excess -= self._sizes.pop(path)
+            self.ledger.forget(path)
+            deleted += 1
+        if excess > 0 and self._sizes and not deleted:
+            self._retention_warning = (
+                f"the journal has {self._sealed_bytes / 1e9:.2f} GB and none of it may be deleted: "
+                "it holds the runs of this recording"
+            )
+
+    def _has_runs(self, path: Path) -> bool:
+        """Return whether a segment has events of the present recording's runs."""
+        if path not in self._with_runs:
+            try:
+                info = scan(path)
+            except (InputError, OSError):
+                info = None
+            same = info is not None and info.recording == self.head.recording
+            events = info.summary.events if info is not None and same else ()
+            self._with_runs[path] = any(event.code in _LOG_CODES for _, event in events)
+        return self._with_runs[path]
+
+
+def _parting_events(info: SegmentInfo, t_ns: int) -> tuple[Event, ...]:
+    """Return the events to be written before a segment of the present recording is deleted.
+
+    They report its deletion, and again the gaps that only this segment reports, because these
+    would later look like losses.
+    """
+    summary = info.summary
+    deleted = Gap(info.recording, summary.first, summary.stop, summary.frames, info.path.name)
+    events: list[Event] = []
+    for _, event in summary.events:
+        gap = parse_gap(event)
+        if gap is None:
+            continue
+        if event.code == RETENTION and gap.stop >= deleted.first >= gap.first:
+            first, stop = min(gap.first, deleted.first), max(gap.stop, deleted.stop)
+            file = f"{gap.file.partition(' ')[0]} to {deleted.file}"
+            frames = deleted.frames + gap.frames
+            deleted = replace(deleted, first=first, stop=stop, frames=frames, file=file)
+        else:
+            events.append(event)
+    return (*events, gap_event(RETENTION, t_ns, deleted))
 
 
 def _reason(error: OSError) -> str:

@@ -58,10 +58,6 @@ class Derivation:
         self.status = job.status(SessionState.BUILDING)
         self.poll()
 
-    def recall(self, target: Path, recording: str, revision: int) -> None:
-        """Set the status to a session file that an earlier recorder has built."""
-        self.status = SessionStatus(SessionState.READY, str(target), "", recording, revision)
-
     def poll(self) -> None:
         """Handle processes that have ended or hang; to be called with every block."""
         if self._process is not None:

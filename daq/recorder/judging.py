@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -20,12 +19,12 @@ from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
 from ..bench.message_rules import timed_messages
 from ..errors import printable
-from ..journal.contents import JournalTail
+from ..journal.contents import RecordingInfo
 from ..journal.folder import scan
-from ..journal.reader import read_journal
+from ..journal.reader import read_windows
 from ..runlog.run_log import LoggedRun, LoggedStatus, RunLog, fold
 from ..runs import Losses
-from ..samples.mapping import Column, MappedChannel, SampleBlock, mapped_block
+from ..samples.mapping import Column, SampleBlock, mapped_block
 from ..samples.trigger import mapped_channels
 from ..verdict import RunMeasure, RunWindow, judge, peak_left
 
@@ -236,7 +235,7 @@ PassOn = Callable[[Mapping[str, RunMeasure]], object]
 _log = logging.getLogger("recorder")
 
 
-def recall(tail: JournalTail, bench: Bench, pass_on: PassOn) -> threading.Thread:
+def recall(tail: RecordingInfo, bench: Bench, pass_on: PassOn) -> threading.Thread:
     """Measure the runs in a separate thread, which passes on the result; never raises."""
     thread = threading.Thread(
         target=_recall, args=(tail, bench, pass_on), name="recall", daemon=True
@@ -245,44 +244,32 @@ def recall(tail: JournalTail, bench: Bench, pass_on: PassOn) -> threading.Thread
     return thread
 
 
-def _recall(tail: JournalTail, bench: Bench, pass_on: PassOn) -> None:
+def _recall(tail: RecordingInfo, bench: Bench, pass_on: PassOn) -> None:
     try:
         pass_on(remeasured(tail, bench, bench_codec(bench)))
     except Exception as error:  # any exception: then later runs are not compared
         _log.warning("earlier runs cannot be measured again: %s", printable(str(error)))
 
 
-def remeasured(tail: JournalTail, bench: Bench, codec: Codec) -> Mapping[str, RunMeasure]:
+def remeasured(tail: RecordingInfo, bench: Bench, codec: Codec) -> Mapping[str, RunMeasure]:
     """Return the measures of the runs with which later ones are compared, by label.
 
     Raises OSError or InputError if the journal cannot be read, or contradicts the bench.
     """
     runs = [run for run in fold(tail.events).runs if is_accepted(run) or is_only_unlike(run)]
     spans = [bench.trigger.window_ns(run.t_ns) for run in runs]
-    paths = _overlapping(tail.segments, spans)
+    summaries = [(path, info.summary) for path in tail.segments if (info := scan(path))]
+    paths = [
+        path
+        for path, summary in summaries
+        if any(summary.first_ns < stop and start <= summary.last_ns for start, stop in spans)
+    ]
     if not paths:
         return {}
-    frames = read_journal(paths, spans).frames
     mapped = mapped_channels(bench, codec)
-    return {run.label: _measure(bench, codec, mapped, run, frames) for run in runs}
-
-
-def _overlapping(paths: Sequence[Path], spans: Sequence[tuple[int, int]]) -> list[Path]:
-    infos = [info for path in paths if (info := scan(path))]
-    return [
-        info.path
-        for info in infos
-        if any(info.first_ns < stop and start <= info.last_ns for start, stop in spans)
-    ]
-
-
-def _measure(
-    bench: Bench,
-    codec: Codec,
-    mapped: Sequence[MappedChannel],
-    run: LoggedRun,
-    frames: FrameBatch,
-) -> RunMeasure:
-    decoded = codec.decode(frames.within([bench.trigger.window_ns(run.t_ns)]))
-    window = RunWindow(run.t_ns, mapped_block(mapped, decoded))
-    return judge(bench, Step(run.mass_state, run.excitation, run.repeat), window, ())[1]
+    measures = {}
+    for run, frames in zip(runs, read_windows(paths, spans)[1], strict=True):
+        window = RunWindow(run.t_ns, mapped_block(mapped, codec.decode(frames)))
+        step = Step(run.mass_state, run.excitation, run.repeat)
+        measures[run.label] = judge(bench, step, window, ())[1]
+    return measures

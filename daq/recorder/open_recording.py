@@ -16,9 +16,9 @@ from dbc.words import counted
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..bus.clock import Now
 from ..errors import BumpbenchError
-from ..journal.contents import JournalTail, session_name
-from ..journal.folder import is_outdated, last_campaign, last_recording, next_segment
-from ..journal.format import JournalHead
+from ..journal.contents import RecordingInfo
+from ..journal.folder import last_campaign, last_recording
+from ..journal.format import JournalHead, session_name
 from ..journal.segment import JournalFile, WriteLedger
 from ..journal.writer import JournalWriter
 from ..runlog.run_log import Code, RunLog, fold
@@ -54,7 +54,7 @@ class OpenRecording:
     @property
     def campaign(self) -> str:
         """Identity of the campaign; empty between two campaigns."""
-        return self.head.identity if self.head.campaign else ""
+        return self.head.recording if self.head.campaign else ""
 
     @property
     def segments(self) -> tuple[Path, ...]:
@@ -91,7 +91,7 @@ def open_journal(
     now: Now,
     barrier: FaultBarrier,
     create: CreateFile,
-    tail: JournalTail | None,
+    tail: RecordingInfo | None,
 ) -> OpenRecording:
     """Open the journal and begin a campaign in it, or resume the one whose state is `tail`.
 
@@ -100,17 +100,16 @@ def open_journal(
     """
     codec = bench_codec(bench)
     head = _head(bench, software, now, campaign=True)
-    first = tail.first_segment if tail else next_segment(journal)
-    identity = tail.head.recording if tail else head.recording
-    head = replace(head, recording=identity, first_segment=first)
+    if tail is not None:
+        head = replace(head, recording=tail.head.recording)
     writer = JournalWriter(journal, head, bench.recorder, create, tail)
     run_log = fold(tail.events) if tail else RunLog()
     recording = Recording(bench, codec, writer, run_log, barrier)
     if tail is not None:
         recording.note(Code.RESUMED, float(tail.frames), software, now)
     before = tail.segments if tail else ()
-    session = journal.parent / session_name(first)
-    return OpenRecording(head, writer, writer.ledger, recording, session, before)
+    session = journal.parent / session_name(writer.head.first_segment)
+    return OpenRecording(writer.head, writer, writer.ledger, recording, session, before)
 
 
 def _head(bench: Bench, software: str, now: Now, *, campaign: bool) -> JournalHead:
@@ -126,7 +125,7 @@ def _head(bench: Bench, software: str, now: Now, *, campaign: bool) -> JournalHe
     )
 
 
-def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | str:
+def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | str:
     """Return the campaign in a folder that can be resumed, and its bench.
 
     It continues with its own bench.toml, which has the changes made during the recording, but with
@@ -135,7 +134,7 @@ def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | str:
     """
     try:
         tail = last_recording(journal)
-        if tail is None or tail.ended or not tail.head.recording or not tail.head.campaign:
+        if tail is None or tail.ended or not tail.head.campaign:
             return ""
         if tail.head.origin != bench.origin:
             return _not_resumed(f"its frames are {tail.head.origin}, not {bench.origin}")
@@ -163,14 +162,15 @@ def _not_resumed(why: object) -> str:
     return text
 
 
-def unfinished(journal: Path) -> tuple[Path, JournalTail] | None:
+def unfinished(journal: Path) -> tuple[Path, RecordingInfo] | None:
     """Return the last campaign in a folder and its session file, if that must still be built."""
     try:
         tail = last_campaign(journal)
+        if tail is None:
+            return None
+        session = journal.parent / tail.session_name
+        newest_s = max(path.stat().st_mtime for path in tail.segments)
+        done = session.exists() and session.stat().st_mtime >= newest_s
     except OSError:
         return None
-    if tail is None:
-        return None
-    session = journal.parent / tail.session_name
-    done = session.exists() and not is_outdated(journal, tail.head.identity, tail.next_number)
     return None if done else (session, tail)

@@ -38,8 +38,8 @@ from ..control.orders import (
     Start,
     Stop,
 )
-from ..journal.contents import JournalTail
-from ..journal.folder import built_revision, seal_left_open
+from ..journal.contents import RecordingInfo
+from ..journal.folder import seal_left_open
 from ..journal.segment import SyncedFile
 from ..runlog.run_log import Code, fold
 from ..samples.trigger import bench_mapping
@@ -311,23 +311,23 @@ class Recorder:
             tail, bench = found
             frames = plural(tail.frames, "frame")
             self._begun = f"it was interrupted, and continues after {tail.frames:,} {frames}"
-            STEADY_CLOCK.begin(tail.t_ns)
+            STEADY_CLOCK.begin(tail.last_ns)
             opened = self._open_journal(bench, now, tail)
-            revision = built_revision(self._journal, opened.campaign)
-            if revision is not None:
-                self._derivation.recall(opened.session, opened.campaign, revision)
+            if (run_log := fold(tail.events)).runs:  # its session file may lack the last of them
+                revision, recording = run_log.revision, opened.campaign
+                self._derivation.begin(opened.session, tail.segments, recording, revision)
             recall(tail, bench, self._recording.measures.update)
             return
         left = unfinished(self._journal)
         if left is not None:
             session, last = left
             revision = fold(last.events).revision
-            self._derivation.begin(session, last.segments, last.head.identity, revision)
+            self._derivation.begin(session, last.segments, last.head.recording, revision)
         STEADY_CLOCK.begin()
         self._open_journal(self._bench, now)
 
     def _open_journal(
-        self, bench: Bench, now: Now, tail: JournalTail | None = None
+        self, bench: Bench, now: Now, tail: RecordingInfo | None = None
     ) -> OpenRecording:
         software, barrier, create = self._software, self._barrier, self._create
         self._opened = open_journal(self._journal, bench, software, now, barrier, create, tail)

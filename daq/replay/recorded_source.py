@@ -13,7 +13,7 @@ from dbc.frames import FrameBatch
 from ..bus.source import BLOCK_FRAMES, GATHER_S, SourceLosses
 from ..errors import InputError
 from ..journal.folder import recordings
-from ..journal.reader import read_journal
+from ..journal.reader import read_windows
 from ..sessions import Session
 
 AROUND_NS = 2_000_000_000
@@ -38,7 +38,7 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
     if len(runs):
         span = (int(runs.t_ns.min()) - AROUND_NS, int(runs.t_ns.max()) + AROUND_NS)
         for recording in recordings(path.parent / "journal"):
-            whole = read_journal(recording.segments, [span]).frames
+            _, (whole,) = read_windows(recording.segments, [span])
             if len(whole) >= len(runs):
                 return whole
     what = "cannot be replayed alone: it has the runs, but not the frames between them"

@@ -1,4 +1,4 @@
-"""Reading journals against the mcap library and python-can's reader of BLF, as CPU time.
+"""Reading journals against python-can's reader of BLF, as CPU time.
 
 `python -m tests.benchmarks.journal SECONDS`: the length of the recording.
 """
@@ -13,7 +13,6 @@ from tempfile import TemporaryDirectory
 from time import process_time
 
 import can
-from mcap.stream_reader import StreamReader
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
@@ -52,15 +51,6 @@ def read_ours(paths: tuple[Path, ...]) -> int:
     return count
 
 
-def read_mcap(paths: tuple[Path, ...]) -> int:
-    """Return the number of records that the mcap library finds, which unpacks no frame."""
-    count = 0
-    for path in paths:
-        with path.open("rb") as file:
-            count += sum(1 for _ in StreamReader(file).records)
-    return count
-
-
 def read_blf(path: Path) -> int:
     """Return the number of frames that python-can finds in a BLF file."""
     with can.LogReader(path) as messages:
@@ -74,13 +64,11 @@ def main(seconds: int = 300) -> None:
             paths, frames = write_journal(Path(folder, "journal"), rate_hz, seconds)
             n = len(frames)
             ours = n / _cpu_s(partial(read_ours, paths))
-            mcap = n / _cpu_s(partial(read_mcap, paths))
             blf = Path(folder, "log.blf")
             write_log(blf, frames.select(slice(BLF_FRAMES)))
             theirs = min(n, BLF_FRAMES) / _cpu_s(partial(read_blf, blf))
         print(
             f"journal, {n:,} frames in blocks of {rate_hz // 10}: {ours / 1e6:.1f} M frames/s; "
-            f"mcap's reader of records alone {mcap / 1e6:.1f}, ratio {ours / mcap:.2f}; "
             f"python-can's reader of BLF {theirs / 1e6:.2f}, ratio {ours / theirs:.0f}"
         )
 

@@ -84,7 +84,7 @@ def take_away(folder: Path, how: Callable[[Path], object]) -> float:
     offered = until * _FRAMES
     recorded = writer.status.recorded_frames
     writer.close(ended=True)
-    ours = [path for path in segments_in(folder) if path.read_bytes()[:1] == b"\x89"]
+    ours = [path for path in segments_in(folder) if path.read_bytes()[:1] == b"\xb5"]
     contents = read_journal(ours)
     read = numbers(contents.frames)
     assert len(read) == recorded

@@ -105,7 +105,7 @@ def daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
 
 def test_a_daemon_from_start_to_end(daemon: Daemon, capsys: pytest.CaptureFixture[str]) -> None:
     daemon.hears("READY=1")
-    assert [path.stat().st_size > 0 for path in daemon.folder.glob("journal/*.mcap")] == [True]
+    assert [path.stat().st_size > 0 for path in daemon.folder.glob("journal/*.bbj")] == [True]
     address = control_address(daemon.folder)
     with (
         zmq.Context() as context,
@@ -167,7 +167,7 @@ def test_a_daemon_from_start_to_end(daemon: Daemon, capsys: pytest.CaptureFixtur
     daemon_said = daemon.listener.recv(65536)
     while b"STOPPING=1" not in daemon_said:
         daemon_said = daemon.listener.recv(65536)
-    journal = read_journal(sorted(daemon.folder.glob("journal/*.mcap")))
+    journal = read_journal(sorted(daemon.folder.glob("journal/*.bbj")))
     assert not journal.lost.any
     numbers = [int.from_bytes(bytes(data[:2])) for data in journal.frames.data]
     assert numbers == list(range(FRAMES))

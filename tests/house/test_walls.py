@@ -20,7 +20,6 @@ RESERVED = {
     "serial": ("daq/bus/slcan",),
     "cantools": ("dbc/",),
     "h5py": ("daq/session", "daq/formats/"),
-    "mcap": ("daq/journal/",),
     "zmq": ("daq/control/server.py", "daq/control/client.py"),
     "tomlkit": ("daq/bench/edit.py",),
     "filelock": ("daq/control/lock.py",),

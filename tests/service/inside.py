@@ -275,7 +275,7 @@ def clean_stop() -> str:
     took_s = time.monotonic() - began_s
     state = set(shown("ActiveState", "Result", "ExecMainStatus").split())
     assert state == {"ActiveState=inactive", "Result=success", "ExecMainStatus=0"}, state
-    names = [path.name for path in (STATE / "journal").glob("*.mcap")]
+    names = [path.name for path in (STATE / "journal").glob("*.bbj")]
     assert not any(name.startswith("open_") for name in names), names
     return f"{took_s:.1f} s of an emulated processor, {len(names)} segments"
 

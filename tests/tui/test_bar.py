@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 
 from daq.bench.config import default_bench_text
+from daq.journal.format import JournalHead
+from daq.journal.writer import JournalWriter
 from dbc import shipped_dbc
 from tui.cli import run
 from tui.jobs import gain
@@ -53,16 +55,10 @@ def test_the_planner_reads_the_database_of_the_newest_recording(
     assert answer == Gain(worst=0.5, widest="m_s")
     assert planned[0].dbc_text == shipped_dbc()
     one, two = (f'{shipped_dbc()}CM_ "{n}";\n' for n in (1, 2))
-    heads = {"1.mcap": one, "2.mcap": two, "3.mcap": None}
-    monkeypatch.setattr("daq.journal.folder.segments_in", lambda _: [Path(name) for name in heads])
-    kind = type("Head", (), {})
-
-    def head(path: Path) -> Any:
-        found = kind()
-        found.dbc_text = heads[path.name]
-        return None if found.dbc_text is None else (found, 0)
-
-    monkeypatch.setattr("daq.journal.folder.read_head", head)
+    for recording, dbc_text in (("a", one), ("b", two)):
+        head = JournalHead("", dbc_text, "test", 0, 0, recording * 32)
+        JournalWriter(tmp_path / "journal", head).close()
+    (tmp_path / "journal" / "journal_0003.bbj").write_bytes(b"cut off in its head")
     answered(default_bench_text(), tmp_path, monkeypatch, capsys)
     assert planned[1].dbc_text == two, "the third segment was cut off in its head"
 
@@ -82,7 +78,7 @@ def test_segments_that_are_named_one_by_one_are_recovered(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     segments = journal_of_runs(tmp_path / "journal", 8_000)
-    assert run(["recover", *map(str, sorted((tmp_path / "journal").glob("*.mcap"))), "--json"]) == 0
+    assert run(["recover", *map(str, sorted((tmp_path / "journal").glob("*.bbj"))), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["frames_recorded"] == 8_000
     assert document["session"] == str(tmp_path / "session_0001.h5")

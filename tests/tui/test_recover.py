@@ -33,11 +33,11 @@ def test_a_loss_is_reported_exactly_and_is_exit_3(
 ) -> None:
     journal_of_runs(tmp_path / "journal", 40_000)
     first, second, *_ = segments_in(tmp_path / "journal")
-    second.write_bytes(second.read_bytes()[:-1000])
+    second.write_bytes(second.read_bytes()[:-20_000])
     assert run(["recover", str(tmp_path / "journal")]) == 3
     reported = capsys.readouterr().err
     assert second.name in reported
-    assert "bytes torn" in reported
+    assert "are no whole block" in reported
     assert (tmp_path / "session_0001.h5").is_file()
     assert first.is_file()
 
@@ -57,7 +57,7 @@ def test_a_flipped_bit_is_harmless_or_counted_and_whole_blocks_come_out(
         path = segments[rng.integers(len(segments))]
         content = path.read_bytes()
         changed = bytearray(content)  # every second in what a segment needs to be read
-        changed[rng.integers(17_000 if k % 2 else len(content))] ^= 1 << int(rng.integers(8))
+        changed[rng.integers(9_000 if k % 2 else len(content))] ^= 1 << int(rng.integers(8))
         path.write_bytes(changed)
         code = run(command)
         assert code == (3 if json.loads(capsys.readouterr().out)["loss"] else 0)
@@ -83,9 +83,8 @@ def test_a_segment_whose_first_bytes_are_overwritten_is_read(
 @pytest.mark.parametrize(
     ("start", "why"),
     [
-        (b"\0" * 8, "has no complete beginning"),
-        (b"\x89MCAP0\r\n\xa5", "has no complete beginning"),
         (b"\xa5" * 80_000, "is not a journal"),
+        (b"\xb5BUMP\r\n\x01" * 10_000, "has no whole block"),
     ],
 )
 def test_a_segment_that_cannot_be_read_is_a_counted_loss(
@@ -93,8 +92,7 @@ def test_a_segment_that_cannot_be_read_is_a_counted_loss(
 ) -> None:
     journal_of_runs(tmp_path / "journal", 40_000)
     *_, last = segments_in(tmp_path / "journal")
-    content = last.read_bytes()
-    last.write_bytes(start + start[-1:] * 19_000 + content[len(start) + 19_000 :])
+    last.write_bytes(start)
     assert run(["recover", str(tmp_path), "--json"]) == 3
     loss = json.loads(capsys.readouterr().out)["loss"]
     assert f"{last.name}: {why}" in loss
@@ -132,7 +130,7 @@ def test_a_folder_without_a_journal_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["recover", str(tmp_path)]) == 2
-    assert "has no journal_*.mcap" in capsys.readouterr().err
+    assert "has no journal_*.bbj" in capsys.readouterr().err
 
 
 def test_a_journal_that_is_not_there_is_one_line(
@@ -166,7 +164,7 @@ def test_a_session_is_kept_where_the_journal_has_less(
     before = (tmp_path / "s.h5").read_bytes()
     segment = segments_in(tmp_path / "journal")[spoilt]
     if spoilt == 0:
-        segment.write_bytes(segment.read_bytes()[:-1000])
+        segment.write_bytes(segment.read_bytes()[:-20_000])
     else:
         for last in segments_in(tmp_path / "journal")[1:]:
             last.unlink()

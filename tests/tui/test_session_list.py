@@ -115,7 +115,7 @@ def test_a_recording_without_a_session_file_is_listed_first(tmp_path: Path) -> N
 
 def test_a_journal_without_a_whole_head_is_no_recording(tmp_path: Path) -> None:
     (tmp_path / "journal").mkdir()
-    (tmp_path / "journal" / "journal_0001.mcap").write_bytes(b"no journal at all")
+    (tmp_path / "journal" / "journal_0001.bbj").write_bytes(b"no journal at all")
     assert list(sessions_in(tmp_path)) == []
 
 

@@ -20,7 +20,7 @@ _WHAT_TO_NAME = "name the recorder's folder"
 
 def recover(
     journal: Annotated[
-        list[Path], typer.Argument(help="Segments journal_*.mcap, or a folder with segments.")
+        list[Path], typer.Argument(help="Segments journal_*.bbj, or a folder with segments.")
     ],
     out: Annotated[
         Path | None,
@@ -48,7 +48,7 @@ def recover(
     for info, target in zip(wanted, _targets(wanted, out), strict=True):
         derived = derive(info.segments, target, replacing=force)
         if json:
-            account = {"recording": info.recording, "frames_recorded": info.frames}
+            account = {"recording": info.head.recording, "frames_recorded": info.frames}
             documents.append({**summary(target, derived.session), **account, "loss": derived.loss})
         else:
             print_summary(target, derived.session)
@@ -73,8 +73,10 @@ def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
             segments.append(path)
             continue
         inside = segments_in(path) or segments_in(path / "journal")
+        # What Bumpbench 0.1 has recorded is refused in its own words.
+        inside = inside or tuple(path.glob("**/journal_*.mcap"))
         if not inside:
-            raise InputError(str(path), "has no journal_*.mcap", _WHAT_TO_NAME)
+            raise InputError(str(path), "has no journal_*.bbj", _WHAT_TO_NAME)
         segments += inside
     return tuple(segments)
 

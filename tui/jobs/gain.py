@@ -124,12 +124,10 @@ def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
 
 def _dbc_text(journal: Path) -> str | None:
     """Return the DBC of the newest recording; None if there is none yet."""
-    from daq.journal.folder import read_head, segments_in
+    from daq.journal.folder import last_recording
 
-    for path in reversed(segments_in(journal)):
-        if head := read_head(path):
-            return head[0].dbc_text
-    return None
+    recording = last_recording(journal)
+    return recording.head.dbc_text if recording else None
 
 
 def main() -> int:

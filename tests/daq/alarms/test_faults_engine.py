@@ -152,7 +152,7 @@ def test_five_sick_buses_are_named_and_well_again_and_the_sixth_loses_no_frame(
         "kvaser bus_off": 0,
         "kvaser library": 1,
     }
-    contents = read_journal(sorted((tmp_path / "journal").glob("*.mcap")))
+    contents = read_journal(sorted((tmp_path / "journal").glob("*.bbj")))
     recorded = contents.frames.select(contents.frames.bus == 0)
     numbers = recorded.data.copy().view("<u8")[:, 0]
     assert np.array_equal(numbers, np.arange(healthy.handed))

@@ -39,7 +39,7 @@ def test_files_are_0640_and_folders_0750(tmp_path: Path, umask: int) -> None:
         modes = {path.name: stat.S_IMODE(path.stat().st_mode) for path in made}
     folders = {"today", "journal"}
     assert modes == {name: 0o750 if name in folders else 0o640 for name in modes}
-    assert set(modes) >= {"journal_0001.mcap", "note.json", "session.h5", "recorder.pid"}
+    assert set(modes) >= {"journal_0001.bbj", "note.json", "session.h5", "recorder.pid"}
     assert os.umask(umask) == umask
 
 

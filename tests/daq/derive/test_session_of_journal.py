@@ -15,7 +15,7 @@ from daq import read_session
 from daq.bus.source import HopLosses
 from daq.derive.build_session import Derived, derive
 from daq.errors import InputError
-from daq.journal.format import JournalHead, head_record
+from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from daq.runlog.run_log import Code, entry, verdict_entry
 from daq.runs import Event
@@ -122,23 +122,6 @@ def test_missing_blocks_are_named_and_a_session_with_more_is_kept(campaign: Camp
     campaign.target.write_bytes(b"mine")
     with pytest.raises(InputError, match="is no session or a changed one"):
         derive(left, campaign.target, replacing=False)
-
-
-def test_a_journal_of_an_older_version_is_built(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def older(head: JournalHead, segment: int) -> dict[str, str]:
-        record = head_record(head, segment)
-        newer = ("span", "origin", "crc32")
-        return {name: text for name, text in record.items() if name not in newer}
-
-    monkeypatch.setattr("daq.journal.writer.head_record", older)
-    campaign = Campaign(tmp_path)
-    with campaign.writer:
-        campaign.run()
-        assert len(campaign.build().session.runs) == 1
-    session = read_session(campaign.target)
-    assert session.provenance["origin"] == "real"
 
 
 def test_a_segment_that_is_still_written_is_no_loss(campaign: Campaign) -> None:

@@ -15,7 +15,7 @@ from daq.formats.log import BLF, Log, detect, read_logs
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 
-from ..journal.test_journal import block
+from ..crash_frames import block
 
 ASC, TRC, CANDUMP = "1.5 1 7FF Rx d 1 11\n", "1) 1 0123 1 AA\n", "(1.5) can0 123#01\n"
 TEXTS: dict[str, tuple[str, str, str]] = {
@@ -50,7 +50,7 @@ BINARIES = {
     "BLF": b"LOGG",
     "MF4": b"MDF     ",
     "unfinished MF4": b"UnFinMF ",
-    "MCAP journal": b"\x89MCAP0\r\n",
+    "journal": b"\xb5BUMP\r\n\x01",
 }
 
 
@@ -82,7 +82,7 @@ def test_segments_of_a_journal_that_follow_each_other_are_one_log(tmp_path: Path
     head = JournalHead("", "", "test", 1_800_000_000 * 10**9, 0)
     with JournalWriter(tmp_path, head, RecorderConfig(reserve_bytes=0.0)) as journal:
         for k in range(3):
-            journal.append(block(2 * k), HopLosses())
+            journal.append(block(2 * k, 2), HopLosses())
             journal.cut()
         segments = list(journal.paths)
     other = tmp_path / "a.log"

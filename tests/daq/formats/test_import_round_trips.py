@@ -65,7 +65,7 @@ def write_journal(path: Path, frames: list[Frame]) -> None:
     with JournalWriter(path.parent, head) as journal:
         for first in range(0, len(frames), 300):
             journal.append(batch_of(frames[first : first + 300]), HopLosses())
-    next(path.parent.glob("journal_*.mcap")).rename(path)  # the segment got its name at its end
+    next(path.parent.glob("journal_*.bbj")).rename(path)  # the segment got its name at its end
 
 
 def everything(frame: Frame) -> Frame:
@@ -98,7 +98,7 @@ CASES: dict[str, tuple[str, Callable[[Path, list[Frame]], None], Callable[[Frame
     "csv": (".csv", write_with_python_can, in_csv),
     "trc": (".trc", write_trc, without_error_details),
     "mf4": (".mf4", write_with_python_can, everything),
-    "journal": (".mcap", write_journal, everything),
+    "journal": (".bbj", write_journal, everything),
 }
 
 

@@ -33,7 +33,7 @@ def test_a_segment_that_retention_has_deleted_is_no_loss(tmp_path: Path) -> None
     journal_of_runs(tmp_path, 160_000)
     said = io.StringIO()
     target = tmp_path / "session.h5"
-    gone = tmp_path / "journal_9999.mcap"  # retention was faster
+    gone = tmp_path / "journal_9999.bbj"  # retention was faster
     code = main([str(target), *map(str, segments_in(tmp_path)), str(gone)], said)
     assert (code, json.loads(said.getvalue())["loss"]) == (DONE, "")
     assert target.exists()
@@ -50,7 +50,7 @@ def test_a_reason_names_its_file_once(tmp_path: Path) -> None:
     said = io.StringIO()
     assert main([str(no_folder), *segments], said) == BAD_INPUT
     assert json.loads(said.getvalue())["error"] == "cannot be written: No such file or directory"
-    (foreign := tmp_path / "journal_0001.mcap").write_text("mine")
+    (foreign := tmp_path / "journal_0001.bbj").write_text("mine")
     said = io.StringIO()
     assert main([str(tmp_path / "session.h5"), str(foreign)], said) == BAD_INPUT
     assert json.loads(said.getvalue())["error"].startswith(f"{foreign}: ")
@@ -230,13 +230,6 @@ def test_a_process_has_ten_minutes_and_a_second_for_each_megabyte(
     assert derivation.status.state is (FAILED if asked else BUILDING)
 
 
-def test_a_file_that_an_earlier_recorder_built_is_ready() -> None:
-    derivation = Derivation()
-    assert derivation.status == SessionStatus()
-    derivation.recall(Path("a.h5"), "one", 9)
-    assert derivation.status == SessionStatus(READY, "a.h5", "", "one", 9)
-
-
 # The revision of the run log shows whether the session file is that of the recording --------------
 
 RUN = "baseline_bounce_1"
@@ -271,38 +264,19 @@ def test_a_session_file_is_outdated_by_what_it_is_made_of(
         running.order(Undo())
         before = running.until(lambda s: s.outdated)
 
-    # A recorder that takes the recording up knows it as well as the one before.
+    # A recorder that takes the recording up builds it anew.
+    Path(before.session.path).unlink()
     with Running(quick, tmp_path, sources(Script([]))) as running:
-        status = running.until(lambda s: s.recording == before.recording)
+        status = running.until(lambda s: s.session.state in ENDED)
+        assert status.recording == before.recording
         assert (status.session.state, status.session.path) == (
             SessionState.READY,
             before.session.path,
         )
-        assert status.outdated
-        assert not _built(running).outdated
-    with Running(quick, tmp_path, sources(Script([]))) as running:
-        status = running.until(lambda s: s.recording == before.recording)
-        assert status.session.state is SessionState.READY
         assert not status.outdated
         running.order(Start())
         status = running.until(lambda s: s.recording not in ("", before.recording))
         assert not status.outdated  # it is whole, and of the recording before
-
-
-@pytest.mark.parametrize("lost", ["derived", "session"])
-def test_a_session_file_that_is_not_there_is_not_recalled(
-    quick: Bench, codec: Codec, tmp_path: Path, lost: str
-) -> None:
-    with Running(quick, tmp_path, sources(Script(blocks(bumps(codec, 1))))) as running:
-        running.order(Arm(Until.COMPLETE))
-        running.until(lambda s: s.disk.recorded_frames == 1200)
-        status = _built(running)
-    gone = Path(status.session.path) if lost == "session" else None
-    for path in [gone] if gone else (tmp_path / "journal").glob("derived_*.json"):
-        path.unlink()
-    with Running(quick, tmp_path, sources(Script([]))) as running:
-        again = running.until(lambda s: s.recording == status.recording)
-        assert again.session.state is SessionState.NONE
 
 
 def test_an_event_that_changes_nothing_is_no_revision() -> None:

@@ -477,11 +477,11 @@ def test_a_segment_that_a_killed_recorder_left_open_is_sealed(
         running.until(lambda s: s.disk.recorded_frames == 1200)
     journal = tmp_path / "journal"
     (sealed,) = segments_in(journal)
-    sealed.rename(journal / "open_0001.mcap")
+    sealed.rename(journal / "open_0001.bbj")
     Paced(quick, tmp_path, [], [], watched=False).run()
     assert [path.name for path in segments_in(journal)] == [
-        "journal_0001.mcap",
-        "journal_0002.mcap",
+        "journal_0001.bbj",
+        "journal_0002.bbj",
     ]
 
 

@@ -219,7 +219,7 @@ def test_orders_come_in_turn_and_a_closed_queue_refuses_them() -> None:
 def test_a_session_file_gets_ten_minutes_and_a_second_for_each_megabyte(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, megabytes: int, patience_s: float
 ) -> None:
-    segment = tmp_path / "journal_0001.mcap"
+    segment = tmp_path / "journal_0001.bbj"
     segment.write_bytes(bytes(megabytes * 1_000_000))
     clock = iter([100.0, 100.0 + patience_s - 0.5, 100.0 + patience_s + 0.5])
     killed = []
