@@ -1,161 +1,45 @@
 """Maximum likelihood of modes on free decays: the last step of the modal identification.
 
 A free decay is a sum of ``shape amplitude exp(pole t)``.  A mode has one pole and one shape in all
-runs, and in each run its own amplitude; each channel has white noise of its own level.  Shapes
-enter linearly and are projected out at every step (variable projection); poles and amplitudes are
-found together by Levenberg-Marquardt, because an alternating fit converges very slowly where two
-modes have nearly one pole.  Every function is evaluated at the samples' own times, and all that a
-step needs are products of ``exp(pole t)`` and ``t exp(pole t)`` with each other and with the
-residuals: the cost is linear in the samples.
+runs, and in each run its own amplitude; each channel has white noise of its own level.  Poles,
+shapes and amplitudes are found together by Levenberg-Marquardt, because an alternating fit
+converges very slowly where two modes have nearly one pole.  Amplitudes of one run are not coupled
+with those of another and are eliminated run by run: the cost grows with the number of runs, not
+with its cube.  All that a step needs from the samples are sums of products of ``exp(pole t)`` and
+``t exp(pole t)`` with each other and with the samples, each at its own time.
 
 The curvature of the likelihood gives the Cramer-Rao bound of every pole.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import freeze_arrays
+from dbc.frames import freeze_arrays, read_only
 
-from .waves import Block, Layout, Products, Waves, laid_out, real_gradient, waves
+from .modal_model import ModalModel, vibrates
+from .samples import Block, Samples, Sums, summed
 
-# Solves normal equations of arrow form: runs that are coupled only by poles and shapes ------------
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
 
 _RIDGE = 1e-13
 """Ridge, relative; it matters only for poles that are equal to rounding."""
 _ROUNDING = 1e-16
 """Ridge where the inverse itself is the result: weak shapes must not look better known."""
-
-
-@dataclass(frozen=True, slots=True)
-class System:
-    """Normal equations of poles, the amplitudes of each run, and the shapes of each owner.
-
-    Every family has 2 m unknowns, the real parts first.
-    """
-
-    pole_pole: NDArray[np.float64]
-    """Shape (2 m, 2 m)."""
-    pole_run: NDArray[np.float64]
-    """Shape (n_runs, 2 m, 2 m), poles along the rows."""
-    run_run: NDArray[np.float64]
-    """Shape (n_runs, 2 m, 2 m)."""
-    shape_pole: NDArray[np.float64]
-    """Shape (n_owners, 2 m, 2 m), shapes along the rows."""
-    shape_run: NDArray[np.float64]
-    """Shape (n_owners, n_runs, 2 m, 2 m), shapes along the rows."""
-    shape_shape: NDArray[np.float64]
-    """Shape (n_owners, 2 m, 2 m)."""
-    by_poles: NDArray[np.float64]
-    """Right-hand side of the poles, (2 m,); that of the shapes is zero, as they are the best."""
-    by_runs: NDArray[np.float64]
-    """Right-hand sides of the amplitudes, (n_runs, 2 m)."""
-    free: NDArray[np.bool_]
-    """True for the poles (first row) and amplitudes that are free, shape (1 + n_runs, 2 m)."""
-
-    def step(
-        self, damping: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the steps of poles (2 m,), amplitudes (n_runs, 2 m) and shapes (n_owners, 2 m).
-
-        `damping` is in units of the diagonal with the shapes projected out.
-        """
-        added = damping * self._projected_diagonal()
-        reduced, target, solved = self._without_runs(added)
-        n = self.by_poles.size
-        reduced[:n, :n][np.diag_indices(n)] += added[0]
-        scale = unit_scale(reduced)
-        scaled = reduced * np.multiply.outer(scale, scale)
-        scaled[np.diag_indices_from(scaled)] += _RIDGE
-        found = scale * np.linalg.solve(scaled, scale * target)
-        by_runs = solved[..., -1] - solved[..., :-1] @ found
-        return found[:n], np.where(self.free[1:], by_runs, 0.0), found[n:].reshape(-1, n)
-
-    def pole_information(self) -> NDArray[np.float64]:
-        """Return the information of the poles, all else projected out, (2 m, 2 m)."""
-        size = np.einsum("rii->ri", np.concatenate([self.pole_pole[None], self.run_run]))
-        added = np.where(size > 0.0, _ROUNDING * size, 1.0)  # a wave of zeros has no effect
-        reduced, _, _ = self._without_runs(added)
-        n = self.by_poles.size
-        scale = unit_scale(reduced)
-        scaled = reduced * np.multiply.outer(scale, scale)
-        own = scaled[n:, n:] + _ROUNDING * np.eye(len(scaled) - n)
-        left = scaled[:n, :n] - scaled[:n, n:] @ np.linalg.solve(own, scaled[n:, :n])
-        return np.asarray(left / np.multiply.outer(scale[:n], scale[:n]))
-
-    def _projected_diagonal(self) -> NDArray[np.float64]:
-        """Return the diagonal of poles and amplitudes with the shapes projected out."""
-        n_owners, n_runs, n = self.shape_run.shape[:3]
-        mixed = np.concatenate([self.shape_pole[:, None], self.shape_run], axis=1)
-        mixed = mixed.swapaxes(1, 2).reshape(n_owners, n, -1)
-        taken = np.einsum("gij,gij->j", mixed, solve(self.shape_shape, mixed))
-        own = np.einsum("rii->ri", np.concatenate([self.pole_pole[None], self.run_run]))
-        size = own - taken.reshape(1 + n_runs, n)
-        return np.where(self.free & (size > 0.0), size, 1.0)
-
-    def _without_runs(self, added: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Eliminate the amplitudes; `added` (1 + n_runs, 2 m) goes to their diagonals.
-
-        Returns the normal matrix of poles and shapes, (n, n) with n = 2 m (1 + n_owners), its
-        right-hand side (n,), and each run's inverse times its border and right-hand side,
-        (n_runs, 2 m, n + 1).
-        """
-        n_owners, n_runs, n = self.shape_run.shape[:3]
-        poles, runs = self.free[0], self.free[1:]
-        border = np.empty((n_runs, n, 1 + n_owners, n))
-        border[:, :, 0] = np.where(poles[:, None], self.pole_run, 0.0).swapaxes(1, 2)
-        border[:, :, 1:] = self.shape_run.transpose(1, 3, 0, 2)
-        border = np.where(runs[:, :, None], border.reshape(n_runs, n, -1), 0.0)
-        own = np.where(runs[:, :, None] & runs[:, None], self.run_run, 0.0)
-        np.einsum("rii->ri", own)[...] += np.where(runs, added[1:], 1.0)
-        gradient = np.where(runs, self.by_runs, 0.0)
-        solved = np.linalg.solve(own, np.concatenate([border, gradient[..., None]], axis=-1))
-        flat = border.reshape(-1, border.shape[-1])
-        taken = flat.T @ solved.reshape(len(flat), -1)
-        whole = np.zeros((1 + n_owners, n, 1 + n_owners, n))
-        whole[0, :, 0] = np.where(poles[:, None] & poles, self.pole_pole, 0.0) + np.diag(~poles)
-        mixed = np.where(poles, self.shape_pole, 0.0)
-        ridge = _ridge(self.shape_shape)
-        for owner in range(n_owners):
-            whole[1 + owner, :, 1 + owner] = self.shape_shape[owner] + ridge[owner] * np.eye(n)
-            whole[1 + owner, :, 0], whole[0, :, 1 + owner] = mixed[owner], mixed[owner].T
-        reduced = whole.reshape(taken.shape[0], -1) - taken[:, :-1]
-        target = np.zeros(len(reduced))
-        target[:n] = np.where(poles, self.by_poles, 0.0)
-        return reduced, target - taken[:, -1], solved
-
-
-def unit_scale(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the factors that make the diagonal 1; unknowns without any effect are held fixed."""
-    size = np.diag(normal)
-    return np.asarray(1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)))
-
-
-def solve(normal: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve normal equations, stacked."""
-    n = normal.shape[-1]
-    return np.asarray(np.linalg.solve(normal + _ridge(normal)[..., None, None] * np.eye(n), target))
-
-
-def _ridge(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    size = np.trace(normal, axis1=-2, axis2=-1) / normal.shape[-1]
-    return np.asarray(_RIDGE * size + np.finfo(float).tiny)
-
-
-# Normal equations of poles, shapes and amplitudes, solved by `identify.modes.modal_likelihood` ----
-#
-# Unknowns are the poles, one amplitude of each mode in each run, and one shape of each mode.  The
-# amplitudes of one run are not coupled with those of another, so they are eliminated run by run
-# (`identify.modes.modal_likelihood`): the cost grows with the number of runs, not with its cube.
-
-_MAX_GROWTH = 30.0
-"""Largest growth within the longest series, nepers; a faster growth would overflow."""
 _TINY = 1e-24
 """Share of a channel's power below which noise cannot be distinguished from rounding."""
+_CANCELLED = 1e-6
+"""Share of a channel's power below which squared residuals are summed sample by sample: as a
+difference of sums they would be rounding."""
+_MAX_GROWTH = 30.0
+"""Largest growth within the longest series, nepers; a faster growth would overflow."""
+
+# Shapes, and the point of a fit -------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +48,7 @@ class Ties:
 
     owner: NDArray[np.intp]
     """Index of the shape entry that the channel uses."""
-    sign: NDArray[np.float64]
+    sign: _Real
     """The channel's entry in each mode is `sign` (1, -1 or 0) times that of its owner, shape
     (n_channels, m)."""
 
@@ -176,232 +60,324 @@ class Ties:
         """Return the ties of channels that are independent of each other."""
         return cls(np.arange(n_channels), np.ones((n_channels, n_modes)))
 
+    @property
+    def member(self) -> _Real:
+        """1 where a channel uses the entries of an owner, (n_owners, n_channels)."""
+        return (np.arange(self.owner.max() + 1)[:, None] == self.owner).astype(float)
+
+    def chosen(self, which: NDArray[np.intp]) -> Ties:
+        """Return the ties in some of the modes."""
+        return Ties(self.owner, self.sign[:, which])
+
+    def spread(self, shapes: _Complex) -> _Complex:
+        """Return each channel's shapes from those of the owners."""
+        return np.asarray(self.sign * shapes[self.owner])
+
+    def owned(self, shapes: _Complex) -> _Complex:
+        """Return the owners' shapes that are nearest to those of the channels."""
+        members = np.maximum(self.member @ np.abs(self.sign), 1.0)
+        return np.asarray((self.member @ (self.sign * shapes)) / members)
+
+    def free(self, turning: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which real and imaginary parts of the owners' shapes are free, (n_owners, 2 m)."""
+        moves = self.member @ np.abs(self.sign) > 0.0
+        return np.hstack([moves, moves & turning])
+
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """Poles and amplitudes (n_runs, m), with the shapes (n_owners, m) that are best for them.
+    """Poles, the amplitudes of each run, (n_runs, m), and the shapes of each owner."""
 
-    `squares` (n_channels,) are the squared residuals, and `products` (n_runs, n_channels, 2 m) are
-    the sums of the functions times the residuals.
-    """
-
-    waves: Waves
-    amplitudes: NDArray[np.complex128]
-    shapes: NDArray[np.complex128]
-    squares: NDArray[np.float64]
-    products: NDArray[np.complex128]
-    objective: float
-
-
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """All blocks of samples, with sums that do not depend on any pole."""
-
-    blocks: tuple[Block, ...]
-    layout: Layout
-    """`blocks` laid out for sums with any poles."""
-    place: NDArray[np.intp]
-    """Block of each series, -1 where there is none, shape (n_runs, n_channels)."""
-    rows: tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]
-    """Run, block and series (n, n_channels) of each block of each run."""
-    count: NDArray[np.float64]
-    power: NDArray[np.float64]
-    """`count`, `power`: number of samples of each channel, and sum of their squares."""
-    longest_s: float
-    """Length of the longest series."""
+    sums: Sums
+    ties: Ties
+    amplitudes: _Complex
+    shapes: _Complex
+    """Shape (n_owners, m)."""
+    squares: _Real
+    """Squared residuals of each channel."""
+    products: _Complex
+    """Sums of the functions times the residuals, (n_runs, n_channels, 2 m)."""
 
     @property
-    def first(self) -> NDArray[np.intp]:
-        """First row of each run, (n_runs,)."""
-        return np.searchsorted(self.rows[0], np.arange(len(self.place)))
+    def log_likelihood(self) -> float:
+        """Twice the logarithm of the likelihood, without constants."""
+        count = self.sums.samples.count
+        return -float(np.sum(count * np.log(self.squares / count)))
+
+    @property
+    def merit(self) -> float:
+        """Likelihood less what as many modes would gain from noise."""
+        return self.log_likelihood - self.sums.samples.gain_by_noise(self.sums.poles)
+
+    def least_needed(self) -> tuple[int, float]:
+        """Return the mode whose absence costs the least likelihood, and about how much.
+
+        The amplitudes of all other modes follow; their poles and shapes stay.
+        """
+        weight = self.sums.samples.count / self.squares
+        m, turning = len(self.sums.poles), self.sums.poles.imag > 0.0
+        normal, scale = _unit(_run_normal(self.sums, self.ties.spread(self.shapes), weight))
+        inverse = np.linalg.inv(normal + _RIDGE * np.eye(2 * m)) * scale[:, None] * scale[..., None]
+        a, d = np.split(np.einsum("rii->ri", inverse), 2, axis=1)
+        b = np.einsum("rii->ri", inverse[:, :m, m:])
+        x, y = self.amplitudes.real, self.amplitudes.imag
+        pair = (d * x**2 - 2.0 * b * x * y + a * y**2) / np.maximum(a * d - b**2, 1e-300)
+        costs = np.where(turning, pair, x**2 / np.maximum(a, 1e-300)).sum(axis=0)
+        least = int(np.argmin(costs))
+        return least, float(costs[least])
+
+    def with_best_shapes(self, weight: _Real) -> Point:
+        """Return the point with the shapes that fit best; `weight`: inverse noise variances."""
+        sums, ties = self.sums, self.ties
+        free = ties.free(sums.poles.imag > 0.0)
+        normal = _shape_normal(sums, ties, self.amplitudes, weight)
+        gradient = _shape_gradient(ties, self.amplitudes, self.products, weight)
+        step = _solved(np.where(free[:, :, None] & free[:, None], normal, 0.0), gradient * free)
+        return point_at(sums, ties, self.amplitudes, self.shapes + step)
+
+    def without(self, mode: int) -> Point:
+        """Return the point without a mode, all amplitudes and shapes fitted anew."""
+        kept = np.delete(np.arange(len(self.sums.poles)), mode)
+        shapes = self.ties.spread(self.shapes)[:, kept]
+        return fitted_at(self.sums.chosen(kept), shapes, self.ties.chosen(kept), 2)
 
 
-def gathered(blocks: Sequence[Block]) -> Samples:
-    """Gather some blocks, once for all fits of them; no channel may be all zeros."""
-    n_channels = 1 + max(int(block.channel.max()) for block in blocks)
-    n_runs = 1 + max(int(block.run.max()) for block in blocks)
-    place = np.full((n_runs, n_channels), -1)
-    count, power = np.zeros(n_channels), np.zeros(n_channels)
-    for number, block in enumerate(blocks):
-        place[block.run, block.channel] = number
-        np.add.at(count, block.channel, len(block.time_s))
-        np.add.at(power, block.channel, np.sum(block.deviations**2, axis=0))
-    longest_s = max(float(block.time_s[-1]) for block in blocks)
-    seen = place[:, None] == np.arange(len(blocks))[:, None]  # (n_runs, n_blocks, n_channels)
-    run, of_block = np.nonzero(seen.any(axis=2))
-    rows = run, of_block, seen[run, of_block]
-    return Samples(tuple(blocks), laid_out(blocks), place, rows, count, power, longest_s)
+def point_at(sums: Sums, ties: Ties, amplitudes: _Complex, shapes: _Complex) -> Point:
+    """Return the point of given amplitudes and owners' shapes."""
+    samples, m = sums.samples, len(sums.poles)
+    residues = amplitudes[:, None] * ties.spread(shapes)
+    products = sums.target - sums.fitted(residues)
+    both = (sums.target + products)[..., :m]
+    squares = samples.power - np.einsum("rcm,rcm->c", residues, both).real
+    if np.any(squares < _CANCELLED * samples.power):
+        squares = np.zeros(samples.n_channels)
+        for block in samples.blocks:
+            left = block.residuals(sums.poles, residues)
+            squares[block.channels] += np.einsum("nrc,nrc->c", left, left)
+    return Point(sums, ties, amplitudes, shapes, squares + _TINY * samples.power, products)
+
+
+def fitted_at(sums: Sums, shapes: _Complex, ties: Ties, sweeps: int = 1) -> Point:
+    """Return the point of given poles near some shapes, (n_channels, m).
+
+    In each sweep amplitudes and then shapes are fitted by least squares.
+    """
+    samples, m = sums.samples, len(sums.poles)
+    weight = samples.count / samples.power
+    own = ties.owned(shapes)
+    for _ in range(sweeps):
+        spread = ties.spread(own)
+        gradient = np.einsum("c,rcj->rj", weight, _real_gradient(spread, sums.target[..., :m]))
+        amplitudes = _solved(_run_normal(sums, spread, weight), gradient)
+        point = point_at(sums, ties, amplitudes, own).with_best_shapes(weight)
+        own = point.shapes
+        weight = samples.count / point.squares
+    return point
+
+
+# Normal equations ---------------------------------------------------------------------------------
+#
+# The derivatives by the real and by the imaginary part of an unknown are the real parts of ``c f``
+# and of ``i c f``, where f is a function of its pole and c the product of what stands before it.
+
+
+def _real_block(first: _Complex, second: _Complex) -> _Real:
+    """Return the products of two families of derivatives, (..., 2 p, 2 q).
+
+    `first` and `second`, (..., p, q): ``conj(c_i) c_j`` times the sum of ``conj(f_i) f_j``, and
+    ``c_i c_j`` times that of ``f_i f_j``.  Of each family the real parts come first.
+    """
+    total, gap = first + second, first - second
+    p, q = first.shape[-2:]
+    out = np.empty((*first.shape[:-2], 2 * p, 2 * q))
+    out[..., :p, :q], out[..., :p, q:] = total.real, -total.imag
+    out[..., p:, :q], out[..., p:, q:] = gap.imag, gap.real
+    return out / 2.0
+
+
+def _real_gradient(coefficients: _Complex, products: _Complex) -> _Real:
+    """Return products of a family with residuals, (..., 2 p); `products` sums f times them."""
+    product = coefficients * products
+    return np.concatenate([product.real, -product.imag], axis=-1)
+
+
+def _complex(parts: _Real) -> _Complex:
+    """Join the real parts (the first half of the last axis) and the imaginary parts."""
+    half = parts.shape[-1] // 2
+    return np.asarray(parts[..., :half] + 1j * parts[..., half:])
+
+
+def _pairs(left: NDArray[np.complex128] | _Real, right: _Complex | _Real) -> tuple[_Complex, ...]:
+    """Return the sums over the first axis of ``conj(l_i) r_j`` and of ``l_i r_j``, (p, q)."""
+    return left.conj().T @ right, left.T @ right
+
+
+def _each(sums: Sums) -> Iterator[tuple[Block, _Complex, _Complex]]:
+    return zip(sums.samples.blocks, sums.mixed, sums.plain, strict=True)
+
+
+def _run_normal(sums: Sums, spread: _Complex, weight: _Real) -> _Real:
+    """Return the products of amplitudes with each other, (n_runs, 2 m, 2 m)."""
+    m = len(sums.poles)
+    out = np.zeros((sums.samples.n_runs, 2 * m, 2 * m))
+    for block, mixed, plain in _each(sums):
+        s, w = spread[block.channels], weight[block.channels, None]
+        across, along = _pairs(w * s, s)
+        out[block.runs] += _real_block(across * mixed[:m, :m], along * plain[:m, :m])
+    return out
+
+
+def _shape_normal(sums: Sums, ties: Ties, amplitudes: _Complex, weight: _Real) -> _Real:
+    """Return the products of each owner's entries with each other, (n_owners, 2 m, 2 m)."""
+    m, member = len(sums.poles), ties.member * weight
+    out = np.zeros((len(member), 2 * m, 2 * m))
+    for block, mixed, plain in _each(sums):
+        sign = ties.sign[block.channels]
+        squared = (member[:, None, block.channels] * sign.T) @ sign  # (n_owners, m, m)
+        across, along = _pairs(amplitudes[block.runs], amplitudes[block.runs])
+        out += _real_block(squared * across * mixed[:m, :m], squared * along * plain[:m, :m])
+    return out
+
+
+def _shape_gradient(ties: Ties, amplitudes: _Complex, products: _Complex, weight: _Real) -> _Real:
+    """Return the products of each owner's entries with residuals, (n_owners, 2 m)."""
+    m = amplitudes.shape[1]
+    each = _real_gradient(ties.sign * amplitudes[:, None], products[..., :m]).sum(axis=0)
+    return np.asarray((ties.member * weight) @ each)
+
+
+def _unit(normal: _Real) -> tuple[_Real, _Real]:
+    """Return normal matrices with a diagonal of 1 or 0, and the factors that made it."""
+    diagonal = np.einsum("...ii->...i", normal)
+    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
+    return normal * scale[..., None, :] * scale[..., None], scale
+
+
+def _solved(normal: _Real, gradient: _Real) -> _Complex:
+    """Solve normal equations, stacked; unknowns without any effect are zero."""
+    scaled, scale = _unit(normal)
+    ridge = _RIDGE * np.eye(normal.shape[-1])
+    solution = np.linalg.solve(scaled + ridge, (scale * gradient)[..., None])[..., 0]
+    return _complex(scale * solution)
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
-    """The samples, and the ties and kinds of poles that are known beforehand.
+class System:
+    """Normal equations of the amplitudes of each run, and of what all runs have in common.
 
-    `turning` (m,) is True for pairs, False for real poles; `known` (n_owners, 2 m) is True for
-    parts of shapes that are zero; `member` (n_owners, n_channels) is 1 where a channel uses the
-    entries of an owner.
+    Common are the poles and then the shapes of each owner, N = 2 m (1 + n_owners) numbers.  All
+    have a diagonal of 1; unknowns that are held have zeros throughout.
     """
 
-    samples: Samples
-    ties: Ties
-    turning: NDArray[np.bool_]
-    known: NDArray[np.bool_]
-    member: NDArray[np.float64]
+    runs: _Real
+    """Shape (n_runs, 2 m, 2 m)."""
+    border: _Real
+    """Products of amplitudes with common unknowns, (n_runs, 2 m, N)."""
+    common: _Real
+    """Shape (N, N)."""
+    by_runs: _Real
+    by_common: _Real
+    """`by_runs`, `by_common`: right-hand sides, (n_runs, 2 m) and (N,)."""
+    run_scale: _Real
+    common_scale: _Real
+    """`run_scale`, `common_scale`: units of the unknowns, (n_runs, 2 m) and (N,); 0 if held."""
 
-    def start(self, poles: NDArray[np.complex128], shapes: NDArray[np.complex128]) -> Point:
-        """Return the point at given poles and shapes, amplitudes by least squares."""
-        at = waves(self.samples.layout, poles)
-        own = self._owned(shapes)
-        spread = self.spread(own)
-        m = len(poles)
-        weight = self.samples.count / self.samples.power
-        normal = self._products(at, weight).run_run(spread)
-        target = at.with_samples(*self.samples.place.shape)
-        gradient = np.einsum("c,rcj->rj", weight, real_gradient(spread, target[..., :m]))
-        amplitudes = _complex(solve(normal, gradient[..., None])[..., 0].T).T
-        return self._point(at, target, amplitudes, own, weight)
+    def step(self, damping: float) -> tuple[_Complex, _Complex, _Complex]:
+        """Return the steps of poles (m,), amplitudes (n_runs, m) and shapes (n_owners, m)."""
+        n = self.by_runs.shape[1]
+        reduced, target, solved = self._without_runs(damping + _RIDGE)
+        reduced[np.diag_indices(n)] += damping
+        common = np.linalg.solve(reduced, target)
+        by_runs = solved[..., -1] - solved[..., :-1] @ common
+        poles, *shapes = _complex((self.common_scale * common).reshape(-1, n))
+        return poles, _complex(self.run_scale * by_runs), np.array(shapes)
 
-    def _point(
-        self,
-        at: Waves,
-        target: NDArray[np.complex128],
-        amplitudes: NDArray[np.complex128],
-        shapes: NDArray[np.complex128],
-        weight: NDArray[np.float64],
-    ) -> Point:
-        """Return the point at given poles and amplitudes, with the best shapes.
+    def pole_covariance(self) -> _Real:
+        """Return the covariance of the real and then the imaginary parts of the poles."""
+        n, scale = self.by_runs.shape[1], self.common_scale[: self.by_runs.shape[1]]
+        reduced, _, _ = self._without_runs(_ROUNDING)
+        across = reduced[:n, n:]
+        information = reduced[:n, :n] - across @ np.linalg.solve(reduced[n:, n:], across.T)
+        # A mode without information has no bound: its variance is left large.
+        unit, size = _unit(information)
+        strength, directions = np.linalg.eigh(unit)
+        inverse = (directions / np.maximum(strength, 1e-15)) @ directions.T
+        factor = scale * size
+        return np.asarray(inverse * factor * factor[:, None])
 
-        `target` (n_runs, n_channels, 2 m) sums the functions times the samples; `weight`
-        (n_channels,) is the inverse of the variance of the noise as far as it is known.
+    def _without_runs(self, ridge: float) -> tuple[_Real, _Real, _Real]:
+        """Eliminate the amplitudes after adding a ridge to all diagonals.
+
+        Returns the normal matrix of the common unknowns, its right-hand side, and each run's
+        inverse times its border and right-hand side, (n_runs, 2 m, N + 1).
         """
-        products = target - self._fitted(at, amplitudes[:, None] * self.spread(shapes))
-        normal = self._shape_normal(at, amplitudes, weight)
-        gradient = self._shape_gradient(amplitudes, products, weight)
-        shapes = shapes + _complex(solve(normal, gradient[..., None])[..., 0].T).T
-        residues = amplitudes[:, None] * self.spread(shapes)
-        products = target - self._fitted(at, residues)
-        squares = _TINY * self.samples.power + at.squares_left(residues)
-        objective = float(np.sum(self.samples.count * np.log(squares)))
-        return Point(at, amplitudes, shapes, squares, products, objective)
+        n_runs, n, size = self.border.shape
+        rows = np.concatenate([self.border, self.by_runs[..., None]], axis=-1)
+        solved = np.linalg.solve(self.runs + ridge * np.eye(n), rows)
+        taken = self.border.reshape(-1, size).T @ solved.reshape(n_runs * n, -1)
+        reduced = self.common + _ROUNDING * np.eye(size) - taken[:, :-1]
+        return reduced, self.by_common - taken[:, -1], solved
 
-    def linearise(self, point: Point) -> System:
-        """Return the normal equations at a point (Gauss-Newton, after Kaufman)."""
-        at, q = point.waves, point.amplitudes
-        m = q.shape[1]
-        weight = self.samples.count / point.squares
-        spread = self.spread(point.shapes)  # (n_channels, m)
-        both = q[:, None] * spread  # (n_runs, n_channels, m)
-        products = self._products(at, weight)
-        ties = self.member, self.ties.sign
-        shape_pole, shape_run = products.with_shapes(*ties, spread, q)
-        shape_pole[self.known] = 0.0
-        shape_run.swapaxes(1, 2)[self.known] = 0.0
-        by_pole = real_gradient(both, point.products[..., m:])
-        by_run = real_gradient(spread, point.products[..., :m])
-        return System(
-            products.pole_pole(spread, q),
-            products.pole_run(spread, q),
-            products.run_run(spread),
-            shape_pole,
-            shape_run,
-            self._shape_normal(at, q, weight),
-            np.einsum("c,rcj->j", weight, by_pole),
-            np.einsum("c,rcj->rj", weight, by_run),
-            self._free(q),
+
+def linearised(point: Point) -> System:
+    """Return the normal equations at a point (Gauss-Newton)."""
+    sums, ties, q = point.sums, point.ties, point.amplitudes
+    n_runs, m = q.shape
+    weight, member = sums.samples.count / point.squares, ties.member
+    spread, n_owners = ties.spread(point.shapes), len(member)
+    weighted = member[:, None] * (ties.sign * weight[:, None]).T  # (n_owners, m, n_channels)
+    f, g = slice(m), slice(m, 2 * m)
+    common = np.zeros((1 + n_owners, 2 * m, 1 + n_owners, 2 * m))
+    border = np.zeros((n_runs, 1 + n_owners, 2 * m, 2 * m))
+    shapes_poles = np.zeros((n_owners, 2 * m, 2 * m))
+    for block, mixed, plain in _each(sums):
+        own_q, own_s = q[block.runs], spread[block.channels]
+        each = own_q[:, None]
+        across, along = _pairs(weight[block.channels, None] * own_s, own_s)
+        q_across, q_along = _pairs(own_q, own_q)
+        # The derivative by a pole is ``s q g``, by an amplitude ``s f``, by a shape ``sign q f``.
+        common[0, :, 0] += _real_block(
+            across * q_across * mixed[g, g], along * q_along * plain[g, g]
         )
+        border[block.runs, 0] += _real_block(
+            across * each * mixed[f, g], along * each * plain[f, g]
+        )
+        signed = weighted[..., block.channels] @ own_s  # (n_owners, m of shapes, m of functions)
+        shapes_poles += _real_block(signed * q_across * mixed[f, g], signed * q_along * plain[f, g])
+        turned = signed.swapaxes(1, 2)
+        border[block.runs, 1:] += _real_block(
+            turned.conj() * each[:, None] * mixed[f, f], turned * each[:, None] * plain[f, f]
+        )
+    owners = np.arange(1, 1 + n_owners)
+    common[1:, :, 0], common[0, :, 1:] = shapes_poles, shapes_poles.transpose(2, 0, 1)
+    common[owners, :, owners] = _shape_normal(sums, ties, q, weight)
 
-    def move(self, point: Point, system: System, damping: float) -> Point | None:
-        """Return the point after a step; None if it is not better."""
-        m = len(point.waves.poles)
-        by_poles, by_runs, by_shapes = system.step(damping)
-        poles = point.waves.poles + by_poles[:m] + 1j * by_poles[m:]
-        if np.any(poles.imag[self.turning] <= 0.0):
-            return None
-        if np.any(poles.real * self.samples.longest_s > _MAX_GROWTH):
-            return None
-        shapes = point.shapes + by_shapes[:, :m] + 1j * by_shapes[:, m:]
-        amplitudes = point.amplitudes + by_runs[:, :m] + 1j * by_runs[:, m:]
-        weight = self.samples.count / point.squares
-        at = waves(self.samples.layout, poles)
-        target = at.with_samples(*self.samples.place.shape)
-        trial = self._point(at, target, amplitudes, shapes, weight)
-        return trial if trial.objective <= point.objective else None
-
-    def log_likelihood(self, point: Point) -> float:
-        """Return twice the logarithm of the likelihood, without constants."""
-        return -float(np.sum(self.samples.count * np.log(point.squares / self.samples.count)))
-
-    def _fitted(self, at: Waves, residues: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the functions times the real parts of exponentials, (n_runs, n_channels, 2 m).
-
-        `residues` (n_runs, n_channels, m): amplitude of each exponential in each series.
-        """
-        run, block, series = self.samples.rows
-        own, m = residues[run] * series[..., None], residues.shape[2]
-        found = own @ at.plain[block, :m] + own.conj() @ at.mixed[block, :m]
-        return np.asarray(np.add.reduceat(found, self.samples.first, axis=0) / 2.0)
-
-    def _products(self, at: Waves, weight: NDArray[np.float64]) -> Products:
-        run, block, series = self.samples.rows
-        return Products(self.samples.first, run, series * weight, at.mixed[block], at.plain[block])
-
-    def _shape_normal(
-        self, at: Waves, q: NDArray[np.complex128], weight: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        normal = self._products(at, weight).shape_shape(self.member, self.ties.sign, q)
-        normal[self.known] = 0.0
-        np.swapaxes(normal, 1, 2)[self.known] = 0.0
-        np.einsum("gii->gi", normal)[self.known] = 1.0
-        return normal
-
-    def _shape_gradient(
-        self,
-        q: NDArray[np.complex128],
-        products: NDArray[np.complex128],
-        weight: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        signed = self.ties.sign * q[:, None]
-        each = real_gradient(signed, products[..., : q.shape[1]])
-        gradient = np.einsum("gc,rcj->gj", self.member * weight, each)
-        return np.asarray(np.where(self.known, 0.0, gradient))
-
-    def spread(self, own: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return each channel's shapes from those of the owners."""
-        return np.asarray(self.ties.sign * own[self.ties.owner])
-
-    def _owned(self, shapes: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the owners' shapes that are nearest to those of the channels."""
-        n_members = self.member @ np.abs(self.ties.sign)
-        return np.asarray((self.member @ (self.ties.sign * shapes)) / np.maximum(n_members, 1.0))
-
-    def _free(self, amplitudes: NDArray[np.complex128]) -> NDArray[np.bool_]:
-        """Return which unknowns are free; one amplitude of each mode sets its shape's scale."""
-        n_runs, m = amplitudes.shape
-        free = np.ones((1 + n_runs, 2, m), dtype=bool)
-        free[:, 1] = self.turning
-        free[1 + np.argmax(np.abs(amplitudes), axis=0), :, np.arange(m)] = False
-        return free.reshape(1 + n_runs, 2 * m)
+    turning = sums.poles.imag > 0.0
+    free = np.vstack([np.append(np.ones(m, bool), turning), ties.free(turning)]).ravel()
+    # One amplitude of each mode sets the scale of its shape.
+    moving = np.ones((n_runs, 2, m), dtype=bool)
+    moving[:, 1] = turning
+    moving[np.argmax(np.abs(q), axis=0), :, np.arange(m)] = False
+    runs, run_scale = _unit(_run_normal(sums, spread, weight))
+    whole, common_scale = _unit(common.reshape(len(free), -1))
+    run_scale, common_scale = run_scale * moving.reshape(n_runs, -1), common_scale * free
+    held, kept = run_scale > 0.0, common_scale > 0.0
+    by_poles = _real_gradient(q[:, None] * spread, point.products[..., g])
+    by_poles = np.einsum("c,rcj->j", weight, by_poles)
+    by_shapes = _shape_gradient(ties, q, point.products, weight)
+    by_runs = np.einsum("c,rcj->rj", weight, _real_gradient(spread, point.products[..., f]))
+    return System(
+        runs * held[:, None] * held[..., None],
+        border.swapaxes(1, 2).reshape(n_runs, 2 * m, -1) * run_scale[..., None] * common_scale,
+        whole * kept * kept[:, None],
+        run_scale * by_runs,
+        common_scale * np.concatenate([by_poles, by_shapes.ravel()]),
+        run_scale,
+        common_scale,
+    )
 
 
-def problem_of(samples: Samples, ties: Ties, turning: NDArray[np.bool_]) -> Problem:
-    """Return the problem of some samples.
-
-    `ties`: known ties of the shapes.  `turning`, (m,) bool: whether a pole is one of a conjugate
-    pair.
-    """
-    member = (np.arange(ties.owner.max() + 1)[:, None] == ties.owner).astype(float)
-    known = np.repeat((member @ np.abs(ties.sign) == 0.0)[:, None], 2, axis=1)
-    known[:, 1] |= ~turning
-    return Problem(samples, ties, turning, known.reshape(len(member), -1), member)
-
-
-def _complex(parts: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Join real parts (the first half of the rows) and imaginary parts."""
-    half = len(parts) // 2
-    return np.asarray(parts[:half] + 1j * parts[half:])
-
-
-# The modal likelihood -----------------------------------------------------------------------------
+# The fit ------------------------------------------------------------------------------------------
 
 _STEPS = 40
 _REACH = 8
@@ -418,140 +394,95 @@ _MAX_DAMPING = 1e8
 class LikelyModes:
     """Modes of the highest likelihood."""
 
-    poles: NDArray[np.complex128]
-    """rad/s, shape (m,); one of each conjugate pair, and real ones, in the order of the start
-    values."""
-    shapes: NDArray[np.complex128]
-    """Entries in each channel, shape (n_channels, m)."""
-    amplitudes: NDArray[np.complex128]
-    """Amplitude of each mode at t = 0 of each run, shape (n_runs, m)."""
-    ties: Ties
-    """Ties of the shapes, as given."""
-    pole_covariance: NDArray[np.float64]
+    point: Point
+    """The optimum."""
+    pole_covariance: _Real
     """Covariance of the real and then of the imaginary parts of the poles, (rad/s)^2, shape (2 m, 2
     m)."""
-    noise: NDArray[np.float64]
-    """Standard deviation, shape (n_channels,)."""
-    log_likelihood: float
-    """Twice the logarithm of the likelihood, without constants."""
     n_unknowns: int
     """Number of fitted numbers, without the levels."""
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "poles", "shapes", "amplitudes", "pole_covariance", "noise")
+    @property
+    def poles(self) -> _Complex:
+        """One of each conjugate pair, and real ones, in the order of the start, rad/s, (m,)."""
+        return self.point.sums.poles
 
     @property
-    def frequency_std_hz(self) -> NDArray[np.float64]:
-        """Standard deviation of ``|pole| / 2 pi``, (m,)."""
-        size = np.abs(self.poles)
-        return self._std(self.poles.real / size, self.poles.imag / size) / (2.0 * np.pi)
+    def shapes(self) -> _Complex:
+        """Entries in each channel, (n_channels, m)."""
+        return self.point.ties.spread(self.point.shapes)
 
     @property
-    def damping_ratio_std(self) -> NDArray[np.float64]:
-        """Standard deviation of ``-Re(pole) / |pole|``, (m,)."""
-        cube = np.abs(self.poles) ** 3
-        return self._std(-(self.poles.imag**2) / cube, self.poles.real * self.poles.imag / cube)
+    def noise(self) -> _Real:
+        """Standard deviation of each channel, (n_channels,)."""
+        count = self.point.sums.samples.count
+        return np.asarray(np.sqrt(self.point.squares / count / _share(self.n_unknowns, count)))
 
-    def _std(
-        self, by_real: NDArray[np.float64], by_imag: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        slope = np.hstack([np.diag(by_real), np.diag(by_imag)])
-        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", slope, self.pole_covariance, slope)))
+    def model(self) -> ModalModel:
+        """Return the modes that vibrate, with their deviations by the Cramer-Rao bound."""
+        poles, size, m = self.poles, np.abs(self.poles), len(self.poles)
+        x, y = poles.real, poles.imag
+        by_frequency = np.hstack([np.diag(x / size), np.diag(y / size)]) / (2.0 * np.pi)
+        by_damping = np.hstack([np.diag(-(y**2) / size**3), np.diag(x * y / size**3)])
+        frequency_std_hz, damping_std = (
+            np.sqrt(np.einsum("ij,jk,ik->i", slope, self.pole_covariance, slope))
+            for slope in (by_frequency.reshape(m, -1), by_damping.reshape(m, -1))
+        )
+        which = vibrates(poles)
+        return ModalModel(
+            poles[which], self.shapes[:, which], frequency_std_hz[which], damping_std[which]
+        )
 
 
 def most_likely_modes(
     samples: Samples,
-    poles: NDArray[np.complex128],
-    shapes: NDArray[np.complex128],
+    poles: _Complex,
+    shapes: _Complex,
     ties: Ties | None = None,
     most_steps: int = _STEPS,
+    wanted: float = -np.inf,
 ) -> LikelyModes:
     """Fit poles, shapes and amplitudes to all samples at once.
 
-    `samples`: from `gathered`.  `poles` (m,) rad/s, imaginary parts of at least zero, m >= 1, and
-    `shapes` (n_channels, m): where to start; a real pole stays real.  `ties`: known ties of the
-    shapes.  `most_steps`: after these the fit ends, settled or not.
+    `poles` (m,) rad/s, imaginary parts of at least zero, m >= 1, and `shapes` (n_channels, m):
+    where to start; a real pole stays real.  `ties`: known ties of the shapes.  After `most_steps`,
+    or as soon as the log-likelihood `wanted` is clearly out of reach, the fit ends unsettled.
     """
-    return _result(*_optimum(samples, poles, shapes, ties, -np.inf, most_steps))
-
-
-def more_likely_modes(
-    samples: Samples,
-    poles: NDArray[np.complex128],
-    shapes: NDArray[np.complex128],
-    ties: Ties | None,
-    wanted: float,
-) -> LikelyModes | None:
-    """Return the modes of `most_likely_modes`, None if their `log_likelihood` is not above a value.
-
-    The fit ends as soon as `wanted` is clearly out of reach.
-    """
-    problem, point = _optimum(samples, poles, shapes, ties, wanted)
-    return _result(problem, point) if problem.log_likelihood(point) > wanted else None
-
-
-def _optimum(
-    samples: Samples,
-    poles: NDArray[np.complex128],
-    shapes: NDArray[np.complex128],
-    ties: Ties | None,
-    wanted: float,
-    most_steps: int = _STEPS,
-) -> tuple[Problem, Point]:
-    """Return the problem and its best point; the search ends early if `wanted` is out of reach."""
-    problem = problem_of(samples, ties or Ties.none(len(shapes), len(poles)), poles.imag > 0.0)
-    start = point = problem.start(poles, shapes)
+    ties = ties or Ties.none(len(shapes), len(poles))
+    start = point = fitted_at(summed(samples, poles), shapes, ties)
     damping = _DAMPING
     for _ in range(most_steps):
-        system = problem.linearise(point)
-        gain = 0.0
+        system, before = linearised(point), point.log_likelihood
         while damping < _MAX_DAMPING:
-            trial = problem.move(point, system, damping)
+            trial = _moved(point, system, damping)
             if trial:
-                damping = max(damping / 10.0, 1e-12)
-                gain, point = point.objective - trial.objective, trial
+                damping, point = max(damping / 10.0, 1e-12), trial
                 break
             damping = max(damping * 10.0, _FAR if point is start else 0.0)
-        if gain < _SETTLED or _REACH * gain < wanted - problem.log_likelihood(point):
+        gain = point.log_likelihood - before
+        if gain < _SETTLED or _REACH * gain < wanted - point.log_likelihood:
             break
-    return problem, point
+    system = linearised(point)
+    n_unknowns = int(np.sum(system.run_scale > 0.0) + np.sum(system.common_scale > 0.0))
+    covariance = system.pole_covariance() / _share(n_unknowns, samples.count)
+    return LikelyModes(point, read_only(covariance), n_unknowns)
 
 
-def likelihood_near(
-    samples: Samples,
-    poles: NDArray[np.complex128],
-    shapes: NDArray[np.complex128],
-    ties: Ties,
-) -> float:
-    """Return the `log_likelihood` of given poles, amplitudes fitted and shapes improved once.
-
-    Parameters are those of `most_likely_modes`; this ranks sets that start near their optimum.
-    """
-    problem = problem_of(samples, ties, poles.imag > 0.0)
-    return problem.log_likelihood(problem.start(poles, shapes))
+def _share(n_unknowns: int, count: _Real) -> float:
+    """Return the share of the samples' power that a fit of noise leaves."""
+    return max(1.0 - n_unknowns / float(count.sum()), 1e-3)
 
 
-def _result(problem: Problem, point: Point) -> LikelyModes:
-    """Return the modes at a point with their covariance."""
-    m = len(point.waves.poles)
-    system = problem.linearise(point)
-    n_unknowns = int(np.sum(system.free)) + int(np.sum(~problem.known))
-    share = 1.0 - n_unknowns / problem.samples.count.sum()
-    # A mode without information has no bound: its variance is left large.
-    where = np.flatnonzero(system.free[0])
-    information = system.pole_information()[np.ix_(where, where)]
-    scale = np.multiply.outer(*[unit_scale(information)] * 2)
-    strength, directions = np.linalg.eigh(scale * information)
-    inverse = (directions / np.maximum(strength, 1e-15)) @ directions.T
-    covariance = np.zeros((2 * m, 2 * m))
-    covariance[np.ix_(where, where)] = inverse * scale / max(share, 1e-3)
-    return LikelyModes(
-        point.waves.poles,
-        problem.spread(point.shapes),
-        point.amplitudes,
-        problem.ties,
-        covariance,
-        np.sqrt(point.squares / problem.samples.count / max(share, 1e-3)),
-        problem.log_likelihood(point),
-        n_unknowns,
-    )
+def _moved(point: Point, system: System, damping: float) -> Point | None:
+    """Return the point after a step; None if it is not better."""
+    samples = point.sums.samples
+    by_poles, by_amplitudes, by_shapes = system.step(damping)
+    poles = point.sums.poles + by_poles
+    longest_s = max(float(block.time_s[-1]) for block in samples.blocks)
+    turning = point.sums.poles.imag > 0.0
+    if np.any(poles.imag[turning] <= 0.0) or np.any(poles.real * longest_s > _MAX_GROWTH):
+        return None
+    amplitudes, shapes = point.amplitudes + by_amplitudes, point.shapes + by_shapes
+    trial = point_at(summed(samples, poles), point.ties, amplitudes, shapes)
+    trial = trial.with_best_shapes(samples.count / point.squares)
+    return trial if trial.log_likelihood >= point.log_likelihood else None

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from cmath import phase
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees, isfinite
 
 import numpy as np
@@ -23,6 +23,8 @@ from dbc.frames import freeze_arrays, read_only
 
 from ..model.low_pass import low_pass_of
 from ..model.matrices import N_DOF, motion_row
+
+_MAX_DAMPING = 0.98
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +105,23 @@ class ModalModel:
         return np.asarray(-self.poles.real / np.abs(self.poles))
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
-        return _html(self)
+        """Return frequencies, damping ratios and shapes as HTML, for a notebook."""
+        stds = zip(self.frequency_std_hz.tolist(), self.damping_ratio_std.tolist(), strict=True)
+        rows = []
+        for number, (mode, std) in enumerate(zip(self.modes, stds, strict=True), start=1):
+            of_frequency, of_damping = (f"{s:.2g}" if isfinite(s) else "" for s in std)
+            angles = [degrees(phase(e)) + 0.0 if abs(e) > 1e-9 else 0.0 for e in mode.shape]
+            entries = zip(mode.shape, angles, strict=True)
+            rows.append(
+                [
+                    *(str(number), f"{mode.frequency_hz:.4f}", of_frequency),
+                    *(f"{mode.damping_ratio:.4f}", of_damping),
+                    *(f"{abs(entry):.2f} ∠ {angle:.0f}°" for entry, angle in entries),
+                ]
+            )
+        names = [f"entry {i}" for i in range(1, len(self.shapes) + 1)]  # channels, or freedoms
+        columns = ["mode", "frequency, Hz", "std", "damping ratio", "std", *names]
+        return html_table(f"{len(self)} modes", columns, rows)
 
 
 def modes_of(A: NDArray[np.float64]) -> ModalModel:
@@ -115,6 +132,11 @@ def modes_of(A: NDArray[np.float64]) -> ModalModel:
     eigenvalues, eigenvectors = np.linalg.eig(A)
     upper = eigenvalues.imag > 0.0
     return ModalModel(eigenvalues[upper], eigenvectors[: len(A) // 2, upper])
+
+
+def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """Return which poles represent a mode; of a pair, the one with positive imaginary part."""
+    return np.asarray((poles.imag > 0.0) & (-poles.real < _MAX_DAMPING * np.abs(poles)))
 
 
 def mac(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -183,39 +205,7 @@ def displacement_shapes(
     derivative = np.array([TIME_DERIVATIVE[channel.quantity] for channel in channels])
     gain = np.array([low_pass_of(channel).gain(sensed.poles) for channel in channels])
     displacement = sensed.shapes / (gain * sensed.poles ** derivative[:, None])
-    return ModalModel(
-        sensed.poles,
-        np.linalg.pinv(rows) @ displacement,
-        sensed.frequency_std_hz,
-        sensed.damping_ratio_std,
-    )
-
-
-def _html(model: ModalModel) -> str:
-    """Return frequencies, damping ratios and shapes of modes as HTML."""
-    n = len(model.shapes)
-    rows = [
-        [
-            str(number),
-            f"{mode.frequency_hz:.4f}",
-            _std(float(model.frequency_std_hz[number - 1])),
-            f"{mode.damping_ratio:.4f}",
-            _std(float(model.damping_ratio_std[number - 1])),
-            *(f"{abs(entry):.2f} ∠ {_degrees(entry):.0f}°" for entry in mode.shape),
-        ]
-        for number, mode in enumerate(model.modes, start=1)
-    ]
-    channels = [f"entry {i}" for i in range(1, n + 1)]  # of channels, or of degrees of freedom
-    columns = ["mode", "frequency, Hz", "std", "damping ratio", "std", *channels]
-    return html_table(f"{len(model)} modes", columns, rows)
-
-
-def _std(value: float) -> str:
-    return f"{value:.2g}" if isfinite(value) else ""
-
-
-def _degrees(entry: complex) -> float:
-    return degrees(phase(entry)) + 0.0 if abs(entry) > 1e-9 else 0.0
+    return replace(sensed, shapes=np.linalg.pinv(rows) @ displacement)
 
 
 # Pairs the entries of two lists, each at most once, with the largest sum of values ----------------
@@ -261,18 +251,9 @@ def mode_names(model: ModalModel, geometry: VehicleGeometry) -> tuple[str, ...]:
     z, theta, phi, A, B, C, D = model.shapes
     wheelbase = geometry.a + geometry.b
     half_width = (geometry.t_f + geometry.t_r) / 2.0
-    motions = np.stack(
-        [
-            2.0 * z,
-            theta * wheelbase,
-            2.0 * phi * half_width,
-            (A + B) / np.sqrt(2.0),
-            (A - B) / np.sqrt(2.0),
-            (C + D) / np.sqrt(2.0),
-            (C - D) / np.sqrt(2.0),
-        ]
-    )
-    share = np.abs(motions) ** 2
+    body = 2.0 * z, theta * wheelbase, 2.0 * phi * half_width
+    wheels = np.array([A + B, A - B, C + D, C - D]) / np.sqrt(2.0)
+    share = np.abs(np.vstack([*body, *wheels])) ** 2
     share /= share.sum(axis=0)
     names = ["further mode"] * len(model)
     for motion, mode in zip(*best_pairs(share), strict=True):
@@ -360,10 +341,9 @@ def originals(
     m = len(poles)
     if m < 2 or len(shapes) < 2:
         return np.arange(m)
-    energy = np.sum(np.abs(shapes) ** 2, axis=0) if amplitudes is not None else np.ones(m)
+    energy = 1.0 / np.maximum(np.abs(poles.real), np.finfo(float).tiny)
     if amplitudes is not None:
-        energy = energy * np.sum(np.abs(amplitudes) ** 2, axis=0)
-    energy = energy / np.maximum(np.abs(poles.real), np.finfo(float).tiny)
+        energy *= np.sum(np.abs(shapes) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
     size = np.abs(poles)
     near = np.abs(poles[:, None] - poles) < _NEAR * np.maximum(size[:, None], size)
     same = near & (mac(shapes, shapes) > _ALIKE) & (poles.imag > 0.0)[:, None] & (poles.imag > 0.0)

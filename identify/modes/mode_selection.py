@@ -7,7 +7,7 @@ pole that
 - is one of a conjugate pair, decays and oscillates (a damping ratio up to critical: a vehicle's
   modes have 24 to 36 %, so the usual limit of 20 % would leave none),
 - recurs with its shape (MAC) at the next higher ranks (`stabilisation_diagram`), or is split
-  off from such a pole by maximum likelihood (`identify.modes.mode_selection`),
+  off from such a pole by maximum likelihood,
 - explains more of the records than noise would in 999 of 1000 records.
 
 Phase collinearity is not a criterion here: the channels may be accelerations, rates and
@@ -16,7 +16,7 @@ displacements at once, and a vehicle's dampers make its shapes complex anyway.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,17 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..model import exponentials
 from ..model.chi_squared import exceeded_by_chance
-from .modal_likelihood import (
-    LikelyModes,
-    Samples,
-    Ties,
-    gathered,
-    likelihood_near,
-    more_likely_modes,
-    most_likely_modes,
-)
-from .modal_model import ModalModel, originals
-from .shape_fit import ModalFit, Projection, gain_by_noise, project, without_each
+from .modal_likelihood import LikelyModes, Point, Ties, fitted_at, most_likely_modes
+from .modal_model import ModalModel, originals, vibrates
+from .samples import FALSE_ALARM, Samples, even_blocks, gathered, summed
 from .state_variable_method import (
     DelaySpace,
     Poles,
@@ -46,164 +38,29 @@ from .state_variable_method import (
     poles_of_rank,
     seen_in,
 )
-from .waves import Block, even_blocks, likelihood_at_most
 
-# Finds the number of modes: the likelihood adds missing modes and removes needless ones -----------
-#
-# The State Variable Method may give one pole where there are two that nearly coincide; the slope
-# of the residual along ``t exp(pole t)`` reveals the second one, and shows its shape.  The method
-# may also give poles that only follow noise; without them the likelihood falls by no more than
-# noise explains.  Poles that are copies of one mode are merged (`identify.modes.modal_model`).
+_GAP = 100.0
+_ROUNDING = 1e-11
+"""Noise-free: singular values drop by `_GAP` to below `_ROUNDING` of the largest."""
+_SAME_POLE_CLEAN = 1e-4
 
-_FALSE_ALARM = 1e-3
+_LIKE = 0.003
+"""Largest relative difference of sets of poles that lead to the same optimum."""
+_COMBINATIONS = 16
+"""Combinations of records in which modes are sought and copies removed."""
+_MOST_SETS = 24
+"""Sets of poles of which the best is the start; neighbours in rank differ in one or two poles."""
+
 _MOST_SPLITS = 4
 _SORTING_FITS = 8
 _SORTING_STEPS = 8
 """`_SORTING_FITS`, `_SORTING_STEPS`: fits, and steps of each, in which copies are removed; a fit
 with copies settles slowly."""
-_TINY = 1e-100
 _DETUNED = 1.03
 """Factor from the first to the start of the second of two poles: near it, but not equal."""
-
-Start = tuple[NDArray[np.complex128], NDArray[np.complex128], Ties]
-"""Poles (m,), shapes (n_channels, m) and their ties."""
-
-
-def likely_modes(
-    samples: Samples,
-    poles: NDArray[np.complex128],
-    shapes: NDArray[np.complex128],
-    ties: Ties | None = None,
-    sorting: Samples | None = None,
-) -> LikelyModes:
-    """Return the set of modes with the highest merit near a given one.
-
-    `samples`: from `gathered`; levels are fitted if that raises the merit.  `poles` (m,) and
-    `shapes` (n_channels, m): the set to start from, with real poles; m >= 1.  `ties`: known ties;
-    an added mode has the kind of the mode that hid it.  `sorting`: fewer samples of the same
-    motion, in which copies show; `samples` by default.
-    """
-    sorting = sorting or samples
-    first = originals(poles, shapes)
-    ties = ties or Ties.none(len(shapes), len(poles))
-    start = poles[first], shapes[:, first], Ties(ties.owner, ties.sign[:, first])
-    for _ in range(_SORTING_FITS):
-        modes = most_likely_modes(sorting, *start, _SORTING_STEPS)
-        kept = _originals(modes)
-        start = _chosen(modes, kept)
-        if len(kept) == len(modes.poles):
-            break
-    n_levels = sum(block.values.shape[1] for block in samples.blocks if not block.free_level)
-    if n_levels:
-        floating = gathered([replace(block, free_level=True) for block in samples.blocks])
-        gain = likelihood_near(floating, *start) - likelihood_near(samples, *start)
-        if gain > exceeded_by_chance(n_levels, _FALSE_ALARM):
-            samples = floating
-            sorting = gathered([replace(block, free_level=True) for block in sorting.blocks])
-    best = most_likely_modes(samples, *start)
-    while len(kept := _originals(best)) < len(best.poles):
-        best = most_likely_modes(samples, *_chosen(best, kept))
-    n = sum(block.values.size for block in samples.blocks) // len(shapes)
-    for _ in range(_MOST_SPLITS):
-        more = most_likely_modes(sorting, *_split(samples.blocks, best), _SORTING_STEPS)
-        if len(_originals(more)) < len(more.poles):
-            break
-        trial = _more_merit(samples, best, (more.poles, more.shapes, more.ties), n)
-        if trial is None or len(_originals(trial)) < len(trial.poles):
-            break
-        best = trial
-    while len(best.poles) > 1:
-        fewer = _without_least_needed(samples, best, n)
-        trial = None if fewer is None else _more_merit(samples, best, fewer, n)
-        if trial is None:
-            break
-        best = trial
-    return best
-
-
-def _originals(modes: LikelyModes) -> NDArray[np.intp]:
-    return originals(modes.poles, modes.shapes, modes.amplitudes)
-
-
-def _more_merit(samples: Samples, modes: LikelyModes, other: Start, n: int) -> LikelyModes | None:
-    """Return the modes from another start; None if their merit is not above that of some modes."""
-    wanted = _merit(modes, n) + float(_noise(modes, other[0], n))
-    return more_likely_modes(samples, *other, wanted)
-
-
-def _merit(modes: LikelyModes, n: int) -> float:
-    """Return the likelihood of some modes less the gain of as many modes from noise."""
-    return modes.log_likelihood - float(_noise(modes, modes.poles, n))
-
-
-def _noise(modes: LikelyModes, poles: NDArray[np.complex128], n: int) -> NDArray[np.float64]:
-    """Return the gain of other poles, or of each of some sets, (.., p), from noise."""
-    return gain_by_noise(poles, len(modes.shapes), len(modes.amplitudes), n)
-
-
-def _chosen(modes: LikelyModes, which: NDArray[np.intp]) -> Start:
-    ties = Ties(modes.ties.owner, modes.ties.sign[:, which])
-    return modes.poles[which], modes.shapes[:, which], ties
-
-
-def _split(blocks: Sequence[Block], modes: LikelyModes) -> Start:
-    """Return the modes with a second one next to the mode that hides it best."""
-    m, (n_channels, n_runs) = len(modes.poles), (len(modes.shapes), len(modes.amplitudes))
-    pattern = np.zeros((m, n_channels, n_runs), dtype=complex)
-    for block in blocks:
-        wave = exponentials.waves(block.time_s, modes.poles)
-        residue = modes.shapes[block.channel] * modes.amplitudes[block.run]
-        left = (block.deviations - (wave @ residue.T).real) / modes.noise[block.channel]
-        slope = block.time_s[:, None] * wave
-        size = np.linalg.norm(slope, axis=0) + _TINY  # zero if it decays within the first sample
-        pattern[:, block.channel, block.run] = (slope / size).conj().T @ left
-    u, strength, _ = np.linalg.svd(pattern * np.abs(modes.ties.sign.T)[..., None])
-    k = int(np.argmax(np.where(modes.poles.imag > 0.0, strength[:, 0], -1.0)))
-    poles, shapes, ties = _chosen(modes, np.append(np.arange(m), k))
-    shape = u[k, :, 0] * modes.noise
-    poles[-1] *= _DETUNED
-    shapes[:, -1] = shape / np.linalg.norm(shape)
-    return poles, shapes, ties
-
-
-def _without_least_needed(samples: Samples, modes: LikelyModes, n: int) -> Start | None:
-    """Return the modes without the least needed one; None if all are certainly needed.
-
-    Free amplitudes of its poles in every series bound the merit of a set: where this bound is below
-    the merit of the modes themselves, or of a set tried before, the set is not fitted.
-    """
-    fewer = without_each(np.arange(len(modes.poles)))
-    noise = _noise(modes, modes.poles[fewer], n)
-    most = likelihood_at_most(samples.blocks, modes.poles, len(modes.shapes)) - noise
-    merit = _merit(modes, n)
-    best, highest = None, -np.inf
-    for leave in np.argsort(-most, kind="stable").tolist():
-        if most[leave] < max(highest, merit):
-            break
-        other = _chosen(modes, fewer[leave])
-        found = likelihood_near(samples, *other) - noise[leave]
-        if found > highest:
-            best, highest = other, found
-    return best
-
-
-# The mode selection -------------------------------------------------------------------------------
-
-_GAP = 100.0
-_ROUNDING = 1e-11
-"""Noise-free: singular values drop by `_GAP` to below `_ROUNDING` of the largest."""
-
-_SAME_POLE_CLEAN = 1e-4
-_MAX_DAMPING = 0.98
-
-_LIKE = 0.003
-"""Largest relative difference of sets of poles that lead to the same optimum."""
-_COMBINATIONS = 16
-"""Combinations of records in which copies of modes are looked for."""
-_MOST_SETS = 24
-"""Sets of poles of which the best is the start; neighbours in rank differ in one or two poles."""
-_TRIAL_SWEEPS = 2
-"""Sweeps that rank the sets: a set with one pole less begins near its optimum."""
+_NEEDED = 4.0
+"""Multiple of the gain by noise above which a mode is certainly needed, although poles and shapes
+of the others could follow some of its motion."""
 
 
 def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
@@ -233,7 +90,7 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
         No record, different numbers of channels, fewer than 8 samples, values that are not finite,
         or a rate that is not positive.
     """
-    return _modes(records, rate_hz, noisy_modes)
+    return _modes(records, rate_hz, settled=True)
 
 
 def regression_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
@@ -241,79 +98,56 @@ def regression_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel
 
     Parameters and Raises are those of `identify_modes`.
     """
-    return _modes(records, rate_hz, noisy_start)
+    return _modes(records, rate_hz, settled=False)
 
 
-def _modes(
-    records: Sequence[ArrayLike],
-    rate_hz: float,
-    noisy: Callable[
-        [Sequence[DelaySpace], Sequence[NDArray[np.float64]], float],
-        ModalModel,
-    ],
-) -> ModalModel:
+def _modes(records: Sequence[ArrayLike], rate_hz: float, *, settled: bool) -> ModalModel:
     decays = checked_records(records, rate_hz)
     size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
     alive = np.any([np.ptp(decay, axis=0) > 0.0 for decay in decays], axis=0)  # no stuck sensor
-    shapes = np.zeros((len(size), 0), dtype=complex)
     if not np.any(alive):
-        return ModalModel(np.zeros(0, dtype=complex), shapes)
+        return ModalModel(np.zeros(0, complex), np.zeros((len(size), 0), complex))
     # With equal noise in all channels, directions of noise do not stand out like those of motion.
     size[alive] *= noise_levels([decay[:, alive] / size[alive] for decay in decays])
     scaled = [decay[:, alive] / size[alive] for decay in decays]
-    spaces = [delay_space(scaled, rate_hz, delays) for delays in layouts(scaled, rate_hz)]
-    found = clean_modes(spaces)
-    if found is None:
-        found = noisy(spaces, scaled, rate_hz)
-    shapes = np.zeros((len(size), len(found)), dtype=complex)
-    shapes[alive] = found.shapes * size[alive, None]
-    return ModalModel(found.poles, shapes, found.frequency_std_hz, found.damping_ratio_std)
+    spaces = [delay_space(scaled, rate_hz, delays) for delays in layouts(scaled)]
+    model = clean_modes(spaces)
+    if model is None:
+        few = gathered(even_blocks(_strongest(scaled), rate_hz))
+        start = _best_start(spaces, few, max(len(decay) for decay in scaled) / rate_hz)
+        poles, shapes = start.sums.poles, start.ties.spread(start.shapes)
+        if settled and len(poles):
+            samples = gathered(even_blocks(scaled, rate_hz))
+            model = likely_modes(samples, poles, shapes, sorting=few).model()
+        else:
+            model = ModalModel(poles, shapes)
+    shapes = np.zeros((len(size), len(model)), dtype=complex)
+    shapes[alive] = model.shapes * size[alive, None]
+    return ModalModel(model.poles, shapes, model.frequency_std_hz, model.damping_ratio_std)
 
 
 def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
     """Return the modes of noise-free records, or None if the records are noisy.
 
-    They are taken from the layout that shows most, and must recur in another one.
-
-    `spaces`: the records in several layouts, the preferred first.
+    `spaces`: the records in several layouts, the preferred first.  The modes are taken from the
+    layout that shows most, and must recur in another one.
     """
-    found = []
+    candidates: list[Poles] = []
     for space in spaces:
-        rank = _numerical_rank(space.strength)
-        if rank is not None:
-            poles, shapes = poles_of_rank(space, rank)
+        relative = np.maximum(space.strength / space.strength[0], np.finfo(float).eps / 16.0)
+        drop = np.where(relative[1:] < _ROUNDING, relative[:-1] / relative[1:], 0.0)
+        if drop.max(initial=0.0) > _GAP:
+            poles, shapes = poles_of_rank(space, int(np.argmax(drop)) + 1)
             modes = vibrates(poles)
-            found.append((poles[modes], shapes[:, modes]))
-    if not found:
+            candidates.append((poles[modes], shapes[:, modes]))
+    if not candidates:
         return None
-    poles, shapes = most = max(found, key=lambda layout: len(layout[0]))
+    poles, shapes = most = max(candidates, key=lambda layout: len(layout[0]))
     tolerance = _SAME_POLE_CLEAN * np.abs(poles)
-    again = [seen_in(most, other, tolerance) for other in found if other is not most]
+    again = [seen_in(most, other, tolerance) for other in candidates if other is not most]
     confirmed = np.any(again, axis=0) if again else np.ones(len(poles), dtype=bool)
     exact = np.zeros(int(confirmed.sum()))
     return ModalModel(poles[confirmed], shapes[:, confirmed], exact, exact)
-
-
-def noisy_modes(
-    spaces: Sequence[DelaySpace], decays: Sequence[NDArray[np.float64]], rate_hz: float
-) -> ModalModel:
-    """Return the modes of noisy records; an empty model if none is certain.
-
-    `spaces`: the records in several layouts.  `decays`: the records (n_i, n_channels), scaled
-    alike.
-    """
-    start = noisy_start(spaces, decays, rate_hz)
-    if not len(start):
-        return start
-    samples, sorting = (gathered(even_blocks(d, rate_hz)) for d in (decays, _strongest(decays)))
-    likely = likely_modes(samples, start.poles, start.shapes, sorting=sorting)
-    modes = vibrates(likely.poles)
-    return ModalModel(
-        likely.poles[modes],
-        likely.shapes[:, modes],
-        likely.frequency_std_hz[modes],
-        likely.damping_ratio_std[modes],
-    )
 
 
 def _strongest(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
@@ -336,75 +170,136 @@ def _strongest(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64
     return combined
 
 
-def noisy_start(
-    spaces: Sequence[DelaySpace], decays: Sequence[NDArray[np.float64]], rate_hz: float
-) -> ModalModel:
-    """Return the stable set of highest merit, real poles included; no pole if there is no such set.
-
-    Parameters are those of `noisy_modes`.
-    """
-    duration_s = max(len(decay) for decay in decays) / rate_hz
+def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: float) -> Point:
+    """Return the stable set of highest merit, real poles included, without needless poles."""
     stable = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
-    sets = _worth_trying(stable)
-    projected = [project(decays, rate_hz, poles) for poles, _ in sets]
-    best: tuple[Projection, ModalFit] | None = None
-    for number in np.argsort([-one.most_merit for one in projected], kind="stable").tolist():
-        projection, (poles, shapes) = projected[number], sets[number]
-        if best is not None and projection.most_merit <= best[1].merit:
-            break
-        fit = projection.fit(np.arange(len(poles)), shapes, _TRIAL_SWEEPS)
-        if best is None or fit.merit > best[1].merit:
-            best = projection, fit
-    if best is None:
-        return ModalModel(np.zeros(0, complex), np.zeros((decays[0].shape[1], 0), complex))
-    needed = _without_needless(*best)
-    return ModalModel(needed.poles, needed.shapes)
-
-
-def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:
-    """Return at most `_MOST_SETS`, none equal to an earlier one or much smaller than another."""
-    most = max((len(poles) for poles, _ in sets), default=0)
-    chosen: list[Poles] = []
-    for poles, shapes in sets:
+    most = max((len(poles) for poles, _ in stable), default=0)
+    sets: list[Poles] = []
+    for poles, shapes in stable:
         like = any(
             len(poles) == len(other) and np.all(np.abs(poles - other) < _LIKE * np.abs(other))
-            for other, _ in chosen
+            for other, _ in sets
         )
         if 2 * len(poles) >= most and not like:
-            chosen.append((poles, shapes))
-    return chosen[:: max(1, -(-len(chosen) // _MOST_SETS))]
+            sets.append((poles, shapes))
+    nothing = np.zeros(0, complex), np.zeros((samples.n_channels, 0), complex)
+    sets = sets[:: max(1, -(-len(sets) // _MOST_SETS))] or [nothing]
+    starts = (
+        fitted_at(summed(samples, poles), shapes, Ties.none(*shapes.shape), 2)
+        for poles, shapes in sets
+    )
+    best = max(starts, key=lambda start: start.merit)
+    while len(best.sums.poles):
+        mode, _ = best.least_needed()
+        fewer = best.without(mode)
+        if fewer.merit <= best.merit:
+            break
+        best = fewer
+    return best
 
 
-def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Return which poles represent a mode; of a pair, the one with positive imaginary part."""
-    return np.asarray((poles.imag > 0.0) & (-poles.real < _MAX_DAMPING * np.abs(poles)))
+# Finds the number of modes: the likelihood adds missing modes and removes needless ones -----------
+#
+# The State Variable Method may give one pole where there are two that nearly coincide; the slope
+# of the residual along ``t exp(pole t)`` reveals the second one, and shows its shape.  The method
+# may also give poles that only follow noise; without them the likelihood falls by no more than
+# noise explains.  Poles that are copies of one mode are merged (`identify.modes.modal_model`).
+
+Start = tuple[NDArray[np.complex128], NDArray[np.complex128], Ties]
+"""Poles (m,), shapes (n_channels, m) and their ties."""
 
 
-def _without_needless(projection: Projection, fit: ModalFit) -> ModalFit:
-    """Remove one pole after the other as long as this raises the merit.
+def likely_modes(
+    samples: Samples,
+    poles: NDArray[np.complex128],
+    shapes: NDArray[np.complex128],
+    ties: Ties | None = None,
+    sorting: Samples | None = None,
+) -> LikelyModes:
+    """Return the set of modes with the highest merit near a given one.
 
-    `fit`: of all poles of the projection.
+    `samples`: from `gathered`; levels are fitted if that raises the merit.  `poles` (m,) and
+    `shapes` (n_channels, m): the set to start from, with real poles; m >= 1.  `ties`: known ties;
+    an added mode has the kind of the mode that hid it.  `sorting`: fewer samples of the same
+    motion, in which copies show; `samples` by default.
     """
-    kept, shapes = np.arange(len(fit.poles)), fit.shapes.copy()
-    while len(kept):
-        # A pole that even free amplitudes need is needed with shapes, too.
-        possible = projection.merits_without(kept) > fit.merit
-        if not possible.any():
+    sorting = sorting or samples
+    first = originals(poles, shapes)
+    ties = ties or Ties.none(*shapes.shape)
+    start = poles[first], shapes[:, first], ties.chosen(first)
+    for _ in range(_SORTING_FITS):
+        modes = most_likely_modes(sorting, *start, _SORTING_STEPS)
+        kept = _originals(modes)
+        start = _chosen(modes, kept)
+        if len(kept) == len(modes.poles):
             break
-        sets = without_each(kept)[possible]
-        trials = [projection.fit(one, shapes[:, one], _TRIAL_SWEEPS) for one in sets]
-        ahead = int(np.argmax([trial.merit for trial in trials]))
-        best = projection.fit(sets[ahead], trials[ahead].shapes)
-        if best.merit <= fit.merit:
+    held = [block for block in samples.blocks if not block.free_level]
+    if held:
+        floating = gathered([replace(block, free_level=True) for block in samples.blocks])
+        gains = [
+            fitted_at(summed(each, start[0]), *start[1:]).log_likelihood
+            for each in (floating, samples)
+        ]
+        n_levels = sum(block.values[0].size for block in held)
+        if gains[0] - gains[1] > exceeded_by_chance(n_levels, FALSE_ALARM):
+            samples = floating
+            sorting = gathered([replace(block, free_level=True) for block in sorting.blocks])
+    best = most_likely_modes(samples, *start)
+    while len(kept := _originals(best)) < len(best.poles):
+        best = most_likely_modes(samples, *_chosen(best, kept))
+    for _ in range(_MOST_SPLITS):
+        more = most_likely_modes(sorting, *_split(best), _SORTING_STEPS)
+        if len(_originals(more)) < len(more.poles):
             break
-        kept, fit = sets[ahead], best
-        shapes[:, kept] = fit.shapes
-    return fit
+        trial = _better(best, _chosen(more, np.arange(len(more.poles))))
+        if trial is None or len(_originals(trial)) < len(trial.poles):
+            break
+        best = trial
+    while len(best.poles) > 1:
+        mode, cost = best.point.least_needed()
+        if cost > _NEEDED * samples.gain_by_noise(best.poles[[mode]]):
+            break
+        trial = _better(best, _chosen(best, np.delete(np.arange(len(best.poles)), mode)))
+        if trial is None:
+            break
+        best = trial
+    return best
 
 
-def _numerical_rank(strength: NDArray[np.float64]) -> int | None:
-    """Return the number of singular values before the drop to rounding, None without a drop."""
-    relative = np.maximum(strength / strength[0], np.finfo(float).eps / 16.0)
-    drop = np.where(relative[1:] < _ROUNDING, relative[:-1] / relative[1:], 0.0)
-    rank = int(np.argmax(drop)) + 1 if len(drop) else 0
-    return rank if rank and drop[rank - 1] > _GAP else None
+def _originals(modes: LikelyModes) -> NDArray[np.intp]:
+    return originals(modes.poles, modes.shapes, modes.point.amplitudes)
+
+
+def _chosen(modes: LikelyModes, which: NDArray[np.intp]) -> Start:
+    return modes.poles[which], modes.shapes[:, which], modes.point.ties.chosen(which)
+
+
+def _better(modes: LikelyModes, start: Start) -> LikelyModes | None:
+    """Return the modes from another start; None if their merit is not above that of some modes."""
+    samples = modes.point.sums.samples
+    wanted = modes.point.merit + samples.gain_by_noise(start[0])
+    trial = most_likely_modes(samples, *start, wanted=wanted)
+    return trial if trial.point.log_likelihood > wanted else None
+
+
+def _split(modes: LikelyModes) -> Start:
+    """Return the modes with a second one next to the mode that hides it best."""
+    samples, ties = modes.point.sums.samples, modes.point.ties
+    poles, m = modes.poles, len(modes.poles)
+    pattern = np.zeros((m, samples.n_channels, samples.n_runs), dtype=complex)
+    residues = modes.point.amplitudes[:, None] * modes.shapes
+    for block in samples.blocks:
+        left = block.residuals(poles, residues) / modes.noise[block.channels]
+        slope = block.time_s[:, None] * exponentials.waves(block.time_s, poles)
+        slope /= np.linalg.norm(slope, axis=0) + np.finfo(float).tiny  # may decay at once
+        seen = np.einsum("nm,nrc->mcr", slope.conj(), left, optimize=True)
+        pattern[np.ix_(np.arange(m), block.channels, block.runs)] = seen
+    u, strength, _ = np.linalg.svd(pattern * np.abs(ties.sign.T)[..., None])
+    hiding = int(np.argmax(np.where(poles.imag > 0.0, strength[:, 0], -1.0)))
+    shape = u[hiding, :, 0] * modes.noise
+    added = _chosen(modes, np.array([hiding]))
+    return (
+        np.append(poles, added[0] * _DETUNED),
+        np.column_stack([modes.shapes, shape / np.linalg.norm(shape)]),
+        Ties(ties.owner, np.hstack([ties.sign, added[2].sign])),
+    )

@@ -14,7 +14,7 @@ Which of the poles are modes is decided in `identify.modes.mode_selection`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -86,38 +86,28 @@ def checked_records(
         raise InputError(_WHERE, f"the rate is {rate_hz} Hz", "give samples a second, above 0")
     if len(records) == 0:
         raise InputError(_WHERE, "there is no record", "give at least one free decay")
-    decays = []
+    decays: list[NDArray[np.float64]] = []
     for number, record in enumerate(records, start=1):
         try:
             decay = np.asarray(record)
             decay = np.asarray(decay, np.float64) if decay.dtype.kind in "fiu" else np.empty(0)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError):  # ragged
             decay = np.empty(0)
+        wrong = ""
         if decay.ndim != 2 or decay.shape[1] == 0:
-            raise InputError(
-                _WHERE,
-                f"record {number} is no (n_samples, n_channels) array of real numbers",
-                "give time along the first axis and one column a channel",
-            )
-        if decay.shape[1] != np.shape(records[0])[1]:
-            raise InputError(
-                _WHERE,
-                f"record {number} has {decay.shape[1]} channels, record 1 has"
-                f" {np.shape(records[0])[1]}",
-                "give the same channels in every record",
-            )
-        if len(decay) < _MIN_SAMPLES:
-            raise InputError(
-                _WHERE,
-                f"record {number} has {counted(len(decay), 'sample')}",
-                f"give at least {_MIN_SAMPLES}, better some periods of the slowest mode",
-            )
-        if not np.all(np.isfinite(decay)):
-            raise InputError(
-                _WHERE,
-                f"record {number} holds values that are not finite",
-                "cut the record where it is whole",
-            )
+            wrong = "is no (n_samples, n_channels) array of real numbers"
+            remedy = "give time along the first axis and one column a channel"
+        elif decays and decay.shape[1] != decays[0].shape[1]:
+            wrong = f"has {decay.shape[1]} channels, record 1 has {decays[0].shape[1]}"
+            remedy = "give the same channels in every record"
+        elif len(decay) < _MIN_SAMPLES:
+            wrong = f"has {counted(len(decay), 'sample')}"
+            remedy = f"give at least {_MIN_SAMPLES}, better some periods of the slowest mode"
+        elif not np.all(np.isfinite(decay)):
+            wrong = "holds values that are not finite"
+            remedy = "cut the record where it is whole"
+        if wrong:
+            raise InputError(_WHERE, f"record {number} {wrong}", remedy)
         decays.append(decay)
     return tuple(decays)
 
@@ -139,7 +129,7 @@ def noise_levels(decays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.array(levels)
 
 
-def layouts(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Delays, ...]:
+def layouts(decays: Sequence[NDArray[np.float64]]) -> tuple[Delays, ...]:
     """Return the layouts of delay vectors to try, the usually best ones first.
 
     The step is a tenth of a period of the highest frequency that matters in the records, the
@@ -147,12 +137,18 @@ def layouts(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Dela
     above could turn by whole periods in a longer one.
     """
     longest = max(len(decay) for decay in decays)
-    coarse = max(1, int(rate_hz / (10.0 * _highest_frequency_hz(decays, rate_hz))))
-    coarse = min(coarse, max(1, longest // 16))
+    power = np.zeros(longest // 2 + 1)
+    for decay in decays:
+        spectrum = np.fft.rfft(decay - decay.mean(axis=0), longest, axis=0)
+        power += np.sum(np.abs(spectrum) ** 2, axis=1)
+    share = np.cumsum(power)
+    # Frequency, in periods of the longest record, below which 98 % of the energy lies.
+    highest = max(1, int(np.searchsorted(share, 0.98 * share[-1])))
+    coarse = min(max(1, int(longest / (10.0 * highest))), max(1, longest // 16))
     chosen = []
-    for step, parts in ((coarse, (1, 2)), (1, (1, 2))):
+    for step in (coarse, 1):
         most = max(4, min(_MAX_ROWS // decays[0].shape[1], longest // (2 * step)))
-        chosen += [Delays(max(4, most // part), step) for part in parts]
+        chosen += [Delays(max(4, most // part), step) for part in (1, 2)]
     return tuple(dict.fromkeys(chosen))
 
 
@@ -165,17 +161,33 @@ def delay_space(
     count.
     """
     step, span = delays.step, delays.step * delays.blocks
-    smooth = [_running_mean(decay, step) for decay in decays if len(decay) > span]
-    found = _noisy_directions(smooth, delays)
-    tables = [_table(record, delays) for record in smooth] if found is None or step > 1 else []
-    strength, directions = found or _exact_directions(tables)
+    smooth = []
+    for decay in decays:
+        n = len(decay) - step + 1
+        if len(decay) > span:  # a running sum would accumulate rounding
+            smooth.append(sum(decay[shift : shift + n] for shift in range(step)) / step)
+    n_channels, behind = decays[0].shape[1], step * (delays.blocks - 1)
+    noisy = False
+    # Products square the condition: they are used where noise is far above rounding, at a tenth of
+    # the cost of a decomposition of long tables, which grows with the number of records too.
+    if sum(len(record) - behind for record in smooth) >= delays.blocks * n_channels:
+        squares, directions = np.linalg.eigh(_products(smooth, delays), "U")
+        noisy = bool(squares[0] >= _NOISY**2 * squares[-1])
+    tables = [_table(record, delays) for record in smooth] if step > 1 or not noisy else []
+    if noisy:
+        strength, directions = np.sqrt(squares[::-1]), directions[:, ::-1]
+    else:
+        triangle = np.linalg.qr(np.vstack(tables), mode="r")
+        _, strength, rows = np.linalg.svd(triangle, full_matrices=False)
+        directions = rows.T
+    directions = np.ascontiguousarray(directions)
     return DelaySpace(
         delays=delays,
         rate_hz=rate_hz,
         directions=directions,
         strength=strength,
         coordinates=tuple(table @ directions for table in tables) if step > 1 else (),
-        n_channels=decays[0].shape[1],
+        n_channels=n_channels,
     )
 
 
@@ -185,23 +197,6 @@ def _table(record: NDArray[np.float64], delays: Delays) -> NDArray[np.float64]:
     windows = np.lib.stride_tricks.sliding_window_view(record, length, axis=0)
     table = windows[..., :: delays.step].swapaxes(1, 2)  # (n, blocks, n_channels)
     return table.reshape(len(table), -1)
-
-
-def _noisy_directions(
-    records: Sequence[NDArray[np.float64]], delays: Delays
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return strengths and directions from the products of the delay vectors; None if noise is low.
-
-    Products square the condition: they are used where noise is far above rounding, at a tenth of
-    the cost of a decomposition of long tables, which grows with the number of records too.
-    """
-    behind = delays.step * (delays.blocks - 1)
-    if sum(len(record) - behind for record in records) < delays.blocks * records[0].shape[1]:
-        return None
-    squares, directions = np.linalg.eigh(_products(records, delays), "U")
-    if squares[0] < _NOISY**2 * squares[-1]:
-        return None
-    return np.sqrt(squares[::-1]), np.ascontiguousarray(directions[:, ::-1])
 
 
 def _products(records: Sequence[NDArray[np.float64]], delays: Delays) -> NDArray[np.float64]:
@@ -225,15 +220,6 @@ def _products(records: Sequence[NDArray[np.float64]], delays: Delays) -> NDArray
     for i in range(1, blocks):
         out[i, :, i:] = out[i - 1, :, i - 1 : -1] + between[i - 1, :, i - 1 :]
     return out.reshape(blocks * c, blocks * c)
-
-
-def _exact_directions(
-    tables: Sequence[NDArray[np.float64]],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return strengths and directions of the delay vectors to rounding."""
-    triangle = np.linalg.qr(np.vstack(tables), mode="r")
-    _, strength, directions = np.linalg.svd(triangle, full_matrices=False)
-    return strength, np.ascontiguousarray(directions.T)
 
 
 def poles_of_rank(
@@ -268,27 +254,6 @@ def poles_of_rank(
     return ln_z * space.rate_hz / step, U[: space.n_channels] @ vectors
 
 
-def _highest_frequency_hz(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> float:
-    """Return the frequency below which 98 % of the energy of the records without offsets lies."""
-    length = max(len(decay) for decay in decays)
-    power = np.zeros(length // 2 + 1)
-    for decay in decays:
-        spectrum = np.fft.rfft(decay - decay.mean(axis=0), length, axis=0)
-        power += np.sum(np.abs(spectrum) ** 2, axis=1)
-    share = np.cumsum(power)
-    bin_ = np.searchsorted(share, 0.98 * share[-1])
-    return float(max(1, bin_) * rate_hz / length)
-
-
-def _running_mean(record: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-    """Return the mean of `width` successive samples, (n - width + 1, n_channels)."""
-    n = len(record) - width + 1
-    total = record[:n].copy()
-    for shift in range(1, width):  # a running sum would accumulate rounding
-        total += record[shift : shift + n]
-    return total / width
-
-
 # Eigensystem realisation (Juang and Pappa 1985) on free decays: another way to the same modes -----
 #
 # Every run is the response to its own initial state, as if each were one input of an impulse test:
@@ -311,36 +276,22 @@ def realised_modes(
 ) -> ModalModel:
     """Return the modes of a realisation of some free decays.
 
-    Parameters
-    ----------
-    records : sequence of (n_samples, n_channels) array_like
-        Free decays, evenly sampled, the same channels in each; lengths may differ.
-    rate_hz : float
-        Samples a second.
-    order : int or None
-        Number of states, two for each mode; by default as many as stand out from the noise.
-
-    Returns
-    -------
-    ModalModel
-        All pairs of poles that oscillate and decay, spurious ones among them; shapes in the
-        channels' own quantities.
-
-    Raises
-    ------
-    InputError
-        As `identify.modes.mode_selection.identify_modes`.
+    `records`, `rate_hz` and Raises are those of `identify_modes`.  `order`: number of states, two
+    for each mode; by default as many as stand out from the noise.  Returns all pairs of poles that
+    oscillate and decay, spurious ones among them; shapes in the channels' own quantities.
     """
     decays = checked_records(records, rate_hz)
     size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
     size[size == 0.0] = 1.0
     shortest = min(len(decay) for decay in decays)
     blocks = min(max(_LEAST_BLOCKS, round(_ROWS_S * rate_hz)), shortest // 2)
-    hankel = np.hstack([_hankel(decay / size, blocks) for decay in decays])
-    directions, strength, _ = np.linalg.svd(hankel, full_matrices=False)
-    if order is None:
-        order = standing_out(strength)
     n_channels = len(size)
+    # Each column has the samples of `blocks` successive instants.
+    tables = [_table(decay / size, Delays(blocks, 1)) for decay in decays]
+    directions, strength, _ = np.linalg.svd(np.vstack(tables).T, full_matrices=False)
+    if order is None:
+        floor = max(_OF_NOISE * np.median(strength), _OF_ROUNDING * float(strength[0]))
+        order = int(np.sum(strength > floor))
     observability = directions[:, :order]
     earlier, later = observability[:-n_channels], observability[n_channels:]
     z, vectors = np.linalg.eig(np.linalg.lstsq(earlier, later)[0])
@@ -348,19 +299,6 @@ def realised_modes(
     shapes = observability[:n_channels] @ vectors * size[:, None]
     modes = (poles.imag > 0.0) & (poles.real < 0.0)
     return ModalModel(poles[modes], shapes[:, modes])
-
-
-def standing_out(strength: NDArray[np.float64]) -> int:
-    """Return how many singular values, the largest first, stand out from noise and rounding."""
-    floor = max(_OF_NOISE * np.median(strength), _OF_ROUNDING * float(strength[0]))
-    return int(np.sum(strength > floor))
-
-
-def _hankel(decay: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:
-    """Return columns with the samples of `blocks` successive instants, one for each start."""
-    n = len(decay) - blocks + 1
-    windows = np.lib.stride_tricks.sliding_window_view(decay, n, axis=0)
-    return np.asarray(windows.reshape(-1, n))
 
 
 # Stabilisation: which poles of the State Variable Method recur when its rank is raised ------------
@@ -410,26 +348,15 @@ class StabilisationDiagram:
 def stabilisation_diagram(records: Sequence[ArrayLike], rate_hz: float) -> StabilisationDiagram:
     """Return the poles of the State Variable Method over its rank.
 
-    Parameters
-    ----------
-    records : sequence of (n_samples, n_channels) array_like
-        Free decays, evenly sampled, the same channels in each; lengths may differ.
-    rate_hz : float
-        Samples a second.
-
-    Raises
-    ------
-    InputError
-        As `identify.modes.mode_selection.identify_modes`.
+    Parameters and Raises are those of `identify_modes`; shapes are in the channels' quantities.
     """
     decays = checked_records(records, rate_hz)
     size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
     size[size == 0.0] = 1.0
     scaled = [decay / size for decay in decays]
-    space = delay_space(scaled, rate_hz, layouts(scaled, rate_hz)[0])
+    space = delay_space(scaled, rate_hz, layouts(scaled)[0])
     diagram = diagram_of(space, max(len(decay) for decay in decays) / rate_hz)
-    shapes = diagram.shapes * size[:, None]
-    return StabilisationDiagram(diagram.rank, diagram.poles, shapes, diagram.stable)
+    return replace(diagram, shapes=diagram.shapes * size[:, None])
 
 
 def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:

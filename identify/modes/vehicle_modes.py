@@ -7,7 +7,7 @@ of them; from there on the modal likelihood takes every sample at its own time.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,11 @@ from ..decays.decay import FreeDecay, Record, Recording
 from ..decays.onset import onset_s
 from ..model.chi_squared import exceeded_by_chance
 from ..model.matrices import N_DOF
-from .modal_likelihood import LikelyModes, Samples, Ties, gathered, more_likely_modes
-from .modal_model import ModalModel
-from .mode_selection import likely_modes, regression_modes, vibrates
+from .modal_likelihood import LikelyModes, Ties, most_likely_modes
+from .modal_model import ModalModel, vibrates
+from .mode_selection import likely_modes, regression_modes
+from .samples import FALSE_ALARM, Block, Samples, gathered
 from .state_variable_method import StabilisationDiagram, stabilisation_diagram
-from .waves import Block
 
 # Left and right: the effect of a mirror on the sensors of a vehicle, and on its modes -------------
 #
@@ -85,16 +85,10 @@ class Mirror:
 def mirror_of(channels: Sequence[Channel]) -> Mirror:
     """Return the mirror image of some channels, by their quantity and place."""
     sign = np.array([-1.0 if channel.quantity in _ROLL else 1.0 for channel in channels])
-    image = np.array([_image(channel, channels) for channel in channels], dtype=np.intp)
-    return Mirror(image, sign)
-
-
-def _image(channel: Channel, channels: Sequence[Channel]) -> int:
-    found = [number for number, other in enumerate(channels) if _mirrored(channel, other)]
-    back = [number for number, other in enumerate(channels) if _mirrored(other, channel)]
+    pairs = np.array([[_mirrored(one, other) for other in channels] for one in channels])
     # With two sensors at one place the image is ambiguous.
-    twins = [other for other in channels if found and _mirrored(other, channels[found[0]])]
-    return found[0] if len(found) == len(back) == len(twins) == 1 else -1
+    single = pairs & (pairs.sum(axis=1) == 1)[:, None] & (pairs.sum(axis=0) == 1)
+    return Mirror(np.where(single.any(axis=1), np.argmax(single, axis=1), -1), sign)
 
 
 def _mirrored(one: Channel, other: Channel) -> bool:
@@ -102,12 +96,11 @@ def _mirrored(one: Channel, other: Channel) -> bool:
         return False
     if one.quantity in AT_CORNER and one.corner and other.corner:
         return one.corner.front is other.corner.front and one.corner.side == -other.corner.side
-    if one.quantity in ON_BODY:
-        if one.at_cg or other.at_cg:
-            return one.at_cg and other.at_cg
-        gap = np.hypot(one.x_m - other.x_m, one.y_m + other.y_m)
-        return bool(gap <= _SAME_PLACE_M)
-    return True
+    if one.quantity not in ON_BODY:
+        return True
+    if one.at_cg or other.at_cg:
+        return one.at_cg and other.at_cg
+    return bool(np.hypot(one.x_m - other.x_m, one.y_m + other.y_m) <= _SAME_PLACE_M)
 
 
 # The vehicle modes --------------------------------------------------------------------------------
@@ -115,7 +108,6 @@ def _mirrored(one: Channel, other: Channel) -> bool:
 _RATE_HZ = 125.0  # ten times the fastest mode of a vehicle
 _LENGTH_S = 1.5  # two time constants of the slowest mode; what follows is mostly noise
 _BLUR = 0.03
-_FALSE_ALARM = 1e-3
 _LASTING = 0.5
 """Least length of a group, as a share of the longest one of the decay."""
 
@@ -132,9 +124,7 @@ class SensedModes:
     """True if the vehicle was found symmetric, and each mode is symmetric or antisymmetric."""
 
 
-def sensed_modes(
-    records: Sequence[Record], decays: Sequence[FreeDecay], symmetric: bool = True
-) -> SensedModes:
+def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> SensedModes:
     """Identify the modes of one mass state from its decays, all runs in one fit.
 
     Where the sensors distinguish left from right, the modes are sought as symmetric and
@@ -142,9 +132,7 @@ def sensed_modes(
     vehicle is not symmetric, and these shapes are returned.
 
     `records` and `decays`: the runs and their free decays; channels that are not in all of them are
-    left out.  `symmetric`: False if the vehicle cannot look symmetric, because a channel has the
-    wrong sign; then no symmetric modes are sought.  Raises InputError if the decays are too short
-    or have no channel in common.
+    left out.  Raises InputError if the decays are too short or have no channel in common.
     """
     channels, slowest_hz = _common(decays)
     if not channels:
@@ -154,15 +142,22 @@ def sensed_modes(
     alive = np.any([np.ptp(grid, axis=0) > 0.0 for grid in grids], axis=0)
     live = tuple(channel for channel, lives in zip(channels, alive, strict=True) if lives)
     grids = [grid[:, alive] for grid in grids]
-    grids = _blurred(grids)
+    # Errors of interpolation decay like modes: a little noise hides them.  Only the start comes
+    # from these grids.
+    rng, size = np.random.default_rng(0), _BLUR * np.std(np.concatenate(grids), axis=0)
+    grids = [grid + size * rng.standard_normal(grid.shape) for grid in grids]
     samples = gathered(_blocks(decays, live))
-    likely = _mirrored_modes(grids, rate_hz, samples, mirror_of(live)) if symmetric else None
+    likely = _mirrored_modes(grids, rate_hz, samples, mirror_of(live))
     mirrored = likely is not None
     if likely is None:
         start = regression_modes(grids, rate_hz)
         if len(start):
             likely = likely_modes(samples, start.poles, start.shapes)
-    return SensedModes(channels, _model(likely, alive), mirrored)
+    none = ModalModel(np.zeros(0, complex), np.zeros((len(live), 0), complex))
+    model = likely.model() if likely else none
+    shapes = np.zeros((len(alive), len(model)), dtype=complex)
+    shapes[alive] = model.shapes
+    return SensedModes(channels, replace(model, shapes=shapes), mirrored)
 
 
 def vehicle_diagram(
@@ -218,25 +213,15 @@ def _mirrored_modes(
     if np.sum(vibrates(tied.poles)) > N_DOF:  # a mode of neither kind is found in both
         return None
     numbers = len(tied.poles) + int(np.sum(tied.poles.imag > 0.0))
-    more = (len(tied.shapes) + len(tied.amplitudes)) * numbers - tied.n_unknowns
+    more = (samples.n_channels + samples.n_runs) * numbers - tied.n_unknowns
     if not more:
         return tied
-    against = tied.log_likelihood + exceeded_by_chance(more, _FALSE_ALARM)
-    free = more_likely_modes(samples, tied.poles, tied.shapes, None, against)
-    return None if free else tied
+    against = tied.point.log_likelihood + exceeded_by_chance(more, FALSE_ALARM)
+    free = most_likely_modes(samples, tied.poles, tied.shapes, wanted=against)
+    return None if free.point.log_likelihood > against else tied
 
 
-def _blurred(grids: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-    """Add a little noise: errors of interpolation decay like modes and would be taken for modes.
-
-    Only the start comes from these grids.
-    """
-    rng = np.random.default_rng(0)
-    size = _BLUR * np.std(np.concatenate(grids), axis=0)
-    return [grid + size * rng.standard_normal(grid.shape) for grid in grids]
-
-
-def _blocks(decays: Sequence[FreeDecay], channels: Sequence[Channel]) -> tuple[Block, ...]:
+def _blocks(decays: Sequence[FreeDecay], channels: Sequence[Channel]) -> list[Block]:
     """Return the samples of some channels; the level of each sensor is unknown."""
     position = {channel.name: number for number, channel in enumerate(channels)}
     blocks = []
@@ -246,26 +231,9 @@ def _blocks(decays: Sequence[FreeDecay], channels: Sequence[Channel]) -> tuple[B
             columns = [number for number, name in enumerate(names) if name in position]
             if columns and len(recording.time_s):
                 mine = np.array([position[names[column]] for column in columns])
-                values = recording.values[:, columns]
-                blocks.append(
-                    Block(recording.time_s, values, np.full(len(mine), run), mine, free_level=True)
-                )
-    return tuple(blocks)
-
-
-def _model(likely: LikelyModes | None, alive: NDArray[np.bool_]) -> ModalModel:
-    """Return the vibrating modes among some modes, with zeros in the silent channels."""
-    if likely is None:
-        return ModalModel(np.zeros(0, complex), np.zeros((len(alive), 0), complex))
-    modes = vibrates(likely.poles)
-    shapes = np.zeros((len(alive), int(modes.sum())), dtype=complex)
-    shapes[alive] = likely.shapes[:, modes]
-    return ModalModel(
-        likely.poles[modes],
-        shapes,
-        likely.frequency_std_hz[modes],
-        likely.damping_ratio_std[modes],
-    )
+                values = recording.values[:, None, columns]
+                blocks.append(Block(recording.time_s, values, np.array([run]), mine, True))
+    return blocks
 
 
 def _rate_hz(time_s: NDArray[np.float64]) -> float:

@@ -8,7 +8,7 @@ there, too, and one more run does not change the noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
 from types import MappingProxyType
@@ -122,7 +122,8 @@ def records_of(campaign: Campaign, seed: int) -> tuple[Record, ...]:
     records = []
     for state in campaign.mass_states:
         sigma = _sigma(campaign, state)
-        for case, recordings in _clean(campaign, state, campaign.cases).items():
+        for case in campaign.cases:
+            recordings = _clean(campaign, state, case)
             noisy = tuple(
                 Recording(r.group, r.time_s, r.values + level * rng.standard_normal(r.values.shape))
                 for r, level in zip(recordings, sigma, strict=True)
@@ -150,35 +151,25 @@ def box_of(campaign: Campaign) -> GreyBox:
     return grey_box(session, records_of(campaign, 0))
 
 
-def _clean(
-    campaign: Campaign, state: MassState, cases: tuple[Excitation, ...]
-) -> dict[Excitation, tuple[Recording, ...]]:
-    """Return the sensors' noise-free signals in some cases of one mass state."""
+def _clean(campaign: Campaign, state: MassState, case: Excitation) -> list[Recording]:
+    """Return the sensors' noise-free signals in one case of one mass state."""
     loaded = physical_model(FORD_GRANADA).with_mass(delta_mass(state.added, FORD_GRANADA.a).real)
-    clean = {}
-    for case in cases:
-        run = exact_response(loaded, case, BUMP, campaign.rate_hz, RECORD_S)
-        motion = (run.displacement, run.velocity, run.acceleration)
-        clean[case] = tuple(
-            Recording(group, run.time_s, np.column_stack(list(_columns(group, motion))))
-            for group in campaign.groups
-        )
-    return clean
-
-
-def _columns(
-    group: ChannelGroup, motion: tuple[NDArray[np.float64], ...]
-) -> Iterator[NDArray[np.float64]]:
-    rows = sensor_rows(group.channels, FORD_GRANADA.geometry)
-    for channel, row in zip(group.channels, rows, strict=True):
-        yield motion[TIME_DERIVATIVE[channel.quantity]] @ row
+    run = exact_response(loaded, case, BUMP, campaign.rate_hz, RECORD_S)
+    motion = run.displacement, run.velocity, run.acceleration
+    recordings = []
+    for group in campaign.groups:
+        rows = sensor_rows(group.channels, FORD_GRANADA.geometry)
+        derivatives = [TIME_DERIVATIVE[channel.quantity] for channel in group.channels]
+        columns = [motion[d] @ row for d, row in zip(derivatives, rows, strict=True)]
+        recordings.append(Recording(group, run.time_s, np.column_stack(columns)))
+    return recordings
 
 
 def _sigma(campaign: Campaign, state: MassState) -> list[NDArray[np.float64]]:
     """Return the noise of each group's channels in one mass state."""
     below = 10 ** (-campaign.noise_db / 20)
-    clean = _clean(campaign, state, PAPER_CASES)
+    clean = [_clean(campaign, state, case) for case in PAPER_CASES]
     return [
         below * np.sqrt(np.mean([np.mean(r.values**2, axis=0) for r in runs], axis=0))
-        for runs in zip(*clean.values(), strict=True)
+        for runs in zip(*clean, strict=True)
     ]

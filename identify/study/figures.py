@@ -123,19 +123,22 @@ def mass_error_study(figure: str) -> Study:
     `figure`: a key of `MASS_ERRORS`.
     """
     quantity, dofs, says = MASS_ERRORS[figure]
-    found = np.array([_parameters_given(dofs, e) for e in ERRORS_PERCENT])
-    errors = percent(found, FORD_GRANADA.to_array())
+    vehicle = physical_model(FORD_GRANADA)
+    on_board = delta_mass(PAPER_ADDED_MASS, FORD_GRANADA.a).real
+    light, heavy = (
+        state_matrix_of(modes_of(model.A)) for model in (vehicle, vehicle.with_mass(on_board))
+    )
+    identified = []
+    for error in ERRORS_PERCENT:
+        stated = on_board.copy()
+        stated[dofs, dofs] *= 1.0 - error / 100.0
+        parameters = sequential_vehicle(physical_matrices(light, heavy, stated))
+        identified.append(parameters.to_array())
+    errors = percent(np.array(identified), FORD_GRANADA.to_array())
     by_name = dict(zip(PARAMETER_NAMES, errors.T, strict=True))
     middle = len(ERRORS_PERCENT) // 2
-    rows = tuple(
-        (
-            name,
-            float(by_name[name][0]),
-            float(by_name[name][-1]),
-            float((by_name[name][middle + 1] - by_name[name][middle - 1]) / 2.0),
-        )
-        for name in PARAMETER_NAMES
-    )
+    slopes = (errors[middle + 1] - errors[middle - 1]) / 2.0
+    cells = np.array([errors[0], errors[-1], slopes]).T.tolist()
     return Study(
         title=f"Fig. {figure.removeprefix('fig')}, identified parameters by an error in {quantity}",
         columns=(
@@ -144,7 +147,7 @@ def mass_error_study(figure: str) -> Study:
             Column("at_plus_5_percent", "error at +5 %"),
             Column("slope", "slope % / %", "+z.3f"),
         ),
-        rows=rows,
+        rows=tuple((name, *row) for name, row in zip(PARAMETER_NAMES, cells, strict=True)),
         notes=(says, _CONVENTION),
         panels=(
             (
@@ -153,18 +156,6 @@ def mass_error_study(figure: str) -> Study:
             ),
         ),
     )
-
-
-def _parameters_given(dofs: tuple[int, ...], error_percent: float) -> NDArray[np.float64]:
-    """Return the 15 parameters found when the added mass is stated wrongly."""
-    vehicle = physical_model(FORD_GRANADA)
-    on_board = delta_mass(PAPER_ADDED_MASS, FORD_GRANADA.a).real
-    stated = on_board.copy()
-    stated[dofs, dofs] *= 1.0 - error_percent / 100.0
-    light, heavy = (
-        state_matrix_of(modes_of(model.A)) for model in (vehicle, vehicle.with_mass(on_board))
-    )
-    return sequential_vehicle(physical_matrices(light, heavy, stated)).to_array()
 
 
 def _error_panel(
@@ -190,7 +181,13 @@ def fig8_study() -> Study:
     M, C and K are exact, as the chain gives them without noise, and do not depend on the geometry;
     only the parameters that are computed from C and K do.
     """
-    tables = {length: _errors(length) for length in _LENGTHS}  # each (n_errors, 6)
+    model, geometry = physical_model(FORD_GRANADA), FORD_GRANADA.geometry
+    tables = {}  # errors of the dynamic parameters, each (n_errors, 6)
+    for length in _LENGTHS:
+        true = getattr(geometry, length)
+        stated = [replace(geometry, **{length: true * (1 - e / 100)}) for e in ERRORS_PERCENT]
+        identified = [vehicle_of_geometry(model, lengths).to_array() for lengths in stated]
+        tables[length] = percent(np.array(identified), FORD_GRANADA.to_array())[:, 5:11]
     columns = [Column("parameter", "parameter")]
     for length in _LENGTHS:
         columns += [
@@ -221,19 +218,6 @@ def fig8_study() -> Study:
         ),
         panels=(tuple(panels[:2]), tuple(panels[2:])),
     )
-
-
-def _errors(length: str) -> NDArray[np.float64]:
-    """Return the errors of the dynamic parameters by the error of one length, (n_errors, 6)."""
-    model, geometry = physical_model(FORD_GRANADA), FORD_GRANADA.geometry
-    true = getattr(geometry, length)
-    found = [
-        vehicle_of_geometry(
-            model, replace(geometry, **{length: true * (1.0 - error / 100.0)})
-        ).to_array()
-        for error in ERRORS_PERCENT
-    ]
-    return percent(np.array(found), FORD_GRANADA.to_array())[:, 5:11]
 
 
 _SHOWN = {"z_s": "Body, vertical (z_s)", "z_uA": "Front left hub (z_uA)"}

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
-from dbc.frames import freeze_arrays
 from dbc.words import counted
 
 from ..fit.estimation import estimate
@@ -43,9 +42,6 @@ class Outcome:
     """Goodness of fit; 1 if the model holds."""
     converged: bool
     """True if the fit settled."""
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "errors_percent", "stds_percent")
 
     @property
     def lost(self) -> bool:
@@ -106,12 +102,22 @@ def noise_study(
 
     `bound`, (15,) float64: as `bound_percent` has it.
     """
+    from scipy.stats import binom
+
     names = PARAMETER_NAMES if campaign.geometry is None else PARAMETER_NAMES[:11]
     n = len(names)
     kept = [o for o in outcomes if not o.lost]
-    rms, stated, covered = _statistics(kept, n)
+    rms, stated, covered = np.full((3, n), np.nan)
+    if kept:
+        errors = np.array([outcome.errors_percent[:n] for outcome in kept])
+        stds = np.array([outcome.stds_percent[:n] for outcome in kept])
+        rms, stated = (np.sqrt(np.mean(each**2, axis=0)) for each in (errors, stds))
+        covered = 100.0 * np.mean(np.abs(errors) <= COVERAGE_95 * stds, axis=0)
     cells = np.array([rms, stated, bound[:n], rms / bound[:n], covered]).T
-    likely = _likely_coverage(len(kept))
+    # Range of coverage of 95 % intervals in 99 of 100 studies of as many campaigns.
+    interval = binom.interval(0.99, len(kept), 0.95) if kept else (0, 1)
+    low, high = (100.0 * float(limit) / max(len(kept), 1) for limit in interval)
+    likely = low, high
     return Study(
         title=f"Noise study: {counted(len(outcomes), 'campaign')} at {campaign.noise_db:g} dB,"
         f" {campaign.rate_hz:g} Hz, {', '.join(campaign.cases)}",
@@ -155,21 +161,6 @@ def noise_study(
     )
 
 
-def _statistics(kept: Sequence[Outcome], n: int) -> NDArray[np.float64]:
-    """Return rms error, %, stated standard deviation, %, and coverage, %, as (3, n)."""
-    if not kept:
-        return np.full((3, n), np.nan)
-    errors = np.array([outcome.errors_percent[:n] for outcome in kept])
-    stds = np.array([outcome.stds_percent[:n] for outcome in kept])
-    return np.array(
-        [
-            np.sqrt(np.mean(errors**2, axis=0)),
-            np.sqrt(np.mean(stds**2, axis=0)),
-            100.0 * np.mean(np.abs(errors) <= COVERAGE_95 * stds, axis=0),
-        ]
-    )
-
-
 def _remarks(
     names: Sequence[str], cells: NDArray[np.float64], likely: tuple[float, float]
 ) -> list[str]:
@@ -189,11 +180,3 @@ def _remarks(
             f" parameter, {likely[0]:.0f} .. {likely[1]:.0f} % may be chance",
         ]
     return remarks
-
-
-def _likely_coverage(n: int) -> tuple[float, float]:
-    """Return the range of coverage, %, of 95 % intervals in 99 of 100 studies of n campaigns."""
-    from scipy.stats import binom
-
-    low, high = binom.interval(0.99, n, 0.95) if n else (0, 1)
-    return 100.0 * float(low) / max(n, 1), 100.0 * float(high) / max(n, 1)

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import freeze_arrays
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -44,9 +42,6 @@ class Curve:
     hue: int = 0
     dashed: bool = False
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "x", "y")
-
 
 @dataclass(frozen=True, slots=True)
 class CurvePanel:
@@ -66,9 +61,6 @@ class Dots:
     values: NDArray[np.float64]
     hue: int
     reach: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "values", *(() if self.reach is None else ("reach",)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,9 +123,8 @@ def svg(study: Study) -> str:
         figure = Figure(figsize=(_WIDTH_IN, sum(heights)), layout=spaced)
         rows = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
         for row, panels in zip(rows, study.panels, strict=True):
-            labels = {panel.y_label if isinstance(panel, CurvePanel) else None for panel in panels}
-            same_scale = len(labels) == 1 and None not in labels
-            axes = row.subplots(1, len(panels), squeeze=False, sharey=same_scale)[0]
+            labels = {panel.y_label for panel in panels if isinstance(panel, CurvePanel)}
+            axes = row.subplots(1, len(panels), squeeze=False, sharey=len(labels) == 1)[0]
             for place, panel in zip(axes, panels, strict=True):
                 if isinstance(panel, CurvePanel):
                     _draw_curves(place, panel)

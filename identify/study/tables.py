@@ -8,24 +8,20 @@ the records as they are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import paper_channels
-from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, VehicleGeometry, VehicleParameters
 from dbc.errors import InputError
-from dbc.frames import freeze_arrays
 from dbc.words import counted
 
-from ..decays.decay import Record
 from ..model.matrices import N_DOF, PhysicalModel, delta_mass, physical_model
-from ..model.response import Bump, Response, exact_response, wilson_response
+from ..model.response import exact_response, wilson_response
 from ..modes.modal_model import ModalModel, displacement_shapes
 from ..modes.mode_selection import identify_modes
 from ..modes.state_variable_method import Delays, delay_space, poles_of_rank
@@ -41,75 +37,38 @@ from .campaign import BUMP, PAPER_ADDED_MASS, PAPER_CASES, RECORD_S, Campaign, r
 from .noise import outcome
 from .result import Column, DotPanel, Dots, Study, percent
 
-TABLE2_PERCENT: Mapping[str, float] = MappingProxyType(
-    {
-        "m_s": -0.011,
-        "I_yy": -0.011,
-        "I_xx": -0.023,
-        "m_uf": 0.093,
-        "m_ur": 0.095,
-        "k_sf": -0.170,
-        "k_sr": -0.078,
-        "k_tf": -0.039,
-        "k_tr": -0.032,
-        "c_sf": -0.103,
-        "c_sr": -0.087,
-        "a": -0.141,
-        "b": -0.130,
-        "t_f": -0.205,
-        "t_r": -0.161,
-    }
+_TABLE2_PERCENT = np.array(
+    [
+        *(-0.011, -0.011, -0.023, 0.093, 0.095),
+        *(-0.170, -0.078, -0.039, -0.032, -0.103, -0.087),
+        *(-0.141, -0.130, -0.205, -0.161),
+    ]
 )
 """Error of each parameter without noise.  The values printed next to them have a misprint (a =
 1.282 m instead of 1.248 m) and are rounded for t_f and t_r; so the errors are the reliable
 figures."""
-
-TABLE3_PERCENT: Mapping[str, float] = MappingProxyType(
-    {
-        "m_s": -2.307,
-        "I_yy": 3.536,
-        "I_xx": -2.918,
-        "m_uf": 1.928,
-        "m_ur": -2.379,
-        "k_sf": 1.594,
-        "k_sr": -3.784,
-        "k_tf": -2.248,
-        "k_tr": 1.555,
-        "c_sf": -3.647,
-        "c_sr": 2.271,
-    }
+_TABLE3_PERCENT = np.array(
+    [
+        *(-2.307, 3.536, -2.918, 1.928, -2.379),
+        *(1.594, -3.784, -2.248, 1.555, -3.647, 2.271),
+    ]
 )
 """Error of each parameter with 30 dB of noise, a 16 Hz low-pass and the geometry measured."""
 
-
 ResponseName = Literal["exact", "wilson"]
-
-RESPONSES: Mapping[
-    ResponseName, Callable[[PhysicalModel, Excitation, Bump, float, float], Response]
-] = MappingProxyType({"exact": exact_response, "wilson": wilson_response})
-
 _RATE_HZ = 1000.0
 
-_TABLE2_COLUMNS = (
-    Column("parameter", "parameter"),
-    Column("known", "known", "g"),
-    Column("identified", "identified", ".9g"),
-    Column("error_percent", "error %", "+z.3g"),
-    Column("paper_percent", "paper %", "+z.3f"),
-)
-_TABLE2_NOTES: Mapping[ResponseName, tuple[str, ...]] = MappingProxyType(
-    {
-        "exact": (
-            "The chain itself is exact; the paper's errors are those of its simulation: see"
-            " --response wilson.",
-        ),
-        "wilson": (
-            "The Wilson-theta method (theta 1.4, 1 ms) makes the errors that the paper prints: all"
-            " five inertias to the last digit, the rest to 0.022 percentage points.",
-            "The paper's table has a = 1.282 m next to -0.141 %: a misprint for 1.248 m.",
-        ),
-    }
-)
+_TABLE2_NOTES: Mapping[ResponseName, tuple[str, ...]] = {
+    "exact": (
+        "The chain itself is exact; the paper's errors are those of its simulation: see"
+        " --response wilson.",
+    ),
+    "wilson": (
+        "The Wilson-theta method (theta 1.4, 1 ms) makes the errors that the paper prints: all"
+        " five inertias to the last digit, the rest to 0.022 percentage points.",
+        "The paper's table has a = 1.282 m next to -0.141 %: a misprint for 1.248 m.",
+    ),
+}
 
 
 def table2_study(response: ResponseName) -> Study:
@@ -118,48 +77,45 @@ def table2_study(response: ResponseName) -> Study:
     The Wilson-theta method (theta 1.4, 1 ms) is what the paper used, and its error is the error
     that the paper's table shows.
     """
+    respond = exact_response if response == "exact" else wilson_response
     vehicle = physical_model(FORD_GRANADA)
     delta_M = delta_mass(PAPER_ADDED_MASS, FORD_GRANADA.a).real
-    baseline, added = (
-        state_matrix_of(_noise_free_modes(model, response))
-        for model in (vehicle, vehicle.with_mass(delta_M))
-    )
-    found = sequential_vehicle(physical_matrices(baseline, added, delta_M)).to_array()
+    states = []
+    for model in (vehicle, vehicle.with_mass(delta_M)):
+        runs = [respond(model, case, BUMP, _RATE_HZ, RECORD_S) for case in PAPER_CASES]
+        decays = [r.acceleration[r.time_s > BUMP.end_s - 0.5 / _RATE_HZ] for r in runs]
+        states.append(_state_matrix(identify_modes(decays, _RATE_HZ)))
+    values = sequential_vehicle(physical_matrices(*states, delta_M)).to_array()
     known = FORD_GRANADA.to_array()
-    errors = percent(found, known)
-    printed = np.array([TABLE2_PERCENT[name] for name in PARAMETER_NAMES])
-    columns = (known.tolist(), found.tolist(), errors.tolist(), printed.tolist())
+    errors = percent(values, known)
     series = (
-        Dots("paper, printed", printed, 0),
+        Dots("paper, printed", _TABLE2_PERCENT, 0),
         Dots(f"found here, {response} response", errors, 2),
     )
+    cells = np.array([known, values, errors, _TABLE2_PERCENT]).T.tolist()
     return Study(
         title=f"Table 2, {response} response, State Variable Method and Eqs. 22-33",
-        columns=_TABLE2_COLUMNS,
-        rows=tuple(zip(PARAMETER_NAMES, *columns, strict=True)),
+        columns=(
+            Column("parameter", "parameter"),
+            Column("known", "known", "g"),
+            Column("identified", "identified", ".9g"),
+            Column("error_percent", "error %", "+z.3g"),
+            Column("paper_percent", "paper %", "+z.3f"),
+        ),
+        rows=tuple((name, *row) for name, row in zip(PARAMETER_NAMES, cells, strict=True)),
         notes=_TABLE2_NOTES[response],
         panels=((DotPanel("Noise-free identification", "error / %", PARAMETER_NAMES, series),),),
     )
 
 
-def _noise_free_modes(model: PhysicalModel, response: ResponseName) -> ModalModel:
-    """Return the modes from the accelerations of the three cases, as displacement shapes."""
-    decays = [_free_decay(model, case, response) for case in PAPER_CASES]
-    sensed = identify_modes(decays, _RATE_HZ)
-    return displacement_shapes(sensed, paper_channels(), FORD_GRANADA.geometry)
-
-
-def _free_decay(
-    model: PhysicalModel, case: Excitation, response: ResponseName
-) -> NDArray[np.float64]:
-    """Return the accelerations from the end of the bump, (n, 7)."""
-    record = RESPONSES[response](model, case, BUMP, _RATE_HZ, RECORD_S)
-    return record.acceleration[record.time_s > BUMP.end_s - 0.5 / _RATE_HZ]
+def _state_matrix(sensed: ModalModel) -> NDArray[np.float64]:
+    """Return A from the modes that the paper's seven accelerations show."""
+    return state_matrix_of(displacement_shapes(sensed, paper_channels(), FORD_GRANADA.geometry))
 
 
 # Table 3 -----------------------------------------------------------------------------------------
 
-_N = len(TABLE3_PERCENT)
+_N = len(_TABLE3_PERCENT)
 PASS_HZ = 16.0
 """Section 4.3."""
 
@@ -232,51 +188,33 @@ class Attempt:
     likelihood: NDArray[np.float64]
     """Errors of the maximum-likelihood estimate, %, shape (11,); NaN if it is refused."""
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "filtered", "unfiltered", "likelihood")
-
 
 def attempt(campaign: Campaign, seed: int) -> Attempt:
     """Identify the campaign that `seed` draws by the paper's chain and by maximum likelihood."""
-    records = records_of(campaign, seed)
-    rate_hz = campaign.rate_hz
-    raw = {
-        state.name: [
-            _decay(record, rate_hz) for record in records if record.mass_state == state.name
-        ]
-        for state in campaign.mass_states
-    }
+    rate_hz, records = campaign.rate_hz, records_of(campaign, seed)
+    raw: dict[str, list[NDArray[np.float64]]] = {}
+    for record in records:
+        (recording,) = record.recordings
+        decay = recording.values[recording.time_s > BUMP.end_s - 0.5 / rate_hz]
+        raw.setdefault(record.mass_state, []).append(decay[: round(_LENGTH_S * rate_hz)])
     low = {name: [filtered(decay, rate_hz) for decay in decays] for name, decays in raw.items()}
     best = outcome(campaign, seed)
     return Attempt(
-        filtered=_chain(tuple(low.values()), rate_hz),
-        unfiltered=_chain(tuple(raw.values()), rate_hz),
+        filtered=_chain(low.values(), rate_hz),
+        unfiltered=_chain(raw.values(), rate_hz),
         likelihood=np.full(_N, np.nan) if best.lost else best.errors_percent[:_N],
     )
 
 
-def _decay(record: Record, rate_hz: float) -> NDArray[np.float64]:
-    recording = record.recordings[0]
-    after = recording.time_s > BUMP.end_s - 0.5 / rate_hz
-    return recording.values[after][: round(_LENGTH_S * rate_hz)]
-
-
-def _chain(states: Sequence[Sequence[NDArray[np.float64]]], rate_hz: float) -> NDArray[np.float64]:
+def _chain(states: Iterable[Sequence[NDArray[np.float64]]], rate_hz: float) -> NDArray[np.float64]:
     """Return the errors of the paper's chain, (11,) %, from the decays of both mass states."""
     try:
-        light, heavy = (
-            state_matrix_of(
-                displacement_shapes(
-                    _modes(decays, rate_hz), paper_channels(), FORD_GRANADA.geometry
-                )
-            )
-            for decays in states
-        )
+        light, heavy = (_state_matrix(_modes(decays, rate_hz)) for decays in states)
         model = physical_matrices(light, heavy, PAPER_ADDED_MASS.matrix)
-        found = vehicle_of_geometry(model, FORD_GRANADA.geometry)
+        vehicle = vehicle_of_geometry(model, FORD_GRANADA.geometry)
     except (InputError, np.linalg.LinAlgError):
         return np.full(_N, np.nan)
-    return percent(found.to_array(), FORD_GRANADA.to_array())[:_N]
+    return percent(vehicle.to_array(), FORD_GRANADA.to_array())[:_N]
 
 
 def _modes(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> ModalModel:
@@ -294,39 +232,39 @@ def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
 
     `campaign`: as made by `table3_campaign`.
     """
-    names = PARAMETER_NAMES[:_N]
-    printed = np.abs([TABLE3_PERCENT[name] for name in names])
+    names, printed = PARAMETER_NAMES[:_N], np.abs(_TABLE3_PERCENT)
     routes = {
         "chain_filtered": (f"chain, {PASS_HZ:g} Hz", [a.filtered for a in attempts]),
         "chain_unfiltered": ("chain, unfiltered", [a.unfiltered for a in attempts]),
         "likelihood": ("likelihood", [a.likelihood for a in attempts]),
     }
     columns = [Column("parameter", "parameter"), Column("paper_percent", "paper", ".3f")]
-    cells = [printed]
-    series = [Dots("paper, printed", printed, 0)]
-    notes = []
+    cells, series, notes = [printed], [Dots("paper, printed", printed, 0)], []
     for hue, (key, (label, errors)) in enumerate(routes.items(), start=1):
         size = np.abs(np.array(errors))
         answered = size[~np.isnan(size).any(axis=1)]
-        empty = np.full(_N, np.nan)
-        median, worst = (
-            (np.median(answered, axis=0), answered.max(axis=0)) if len(answered) else (empty, empty)
-        )
-        columns += [
-            Column(f"{key}_median_percent", f"{label}: median", ".3g"),
-            Column(f"{key}_worst_percent", "worst", ".3g"),
-        ]
+        median = worst = np.full(_N, np.nan)
+        if len(answered):
+            median, worst = np.median(answered, axis=0), answered.max(axis=0)
+        columns.append(Column(f"{key}_median_percent", f"{label}: median", ".3g"))
+        columns.append(Column(f"{key}_worst_percent", "worst", ".3g"))
         cells += [median, worst]
         series.append(Dots(label, median, hue, worst))
         of = counted(len(size), "campaign")
         notes.append(f"{label}: no answer in {len(size) - len(answered)} of {of}.")
+    rows = zip(names, np.array(cells).T.tolist(), strict=True)
+    panel = DotPanel(
+        f"Errors at {campaign.noise_db:g} dB, geometry measured",
+        "size of the error / %: median, and line to the worst",
+        names,
+        tuple(series),
+        logarithmic=True,
+    )
     return Study(
         title=f"Table 3, size of the errors in % at {campaign.noise_db:g} dB,"
         f" {campaign.rate_hz:g} Hz, geometry measured, {counted(len(attempts), 'campaign')}",
         columns=tuple(columns),
-        rows=tuple(
-            (name, *values) for name, values in zip(names, np.array(cells).T.tolist(), strict=True)
-        ),
+        rows=tuple((name, *values) for name, values in rows),
         notes=(
             *notes,
             "The paper's figures are of one realisation whose noise, sampling rate and choice of"
@@ -335,17 +273,7 @@ def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
             "The chain is given the number of modes, seven; where fewer pairs of poles come out, it"
             " has no answer. The likelihood is given nothing but the geometry.",
         ),
-        panels=(
-            (
-                DotPanel(
-                    f"Errors at {campaign.noise_db:g} dB, geometry measured",
-                    "size of the error / %: median, and line to the worst",
-                    names,
-                    tuple(series),
-                    logarithmic=True,
-                ),
-            ),
-        ),
+        panels=((panel,),),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity, paper_channels
 from daq.runs import ADDED as ADDED_STATE
@@ -20,11 +21,14 @@ from identify.modes.modal_model import (
     mode_names,
     modes_of,
     mpc,
+    originals,
     pair_modes,
+    vibrates,
 )
 from identify.modes.vehicle_modes import sensed_modes
 
 from ..bumps import CASES, paper_records
+from ..structures import oscillators
 
 TRUTH = modes_of(physical_model(FORD_GRANADA).A)
 GEOMETRY = FORD_GRANADA.geometry
@@ -57,6 +61,42 @@ def sensed_by_hand() -> ModalModel:
         A - (z - 1.25 * theta + 0.74 * phi),
     ]
     return ModalModel(s, np.array(rows))
+
+
+def test_a_modal_model_is_sorted_and_scaled() -> None:
+    poles = np.array([-1 + 20j, -3 + 4j])
+    model = ModalModel(poles, np.array([[2j, 1.0], [1.0, -4.0]]), np.array([0.2, 0.5]))
+    assert model.poles.tolist() == [-3 + 4j, -1 + 20j]
+    assert model.shapes.tolist() == [[-0.25, 1.0], [1.0, -0.5j]]
+    assert model.frequency_std_hz.tolist() == [0.5, 0.2]
+    assert np.isnan(model.damping_ratio_std).tolist() == [True, True]
+    assert model.damping_ratios[0] == pytest.approx(0.6)
+    assert model.frequencies_hz[0] == pytest.approx(5.0 / (2 * np.pi))
+    near = ModalModel(poles[:1], np.array([[1.0 + 0j], [-1.0 - 0.9e-6], [1.1e-6]]))
+    assert near.shapes[0, 0] == 1.0
+    far = ModalModel(poles[:1], np.array([[1.0 + 0j], [-1.0 - 1.1e-6]]))
+    assert far.shapes[1, 0] == 1.0
+    with pytest.raises(ValueError, match="do not fit"):
+        ModalModel(poles, np.ones((2, 3), complex))
+    with pytest.raises(ValueError, match="do not fit"):
+        ModalModel(poles, np.ones(2, complex))
+
+
+@pytest.mark.parametrize(("damping", "vibrating"), [(0.979, True), (0.981, False), (-0.1, True)])
+def test_a_mode_has_less_than_98_per_cent_of_critical_damping(
+    damping: float, vibrating: bool
+) -> None:
+    pole = oscillators([2.0], [damping])
+    assert vibrates(pole).tolist() == [vibrating]
+    assert vibrates(pole.conj()).tolist() == [False]  # one of a pair stands for both
+    assert vibrates(pole.real.astype(complex)).tolist() == [False]
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0, 90.0])
+def test_collinearity_of_two_equal_entries_is_the_square_of_the_cosine(degrees: float) -> None:
+    phase = np.radians(degrees)
+    shape = np.array([[1.0 + 0j], [np.exp(1j * phase)]])
+    assert mpc(shape)[0] == pytest.approx(np.cos(phase) ** 2, abs=1e-12)
 
 
 def test_modes_of_an_oscillator_in_closed_form() -> None:
@@ -256,4 +296,86 @@ def test_the_swapped_pair_is_matched_from_clean_and_from_noisy_decays() -> None:
                 assert pairing.swapped == ((3, 4),)
 
 
-# Pairs that are worth most, whether or not two rows want the same column --------------------------
+def test_the_margin_of_a_pair_is_to_the_nearest_third() -> None:
+    """Shapes in a plane at 0 and 60 degrees, and at 10 and 90: MAC is the cosine squared."""
+
+    def at(*degrees: float) -> ModalModel:
+        angle = np.radians(degrees)
+        poles = np.array([complex(-1.0, 10.0 + k) for k in range(len(degrees))])
+        return ModalModel(poles, np.array([np.cos(angle), np.sin(angle)], dtype=complex))
+
+    pairing = pair_modes(at(0.0, 60.0), at(10.0, 90.0))
+    of_10, of_30, of_50 = np.cos(np.radians([10.0, 30.0, 50.0])) ** 2
+    assert pairing.mac == pytest.approx([of_10, of_30])
+    assert pairing.margin == pytest.approx([of_10 - of_50, of_30 - of_50])
+    assert pairing.swapped == ()
+
+
+# Copies: poles that are one mode ------------------------------------------------------------------
+
+SHAPE = np.array([1.0, 1.0, 1.0], dtype=complex)
+
+
+def turned(mac_value: float) -> NDArray[np.complex128]:
+    """Return a shape of given MAC with SHAPE."""
+    across = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
+    shape = np.sqrt(mac_value) * SHAPE / np.sqrt(3.0) + np.sqrt(1.0 - mac_value) * across
+    return np.asarray(shape, dtype=np.complex128)
+
+
+@pytest.mark.parametrize(
+    ("apart", "alike", "left"),
+    [(0.019, 0.981, 1), (0.021, 0.981, 2), (0.019, 0.979, 2)],
+)
+def test_a_copy_is_near_and_of_the_same_shape(apart: float, alike: float, left: int) -> None:
+    poles = np.array([100j - 1.0, (100j - 1.0) * (1.0 + apart)])
+    shapes = np.column_stack([SHAPE, turned(alike)])
+    assert len(originals(poles, shapes)) == left
+    assert len(originals(poles, shapes[:1])) == 2  # one channel shows no shape
+
+
+def test_real_poles_are_no_copies() -> None:
+    poles = np.array([-1.0, -1.001], dtype=complex)
+    assert len(originals(poles, np.column_stack([SHAPE, SHAPE]))) == 2
+
+
+def test_without_amplitudes_the_copy_of_the_lowest_damping_stays() -> None:
+    shapes = np.column_stack([SHAPE, SHAPE])
+    assert originals(np.array([100j - 1.0, 100.1j - 2.0]), shapes).tolist() == [0]
+    assert originals(np.array([100j - 2.0, 100.1j - 1.0]), shapes).tolist() == [1]
+    assert originals(np.array([100j - 1.0, 100.1j]), shapes).tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("size", "runs", "damping", "strongest"),
+    [
+        ((1.0, 1.0), ((3.0, 2.0), (0.0, 2.0)), (1.0, 1.0), 0),  # 9 over 8
+        ((1.0, 1.0), ((2.5, 2.0), (0.0, 2.0)), (1.0, 1.0), 1),  # 6.25 under 8
+        ((2.0, 1.0), ((1.0, 1.9),), (1.0, 1.0), 0),  # 4 over 3.6
+        ((2.0, 1.0), ((1.0, 2.1),), (1.0, 1.0), 1),
+        ((1.0, 1.0), ((2.0, 1.0),), (0.39, 0.1), 0),  # energy is amplitude squared over damping
+        ((1.0, 1.0), ((2.0, 1.0),), (0.41, 0.1), 1),
+    ],
+)
+def test_the_strongest_copy_has_the_most_energy_in_all_runs_together(
+    size: tuple[float, float],
+    runs: tuple[tuple[float, float], ...],
+    damping: tuple[float, float],
+    strongest: int,
+) -> None:
+    poles = np.array([100j - damping[0], 100.1j - damping[1]])
+    shapes = np.column_stack([SHAPE, SHAPE]) * np.array(size, dtype=complex)
+    assert originals(poles, shapes, np.array(runs, dtype=complex)).tolist() == [strongest]
+
+
+def test_what_is_near_a_copy_only_is_none() -> None:
+    """Of three poles 1.5 % apart the outer two are not near each other: the middle one goes."""
+    poles = np.array([101.5j - 2.0, 103j - 1.0, 100j - 1.0])
+    assert originals(poles, np.column_stack([SHAPE] * 3)).tolist() == [1, 2]
+
+
+def test_nearness_counts_from_the_larger_of_two_poles() -> None:
+    """2.02 % of the smaller one are 1.98 % of the larger one."""
+    poles = np.array([100j - 1.0, 102.02j - 1.0])
+    for order in ([0, 1], [1, 0]):
+        assert len(originals(poles[order], np.column_stack([SHAPE, SHAPE]))) == 1
