@@ -63,7 +63,8 @@ class Ties:
     @property
     def member(self) -> _Real:
         """1 where a channel uses the entries of an owner, (n_owners, n_channels)."""
-        return (np.arange(self.owner.max() + 1)[:, None] == self.owner).astype(float)
+        owners = np.arange(int(self.owner.max()) + 1)
+        return np.asarray(owners[:, None] == self.owner, dtype=np.float64)
 
     def chosen(self, which: NDArray[np.intp]) -> Ties:
         """Return the ties in some of the modes."""
@@ -207,7 +208,7 @@ def _complex(parts: _Real) -> _Complex:
     return np.asarray(parts[..., :half] + 1j * parts[..., half:])
 
 
-def _pairs(left: NDArray[np.complex128] | _Real, right: _Complex | _Real) -> tuple[_Complex, ...]:
+def _pairs(left: _Complex, right: _Complex) -> tuple[_Complex, _Complex]:
     """Return the sums over the first axis of ``conj(l_i) r_j`` and of ``l_i r_j``, (p, q)."""
     return left.conj().T @ right, left.T @ right
 
@@ -441,12 +442,14 @@ def most_likely_modes(
     ties: Ties | None = None,
     most_steps: int = _STEPS,
     wanted: float = -np.inf,
+    settled: float = _SETTLED,
 ) -> LikelyModes:
     """Fit poles, shapes and amplitudes to all samples at once.
 
     `poles` (m,) rad/s, imaginary parts of at least zero, m >= 1, and `shapes` (n_channels, m):
-    where to start; a real pole stays real.  `ties`: known ties of the shapes.  After `most_steps`,
-    or as soon as the log-likelihood `wanted` is clearly out of reach, the fit ends unsettled.
+    where to start; a real pole stays real.  `ties`: known ties of the shapes.  A step that gains
+    less than `settled` is the last.  After `most_steps`, or as soon as the log-likelihood `wanted`
+    is clearly out of reach, the fit ends unsettled.
     """
     ties = ties or Ties.none(len(shapes), len(poles))
     start = point = fitted_at(summed(samples, poles), shapes, ties)
@@ -460,7 +463,7 @@ def most_likely_modes(
                 break
             damping = max(damping * 10.0, _FAR if point is start else 0.0)
         gain = point.log_likelihood - before
-        if gain < _SETTLED or _REACH * gain < wanted - point.log_likelihood:
+        if gain < settled or _REACH * gain < wanted - point.log_likelihood:
             break
     system = linearised(point)
     n_unknowns = int(np.sum(system.run_scale > 0.0) + np.sum(system.common_scale > 0.0))

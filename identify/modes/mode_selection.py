@@ -56,6 +56,8 @@ _SORTING_FITS = 8
 _SORTING_STEPS = 8
 """`_SORTING_FITS`, `_SORTING_STEPS`: fits, and steps of each, in which copies are removed; a fit
 with copies settles slowly."""
+_ROUGH = 0.1
+"""Gain of likelihood below which a step is the last as long as modes come and go."""
 _DETUNED = 1.03
 """Factor from the first to the start of the second of two poles: near it, but not equal."""
 _NEEDED = 4.0
@@ -188,14 +190,17 @@ def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: floa
         fitted_at(summed(samples, poles), shapes, Ties.none(*shapes.shape), 2)
         for poles, shapes in sets
     )
-    best = max(starts, key=lambda start: start.merit)
-    while len(best.sums.poles):
-        mode, _ = best.least_needed()
-        fewer = best.without(mode)
-        if fewer.merit <= best.merit:
+    return _without_needless(max(starts, key=lambda start: start.merit))
+
+
+def _without_needless(point: Point, least: int = 0) -> Point:
+    """Remove one mode after the other as long as this raises the merit, and `least` remain."""
+    while len(point.sums.poles) > least:
+        fewer = point.without(point.least_needed()[0])
+        if fewer.merit <= point.merit:
             break
-        best = fewer
-    return best
+        point = fewer
+    return point
 
 
 # Finds the number of modes: the likelihood adds missing modes and removes needless ones -----------
@@ -215,13 +220,14 @@ def likely_modes(
     shapes: NDArray[np.complex128],
     ties: Ties | None = None,
     sorting: Samples | None = None,
+    most: int = 1000,
 ) -> LikelyModes:
     """Return the set of modes with the highest merit near a given one.
 
     `samples`: from `gathered`; levels are fitted if that raises the merit.  `poles` (m,) and
     `shapes` (n_channels, m): the set to start from, with real poles; m >= 1.  `ties`: known ties;
     an added mode has the kind of the mode that hid it.  `sorting`: fewer samples of the same
-    motion, in which copies show; `samples` by default.
+    motion, in which copies show; `samples` by default.  `most`: so many modes hide no further one.
     """
     sorting = sorting or samples
     first = originals(poles, shapes)
@@ -229,8 +235,10 @@ def likely_modes(
     start = poles[first], shapes[:, first], ties.chosen(first)
     for _ in range(_SORTING_FITS):
         modes = most_likely_modes(sorting, *start, _SORTING_STEPS)
-        kept = _originals(modes)
-        start = _chosen(modes, kept)
+        needed = _without_needless(modes.point, 1)
+        start = needed.sums.poles, needed.ties.spread(needed.shapes), needed.ties
+        kept = originals(*start[:2], needed.amplitudes)
+        start = start[0][kept], start[1][:, kept], start[2].chosen(kept)
         if len(kept) == len(modes.poles):
             break
     held = [block for block in samples.blocks if not block.free_level]
@@ -244,10 +252,12 @@ def likely_modes(
         if gains[0] - gains[1] > exceeded_by_chance(n_levels, FALSE_ALARM):
             samples = floating
             sorting = gathered([replace(block, free_level=True) for block in sorting.blocks])
-    best = most_likely_modes(samples, *start)
+    best = most_likely_modes(samples, *start, settled=_ROUGH)
     while len(kept := _originals(best)) < len(best.poles):
-        best = most_likely_modes(samples, *_chosen(best, kept))
+        best = most_likely_modes(samples, *_chosen(best, kept), settled=_ROUGH)
     for _ in range(_MOST_SPLITS):
+        if np.sum(vibrates(best.poles)) >= most:
+            break
         more = most_likely_modes(sorting, *_split(best), _SORTING_STEPS)
         if len(_originals(more)) < len(more.poles):
             break
@@ -263,7 +273,7 @@ def likely_modes(
         if trial is None:
             break
         best = trial
-    return best
+    return most_likely_modes(samples, *_chosen(best, np.arange(len(best.poles))))
 
 
 def _originals(modes: LikelyModes) -> NDArray[np.intp]:
@@ -278,7 +288,7 @@ def _better(modes: LikelyModes, start: Start) -> LikelyModes | None:
     """Return the modes from another start; None if their merit is not above that of some modes."""
     samples = modes.point.sums.samples
     wanted = modes.point.merit + samples.gain_by_noise(start[0])
-    trial = most_likely_modes(samples, *start, wanted=wanted)
+    trial = most_likely_modes(samples, *start, wanted=wanted, settled=_ROUGH)
     return trial if trial.point.log_likelihood > wanted else None
 
 

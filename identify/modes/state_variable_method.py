@@ -161,11 +161,13 @@ def delay_space(
     count.
     """
     step, span = delays.step, delays.step * delays.blocks
-    smooth = []
-    for decay in decays:
-        n = len(decay) - step + 1
-        if len(decay) > span:  # a running sum would accumulate rounding
-            smooth.append(sum(decay[shift : shift + n] for shift in range(step)) / step)
+    # Means of successive samples: a running sum would accumulate rounding.
+    parts = (
+        [decay[shift : len(decay) - step + 1 + shift] for shift in range(step)]
+        for decay in decays
+        if len(decay) > span
+    )
+    smooth = [np.add.reduce(part) / step for part in parts]
     n_channels, behind = decays[0].shape[1], step * (delays.blocks - 1)
     noisy = False
     # Products square the condition: they are used where noise is far above rounding, at a tenth of

@@ -152,7 +152,7 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     if likely is None:
         start = regression_modes(grids, rate_hz)
         if len(start):
-            likely = likely_modes(samples, start.poles, start.shapes)
+            likely = likely_modes(samples, start.poles, start.shapes, most=N_DOF)
     none = ModalModel(np.zeros(0, complex), np.zeros((len(live), 0), complex))
     model = likely.model() if likely else none
     shapes = np.zeros((len(alive), len(model)), dtype=complex)
@@ -209,7 +209,7 @@ def _mirrored_modes(
     if not sum(len(kind) for kind in poles):
         return None
     ties = mirror.ties(np.concatenate(parity))
-    tied = likely_modes(samples, np.concatenate(poles), np.hstack(shapes), ties)
+    tied = likely_modes(samples, np.concatenate(poles), np.hstack(shapes), ties, most=N_DOF)
     if np.sum(vibrates(tied.poles)) > N_DOF:  # a mode of neither kind is found in both
         return None
     numbers = len(tied.poles) + int(np.sum(tied.poles.imag > 0.0))

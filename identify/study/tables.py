@@ -80,12 +80,13 @@ def table2_study(response: ResponseName) -> Study:
     respond = exact_response if response == "exact" else wilson_response
     vehicle = physical_model(FORD_GRANADA)
     delta_M = delta_mass(PAPER_ADDED_MASS, FORD_GRANADA.a).real
-    states = []
+    states: list[NDArray[np.float64]] = []
     for model in (vehicle, vehicle.with_mass(delta_M)):
         runs = [respond(model, case, BUMP, _RATE_HZ, RECORD_S) for case in PAPER_CASES]
         decays = [r.acceleration[r.time_s > BUMP.end_s - 0.5 / _RATE_HZ] for r in runs]
         states.append(_state_matrix(identify_modes(decays, _RATE_HZ)))
-    values = sequential_vehicle(physical_matrices(*states, delta_M)).to_array()
+    light, heavy = states
+    values = sequential_vehicle(physical_matrices(light, heavy, delta_M)).to_array()
     known = FORD_GRANADA.to_array()
     errors = percent(values, known)
     series = (

@@ -209,10 +209,10 @@ def test_a_channel_that_moves_at_the_start_shows_beside_one_that_moves_far_more(
 
 # Samples of a run: what is usable, thinned, cut, and described otherwise -------------------------
 
-A_DECAY, B_DECAY, C = (Channel(name, Quantity.BODY_ACCELERATION, "m/s2") for name in "abc")
+ONE, TWO, C = (Channel(name, Quantity.BODY_ACCELERATION, "m/s2") for name in "abc")
 
 
-def recording_decay(n: int, rate_hz: float, *channels: Channel) -> Recording:
+def counted(n: int, rate_hz: float, *channels: Channel) -> Recording:
     values = np.arange(n * len(channels), dtype=float).reshape(n, -1)
     return Recording(ChannelGroup("g", channels), np.arange(n) / rate_hz, values)
 
@@ -225,7 +225,7 @@ def run_of(*groups: SampleGroup) -> Run:
 
 
 def test_a_stretch_has_its_first_instant_and_not_its_last() -> None:
-    part = recording_decay(10, 8.0, A_DECAY).between(0.25, 0.75)
+    part = counted(10, 8.0, ONE).between(0.25, 0.75)
     assert part.time_s.tolist() == [0.0, 0.125, 0.25, 0.375]
     assert part.values[:, 0].tolist() == [2.0, 3.0, 4.0, 5.0]
 
@@ -234,17 +234,17 @@ def test_a_stretch_has_its_first_instant_and_not_its_last() -> None:
     ("rate_hz", "step"), [(100.0, 1), (67.0, 1), (66.0, 2), (50.0, 2), (33.0, 3), (1000.0, 1)]
 )
 def test_thinning_takes_every_so_many_th_sample(rate_hz: float, step: int) -> None:
-    thin = recording_decay(31, 100.0, A_DECAY).thinned(rate_hz)
+    thin = counted(31, 100.0, ONE).thinned(rate_hz)
     assert thin.values[:, 0].tolist() == list(range(0, 31, step))
     assert thin.time_s == pytest.approx(np.arange(0, 31, step) / 100.0)
-    decay = FreeDecay("run", "baseline", 0.5, (recording_decay(31, 100.0, A_DECAY, B_DECAY),))
+    decay = FreeDecay("run", "baseline", 0.5, (counted(31, 100.0, ONE, TWO),))
     assert decay.n_values == 62
     assert decay.thinned(rate_hz).n_values == 2 * len(range(0, 31, step))
     assert decay.thinned(rate_hz).start_s == 0.5
 
 
 def test_a_run_gives_its_usable_samples_at_the_times_of_the_motion() -> None:
-    """A_DECAY row with a NaN is none; what is late, or filtered, otherwise is a group of its own."""
+    """A row with a NaN is none; what is late, or filtered, otherwise is a group of its own."""
     time = np.arange(4) / 10.0
     values = {
         "a": np.array([1.0, np.nan, 3.0, 4.0]),
@@ -256,9 +256,10 @@ def test_a_run_gives_its_usable_samples_at_the_times_of_the_motion() -> None:
     group = SampleGroup("m", time, np.arange(4), values, np.zeros(4, np.uint8))
     empty = SampleGroup("e", time, np.arange(4), {"c": np.full(4, np.nan)}, np.zeros(4, np.uint8))
     channels = (
-        A_DECAY, B_DECAY, C, replace(A_DECAY, name="late", delay_s=0.05), replace(A_DECAY, name="slow", low_pass_hz=20.0),
-        Channel("spare", Quantity.UNUSED),
-    )  # fmt: skip
+        *(ONE, TWO, C, Channel("spare", Quantity.UNUSED)),
+        replace(ONE, name="late", delay_s=0.05),
+        replace(ONE, name="slow", low_pass_hz=20.0),
+    )
     record = record_of(run_of(group, empty), channels)
     assert (record.label, record.mass_state, record.bump_s) == (
         "baseline_bounce_1",
@@ -276,7 +277,7 @@ def test_a_run_gives_its_usable_samples_at_the_times_of_the_motion() -> None:
 
 
 def test_samples_that_are_described_otherwise_stay_as_they_are() -> None:
-    decay = FreeDecay("run", "baseline", 0.0, (recording_decay(5, 10.0, A_DECAY, B_DECAY, C),))
+    decay = FreeDecay("run", "baseline", 0.0, (counted(5, 10.0, ONE, TWO, C),))
 
     def change(channel: Channel) -> Channel | None:
         if channel.name == "a":
@@ -288,7 +289,7 @@ def test_samples_that_are_described_otherwise_stay_as_they_are() -> None:
     assert [c.name for c in two.group.channels] == ["c"]
     assert one.values[:, 0].tolist() == [1.0, 4.0, 7.0, 10.0, 13.0]
     assert two.values[:, 0].tolist() == [2.0, 5.0, 8.0, 11.0, 14.0]
-    exchanged = {"a": replace(A_DECAY, name="c"), "b": B_DECAY, "c": replace(C, name="a")}
+    exchanged = {"a": replace(ONE, name="c"), "b": TWO, "c": replace(C, name="a")}
     (whole,) = with_channels(decay, lambda c: exchanged[c.name]).recordings
     assert [c.name for c in whole.group.channels] == ["c", "b", "a"]
     assert whole.values.tolist() == decay.recordings[0].values.tolist()
@@ -299,7 +300,7 @@ def test_a_decay_has_only_groups_of_two_samples_or_more() -> None:
         "run",
         "baseline",
         0.2,
-        (recording_decay(10, 10.0, A_DECAY), recording_decay(4, 10.0, B_DECAY, C)),
+        (counted(10, 10.0, ONE), counted(4, 10.0, TWO, C)),
     )
     assert record.start_s == 0.0
     assert record.end_s == pytest.approx(0.9)

@@ -1,4 +1,4 @@
-"""None"""
+"""From records to the optimum: onset, noise, and the start of each decay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""None"""
+"""Maximum likelihood on the free decays: bound, coverage, weights, and where a search ends."""
 
 from __future__ import annotations
 

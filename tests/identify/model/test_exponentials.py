@@ -1,4 +1,4 @@
-"""None"""
+"""Exponentials and their sums against plain tables; chi-squared against SciPy."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from scipy.linalg import expm
 from scipy.special import chdtrc, chdtri
 
 from daq.vehicle import FORD_GRANADA
+from identify.model import exponential_sums
 from identify.model.chi_squared import chance_of_more, exceeded_by_chance
-from identify.model.exponential_sums import series_of, waves
+from identify.model.exponential_sums import series_of
 from identify.model.exponentials import Spectrum, spectrum, waves
 from identify.model.low_pass import LowPass
 from identify.model.matrices import physical_model
@@ -118,7 +119,7 @@ def test_sums_are_those_of_a_table(kind: str) -> None:
     samples = [rng.standard_normal((len(time), 2)) for time in TIMES_EXPONENTIAL_SUMS[kind]]
     seen = []
     for series in series_of(TIMES_EXPONENTIAL_SUMS[kind], samples):
-        at = waves(series, RATES, late_s)
+        at = exponential_sums.waves(series, RATES, late_s)
         mixed, plain = at.grams()
         sums, plain_sums = at.with_samples(), at.sums()
         drawn = rng.standard_normal((2, len(series.members), 2, len(RATES)))

@@ -363,7 +363,7 @@ AMPLITUDES = (np.array([1.0, 1.0, 0.3]), np.array([0.5j, 0.4, 1.0j]))
 
 
 def of_three(
-    poles: NDArray[np.complex128], shapes: NDArray[np.complex128], noise: Array, unit: Array
+    poles: NDArray[np.complex128], shapes: NDArray[Any], noise: Array, unit: Array
 ) -> Samples:
     """Return two runs of 200 samples of three channels."""
     rng = np.random.default_rng(12)
@@ -413,7 +413,7 @@ def test_a_mode_is_sought_where_it_hides_and_not_where_most_moves_or_rustles(fir
     assert in_order(found)[0] == pytest.approx(poles, rel=0.03)
 
 
-# A structure that is struck many times: close modes are held apart, copies of one are merged -------
+# A structure that is struck many times: close modes are held apart, copies of one are merged ------
 
 RATE_HZ = 512.0
 

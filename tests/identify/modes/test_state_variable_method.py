@@ -346,7 +346,7 @@ def test_shapes_are_in_the_units_of_the_channels() -> None:
     )
 
 
-# The limits of the choice of poles, each from both sides -------------------------------------------
+# The limits of the choice of poles, each from both sides ------------------------------------------
 
 
 def test_a_record_of_a_few_samples_is_realised_by_half_of_them() -> None:
@@ -358,9 +358,11 @@ def test_a_record_of_a_few_samples_is_realised_by_half_of_them() -> None:
 
 
 def diagram(
-    monkeypatch: pytest.MonkeyPatch, ranks: Mapping[int, tuple[complex, ...]], strength: NDArray[np.float64],
+    monkeypatch: pytest.MonkeyPatch,
+    ranks: Mapping[int, tuple[complex, ...]],
+    strength: NDArray[np.float64],
     duration_s: float = 1.0,
-) -> StabilisationDiagram:  # fmt: skip
+) -> StabilisationDiagram:
     """Return the diagram of poles that are given for each rank, one channel."""
     monkeypatch.setattr(
         module,
