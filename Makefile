@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test test-long test-pythons lint docs bench bursts coverage mutate fuzz crash soak display-check pages-check release-check test-service test-socketcan constraints clean
+.PHONY: demo test test-long test-pythons lint docs bench bursts coverage mutate fuzz crash soak display-check pages-check pictures release-check test-service test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -77,6 +77,10 @@ display-check: .venv/test
 # and phone; pictures in build/pages/.  Half a minute.
 pages-check: .venv/test
 	$(BIN)/python -m tests.flow.pages_check
+
+# The README's two pictures, drawn anew in a Chromium of this machine.  One minute.
+pictures: .venv/test
+	$(BIN)/python -m tests.flow.pictures
 
 # Build wheel and sdist, install them into empty environments with each extra, and try them.
 release-check: .venv/test

@@ -71,11 +71,11 @@ def batch(
     """
     import os
 
-    from dbc import InputError
+    from dbc import InputError, counted
 
     from ..diagnostics import say
     from ..jobs.executors import as_finished
-    from ..output import print_json, progress
+    from ..output import print_item, print_json, print_line, progress
 
     if scheduler is not None and workers is not None:
         raise InputError(
@@ -118,29 +118,17 @@ def batch(
     summary = {"sessions": len(jobs), "done_now": len(open_jobs), "verdicts": verdicts, "bad": bad}
     if json:
         print_json({**summary, **written, "seconds": seconds})
-    else:
-        _print(len(jobs), len(open_jobs), verdicts, bad, list(written.values()), seconds)
-    return ExitCode.ANSWER_IS_NO if bad else ExitCode.OK
-
-
-def _print(
-    sessions: int,
-    done_now: int,
-    verdicts: dict[str, int],
-    bad: Sequence[dict[str, str]],
-    written: Sequence[str],
-    seconds: float,
-) -> None:
-    from ..output import print_item, print_line
-
+        return ExitCode.ANSWER_IS_NO if bad else ExitCode.OK
     counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
-    many = "session" if sessions == 1 else "sessions"
-    print_line(f"{sessions} {many}: {counts or 'none'}")
-    print_line(f"{done_now} of them done now in {seconds:.1f} s: {', '.join(written)}")
+    print_line(f"{counted(len(jobs), 'session')}: {counts or 'none'}")
+    print_line(
+        f"{len(open_jobs)} of them done now in {seconds:.1f} s: {', '.join(written.values())}"
+    )
     for row in bad[:_SHOWN]:
         print_item(f"{row['verdict']}: {row['file']}: {row['reasons']}")
     if len(bad) > _SHOWN:
         print_item(f"and {len(bad) - _SHOWN} more in the table")
+    return ExitCode.ANSWER_IS_NO if bad else ExitCode.OK
 
 
 def session_files(names: Sequence[str]) -> list[str]:
