@@ -1,9 +1,12 @@
 """`bumpbench check` as a shell sees it."""
 
+from __future__ import annotations
+
 import gzip
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import can
 import numpy as np
@@ -13,8 +16,11 @@ from daq.bench.config import BusConfig, bench_codec, load_bench
 from daq.bus.source import SourceLosses
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
-from dbc import FrameBatch
+from dbc import FrameBatch, shipped_dbc
 from tui.cli import run
+
+from ..daq.sensor_bench import DATABASES, TEXT
+from .conftest import Stages
 
 START_NS = 1_800_000_000_000_000_000
 
@@ -29,7 +35,7 @@ def rest() -> FrameBatch:
 
 
 @pytest.fixture(scope="module")
-def log(rest: FrameBatch, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def a_log(rest: FrameBatch, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("log") / "rest.log"
     with can.Logger(path) as writer:
         for t_ns, can_id, length, data in zip(
@@ -46,8 +52,8 @@ def log(rest: FrameBatch, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_sound_bench(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["check", str(log)]) == 0
+def test_a_sound_bench(a_log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["check", str(a_log)]) == 0
     out = capsys.readouterr().out
     assert "OK   message HUB_Front" in out
     assert "+1 g" in out
@@ -56,9 +62,9 @@ def test_a_sound_bench(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize("name", ["rest.log", "rest.log.gz", "rest.txt", "rest.anything"])
 def test_a_log_that_is_named_alone_is_one_by_its_content(
-    log: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+    a_log: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = log.read_bytes()
+    text = a_log.read_bytes()
     (tmp_path / name).write_bytes(gzip.compress(text) if name.endswith(".gz") else text)
     assert run(["check", str(tmp_path / name)]) == 0
     assert "OK   message HUB_Front" in capsys.readouterr().out
@@ -76,13 +82,13 @@ def test_what_is_toml_is_a_bench_whatever_it_is_called(
         assert said in capsys.readouterr().err
 
 
-def test_a_fault_fails(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fault_fails(a_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bench = tmp_path / "bench.toml"
     bench.write_text(
         '[[channel]]\nname = "z"\nsignal = "IMU_Accel.acc_z"\nsign = -1\n'
         'quantity = "body_acceleration"\n'
     )
-    assert run(["check", str(bench), str(log), "--json"]) == 1
+    assert run(["check", str(bench), str(a_log), "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert document["verdict"] == "FAIL"
     (line,) = [x for x in document["lines"] if x["subject"] == "channel z"]
@@ -92,9 +98,9 @@ def test_a_fault_fails(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_it_looks_only_at_the_beginning_of_a_log(
-    log: Path, capsys: pytest.CaptureFixture[str]
+    a_log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["check", str(log), "--seconds", "0.5", "--json"]) in (0, 1)
+    assert run(["check", str(a_log), "--seconds", "0.5", "--json"]) in (0, 1)
     document = json.loads(capsys.readouterr().out)
     assert 0.4 < document["seconds"] <= 0.5
 
@@ -178,19 +184,19 @@ def test_the_layouts_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_layout_against_a_log_of_something_else(
-    log: Path, capsys: pytest.CaptureFixture[str]
+    a_log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["check", "--layout", "xsens_mti", str(log)]) == 1
+    assert run(["check", "--layout", "xsens_mti", str(a_log)]) == 1
     out = capsys.readouterr().out
     assert "FAIL message Acceleration" in out
     assert "6 identifiers are not in the DBC" in out
 
 
 def test_a_proposal_is_written_and_proved(
-    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    a_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "new.toml"
-    assert run(["check", "--propose", str(target), str(log)]) == 0
+    assert run(["check", "--propose", str(target), str(a_log)]) == 0
     reported = capsys.readouterr()
     assert f"wrote {target}" in reported.err
     assert "channel acc_fl" in reported.out
@@ -208,7 +214,10 @@ def test_a_proposal_from_a_dbc_alone(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_at_a_terminal_a_proposal_asks(
-    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    a_log: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     answers = {
         "point forward?": ["upwards", "-x"],
@@ -231,7 +240,7 @@ def test_at_a_terminal_a_proposal_asks(
     monkeypatch.setattr("sys.stdin", Terminal())
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     target = tmp_path / "asked.toml"
-    assert run(["check", "--propose", str(target), str(log)]) == 0
+    assert run(["check", "--propose", str(target), str(a_log)]) == 0
     text = target.read_text("utf-8")
     assert not [lines for lines in answers.values() if lines]
     assert len([question for question in typed if "point forward?" in question]) == 2
@@ -246,7 +255,10 @@ def test_at_a_terminal_a_proposal_asks(
 
 
 def test_an_answer_that_gravity_contradicts_is_said_so(
-    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    a_log: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     typed = iter(["+z\n"])
 
@@ -260,7 +272,193 @@ def test_an_answer_that_gravity_contradicts_is_said_so(
     monkeypatch.setattr("sys.stdin", Terminal())
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     target = tmp_path / "asked.toml"
-    assert run(["check", "--propose", str(target), str(log)]) == 0
+    assert run(["check", "--propose", str(target), str(a_log)]) == 0
     said = "bumpbench: '+z' contradicts what the sensors show: the question stays in the file\n"
     assert said in capsys.readouterr().err
     assert "# ASK: does the sensor's +x axis point forward?" in target.read_text("utf-8")
+
+
+# Values that no sensor shows are no numbers of a channel that is used -----------------------------
+
+
+DBC = """VERSION ""
+BU_: A
+BO_ 256 Acc: 8 A
+ SG_ z : 0|64@1- (1,0) [0|0] "m/s2" A
+SIG_VALTYPE_ 256 z : 2;
+"""
+BENCH = 'dbc = "f.dbc"\n[[channel]]\nname = "acc"\nsignal = "Acc.z"\nquantity = "{quantity}"\n'
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("value", "quantity", "bad"),
+    [
+        (1e200, "body_acceleration", True),
+        (-1e308, "body_acceleration", True),
+        (np.inf, "body_acceleration", True),
+        (1.1e6, "body_acceleration", True),
+        (0.9e6, "body_acceleration", False),
+        (1.1e6, "unused", False),  # a pressure in Pa, say
+    ],
+)
+def test_one_is_a_fault_in_the_check(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], value: float, quantity: str, bad: bool
+) -> None:
+    """It was OK, with a warning of NumPy."""
+    (tmp_path / "f.dbc").write_text(DBC)
+    (tmp_path / "b.toml").write_text(BENCH.format(quantity=quantity))
+    rng = np.random.default_rng(1)
+    samples = 9.81 + rng.normal(0.0, 0.01, 1500)
+    samples[700] = value
+    lines = (
+        f"({1.7e9 + 0.002 * k:.6f}) can0 100#{x.astype('<f8').tobytes().hex().upper()}\n"
+        for k, x in enumerate(samples)
+    )
+    (tmp_path / "a.log").write_text("".join(lines))
+    code = run(["check", str(tmp_path / "b.toml"), str(tmp_path / "a.log"), "--seconds", "2"])
+    out = capsys.readouterr().out
+    assert ("1 of 1000 samples are not numbers" in out or "1 of 1001 samples" in out) == bad
+    assert not bad or code == 1
+
+
+# What `check` looks at of a log, where its databases are, and what it a ---------------------------
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> str:
+    """Write 20 frames of a hub message, one every 0.1 s, the first at 5 s."""
+    path = tmp_path / "slow.log"
+    path.write_text("".join(f"({5 + n / 10:.1f}) can0 110#0000000000000000\n" for n in range(20)))
+    return str(path)
+
+
+def checked(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
+    assert run(["check", *words, "--json"]) in (0, 1), capsys.readouterr().err
+    document = json.loads(capsys.readouterr().out)
+    assert isinstance(document, dict)
+    return document
+
+
+@pytest.mark.parametrize(
+    ("seconds", "frames"), [("0.5", 6), ("0.49", 5), ("1.9", 20), ("600", 20), ("0.1", 2)]
+)
+def test_the_first_seconds_of_a_log_are_looked_at_both_ends_included(
+    seconds: str, frames: int, log: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert checked(capsys, log, "--seconds", seconds)["frames"] == frames
+
+
+def test_the_last_line_counts_what_was_found(log: str, capsys: pytest.CaptureFixture[str]) -> None:
+    document = checked(capsys, log)
+    verdicts = [line["verdict"] for line in document["lines"]]
+    assert run(["check", log]) == 1
+    last = capsys.readouterr().out.splitlines()[-1]
+    fails, warns, goods = (verdicts.count(word) for word in ("FAIL", "WARN", "OK"))
+    assert fails > 1
+    assert set(last.removeprefix("FAIL: ").removesuffix("; 20 frames").split(", ")) == {
+        f"{fails} FAIL", f"{warns} WARN", f"{goods} OK",
+    }  # fmt: skip
+
+
+def test_an_empty_window_of_pushes_is_none(
+    log: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The pushes of a log begin where its rest ends."""
+    words = ["check", log, "--seconds", "1.0", "--propose"]
+    for push, name in (("0.5", "a.toml"), ("0.9", "b.toml")):
+        assert run([*words, str(tmp_path / name), "--push", push]) in (0, 1)
+        assert "now push" not in capsys.readouterr().err, "a log has been pushed, or not"
+        assert load_bench(tmp_path / name).channels
+
+
+# A live bus ---------------------------------------------------------------------------------------
+
+
+class Once:
+    """A source that hands over its frames at once, then time passes until the look is over."""
+
+    name = "once"
+
+    def __init__(self, frames: FrameBatch, clock: list[float]) -> None:
+        self._frames, self._clock = frames, clock
+        self.waits: list[float] = []
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        """Return all, then nothing."""
+        self.waits.append(round(timeout_s, 6))
+        self._clock[0] += timeout_s
+        found, self._frames = self._frames, FrameBatch.empty()
+        return found
+
+    def losses(self) -> SourceLosses:
+        """None was lost."""
+        return SourceLosses()
+
+    def close(self) -> None:
+        """Go."""
+
+
+def test_a_person_is_asked_to_push_each_corner_in_turn(
+    log: str,
+    tmp_path: Path,
+    stages: Stages,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from daq.formats.log import read_log
+
+    frames = FrameBatch.concatenate(list(read_log(Path(log))))
+    clock, opened = [100.0], list[Once]()
+
+    def open_source(_: object, __: int) -> Once:
+        opened.append(Once(frames, clock))
+        return opened[-1]
+
+    monkeypatch.setattr("daq.bus.interfaces.open_source", open_source)
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    bus = ["--interface", "socketcan", "--channel", "can0", "--seconds", "0.25", "--push", "12"]
+    run(["check", "--propose", str(tmp_path / "new.toml"), *bus])
+    err = capsys.readouterr().err
+    assert "now push each corner DOWN and let go, with a second of rest between:\n" in err
+    assert "front LEFT, front RIGHT, rear LEFT, rear RIGHT; you have 12 s\n" in err
+    assert [one.waits[:3] for one in opened] == [[0.1, 0.1, 0.05], [0.1, 0.1, 0.1]]
+    assert [share for share, _ in stages["check"][:3]] == [0.0, 0.4, 0.8]
+
+
+# Databases ----------------------------------------------------------------------------------------
+
+
+def test_the_database_of_a_bench_is_named_from_where_the_proposal_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "old").mkdir()
+    (tmp_path / "new").mkdir()
+    (tmp_path / "old" / "car.dbc").write_text(shipped_dbc(), "utf-8")
+    bench = tmp_path / "old" / "bench.toml"
+    bench.write_text('dbc = "car.dbc"\n')
+    target = tmp_path / "new" / "bench.toml"
+    assert run(["check", str(bench), "--propose", str(target)]) == 0, capsys.readouterr().err
+    assert load_bench(target).dbc_name == "../old/car.dbc"
+    bench.write_text('dbc = "layout:xsens_mti"\n')
+    target.unlink()
+    assert run(["check", str(bench), "--propose", str(target)]) == 0, capsys.readouterr().err
+    assert load_bench(target).dbc_name == "layout:xsens_mti"
+
+
+def test_a_bench_with_sensors_is_not_proposed_from_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text(TEXT)
+    for each in DATABASES:
+        (tmp_path / each.name).write_text(each.text, "utf-8")
+    assert run(["check", str(bench), "--propose", str(tmp_path / "new.toml")]) == 2
+    err = capsys.readouterr().err
+    assert f"{bench}: the bench.toml has [[sensor]] already" in err
+    assert not (tmp_path / "new.toml").exists()
+    two = ["--dbc", str(tmp_path / "imu.dbc"), "--dbc", str(tmp_path / "imu.dbc")]
+    words = ["check", "--propose", str(tmp_path / "new.toml"), *two]
+    assert run(words) == 0, capsys.readouterr().err
+    text = (tmp_path / "new.toml").read_text("utf-8")
+    assert text.count('dbc = "imu.dbc"') == 1, "named twice, it is one"

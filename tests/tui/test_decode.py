@@ -1,8 +1,11 @@
-"""`decode`: any log of python-can, against what cantools makes of the same frames."""
+"""`bumpbench decode`, and the logs that commands take."""
+
+from __future__ import annotations
 
 import csv
 import io
 import json
+import sys
 from pathlib import Path
 
 import can
@@ -11,6 +14,7 @@ import numpy as np
 import pytest
 
 from dbc import parse_codec, shipped_dbc
+from tui.__main__ import main
 from tui.cli import run
 
 START_S = 1_760_000_000.0
@@ -171,3 +175,170 @@ def test_a_bench_of_one_bus_names_it_and_one_of_two_does_not_guess(
             f'2.500000000,{bus},,Motor,speed,0,"1,min"',
             f"2.500000000,{bus},,Motor,torque,-1,Nm",
         ]
+
+
+# Logs in, by their commands: what is lost is counted once, and times ar ---------------------------
+
+
+DBC = """VERSION ""
+BO_ 291 M1: 8 A
+ SG_ s1 : 0|16@1- (0.1,0) [0|0] "{unit}" A
+"""
+ASC_HEAD = "date Mon Dec 6 11:21:13 am 2021\nbase hex  timestamps absolute\n"
+TRC = ";$FILEVERSION=2.1\n;$STARTTIME=42209.4\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
+
+
+@pytest.fixture
+def dbc(tmp_path: Path) -> Path:
+    path = tmp_path / "one.dbc"
+    path.write_text(DBC.format(unit="g"))
+    return path
+
+
+def _asc(*lines: str) -> str:
+    rows = [f"   {n / 100:.6f} 1  123 Rx   d 8 {n:02X} 01 00 00 00 00 00 00" for n in range(20)]
+    return ASC_HEAD + "\n".join([*rows, *lines]) + "\n"
+
+
+LOSSES = {
+    "asc": (
+        _asc("0.5x0 1 123 Rx d 1 01", "0.60 1 123 R d 1 01", "0.7 1 Statistic: D 0", "0.8 1,2d0"),
+        20,
+        "3 records unreadable; line 23 is not a frame: '0.5x0 1 123 Rx d 1 01'",
+    ),
+    "negative times": (_asc().replace(" 0.000000", "-0.000012"), 20, ""),
+    "one stamp out of line": (
+        _asc().replace("0.100000", "-6.10000"),
+        19,
+        "1 records unreadable; 1 time stamp out of line with its neighbours, the first at frame 11",
+    ),
+    "trc": (
+        TRC + "1 1.0 DT 1 0123 Rx - 2 01 02\n2 2.0 ER 1 - Rx - 5 04 00 02 00 00\n"
+        "3 3.0 ST 1 - Rx - 4 00 00 00 08\n4 3.5 EV 1 mark\n5 4.0 EC 1 - Rx - 2 02 02\n",
+        2,
+        "",
+    ),
+    "trc of another type": (
+        TRC + "1 1.0 DT 1 0123 Rx - 2 01 02\n2 2.0 DZ 1 0123 Rx - 2 01 02\n",
+        1,
+        "1 records unreadable; line 5 is not a frame: '2 2.0 DZ 1 0123 Rx - 2 01 02'",
+    ),
+    "an overrun": (
+        TRC + "1 1.0 DT 1 0123 Rx - 2 01 02\n2 2.0 ST 1 - Rx - 4 00 00 00 02\n",
+        1,
+        "1 frames lost by its recorder; line 5 states 1 lost frame",
+    ),
+    "zeros": (
+        "(1.0) can0 123#0102030405060708\n(2.0) can0 12" + "\0" * 200,
+        1,
+        "1 records unreadable, 200 bytes cut off; 200 zero bytes up to line 2; "
+        "zero bytes cut 1 line up to line 2",
+    ),
+    "DROPCOUNT": (
+        "(1.0) can0 123#0102030405060708\nDROPCOUNT: dropped 13 CAN frames (total drops 13)\n",
+        1,
+        "13 frames lost by its recorder; line 2 states 13 lost frames",
+    ),
+    "a stamp in milliseconds": (
+        "(1.0) can0 123#0102030405060708\n(1700000000123) can0 123#0102030405060708\n",
+        1,
+        "1 records unreadable; line 2 is not a frame: '(1700000000123) can0 123#0102030405060708'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LOSSES)
+def test_what_is_not_read_is_counted_once_with_its_place(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, dbc: Path, case: str
+) -> None:
+    text, frames, loss = LOSSES[case]
+    path = tmp_path / "a.txt"
+    path.write_text(text)
+    assert run(["decode", str(path), "--dbc", str(dbc), "--json"]) == (3 if loss else 0)
+    out, err = capsys.readouterr()
+    assert json.loads(out)["frames"] == frames
+    assert err.count("is not whole") == (1 if loss else 0)
+    assert loss in err
+
+
+def test_times_below_zero_are_printed_as_they_are(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, dbc: Path
+) -> None:
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{t},0x123,0,0,0,2,AQI=\n" for t in (-1.5, -0.25, 0.75))
+    path.write_text(f"timestamp,arbitration_id,extended,remote,error,dlc,data\n{rows}")
+    assert run(["decode", str(path), "--dbc", str(dbc)]) == 0
+    times = [line.split(",")[0] for line in capsys.readouterr().out.splitlines()[1:]]
+    assert times == ["-1.500000000", "-0.250000000", "0.750000000"]
+
+
+def test_an_mf4_without_a_length_has_the_bytes_of_its_payload(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, dbc: Path
+) -> None:
+    import asammdf
+
+    kind = "CAN_DataFrame"
+    fields = np.zeros(2, [(f"{kind}.ID", "<u4"), (f"{kind}.DataBytes", "(8,)u1")])
+    fields[f"{kind}.ID"], fields[f"{kind}.DataBytes"][:, :2] = 0x123, (1, 2)
+    with asammdf.MDF() as mdf:
+        mdf.append(asammdf.Signal(fields, np.array([0.25, 0.26]), name=kind))
+        mdf.save(tmp_path / "a.mf4")
+    assert run(["decode", str(tmp_path / "a.mf4"), "--dbc", str(dbc)]) == 0
+    values = [float(line.split(",")[3]) for line in capsys.readouterr().out.splitlines()[1:]]
+    assert values == pytest.approx([51.3, 51.3])
+
+
+def test_several_buses_have_a_column_and_can_be_chosen_without_a_bench(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, dbc: Path
+) -> None:
+    path = tmp_path / "a.log"
+    path.write_text("".join(f"(1.00000{n}) can{n % 2} 123#{n % 2:02X}00\n" for n in range(4)))
+    command = ["decode", str(path), "--dbc", str(dbc)]
+    assert run(command) == 0
+    rows = [line.split(",") for line in capsys.readouterr().out.splitlines()]
+    assert rows[0] == ["time_s", "bus", "message", "signal", "value", "unit"]
+    assert [row[1] for row in rows[1:]] == ["0", "1", "0", "1"]
+    assert run([*command, "--bus", "1"]) == 0
+    rows = [line.split(",") for line in capsys.readouterr().out.splitlines()]
+    assert rows[0] == ["time_s", "message", "signal", "value", "unit"]
+    assert [row[3] for row in rows[1:]] == ["0.1", "0.1"]
+    assert run([*command, "--bus", "front"]) == 2
+    assert "write its number" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("unit", "shown"),
+    [
+        ("=1+1", "'=1+1"),
+        ("@x", "'@x"),
+        ("-x", "'-x"),
+        ("a\x1b[2Jb", "a\N{REPLACEMENT CHARACTER}[2Jb"),
+    ],
+)
+def test_units_are_text_for_a_spreadsheet_and_a_terminal(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, dbc: Path, unit: str, shown: str
+) -> None:
+    dbc.write_text(DBC.format(unit=unit))
+    (tmp_path / "a.log").write_text("(1.0) can0 123#0102030405060708\n")
+    assert run(["decode", str(tmp_path / "a.log"), "--dbc", str(dbc)]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[1].endswith(f",{shown}")
+    assert "\x1b" not in out + err
+
+
+@pytest.mark.parametrize("encoding", ["cp932", "cp1251", "ascii"])
+def test_a_console_that_lacks_a_character_gets_another(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, dbc: Path, encoding: str
+) -> None:
+    dbc.write_text(DBC.format(unit="m/s²"), "utf-8")
+    (tmp_path / "a.log").write_text("(1.0) can0 123#0102030405060708\n")
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding))
+    monkeypatch.setattr(
+        sys, "argv", ["bumpbench", "decode", str(tmp_path / "a.log"), "--dbc", str(dbc)]
+    )
+    with pytest.raises(SystemExit) as ended:
+        main()
+    sys.stdout.flush()
+    assert ended.value.code in (0, None)
+    assert b"m/s?" in raw.getvalue()
