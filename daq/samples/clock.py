@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 # Converts rolling counters, which wrap, to the number of frames sent ------------------------------
 #
-# A counter states the number of frames sent modulo its range; the time of arrival gives the number
-# of complete wraps.  A frame arrives when it was sent or later, and a stalled reader delivers a
-# whole backlog at one instant, so a single arrival proves little: a frame's sending time is
-# limited by the arrival of the frames that followed it.
+# The time of arrival gives the number of complete wraps.  A stalled reader delivers a whole backlog
+# at one instant, so a single arrival proves little: a frame's sending time is limited by the
+# arrival of the frames that followed it.
 
 FASTEST = 0.95
 """Least ratio of a sensor's true cycle to that in the DBC (free-running oscillators)."""
@@ -75,11 +74,12 @@ def counter_steps(
     index = np.arange(len(arrival)) * FASTEST
     latest = np.minimum.accumulate((arrival - index)[::-1])[::-1] + index
     elapsed = latest[1:] - latest[:-1]
-    if step.min() == step.max() == 1 and elapsed.max() <= modulus / 2:  # the usual case
+    forgotten = (1 - FASTEST) * float(arrival[-1])  # a sensor slower than nominal is not late
+    if step.min() == step.max() == 1 and elapsed.max() <= modulus / 2:  # the usual case, quickly
         phase = latest - np.arange(len(latest))
-        earliest = min(float(phase.min()), float(phase[0]) - late_s / cycle_s)
-        whole = np.zeros(len(step), bool)
-        return CounterSteps(step, whole, _kept_late(float(phase[-1]) - earliest, arrival, cycle_s))
+        late_cycles = float(phase[-1]) - min(float(phase.min()), float(phase[0]) - late_s / cycle_s)
+        restarted = np.zeros(len(step), bool)
+        return CounterSteps(step, restarted, max(late_cycles - forgotten, 0.0) * cycle_s)
     turns = np.maximum(np.rint((elapsed - step) / modulus), 0).astype(np.int64)
     paused = (step == 1) & (turns > 0) & (elapsed * cycle_s >= _SILENCE_S)
     step = step + modulus * turns
@@ -89,12 +89,7 @@ def counter_steps(
         by_time = np.maximum(np.rint(elapsed), 1).astype(np.int64)
         step = np.where(restarted, by_time, step)
         late = _lateness(latest, step, late_s / cycle_s)
-    return CounterSteps(step, restarted, _kept_late(float(late[-1]), arrival, cycle_s))
-
-
-def _kept_late(late: float, arrival: NDArray[np.float64], cycle_s: float) -> float:
-    forgotten = (1 - FASTEST) * float(arrival[-1])  # a sensor slower than nominal is not late
-    return max(late - forgotten, 0.0) * cycle_s
+    return CounterSteps(step, restarted, max(float(late[-1]) - forgotten, 0.0) * cycle_s)
 
 
 def _lateness(
@@ -176,21 +171,10 @@ def sensor_times(
 ) -> SensorTimes:
     """Return the times at which the samples were taken, up to the smallest transmission delay.
 
-    Parameters
-    ----------
-    counter : (n,) int64
-        Rolling counter of the frames, 0..modulus - 1.
-    modulus : int
-        Its range.
-    t_ns : (n,) int64
-        Arrival time stamps, in order of arrival.
-    cycle_s : float
-        Nominal time between two samples.
-    t0_ns : int
-        Origin of the result.
+    `counter`, (n,) int64: rolling counter of the frames, 0..`modulus` - 1.  `t_ns`, (n,) int64:
+    arrival time stamps, in order of arrival.  `cycle_s`: nominal time between two samples.
+    `t0_ns`: origin of the result.
 
-    Notes
-    -----
     Frames may be missing.  After a restart of the sensor a new line is fitted.  The arrival times
     are returned for fewer than 20 frames, and for a counter that mostly does not change.
     """
@@ -224,11 +208,11 @@ def even_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
     if len(t_ns) < _FEWEST:
         return arrival_times(t_ns, t0_ns)
     arrival: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
-    found = min(_possible_ticks(arrival), key=_unlikeliness, default=None)
-    if found is None:
+    best = min(_possible_ticks(arrival), key=lambda ticks: ticks.unlikeliness, default=None)
+    if best is None:
         return arrival_times(t_ns, t0_ns)
-    step = np.concatenate([[1], np.diff(found.index)]).astype(np.int64)
-    return SensorTimes(_increasing(_fitted(found.index, arrival, found.cycle_s)), step)
+    step = np.concatenate([[1], np.diff(best.index)]).astype(np.int64)
+    return SensorTimes(_increasing(_fitted(best.index, arrival, best.cycle_s)), step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,6 +225,16 @@ class _Ticks:
     """Delay of each frame after its tick, s, shape (n,)."""
     cycle_s: float
     """Time between two ticks, s."""
+
+    @property
+    def unlikeliness(self) -> float:
+        """The unlikeliness of a clock: from late frames, and from each gap with its place.
+
+        For exponential delays it is the negative logarithm of the likelihood, up to a constant.
+        """
+        n = len(self.index)
+        mean_s = max(float(np.mean(self.late_s)), _SHORTEST_DELAY_S)
+        return float(n * np.log(mean_s) + np.sum(np.diff(self.index) > 1) * np.log(n))
 
 
 def _possible_ticks(arrival: NDArray[np.float64]) -> list[_Ticks]:
@@ -255,17 +249,7 @@ def _possible_ticks(arrival: NDArray[np.float64]) -> list[_Ticks]:
         return []
     mean_s = float(np.mean(gap[gap < _NO_FRAME_MISSING * median_s]))
     tried = (_punctual_ticks(arrival, median_s), _punctual_ticks(arrival, mean_s))
-    return [found for found in (*tried, _all_ticks(arrival)) if found is not None]
-
-
-def _unlikeliness(found: _Ticks) -> float:
-    """Return the unlikeliness of a clock: from late frames, and from each gap with its place.
-
-    For exponential delays it is the negative logarithm of the likelihood, up to a constant.
-    """
-    n = len(found.index)
-    mean_s = max(float(np.mean(found.late_s)), _SHORTEST_DELAY_S)
-    return float(n * np.log(mean_s) + np.sum(np.diff(found.index) > 1) * np.log(n))
+    return [ticks for ticks in (*tried, _all_ticks(arrival)) if ticks is not None]
 
 
 def _punctual_ticks(arrival: NDArray[np.float64], cycle_s: float) -> _Ticks | None:
@@ -344,19 +328,9 @@ def stamped_times(
 ) -> SensorTimes:
     """Return the times at which the samples were taken, from the time stamps of their sensor.
 
-    Parameters
-    ----------
-    stamp_s : (n,) float64
-        The sensor's time, s; starts again from 0 at `wrap_s`.
-    wrap_s : float
-        Range of the stamps, s.
-    t_ns : (n,) int64
-        Arrival time stamps, in order of arrival.
-    t0_ns : int
-        Origin of the result.
+    `stamp_s`, (n,) float64: the sensor's time, s; starts again from 0 at `wrap_s`.  `t_ns`, (n,)
+    int64: arrival time stamps, in order of arrival.  `t0_ns`: origin of the result.
 
-    Notes
-    -----
     Samples need not be evenly spaced; `SensorTimes.step` counts in the most usual spacing.  After a
     restart of the sensor a new line is fitted.  The arrival times are returned for fewer than 20
     frames, and for stamps that do not run with the time of the bus.
@@ -424,9 +398,7 @@ def _fitted(
         if np.mean(y) - start > 2 * (np.mean(y) - free_start):  # k has mean 0: the mean distances
             start, rate = free_start, free_rate
     late = y - rate * k  # from any origin: only its scatter counts
-    quarters = np.array([0.25, 0.5, 0.75]) * (len(late) - 1)
-    # As `np.quantile`, which takes several times as long.
-    low, middle, high = np.interp(quarters, np.arange(len(late)), np.sort(late)).tolist()
+    low, middle, high = np.quantile(late, [0.25, 0.5, 0.75]).tolist()
     if high - low < HARDWARE_SCATTER_S:
         punctual = np.abs(late - middle) <= max(5 * (high - low), 1e-6)
         rate, start = np.polyfit(k[punctual], y[punctual], 1).tolist()

@@ -7,9 +7,7 @@ disagree about the same samples.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from operator import add, attrgetter
-from types import MappingProxyType
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,32 +102,17 @@ _MOVING_S = 0.5  # after this time, a coarse sensor may stay at one step of its 
 class Hold:
     """Longest hold of one value by one channel in one run."""
 
-    time_s: NDArray[np.float64]
-    value: NDArray[np.float64]
-    """`time_s`, `value`: samples of the channel, (n,)."""
-    rest_s: float
-    start_s: float
-    """`rest_s`, `start_s`: end of the rest before the bump and start of the decay, s."""
     first: int
     last: int
     """`first`, `last`: its first and last sample."""
     length_s: float
     """Its length, s; 0 if none begins in the first half second of the decay or reaches into it."""
-
-    @property
-    def rest_rate(self) -> float:
-        """Share of samples at rest that differ from the one before; NaN if there are too few."""
-        return share_changed(self.value[self.time_s < self.rest_s])
-
-    @property
-    def decay_rate(self) -> float:
-        """The same share in the decay."""
-        return share_changed(self.value[self.time_s >= self.start_s])
-
-    @property
-    def constant(self) -> bool:
-        """True if the channel has one value in the whole run."""
-        return not (self.value != self.value[0]).any()
+    rest_rate: float
+    """Share of samples at rest that differ from the one before; NaN if there are too few."""
+    decay_rate: float
+    """The same share in the decay."""
+    constant: bool
+    """True if the channel has one value in the whole run."""
 
     def is_frozen(self, changes: float) -> bool:
         """Return whether the hold is too long to be chance.
@@ -153,7 +136,14 @@ def longest_hold(
     within = (time_s[last] > start_s) & (time_s[first] < start_s + _MOVING_S)
     length_s = np.where(within, time_s[last] - time_s[first], 0.0)
     k = int(length_s.argmax())
-    return Hold(time_s, value, rest_s, start_s, int(first[k]), int(last[k]), float(length_s[k]))
+    return Hold(
+        int(first[k]),
+        int(last[k]),
+        float(length_s[k]),
+        rest_rate=share_changed(value[time_s < rest_s]),
+        decay_rate=share_changed(value[time_s >= start_s]),
+        constant=bool(np.all(value == value[0])),
+    )
 
 
 # Counts the frames that did not become samples, as a pure fold over decoded blocks ----------------
@@ -163,11 +153,6 @@ def longest_hold(
 # counter means a repeated frame, not a loss.  A counter that jumps further than the time allows
 # means that the sensor restarted: the losses are then not known and not counted (`restarts` counts
 # these cases).
-
-NOTHING = DecodeCounts(0, 0, 0, 0, 0)
-_COUNT_NAMES = tuple(each.name for each in fields(DecodeCounts))
-_COUNTS = attrgetter(*_COUNT_NAMES)
-_LOSSES = attrgetter(*(each.name for each in fields(Losses)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,17 +179,16 @@ class CounterHealth:
 class HealthState:
     """State of the fold; the default is the initial state."""
 
-    counters: Mapping[str, CounterHealth] = field(default_factory=lambda: MappingProxyType({}))
+    counters: Mapping[str, CounterHealth] = field(default_factory=dict)
     """Counters of the received messages that have one."""
-    counts: DecodeCounts = NOTHING
+    counts: Losses = field(default_factory=Losses)
     """Total numbers of frames that could not be decoded."""
 
     @property
     def losses(self) -> Losses:
         """Totals so far, without losses before decoding."""
         missing = sum(counter.missing for counter in self.counters.values())
-        counts = zip(_COUNT_NAMES, _COUNTS(self.counts), strict=True)
-        return Losses(counter_gaps=missing, **dict(counts))
+        return replace(self.counts, counter_gaps=missing)
 
 
 def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Decoded) -> HealthState:
@@ -218,33 +202,27 @@ def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Deco
         name = f"{message.name}.{message.counter.signal}" if message.counter else ""
         if name in decoded.samples and len(decoded.samples[name].t_ns):
             counters[message.name] = _count(message, counters.get(message.name), decoded)
-    total = map(add, _COUNTS(state.counts), _COUNTS(decoded.counts))
-    return HealthState(MappingProxyType(counters), DecodeCounts(*total))
+    block = Losses(**{name: getattr(decoded.counts, name) for name in DecodeCounts.__slots__})
+    return HealthState(counters, losses_added(state.counts, block))
 
 
 def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decoded) -> CounterHealth:
     assert message.counter is not None  # ensured by the caller
     samples = decoded[f"{message.name}.{message.counter.signal}"]
     good = samples.usable
-    unreadable = len(good) - int(np.count_nonzero(good))
-    if unreadable == len(good):
-        return (
-            replace(before, unreadable=before.unreadable + unreadable)
-            if before
-            else (CounterHealth(-1, 0))
-        )
-    value = samples.value[good].astype(np.int64)
-    t_ns = samples.t_ns[good]
-    if before is None or before.last < 0:
-        health = CounterHealth(int(value[0]), int(t_ns[0]))
-        unreadable -= int(np.argmax(good))
+    health = before or CounterHealth(-1, 0)
+    unreadable = health.unreadable + len(good) - int(np.count_nonzero(good))
+    if not good.any():
+        return replace(health, unreadable=unreadable if health.last >= 0 else 0)
+    value, t_ns = samples.value[good].astype(np.int64), samples.t_ns[good]
+    if health.last < 0:
+        unreadable -= int(np.argmax(good))  # before the first reliable value
     else:
-        health = before
-        value = np.concatenate([[before.last], value])
-        t_ns = np.concatenate([[before.t_ns], t_ns])
+        value = np.concatenate([[health.last], value])
+        t_ns = np.concatenate([[health.t_ns], t_ns])
     steps = counter_steps(value, message.counter.modulus, t_ns, message.cycle_s, health.late_s)
     trailing = int(np.argmax(good[::-1]))
-    passed = health.unreadable + unreadable - trailing
+    passed = unreadable - trailing
     return CounterHealth(
         last=int(value[-1]),
         t_ns=int(t_ns[-1]),
@@ -258,4 +236,5 @@ def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decode
 
 def losses_added(first: Losses, second: Losses) -> Losses:
     """Return the sum of losses counted at different hops."""
-    return Losses(*map(add, _LOSSES(first), _LOSSES(second)))
+    names = Losses.__slots__
+    return Losses(*(getattr(first, name) + getattr(second, name) for name in names))

@@ -21,6 +21,8 @@ from .mapping import MappedChannel
 # Finds the frames that belong to one sample, by the order of arrival or by counters ---------------
 
 Bound = tuple[NDArray[np.intp], NDArray[np.int64]]
+"""Frames of a message that belong to a known sample, one for each, and the numbers of these
+samples, increasing; both of shape (k,)."""
 
 
 def bind(
@@ -37,9 +39,8 @@ def bind(
     assigned by their number or, if frames are lost as well, by their time.
 
     `number`, (n,) int64: sample number of each carrier frame, increasing.  `carrier_ns`, (n,)
-    int64: their arrival, in order.  `rows`, (m,) int: names of the frames, returned with their
-    numbers.  `t_ns`, (m,) int64: arrival of the frames, in order.  Returns the frames that belong
-    to a known sample, one for each sample, (k,), and their sample numbers, increasing, (k,).
+    int64: their arrival, in order.  `rows`, (m,) int: the frames.  `t_ns`, (m,) int64: their
+    arrival, in order.
     """
     behind = np.searchsorted(carrier_ns, t_ns, "right") - 1
     ahead = np.searchsorted(carrier_ns, t_ns, "left")
@@ -48,10 +49,8 @@ def bind(
     before = carrier_ns[ahead[inside]] - t_ns[inside]
     if len(after) and np.median(before) < np.median(after):
         # The same search with reversed time.
-        mirrored_rows, mirrored = _bind_behind(
-            -number[::-1], -carrier_ns[::-1], rows[::-1], -t_ns[::-1]
-        )
-        return mirrored_rows[::-1], -mirrored[::-1]
+        rows, numbers = _bind_behind(-number[::-1], -carrier_ns[::-1], rows[::-1], -t_ns[::-1])
+        return rows[::-1], -numbers[::-1]
     return _bind_behind(number, carrier_ns, rows, t_ns)
 
 
@@ -70,8 +69,8 @@ def _bind_behind(
     cycle_ns = float(np.sum(span)) / max(int(number[-1] - number[0]), 1) if len(span) else 1.0
     by_time = np.rint((t_ns - carrier_ns[place]) / max(cycle_ns, 1.0) - 0.25).astype(np.int64)
     offset = np.where(count[place] == sent, rank, np.clip(by_time, 0, sent - 1))
-    found, first = np.unique(number[place] + offset, return_index=True)
-    return rows[first], found
+    numbers, first = np.unique(number[place] + offset, return_index=True)
+    return rows[first], numbers
 
 
 def bind_counted(
@@ -79,27 +78,24 @@ def bind_counted(
     carrier_value: NDArray[np.float64],
     carrier_ns: NDArray[np.int64],
     rows: NDArray[np.intp],
-    own_counter: Samples,
+    counter: Samples,
     modulus: int,
 ) -> Bound:
     """Find the sample numbers of a message that also has the carrier's counter.
 
     `number`, `carrier_value`, `carrier_ns`, (n,) array: sample number, counter and arrival of the
     carrier frames, in order.  `rows`, (m,) int: frames of the message with a readable counter.
-    `own_counter`: their counter.  `modulus`: its range.
+    `counter`: of all its frames.  `modulus`: its range.
     """
-    t_ns = own_counter.t_ns[rows]
-    near = np.clip(np.searchsorted(carrier_ns, t_ns), 1, max(len(carrier_ns) - 1, 1))
-    if len(carrier_ns) > 1:
-        near -= t_ns - carrier_ns[near - 1] < carrier_ns[near] - t_ns
-    else:
-        near[:] = 0
-    apart = (own_counter.value[rows] - carrier_value[near]).astype(np.int64)
-    apart = (apart + modulus // 2) % modulus - modulus // 2
-    numbered = number[near] + apart
-    kept = (numbered >= number[0]) & (numbered <= number[-1])
-    found, first = np.unique(numbered[kept], return_index=True)
-    return rows[kept][first], found
+    t_ns, last = counter.t_ns[rows], len(carrier_ns) - 1
+    near = np.clip(np.searchsorted(carrier_ns, t_ns), 1, max(last, 1))
+    near -= t_ns - carrier_ns[near - 1] < carrier_ns[np.minimum(near, last)] - t_ns
+    near = np.minimum(near, last)
+    apart = (counter.value[rows] - carrier_value[near]).astype(np.int64)
+    numbers = number[near] + (apart + modulus // 2) % modulus - modulus // 2
+    kept = (numbers >= number[0]) & (numbers <= number[-1])
+    numbers, first = np.unique(numbers[kept], return_index=True)
+    return rows[kept][first], numbers
 
 
 # The groups ---------------------------------------------------------------------------------------
@@ -130,20 +126,20 @@ def sample_groups(
     `t0_ns`: origin of the times.  No group is empty.
     """
     names = group_names([m.channel.signal if m.is_multiplexed else m.message.name for m in mapped])
-    set_of = {message: each for each in keeping.sets for message in each.messages}
+    carried = {
+        message: each
+        for each in keeping.sets
+        if (carrier := decoded.samples.get(".".join(each.carrier))) and carrier.usable.any()
+        for message in each.messages
+    }
     members: dict[str, list[MappedChannel]] = {}
-    sets: dict[str, SampleSet] = {}
     for m in mapped:
-        if m.channel.signal not in decoded.samples:
-            continue
-        if m.is_multiplexed:
-            name = names[m.channel.signal]
-        elif m.message.name in set_of and _has_carrier(set_of[m.message.name], decoded):
-            name = set_of[m.message.name].name
-            sets[name] = set_of[m.message.name]
-        else:
-            name = names[m.message.name]
-        members.setdefault(name, []).append(m)
+        if m.channel.signal in decoded.samples:
+            name = names[m.channel.signal if m.is_multiplexed else m.message.name]
+            if m.message.name in carried and not m.is_multiplexed:
+                name = carried[m.message.name].name
+            members.setdefault(name, []).append(m)
+    sets = {each.name: each for each in carried.values()}
     groups = (
         _set_group(sets[name], channels, decoded, keeping, t0_ns)
         if name in sets
@@ -163,11 +159,6 @@ def group_names(names: Sequence[str]) -> dict[str, str]:
             short, number = f"{plain[: _LONGEST_NAME - 4]}_{number}", number + 1
         found[name] = short
     return found
-
-
-def _has_carrier(sample_set: SampleSet, decoded: Decoded) -> bool:
-    carrier = decoded.samples.get(".".join(sample_set.carrier))
-    return carrier is not None and bool(np.any(carrier.usable))
 
 
 def _message_group(
@@ -195,21 +186,15 @@ def _own_times(
     clock, counter = keeping.clocks.get(message.name), message.counter
     if clock is not None:
         samples = decoded[clock.signal]
-        good = _good(samples)
+        good = np.flatnonzero(samples.usable)
         stamp_s = samples.value[good] * clock.factor
         return good, stamped_times(stamp_s, clock.wrap * clock.factor, samples.t_ns[good], t0_ns)
     if counter is not None and message.cycle_s is not None:
         samples = decoded[f"{message.name}.{counter.signal}"]
-        good = _good(samples)
-        value = samples.value[good].astype(np.int64)
-        return good, sensor_times(
-            value, counter.modulus, samples.t_ns[good], message.cycle_s, t0_ns
-        )
+        good = np.flatnonzero(samples.usable)
+        value, t_ns = samples.value[good].astype(np.int64), samples.t_ns[good]
+        return good, sensor_times(value, counter.modulus, t_ns, message.cycle_s, t0_ns)
     return None
-
-
-def _good(samples: Samples) -> NDArray[np.intp]:
-    return np.flatnonzero(samples.usable)
 
 
 def _between(
@@ -222,8 +207,6 @@ def _between(
     """
     if not len(good):
         return good, np.zeros(0), np.zeros(0, np.uint8)
-    if good[-1] - good[0] == len(good) - 1 and np.all(times.step == 1):  # the usual case
-        return good, times.time_s, np.zeros(len(good), np.uint8)
     fresh = times.step > 0
     sure, time_s, step = good[fresh], times.time_s[fresh], times.step[fresh]
     is_sample = np.ones(sure[-1] + 1 - sure[0], bool)
@@ -248,43 +231,39 @@ def _set_group(
     times = _own_times(keeping.messages[carrier], decoded, keeping, t0_ns)
     assert times is not None  # ensured by message_rules.check_sets
     good, clock = times
-    good, time_s = good[clock.step > 0], clock.time_s[clock.step > 0]
-    number = np.cumsum(clock.step)[clock.step > 0]
-    bound = decoded[f"{carrier}.{signal}"]
-    carrier_ns = bound.t_ns[good]
-    found: dict[str, tuple[NDArray[np.intp], NDArray[np.int64]]] = {}
-    for message in dict.fromkeys(m.message for m in channels):
-        first = next(m for m in channels if m.message is message)
-        t_ns = decoded[first.channel.signal].t_ns
+    fresh = clock.step > 0
+    good, time_s, number = good[fresh], clock.time_s[fresh], np.cumsum(clock.step)[fresh]
+    carriers = decoded[f"{carrier}.{signal}"]
+    carrier_ns = carriers.t_ns[good]
+    bound: dict[str, Bound] = {}
+    for m in channels:
+        message, t_ns = m.message, decoded[m.channel.signal].t_ns
+        if message.name in bound:
+            continue
         if message.name == carrier:
-            found[message.name] = good, number
+            bound[message.name] = good, number
         elif "." not in sample_set.bound_by and message.counter is not None:
-            own = decoded[f"{message.name}.{signal}"]
-            rows = _good(own)
-            found[message.name] = bind_counted(
-                number, bound.value[good], carrier_ns, rows, own, message.counter.modulus
+            counter = decoded[f"{message.name}.{signal}"]
+            rows, modulus = np.flatnonzero(counter.usable), message.counter.modulus
+            bound[message.name] = bind_counted(
+                number, carriers.value[good], carrier_ns, rows, counter, modulus
             )
         else:
-            found[message.name] = bind(number, carrier_ns, np.arange(len(t_ns)), t_ns)
-    numbers = np.unique(np.concatenate([each for _, each in found.values()]))
+            bound[message.name] = bind(number, carrier_ns, np.arange(len(t_ns)), t_ns)
+    numbers = np.unique(np.concatenate([each for _, each in bound.values()]))
     arrived = np.full(len(numbers), np.iinfo(np.int64).max)
     quality = np.zeros(len(numbers), np.uint8)
     quality[1:][np.diff(numbers) > 1] = Quality.COUNTER_GAP
     values = {m.channel.name: np.full(len(numbers), np.nan) for m in channels}
-    for message_name, (rows, own_number) in found.items():
-        place = np.searchsorted(numbers, own_number)
-        absent = np.ones(len(numbers), np.bool_)
-        absent[place] = False
-        quality[absent] |= np.uint8(Quality.MISSING)
-        for m in channels:
-            if m.message.name == message_name:
-                samples = decoded[m.channel.signal]
-                values[m.channel.name][place] = m.values(samples)[rows]
-                quality[place] |= samples.quality[rows]
-                arrived[place] = np.minimum(arrived[place], samples.t_ns[rows])
-    return SampleGroup(
-        sample_set.name, np.interp(numbers, number, time_s), arrived, values, quality
-    )
+    for m in channels:
+        rows, own_numbers = bound[m.message.name]
+        place, samples = np.searchsorted(numbers, own_numbers), decoded[m.channel.signal]
+        quality[~np.isin(numbers, own_numbers)] |= np.uint8(Quality.MISSING)
+        values[m.channel.name][place] = m.values(samples)[rows]
+        quality[place] |= samples.quality[rows]
+        arrived[place] = np.minimum(arrived[place], samples.t_ns[rows])
+    time_s = np.interp(numbers, number, time_s)
+    return SampleGroup(sample_set.name, time_s, arrived, values, quality)
 
 
 def timekeeping(bench: Bench, codec: Codec) -> Timekeeping:

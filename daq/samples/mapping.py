@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from dbc.layout import MessageLayout, SignalLayout
 from dbc.samples import Decoded, Samples
-from dbc.units import SiUnit, to_si
+from dbc.units import SiUnit, known_si
 
-from ..channels import LARGEST, SI_UNITS, Channel, Quantity, message_of, signal_of
+from ..channels import LARGEST, SI_UNITS, Channel, Quantity, signal_of
 from ..errors import InputError
 
 # Defines the form in which samples of several channels are passed on ------------------------------
@@ -98,24 +98,22 @@ def map_channels(
     InputError
         If a signal is not in the DBC, or its unit is unknown or of another quantity.
     """
-    by_name = {message.name: message for message in messages}
-    return tuple(_mapped(channel, by_name, dbc_name) for channel in channels)
-
-
-def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) -> MappedChannel:
-    message_name, signal_name = message_of(channel.signal), signal_of(channel.signal)
-    where = f"channel {channel.name}"
-    message = by_name.get(message_name)
-    signal = next((s for s in message.signals if s.name == signal_name), None) if message else None
-    if message is None or signal is None:
-        what = f"{dbc_name} has no signal {channel.signal!r}"
-        advice = "write signal as Message.signal of the DBC, or as sensor.signal of a [[sensor]]"
-        known = [f"{m.name}.{s.name}" for m in by_name.values() for s in m.signals]
-        if near := get_close_matches(channel.signal, known, 1):
-            advice = f"did you mean {near[0]}?"
-        raise InputError(f"signal of {where}", what, advice)
-    si = si_unit(channel, signal.unit, dbc_name)
-    return MappedChannel(replace(channel, unit=si.unit), message, si.factor, si.offset)
+    known = {f"{m.name}.{s.name}": (m, s) for m in messages for s in m.signals}
+    mapped = []
+    for channel in channels:
+        if channel.signal not in known:
+            what = f"{dbc_name} has no signal {channel.signal!r}"
+            advice = (
+                "write signal as Message.signal of the DBC, or as sensor.signal of a [[sensor]]"
+            )
+            if near := get_close_matches(channel.signal, known, 1):
+                advice = f"did you mean {near[0]}?"
+            raise InputError(f"signal of channel {channel.name}", what, advice)
+        message, signal = known[channel.signal]
+        si = si_unit(channel, signal.unit, dbc_name)
+        unit_channel = replace(channel, unit=si.unit)
+        mapped.append(MappedChannel(unit_channel, message, si.factor, si.offset))
+    return tuple(mapped)
 
 
 def si_unit(channel: Channel, stated: str, source: str) -> SiUnit:
@@ -125,23 +123,17 @@ def si_unit(channel: Channel, stated: str, source: str) -> SiUnit:
     keeps an unknown unit.  Raises InputError if the unit does not fit the quantity.
     """
     unit = channel.signal_unit or stated
-    try:
-        si = to_si(unit)
-    except InputError as error:
-        if channel.quantity is Quantity.UNUSED:
-            return SiUnit(1.0, 0.0, unit)
-        place, expected = _place(channel, unit, source), SI_UNITS[channel.quantity]
-        what = f"{place}, which is not known; {channel.quantity} needs {expected} or a multiple"
-        advice = "state signal_unit in its [[channel]]"
-        raise InputError(f"channel {channel.name}", what, advice) from error
-    expected = SI_UNITS.get(channel.quantity, si.unit)
-    if si.unit != expected:
-        what = f"{_place(channel, unit, source)}; {channel.quantity} needs {expected} or a multiple"
-        advice = "correct signal, signal_unit or quantity in its [[channel]]"
-        raise InputError(f"channel {channel.name}", what, advice)
-    return si
-
-
-def _place(channel: Channel, unit: str, source: str) -> str:
+    si = known_si(unit)
+    expected = SI_UNITS.get(channel.quantity, "")
+    if not expected:
+        return si or SiUnit(1.0, 0.0, unit)
+    if si is not None and si.unit == expected:
+        return si
     where = "its [[channel]]" if channel.signal_unit else source
-    return f"{channel.signal} has unit {unit!r} in {where}"
+    unknown = "" if si else ", which is not known"
+    what = f"{channel.signal} has unit {unit!r} in {where}{unknown}"
+    advice = "correct signal, signal_unit or quantity in its [[channel]]"
+    if si is None:
+        advice = "state signal_unit in its [[channel]]"
+    needed = f"{channel.quantity} needs {expected} or a multiple"
+    raise InputError(f"channel {channel.name}", f"{what}; {needed}", advice)

@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,7 @@ from ..bench.toml_file import channel_line
 from ..channels import Channel, Quantity
 from ..errors import InputError
 from ..runs import Event
-from .mapping import Column, MappedChannel, SampleBlock, map_channels
+from .mapping import MappedChannel, SampleBlock, map_channels
 
 BUMP = "bump"
 RUN_END = "run_end"
@@ -70,11 +69,6 @@ class ChannelRest:
     given_up: bool = False
     """True if the channel is ignored in arming because it does not come to rest."""
 
-    def closed(self, slot: int) -> ChannelRest:
-        """Return the channel at the start of a later `slot`: the mean becomes the level."""
-        level = self.total / self.count if self.count else self.level
-        return replace(self, slot=slot, level=level, total=0.0, count=0)
-
     def rested(self, now_ns: int, since_ns: int, rest_ns: int) -> bool:
         """Return True if the channel has rested for `rest_ns`, counted from `since_ns` or later."""
         known = not np.isnan(self.level)
@@ -91,7 +85,7 @@ class TriggerState:
     """Time at which the phase began, ns; in a run, the time of the bump."""
     now_ns: int | None = None
     """Latest time stamp so far, ns; None before the first."""
-    channels: Mapping[str, ChannelRest] = field(default_factory=lambda: MappingProxyType({}))
+    channels: Mapping[str, ChannelRest] = field(default_factory=dict)
     """The trigger channels received so far."""
 
 
@@ -102,12 +96,9 @@ def trigger_channels(
 
     A push moves the body and hardly the wheels: then those of the body have priority.
     """
-    order = (Quantity.HUB_ACCELERATION, Quantity.BODY_ACCELERATION)
-    for quantity in reversed(order) if method is Method.PUSH else order:
-        found = tuple(channel for channel in channels if channel.quantity is quantity)
-        if found:
-            return found
-    return ()
+    hubs = tuple(c for c in channels if c.quantity is Quantity.HUB_ACCELERATION)
+    body = tuple(c for c in channels if c.quantity is Quantity.BODY_ACCELERATION)
+    return (body or hubs) if method is Method.PUSH else (hubs or body)
 
 
 def advance(
@@ -122,8 +113,11 @@ def advance(
     ``t_bump + post_s`` when the data have passed it; `trigger_restless` with the name of a channel
     that is left out; `clock_step` if the time stamps went back.
     """
-    finite = {name: _finite(t_ns, value) for name, (t_ns, value) in block.items()}
-    pieces = {name: piece for name, piece in finite.items() if len(piece[0])}
+    pieces = {
+        name: (t_ns[good], value[good])
+        for name, (t_ns, value) in block.items()
+        if (good := np.isfinite(value)).any()
+    }
     if not pieces:
         return state, ()
     events: list[Event] = []
@@ -137,9 +131,9 @@ def advance(
     slots = {name: t_ns // slot_ns for name, (t_ns, _) in pieces.items()}
     for slot in np.unique(np.concatenate(list(slots.values()))).tolist():
         part = {
-            name: (t_ns[slots[name] == slot], value[slots[name] == slot])
+            name: (t_ns[rows], value[rows])
             for name, (t_ns, value) in pieces.items()
-            if np.any(slots[name] == slot)
+            if (rows := slots[name] == slot).any()
         }
         state = _advance_slot(config, state, slot, part, events)
     return state, tuple(events)
@@ -166,23 +160,20 @@ def pre_trigger_full(config: TriggerConfig, state: TriggerState, first_ns: int) 
     return state.now_ns is not None and state.now_ns - first_ns >= round(config.pre_s * 1e9)
 
 
-def _finite(t_ns: NDArray[np.int64], value: NDArray[np.float64]) -> Column:
-    good = np.isfinite(value)
-    return t_ns[good], value[good]
-
-
 def _advance_slot(
     config: TriggerConfig, state: TriggerState, slot: int, part: SampleBlock, events: list[Event]
 ) -> TriggerState:
     slot_ns = round(config.rest_s * 1e9)
-    channels = {
-        name: channel.closed(slot) if channel.slot < slot else channel
-        for name, channel in state.channels.items()
-    }
-    state = _arm(state, channels, slot * slot_ns, slot_ns, events)
+    channels = dict(state.channels)
+    for name, channel in state.channels.items():
+        if channel.slot < slot:  # the mean of the last slot becomes the level
+            level = channel.total / channel.count if channel.count else channel.level
+            channels[name] = replace(channel, slot=slot, level=level, total=0.0, count=0)
+    if state.phase is TriggerPhase.WAITING:
+        state = _armed(state, channels, slot * slot_ns, slot_ns, events)
     onsets = []
     for name, (t_ns, value) in part.items():
-        before = state.channels.get(name) or ChannelRest(int(t_ns[0]), slot, float(value[0]))
+        before = channels.get(name) or ChannelRest(int(t_ns[0]), slot, float(value[0]))
         channels[name], onset_ns, size = _excursion(
             before, t_ns, value, config.level, state.since_ns
         )
@@ -190,7 +181,7 @@ def _advance_slot(
             onsets.append((onset_ns, name, size))
     now = max(int(t_ns[-1]) for t_ns, _ in part.values())
     now = now if state.now_ns is None else max(state.now_ns, now)
-    state = replace(state, now_ns=now, channels=MappingProxyType(channels))
+    state = replace(state, now_ns=now, channels=channels)
     if state.phase is TriggerPhase.ARMED and onsets:
         onset_ns, name, size = min(onsets)
         events.append(Event(onset_ns, BUMP, size, name))
@@ -202,24 +193,24 @@ def _advance_slot(
     return state
 
 
-def _arm(
+def _armed(
     state: TriggerState,
     channels: dict[str, ChannelRest],
     now_ns: int,
     rest_ns: int,
     events: list[Event],
 ) -> TriggerState:
-    if state.phase is TriggerPhase.WAITING:
-        rested = {n for n, c in channels.items() if c.rested(now_ns, state.since_ns, rest_ns)}
-        late = bool(rested) and now_ns - state.since_ns > round(GIVE_UP_S * 1e9)
-        for name, channel in channels.items():
-            given_up = name not in rested and (channel.given_up or late)
-            if given_up and not channel.given_up:
-                events.append(Event(now_ns, RESTLESS, text=name))
-            channels[name] = replace(channel, given_up=given_up)
-        if rested and all(name in rested or c.given_up for name, c in channels.items()):
-            state = replace(state, phase=TriggerPhase.ARMED, since_ns=now_ns)
-    return replace(state, channels=MappingProxyType(channels))
+    """Return the state, armed if all channels have rested; marks those that are left out."""
+    rested = {n for n, c in channels.items() if c.rested(now_ns, state.since_ns, rest_ns)}
+    late = bool(rested) and now_ns - state.since_ns > round(GIVE_UP_S * 1e9)
+    for name, channel in channels.items():
+        given_up = name not in rested and (channel.given_up or late)
+        if given_up and not channel.given_up:
+            events.append(Event(now_ns, RESTLESS, text=name))
+        channels[name] = replace(channel, given_up=given_up)
+    if rested and all(name in rested or c.given_up for name, c in channels.items()):
+        return replace(state, phase=TriggerPhase.ARMED, since_ns=now_ns)
+    return state
 
 
 def _excursion(
