@@ -73,15 +73,11 @@ class BusWatch:
         back = int(np.count_nonzero(t_ns[1:] < t_ns[:-1])) + int(n and t_ns[0] < self.last_ns)
         lost, before = link.losses, self.losses
         overruns = tally.overruns if tally else 0
-        for code, number, detail in (
-            ("overrun", lost.dropped - before.dropped + overruns, ""),
-            ("garbled", lost.garbled - before.garbled, ""),
-            ("time_back", back, ""),
-            ("error_frames", len(error_rows), self.error_text),
-            ("bus_off", tally.bus_off if tally else 0, self.error_text),
-        ):
-            if number > 0:
-                counts[code, self.name] = number, detail
+        counts["overrun", self.name] = lost.dropped - before.dropped + overruns, ""
+        counts["garbled", self.name] = lost.garbled - before.garbled, ""
+        counts["time_back", self.name] = back, ""
+        counts["error_frames", self.name] = len(error_rows), self.error_text
+        counts["bus_off", self.name] = tally.bus_off if tally else 0, self.error_text
         self.losses = lost
         if n and not self.last_ns:  # a bus has no time stamp before its first frame
             self.recent = [(*cycle[:4], int(t_ns[0])) for cycle in self.recent]

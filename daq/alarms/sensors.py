@@ -52,7 +52,20 @@ class _Channel:
         """`moving`: number of cycles within the run in which other channels moved."""
         self.since_ns = self.until_ns = 0
 
-    def stand(self, samples: Samples, low: float, high: float, others_move: bool) -> None:
+    def usable(self, samples: Samples, counts: Counts) -> Samples:
+        """Count faulty samples, and return the usable ones."""
+        quality, value = samples.quality, samples.value
+        usable = (quality & np.uint8(UNUSABLE)) == 0
+        shown = np.isfinite(value) & (np.abs(value) <= self.largest)
+        outside = usable & ((quality & np.uint8(Quality.OUT_OF_RANGE)) != 0)
+        no_value = (quality & np.uint8(Quality.SENTINEL)) != 0
+        counts["no_value", self.name] = int(np.count_nonzero(no_value)), ""
+        counts["not_a_number", self.name] = int(np.count_nonzero(usable & ~shown)), ""
+        counts["out_of_range", self.name] = int(np.count_nonzero(outside)), self.text
+        good = np.flatnonzero(usable & shown)
+        return Samples(samples.channel, samples.t_ns[good], value[good], quality[good])
+
+    def hold(self, samples: Samples, low: float, high: float, others_move: bool) -> None:
         """Continue the run of equal samples, or begin another one."""
         n, self.until_ns = len(samples.t_ns), int(samples.t_ns[-1])
         if low == high == self.value and self.samples:
@@ -87,7 +100,7 @@ class Sensors:
                 continue
             low, high = float(samples.value.min()), float(samples.value.max())
             if not max(-low, high) <= each.largest or samples.quality.any():  # or not a number
-                samples = _usable(each, samples, counts)
+                samples = each.usable(samples, counts)
                 if not len(samples.t_ns):
                     each.samples = 0
                     continue
@@ -105,37 +118,17 @@ class Sensors:
                 for other, _, o_low, o_high in blocks
                 if other is not each and other.quantity is each.quantity
             )
-            each.stand(samples, low, high, others_move)
+            each.hold(samples, low, high, others_move)
 
     def symptoms(self) -> Iterator[Finding]:
         """Yield the symptoms of frozen channels."""
         for each in self._channels:
-            still_s = (each.until_ns - each.since_ns) * 1e-9
             if not is_stuck(each.samples):
                 continue
+            still_s = (each.until_ns - each.since_ns) * 1e-9
             samples = counted(each.samples, "sample is", "samples in a row are")
             text = f"{samples} {each.value:.6g}"
             if each.moving >= _STUCK_MOVING_CYCLES:
                 yield fault("stuck", each.name, f"{text} while others move")
             elif each.is_fine and still_s >= _STUCK_S:
                 yield fault("stuck", each.name, f"{text}: not even noise for {still_s:.1f} s")
-
-
-def _usable(channel: _Channel, samples: Samples, counts: Counts) -> Samples:
-    """Count faulty samples, and return the usable ones."""
-    quality, value = samples.quality, samples.value
-    usable = (quality & np.uint8(UNUSABLE)) == 0
-    shown = np.isfinite(value) & (np.abs(value) <= channel.largest)
-    for code, rows, detail in (
-        ("no_value", (quality & np.uint8(Quality.SENTINEL)) != 0, ""),
-        ("not_a_number", usable & ~shown, ""),
-        (
-            "out_of_range",
-            usable & ((quality & np.uint8(Quality.OUT_OF_RANGE)) != 0),
-            channel.text,
-        ),
-    ):
-        if number := int(np.count_nonzero(rows)):
-            counts[code, channel.name] = number, detail
-    good = np.flatnonzero(usable & shown)
-    return Samples(samples.channel, samples.t_ns[good], value[good], quality[good])

@@ -37,7 +37,7 @@ EXPLAINED = MappingProxyType(
         ),
         "not_recording": Explanation(
             "not recording",
-            "Frames arrive, and for a second none of them was stored on the disk",
+            "Frames arrive, and for three seconds none of them was stored on the disk",
             "see the other alarms for the cause; if there is none, restart the recorder and report "
             "it",
         ),
@@ -155,8 +155,8 @@ EXPLAINED = MappingProxyType(
         ),
         "mixed_id": Explanation(
             "identifier mixed up",
-            "One identifier comes from two buses, or not with the 11 or 29 bits of the DBC",
-            "give each sensor its own identifier; set the same 11 or 29 bits in sensor and DBC",
+            "One identifier comes from two buses",
+            "give each sensor its own identifier",
         ),
         "garbled": Explanation(
             "garbage received",
@@ -177,11 +177,6 @@ EXPLAINED = MappingProxyType(
             "clock set",
             "The host's clock was set; the recorder's waiting times do not depend on it",
             "wait until the clock is synchronised before measuring",
-        ),
-        "unknown_id": Explanation(
-            "unknown identifiers",
-            "Frames have an identifier that is not in the DBC; they are recorded but not decoded",
-            "nothing, if these devices are known",
         ),
     }
 )

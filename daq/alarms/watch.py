@@ -8,7 +8,7 @@ fill the journal.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -39,8 +39,6 @@ HOLD_S = 1.5
 """Time without the symptom after which an alarm ends, s."""
 REPORT_AGAIN_S = 15.0
 """Least time between two entries of the same alarm in the journal, s."""
-_MOST_ALARMS = 256
-"""Largest number of alarms kept at a time."""
 _SHOWN_SUBJECTS = 4
 """Number of messages or channels that one line for several alarms names."""
 _FEW_ERRORS = 5
@@ -52,9 +50,14 @@ _QUIET_S = 0.4
 """Time without a good frame, s, from which a bus is quiet.  It is shorter than the least timeout of
 a message: until a second has passed, and the bus is silent by default, its messages are not named
 one by one."""
-_NOT_RECORDING_S = 0.9
-"""Time, s, after which frames that arrive and are not stored raise an alarm.  A daemon's main
-thread has a cycle of a tenth of a second, so the alarm comes within one second."""
+_NOT_RECORDING_S = 3.0
+"""Time, s, after which frames that arrive and are not stored raise an alarm.  The queue holds 10 s
+of four full buses, so nothing is lost by then; a busy machine or a slow disk may take a second."""
+_SHARED = frozenset(
+    ("stale", "counter_gap", "crc_bad", "wrong_length", "stuck", "saturated", "no_value",
+     "not_a_number", "out_of_range")
+)  # fmt: skip
+"""Codes of alarms on messages and channels, which often come together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +124,10 @@ class Watch:
     @property
     def shown(self) -> tuple[Alarm, ...]:
         """The alarms for a person: one line for all messages or channels with the same fault."""
-        groups: dict[str, list[Alarm]] = {}
+        groups: dict[Key, list[Alarm]] = {}
         for alarm in self.alarms:
-            together = alarm.code in _SHARED
-            groups.setdefault(alarm.code if together else f"{alarm}", []).append(alarm)
+            subject = "" if alarm.code in _SHARED else alarm.subject
+            groups.setdefault((alarm.code, subject), []).append(alarm)
         return tuple(_together(group) for group in groups.values())
 
     @property
@@ -160,41 +163,47 @@ class Watch:
         self._advance_buses(cycle, counts)
         self._traffic.advance(codec, batch, cycle.decoded, cycle.health, now_s, counts)
         self._sensors.advance(mapped, cycle.decoded, counts)
-        if (dropped := cycle.hops.queue_dropped - self._queue_dropped) > 0:
-            counts["queue_dropped", ""] = dropped, ""
+        counts["queue_dropped", ""] = cycle.hops.queue_dropped - self._queue_dropped, ""
         self._queue_dropped = cycle.hops.queue_dropped
+        new = {key: count for key, count in counts.items() if count[0] > 0}
+        totals = self._totals(new, now_s)
         events = self._clock_events(cycle.now)
 
-        silent_s, pairs = config.silent_s, list(zip(self._watches, cycle.links, strict=True))
+        expected = tuple(dict.fromkeys(m.message.name for m in mapped))
+        self.sensors_alive = self._traffic.alive(expected, now_s)
+        self.sensors_expected = len(expected)
+        pairs = list(zip(self._watches, cycle.links, strict=True))
+        silent_s = config.silent_s
         self.buses = tuple(bus.status(link, silent_s, now_s) for bus, link in pairs)
-        names = [link.name for link in cycle.links]
-        states = (BusState.OK, BusState.ERROR_PASSIVE)
         delivers = [
-            status.state in states and not _QUIET_S <= now_s - bus.good_s < WINDOW_S
+            status.state in (BusState.OK, BusState.ERROR_PASSIVE)
+            and not _QUIET_S <= now_s - bus.good_s < WINDOW_S
             for bus, status in zip(self._watches, self.buses, strict=True)
         ]
-        expected = tuple(dict.fromkeys(m.message.name for m in mapped))
         homes = {self._traffic.home_of(name) for name in expected}
         self._quiet = frozenset(
             bus.name
             for number, bus in enumerate(self._watches)
             if number in homes and now_s - bus.frame_s >= _QUIET_S
         )
-        self.sensors_alive = self._traffic.alive(expected, now_s)
-        self.sensors_expected = len(expected)
 
-        symptoms = [*_host_symptoms(config, cycle)]
+        symptoms = [*_not_recording(cycle.storage), *_disk_symptoms(config, cycle.disk)]
+        symptoms += [fault("consumer_failed", name, why) for name, why in cycle.failed.items()]
         for (bus, link), status in zip(pairs, self.buses, strict=True):
             symptoms += bus.symptoms(link, status, silent_s, now_s)
+        names = [link.name for link in cycle.links]
         symptoms += self._traffic.symptoms(codec, expected, names, delivers, now_s)
         symptoms += self._sensors.symptoms()
         step_s, stepped_s = self._clock_step
         if now_s - stepped_s <= _CLOCK_SHOWN_S:
             symptoms.append(fault("clock_step", "", f"the host's clock was set by {step_s:+.3f} s"))
-        totals = self._totals(counts, now_s)
-        symptoms += _counted_symptoms(totals)
-        new = {key: number for key, (number, _) in counts.items()}
-        return (*events, *self._keep(symptoms, new, totals, cycle.now))
+        for (code, subject), (number, detail) in totals.items():
+            text = f"{number} {COUNTED[code]} in the last second"
+            symptoms.append(fault(code, subject, f"{text}: {detail}" if detail else text))
+        present: dict[Key, Finding] = {}
+        for symptom in symptoms:
+            present.setdefault((symptom.code, symptom.subject), symptom)
+        return (*events, *self._keep(present, new, totals, cycle.now))
 
     def _advance_buses(self, cycle: Cycle, counts: Counts) -> None:
         now_s, batch, bits = cycle.now.monotonic_s, cycle.batch, wire_bits(cycle.batch)
@@ -232,19 +241,16 @@ class Watch:
         return {k: t for k, t in totals.items() if k[0] != "error_frames" or t[0] >= _FEW_ERRORS}
 
     def _keep(
-        self, symptoms: Iterable[Finding], new: Mapping[Key, int], totals: Counts, now: Now
+        self, present: Mapping[Key, Finding], new: Counts, totals: Counts, now: Now
     ) -> Iterator[Event]:
         """Begin, continue and end alarms by the symptoms of a cycle; yield their events."""
-        now_s, present = now.monotonic_s, dict[Key, Finding]()
-        for symptom in symptoms:
-            present.setdefault((symptom.code, symptom.subject), symptom)
+        now_s = now.monotonic_s
         for key, symptom in present.items():
             entry = self._entries.get(key)
-            if entry is None and len(self._entries) >= _MOST_ALARMS:
-                continue
             since_ns, count = now.wall_ns, totals.get(key, (0, ""))[0]
             if entry is not None and entry.is_on:
-                since_ns, count = entry.alarm.since_ns, entry.alarm.count + new.get(key, 0)
+                since_ns = entry.alarm.since_ns
+                count = entry.alarm.count + new.get(key, (0, ""))[0]
             alarm = Alarm(*key, symptom.text, symptom.advice, since_ns, count)
             entry = entry or self._entries.setdefault(key, _Entry(alarm, now_s))
             entry.alarm, entry.seen_s, entry.is_on = alarm, now_s, True
@@ -266,20 +272,6 @@ class Watch:
         return Event(self._t_ns, code, alarm.count, f"{alarm.code}{subject}: {alarm.text}")
 
 
-_SHARED = (
-    "stale",
-    "counter_gap",
-    "crc_bad",
-    "wrong_length",
-    "stuck",
-    "saturated",
-    "no_value",
-    "not_a_number",
-    "out_of_range",
-)
-"""Codes of alarms on messages and channels, which often come together."""
-
-
 def _together(alarms: Sequence[Alarm]) -> Alarm:
     """Return one alarm that names the subjects of several with the same code."""
     names = [alarm.subject for alarm in alarms]
@@ -292,16 +284,7 @@ def _together(alarms: Sequence[Alarm]) -> Alarm:
     )
 
 
-def _counted_symptoms(totals: Counts) -> Iterator[Finding]:
-    for (code, subject), (number, detail) in totals.items():
-        text = f"{number} {COUNTED[code]} in the last second"
-        yield fault(code, subject, f"{text}: {detail}" if detail else text)
-
-
-def _host_symptoms(config: RecorderConfig, cycle: Cycle) -> Iterator[Finding]:
-    """Yield the symptoms of the recorder itself."""
-    disk = cycle.disk
-    yield from _not_recording(cycle.storage)
+def _disk_symptoms(config: RecorderConfig, disk: DiskStatus) -> Iterator[Finding]:
     if disk.failed:
         frames = counted(disk.held_frames, "frame is", "frames are")
         held = f"; {frames} held in memory" if disk.held_frames else ""
@@ -310,8 +293,6 @@ def _host_symptoms(config: RecorderConfig, cycle: Cycle) -> Iterator[Finding]:
         yield fault("journal_warning", "", disk.warning)
     if low := low_text(Room(disk.free_bytes, disk.total_bytes), config):
         yield fault("disk_low", "", low)
-    for name, why in cycle.failed.items():
-        yield fault("consumer_failed", name, why)
 
 
 def _not_recording(storage: StorageStatus) -> Iterator[Finding]:

@@ -53,13 +53,13 @@ def control_address(folder: Path) -> Address:
     if not hasattr(os, "getuid"):
         what = "has no sockets that only one user can reach"
         raise InputError("this system", what, "run the recorder on Linux or macOS")
+    folder = folder.resolve()
     try:
-        str(folder.resolve()).encode()
+        name = sha256(str(folder).encode()).hexdigest()[:16]
     except UnicodeEncodeError as error:
         raise InputError(str(folder), "has a name that is not UTF-8", "rename it") from error
-    name = sha256(os.fsencode(folder.resolve())).hexdigest()[:16]
     places = _places()
-    owners = {os.getuid(), _owner(folder.resolve())}  # /var/lib/bumpbench is a link
+    owners = {os.getuid(), _owner(folder)}  # /var/lib/bumpbench is a link
     for place in (*places, _SERVICE):
         address = _address(place, name)
         if _fault(place, owners) == "" and is_running(address):
@@ -70,7 +70,11 @@ def control_address(folder: Path) -> Address:
             with suppress(OSError):  # a failure is reported by the next line
                 place.parent.mkdir(parents=True, exist_ok=True)
             make_private(place)
-            return _checked(_address(place, name))
+            address = _address(place, name)
+            if len(os.fsencode(address.paths[0])) > MAX_PATH_BYTES:
+                advice = f"set {_DIRECTORY} to a shorter path"
+                raise InputError(str(place), "is too long for the path of a socket", advice)
+            return address
         except InputError as error:
             faults.append(error)
     raise faults[0]
@@ -115,29 +119,21 @@ def _address(place: Path, name: str) -> Address:
     return Address(f"ipc://{place / name}.control", f"ipc://{place / name}.news")
 
 
-def _checked(address: Address) -> Address:
-    control, _ = address.paths
-    if len(os.fsencode(control)) > MAX_PATH_BYTES:
-        advice = f"set {_DIRECTORY} to a shorter path"
-        raise InputError(str(control.parent), "is too long for the path of a socket", advice)
-    return address
-
-
 def _fault(directory: Path, owners: set[int]) -> str:
     """Return why a directory may belong to another user; empty if it does not."""
     try:
-        found = directory.lstat()
+        mode = directory.lstat().st_mode
     except OSError as error:
         return error.strerror or str(error)
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid not in owners:
+    if _owner(directory) not in owners:
         return "belongs to another user"
-    return "can be written by others" if found.st_mode & 0o022 else ""
+    return "can be written by others" if mode & 0o022 else ""
 
 
 def _owner(path: Path) -> int:
     """Return the number of the user who owns a directory; -1 if it does not exist or is a link."""
-    try:
-        found = path.lstat()
-    except OSError:
-        return -1
-    return found.st_uid if stat.S_ISDIR(found.st_mode) else -1
+    with suppress(OSError):
+        status = path.lstat()
+        if stat.S_ISDIR(status.st_mode):
+            return status.st_uid
+    return -1

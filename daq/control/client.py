@@ -6,10 +6,12 @@ twice per second, so that a dead client does not keep control.
 
 from __future__ import annotations
 
+import json
 import os
 import threading
 import time
 from contextlib import suppress
+from dataclasses import asdict, replace
 from uuid import uuid4
 
 import zmq
@@ -17,18 +19,7 @@ from pydantic import ValidationError
 
 from ..errors import BumpbenchError
 from .address import Address, is_running
-from .messages import (
-    LIVE,
-    LIVE_TOPIC,
-    PROTOCOL,
-    REPLY,
-    REQUEST,
-    STATUS,
-    Live,
-    Reply,
-    Request,
-    Status,
-)
+from .messages import LIVE, LIVE_TOPIC, PROTOCOL, REPLY, STATUS, Live, Reply, Status
 from .orders import Hello, Order
 
 HEARTBEAT_S = 0.5
@@ -50,10 +41,8 @@ class OrderRefusedError(Exception):
 class Client:
     """A connection to one recorder; it survives a restart of the recorder.
 
-    `address`: `daq.control.address.control_address` of the recorder's folder.  `name`: the person,
-    for the journal and for other clients that want control.  `control`: True to take control;
-    without it, only questions are answered.  `take_over`: True to take control from the client that
-    has it.  `attends`: as of `Hello`.  Raises RecorderGoneError if no recorder answers.  Raises
+    `address`: `daq.control.address.control_address` of the recorder's folder.  `name`, `control`,
+    `take_over`, `attends`: as of `Hello`.  Raises RecorderGoneError if no recorder answers, and
     OrderRefusedError if another client is in control.
     """
 
@@ -68,27 +57,27 @@ class Client:
         self._address = address
         if not is_running(address):
             raise self._gone("no recorder is running there")
-        self._id = f"{os.getpid()}-{uuid4().hex[:12]}"
-        self._hello = Hello(name, control, attends=attends)
         self._number = 0
         self._lock, self._news_lock = threading.Lock(), threading.Lock()
         self._closed = threading.Event()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._requests = self._context.socket(zmq.DEALER)
-        self._requests.linger = 0
-        self._requests.connect(address.control)
+        self._requests.identity = f"{os.getpid()}-{uuid4().hex[:12]}".encode()
         self._news = self._context.socket(zmq.SUB)
-        self._news.linger = 0
         self._news.rcvhwm = _NEWS_HELD
         self._news.subscribe(b"")
-        self._news.connect(address.news)
+        for socket, endpoint in ((self._requests, address.control), (self._news, address.news)):
+            socket.linger = 0
+            socket.connect(endpoint)
         self._heart = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
         try:
-            self.first_status = self.ask(Hello(name, control, take_over, attends)).status
-            """The status at the time of the connection; None if there was none yet."""
+            reply = self.ask(Hello(name, control, take_over, attends))
         except (RecorderGoneError, OrderRefusedError):
-            self.close()
+            self._disconnect()
             raise
+        self.first_status, self.setup = reply.status, reply.setup
+        """Status at the time of the connection, None if there was none yet; and settings with which
+        the recorder was started."""
         self._heart.start()
 
     @property
@@ -106,21 +95,7 @@ class Client:
         """
         reply = self._answer(order, timeout_s)
         if isinstance(order, Hello):
-            self._hello = Hello(order.name, order.control, attends=order.attends)
-        return reply
-
-    def _answer(self, order: Order, timeout_s: float) -> Reply:
-        with self._lock:
-            if self._closed.is_set():
-                raise self._gone("the connection is closed")
-            self._number += 1
-            number = self._number
-            request = REQUEST.dump_json(Request(self._id, number, order))
-            reply = self._exchange(request, number, time.monotonic() + timeout_s)
-        if reply is None:
-            raise self._gone(f"no answer within {timeout_s:g} s")
-        if reply.error:
-            raise OrderRefusedError(reply.error)
+            self._hello = replace(order, take_over=False)
         return reply
 
     def news(self, timeout_s: float) -> Status | Live | None:
@@ -129,39 +104,34 @@ class Client:
         Messages that are not fetched are dropped, the newest first.
         """
         deadline_s = time.monotonic() + timeout_s
-        while (message := self._next(deadline_s)) is not None:
-            topic, *body = message
-            try:
-                if topic == LIVE_TOPIC:
-                    live: Live = LIVE.validate_json(b"".join(body))
-                    return live
-                status: Status = STATUS.validate_json(b"".join(body))
-                return status
-            except ValidationError:
-                continue  # from another version, which replies report
-        return None
-
-    def _next(self, deadline_s: float) -> list[bytes] | None:
-        """Return the next published message as received; None if there is none in time."""
         with self._news_lock:
             while not self._closed.is_set():
                 left_s = deadline_s - time.monotonic()
-                if self._news.poll(int(max(0.0, min(left_s, _SLICE_S)) * 1e3)):
-                    return self._news.recv_multipart(zmq.NOBLOCK)
-                if left_s <= 0:
-                    break
+                if not self._news.poll(int(max(0.0, min(left_s, _SLICE_S)) * 1e3)):
+                    if left_s <= 0:
+                        break
+                    continue
+                topic, body = self._news.recv_multipart(zmq.NOBLOCK)
+                with suppress(ValidationError):  # from another version, which replies report
+                    news: Status | Live = (LIVE if topic == LIVE_TOPIC else STATUS).validate_json(
+                        body
+                    )
+                    return news
         return None
 
     def close(self) -> None:
         """Release control and disconnect."""
         if self._closed.is_set():
             return
-        if self._heart.ident is not None and self._hello.control:
+        if self._hello.control:
             with suppress(RecorderGoneError, OrderRefusedError):
-                self.ask(Hello(self._hello.name, attends=self._hello.attends), timeout_s=0.5)
+                self.ask(replace(self._hello, control=False), timeout_s=0.5)
         self._closed.set()
-        if self._heart.ident is not None:
-            self._heart.join()
+        self._heart.join()
+        self._disconnect()
+
+    def _disconnect(self) -> None:
+        self._closed.set()
         with self._lock, self._news_lock:
             self._requests.close()
             self._news.close()
@@ -177,24 +147,37 @@ class Client:
             except RecorderGoneError:
                 continue
 
-    def _exchange(self, request: bytes, number: int, deadline_s: float) -> Reply | None:
-        """Send a request and return its reply; None if none comes in time."""
-        with suppress(zmq.Again):
-            self._requests.send(request, zmq.NOBLOCK)
-            while (left_s := deadline_s - time.monotonic()) > 0:
-                if self._requests.poll(int(left_s * 1e3) + 1):
-                    reply = self._read(self._requests.recv(zmq.NOBLOCK))
-                    if reply.number == number:  # not a late reply to an earlier request
-                        return reply
-        return None
+    def _answer(self, order: Order, timeout_s: float) -> Reply:
+        with self._lock:
+            if self._closed.is_set():
+                raise self._gone("the connection is closed")
+            self._number += 1
+            number = b"%d" % self._number
+            deadline_s = time.monotonic() + timeout_s
+            body = json.dumps(asdict(order)).encode()
+            request = [b"%d" % PROTOCOL, number, type(order).__name__.encode(), body]
+            with suppress(zmq.Again):
+                self._requests.send_multipart(request, zmq.NOBLOCK)
+                while (left_s := deadline_s - time.monotonic()) > 0:
+                    if self._requests.poll(int(left_s * 1e3) + 1):
+                        reply = self._read(self._requests.recv_multipart(zmq.NOBLOCK), number)
+                        if reply is not None:
+                            return reply
+        raise self._gone(f"no answer within {timeout_s:g} s")
 
-    def _read(self, answer: bytes) -> Reply:
+    def _read(self, message: list[bytes], number: bytes) -> Reply | None:
+        """Return the answer in a message; None if it is a late one to an earlier request."""
         try:
+            protocol, answered, answer = message
+            if int(protocol) != PROTOCOL:
+                raise self._gone(f"the recorder speaks protocol {int(protocol)}, not {PROTOCOL}")
             reply: Reply = REPLY.validate_json(answer)
-        except ValidationError as error:
+        except ValueError as error:
             raise self._gone("the recorder is of another version") from error
-        if reply.protocol != PROTOCOL:
-            raise self._gone(f"the recorder speaks protocol {reply.protocol}, not {PROTOCOL}")
+        if answered != number:
+            return None
+        if reply.error:
+            raise OrderRefusedError(reply.error)
         return reply
 
     def _gone(self, what: str) -> RecorderGoneError:

@@ -34,66 +34,48 @@ def group_readable() -> Iterator[None]:
 def lone_recorder(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, which is created if it does not exist.
 
-    If nothing else was made in the folder, a lock file that was not there before is removed at the
-    end, and so is a folder that was not: of a recorder that finds no bus, nothing is left.
-    Meanwhile files and folders are made as by `group_readable`.
+    A new folder in which nothing else was made is removed at the end: of a recorder that finds no
+    bus, nothing is left.  Meanwhile files and folders are made as by `group_readable`.
 
     Raises FolderLockedError, with the number of the process, if another process holds the lock.
     Raises InputError if the folder cannot be written to.
     """
-    with group_readable(), _held(folder, folder / _HOLDER):
-        yield
-
-
-@contextmanager
-def _held(folder: Path, holder: Path) -> Iterator[None]:
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        before = _names(folder)
-        lock = FileLock(folder / _LOCK, timeout=0)
-        lock.acquire()
-    except Timeout as error:
-        raise FolderLockedError(
-            str(folder),
-            f"another recorder ({_holder_of(holder)}) writes there",
-            "watch it with `bumpbench tui`, or name another folder",
-        ) from error
-    except OSError as error:
-        what = error.strerror or str(error)
-        raise InputError(str(folder), what, "name another folder") from error
-    try:
-        with suppress(OSError):  # the journal reports a full disk
-            write_text(holder, f"{os.getpid()}\n")
-        yield
-    finally:
-        with suppress(OSError):
-            holder.unlink(missing_ok=True)
-        with suppress(OSError):
-            if _names(folder) - before == {_LOCK}:
-                (folder / _LOCK).unlink()  # still held: the file of no other recorder
-                for each in made:
-                    each.rmdir()
-        lock.release()
-
-
-def _names(folder: Path) -> set[str]:
-    return {each.name for each in folder.iterdir()}
+    lock, is_new = FileLock(folder / _LOCK, timeout=0), not folder.exists()
+    with group_readable():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire()
+        except Timeout as error:
+            what = f"another recorder ({_holder(folder)}) writes there"
+            advice = "watch it with `bumpbench tui`, or name another folder"
+            raise FolderLockedError(str(folder), what, advice) from error
+        except OSError as error:
+            what = error.strerror or str(error)
+            raise InputError(str(folder), what, "name another folder") from error
+        try:
+            with suppress(OSError):  # the journal reports a full disk
+                write_text(folder / _HOLDER, f"{os.getpid()}\n")
+            yield
+        finally:
+            with suppress(OSError):
+                (folder / _HOLDER).unlink()
+            with suppress(OSError):
+                if is_new and [each.name for each in folder.iterdir()] == [_LOCK]:
+                    (folder / _LOCK).unlink()
+                    folder.rmdir()
+            lock.release()
 
 
 def is_locked(folder: Path) -> bool:
     """Return whether a process holds the lock of a folder; False if that cannot be known."""
-    with suppress(OSError):  # without access to the folder
-        if not (folder / _LOCK).exists():  # else it would be made here
-            return False
-    lock = FileLock(folder / _LOCK, timeout=0)
     try:
-        lock.acquire()
+        if (folder / _LOCK).exists():  # else it would be made here
+            with FileLock(folder / _LOCK, timeout=0):
+                pass
     except Timeout:
         return True
-    except OSError:
+    except OSError:  # without access to the folder
         return False
-    lock.release()
     return False
 
 
@@ -105,11 +87,11 @@ def unreachable_words(folder: Path) -> str:
         return f"its recorder cannot be reached: {error.strerror}"
     if not is_locked(folder):
         return ""
-    return f"a recorder ({_holder_of(folder / _HOLDER)}) writes there, but does not answer here"
+    return f"a recorder ({_holder(folder)}) writes there, but does not answer here"
 
 
-def _holder_of(holder: Path) -> str:
+def _holder(folder: Path) -> str:
     try:
-        return f"pid {int(holder.read_text('ascii')[:20])}"
+        return f"pid {int((folder / _HOLDER).read_text('ascii')[:20])}"
     except (OSError, ValueError):
         return "pid unknown"

@@ -1,8 +1,7 @@
-"""Defines the messages between a recorder and its clients: typed, versioned, JSON on the wire.
+"""Defines the messages between a recorder and its clients: typed, JSON on the wire.
 
-A client sends an `Order` (`daq.control.orders`) in a `Request` and gets a `Reply`.  The recorder
-publishes its `Status` and the `Live` samples to all clients, ten times per second.  These are data;
-`daq.control.server` and `daq.control.client` transport them.
+A client sends an `Order` (`daq.control.orders`) and gets a `Reply`.  The recorder publishes its
+`Status` and the `Live` samples to all clients, ten times per second.
 """
 
 from __future__ import annotations
@@ -17,12 +16,11 @@ from pydantic import ConfigDict, TypeAdapter
 from ..bench.campaign import Origin, Step
 from ..runlog.run_log import LoggedRun, Override, Remark
 from ..runs import Excitation, Losses
-from .orders import Order
 
 if TYPE_CHECKING:
     from ..bench.config import Bench
 
-PROTOCOL = 3
+PROTOCOL = 4
 """Version of the messages, increased when an older client could misread them."""
 STATUS_TOPIC, LIVE_TOPIC = b"status", b"live"
 _WHEN_USED = ConfigDict(defer_build=True)
@@ -63,17 +61,6 @@ class SessionState(StrEnum):
     BUILDING = "building"
     READY = "ready"
     FAILED = "failed"
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """A message with an order; the reply has the same `number`."""
-
-    __pydantic_config__ = _WHEN_USED
-    client: str
-    number: int
-    order: Order
-    protocol: int = PROTOCOL
 
 
 # Status ---------------------------------------------------------------------------------------
@@ -183,6 +170,11 @@ class Tally:
     accepted: int
     planned: int
     rejected: int
+
+    @property
+    def kind(self) -> tuple[str, Excitation]:
+        """Mass state and excitation."""
+        return self.mass_state, self.excitation
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,12 +330,9 @@ def differences(running: Setup, wanted: Setup) -> tuple[str, ...]:
     if wanted.dbc_crc32 is not None and running.dbc_crc32 != wanted.dbc_crc32:
         texts.append("it was started with another DBC")
     if wanted.buses is not None and running.buses != wanted.buses:
-        texts.append(f"it records {_listed(running.buses)}, not {_listed(wanted.buses)}")
+        names = [", ".join(setup.buses or ()) for setup in (running, wanted)]
+        texts.append(f"it records {names[0]}, not {names[1]}")
     return tuple(texts)
-
-
-def _listed(buses: tuple[str, ...] | None) -> str:
-    return ", ".join(buses or ())
 
 
 # Live data and answers --------------------------------------------------------------------------
@@ -384,15 +373,13 @@ class CheckItem:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to a request."""
+    """The answer to an order."""
 
     __pydantic_config__ = _WHEN_USED
-    number: int
-    """Number of the request."""
     error: str = ""
     """Error in one line; empty if the order was carried out."""
     status: Status | None = None
-    """Answer to `Hello`, `AskStatus` and every order."""
+    """Answer to `Hello`, `AskStatus` and every order; None before the first status."""
     live: Live | None = None
     """Answer to `AskHistory`."""
     bench_text: str = ""
@@ -400,9 +387,7 @@ class Reply:
     check: tuple[CheckItem, ...] = ()
     """Answer to `AskCheck`."""
     setup: Setup | None = None
-    """Answer to `AskSetup`."""
-    protocol: int = PROTOCOL
+    """Answer to `Hello`: the settings with which the recorder was started."""
 
 
-REQUEST, REPLY = TypeAdapter(Request), TypeAdapter(Reply)
-STATUS, LIVE = TypeAdapter(Status), TypeAdapter(Live)
+REPLY, STATUS, LIVE = TypeAdapter(Reply), TypeAdapter(Status), TypeAdapter(Live)

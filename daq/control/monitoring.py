@@ -6,12 +6,14 @@ systemd gets ready, alive, status line and stopping; a Prometheus text file gets
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from prometheus_client import CollectorRegistry, Gauge, Metric, generate_latest
 from prometheus_client.core import CounterMetricFamily
+from prometheus_client.registry import Collector
 from sdnotify import SystemdNotifier
 
 from dbc.words import counted
@@ -83,24 +85,24 @@ class Systemd:
         if text != self._reported:
             self._reported = text
             lines.append(f"STATUS={text}")
-        self._notify("\n".join(lines))
+        self._send("\n".join(lines))
         return hanging
 
     def reloading(self) -> None:
         """Report that the configuration is being reloaded; the next `notify` reports the end."""
         self._ready = False
-        self._notify("RELOADING=1")
+        self._send("RELOADING=1")
 
     def stopping(self) -> None:
         """Report that the recorder ends."""
-        self._notify("STOPPING=1")
+        self._send("STOPPING=1")
 
     def close(self) -> None:
         """Close the socket."""
         if self._notifier and self._notifier.socket is not None:
             self._notifier.socket.close()
 
-    def _notify(self, lines: str) -> None:
+    def _send(self, lines: str) -> None:
         if self._notifier and lines:
             self._notifier.notify(lines.encode("ascii", "replace").decode())
 
@@ -128,66 +130,53 @@ def write_figures(path: Path, status: Status) -> None:
     Raises OSError if it cannot be written.
     """
     registry = CollectorRegistry()
-
-    def figure(name: str, help_text: str, value: float) -> None:
-        Gauge(f"bumpbench_{name}", help_text, registry=registry).set(value)
-
-    def family(name: str, help_text: str, label: str, values: dict[str, float]) -> None:
-        gauge = Gauge(f"bumpbench_{name}", help_text, [label], registry=registry)
-        for key, value in values.items():
-            gauge.labels(key).set(value)
-
-    storage, codes = status.storage, {alarm.code for alarm in status.alarms}
-    figure("recording", "1, or 0 if frames arrive and are not stored", "not_recording" not in codes)
-    figure("campaign", "1 during a campaign, 0 between campaigns", bool(status.recording))
-    figure("unstored_seconds", "Time for which frames arrive and none is stored", storage.late_s)
+    storage, disk, queue = status.storage, status.disk, status.queue
+    codes = Counter(alarm.code for alarm in status.alarms)
+    for name, value, text in (
+        ("recording", "not_recording" not in codes, "1, or 0 if frames arrive and none is stored"),
+        ("campaign", bool(status.recording), "1 during a campaign, 0 between campaigns"),
+        ("unstored_seconds", storage.late_s, "Time for which frames arrive and none is stored"),
+        ("status_seconds", status.wall_ns * 1e-9, "Wall-clock time of these figures"),
+        ("recorded_frames", disk.recorded_frames, "Frames on the disk"),
+        ("lag_seconds", disk.lag_s, "Age of the oldest frame that is not on the disk"),
+        ("disk_free_bytes", disk.free_bytes, "Free space on the disk"),
+        ("journal_bytes", disk.journal_bytes, "Size of the journal"),
+        ("held_frames", disk.held_frames, "Frames in memory because the disk refuses them"),
+        ("queue_blocks", queue.blocks, "Blocks between readers and writer"),
+        ("queue_high_blocks", queue.high, "Largest number of these blocks since the start"),
+        ("sensors_alive", status.sensors_alive, "Messages of the bench that arrive"),
+        ("sensors_expected", status.sensors_expected, "Messages of the bench"),
+        ("viewers", status.viewers, "Clients that only watch"),
+    ):
+        Gauge(f"bumpbench_{name}", text, registry=registry).set(value)
     registry.register(
         _Counters(
-            received_frames=("Frames of all buses since the start", storage.received_frames),
-            stored_frames=("Frames stored on the disk since the start", storage.stored_frames),
+            ("received_frames", storage.received_frames, "Frames of all buses since the start"),
+            ("stored_frames", storage.stored_frames, "Frames stored on the disk since the start"),
         )
     )
-    figure("status_seconds", "Wall-clock time of these figures", status.wall_ns * 1e-9)
-    figure("recorded_frames", "Frames on the disk", status.disk.recorded_frames)
-    figure("lag_seconds", "Age of the oldest frame that is not on the disk", status.disk.lag_s)
-    figure("disk_free_bytes", "Free space on the disk", status.disk.free_bytes)
-    figure("journal_bytes", "Size of the journal", status.disk.journal_bytes)
-    figure("held_frames", "Frames in memory because the disk refuses them", status.disk.held_frames)
-    figure("queue_blocks", "Blocks between readers and writer", status.queue.blocks)
-    figure("queue_high_blocks", "Largest number of these blocks since the start", status.queue.high)
-    figure("sensors_alive", "Messages of the bench that arrive", status.sensors_alive)
-    figure("sensors_expected", "Messages of the bench", status.sensors_expected)
-    figure("viewers", "Clients that only watch", status.viewers)
-    family(
-        "lost_frames",
-        "Frames lost, by place of the loss",
-        "hop",
-        {field.name: getattr(status.losses, field.name) for field in fields(status.losses)},
-    )
-    family(
-        "alarms",
-        "Present alarms, by code",
-        "code",
-        {code: sum(alarm.code == code for alarm in status.alarms) for code in codes},
-    )
-    healthy_states = (BusState.OK, BusState.ERROR_PASSIVE)
-    for name, help_text, value in (
-        ("bus_up", "Whether frames come from the bus", lambda b: b.state in healthy_states),
-        ("bus_load", "Share of the bit rate in use", lambda b: b.load),
-        ("bus_frames", "Frames since the start", lambda b: b.frames),
-        ("bus_error_frames", "Error frames since the start", lambda b: b.error_frames),
-        ("bus_reopened", "Number of times that the bus was opened again", lambda b: b.reopened),
+    buses, up = status.buses, (BusState.OK, BusState.ERROR_PASSIVE)
+    for name, label, values, text in (
+        ("lost_frames", "hop", asdict(status.losses), "Frames lost, by place of the loss"),
+        ("alarms", "code", codes, "Present alarms, by code"),
+        ("bus_up", "bus", {b.name: b.state in up for b in buses}, "1 if frames come from the bus"),
+        ("bus_load", "bus", {b.name: b.load for b in buses}, "Share of the bit rate in use"),
+        ("bus_frames", "bus", {b.name: b.frames for b in buses}, "Frames since the start"),
+        ("bus_error_frames", "bus", {b.name: b.error_frames for b in buses}, "Error frames"),
+        ("bus_reopened", "bus", {b.name: b.reopened for b in buses}, "Times opened again"),
     ):
-        family(name, help_text, "bus", {bus.name: float(value(bus)) for bus in status.buses})
+        gauge = Gauge(f"bumpbench_{name}", text, [label], registry=registry)
+        for key, value in values.items():
+            gauge.labels(key).set(value)
     write_bytes(path, generate_latest(registry))
 
 
-class _Counters:
-    """Collects numbers that only grow, each with its help text."""
+class _Counters(Collector):
+    """Numbers that only grow: name, value and help text of each."""
 
-    def __init__(self, **counters: tuple[str, int]) -> None:
+    def __init__(self, *counters: tuple[str, int, str]) -> None:
         self._counters = counters
 
     def collect(self) -> Iterator[Metric]:
-        for name, (help_text, value) in self._counters.items():
-            yield CounterMetricFamily(f"bumpbench_{name}", help_text, value)
+        for name, value, text in self._counters:
+            yield CounterMetricFamily(f"bumpbench_{name}", text, value)

@@ -1,17 +1,93 @@
-"""Defines the orders and questions that a client may send to a recorder.
-
-Each has its name in `order`, by which it is read back from JSON (`daq.control.messages`).
-"""
+"""Defines the orders and questions that a client may send to a recorder."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
 from ..runs import Excitation
+
+_Reason = Annotated[str, Field(max_length=500)]
+_StatedReason = Annotated[str, Field(min_length=1, max_length=500)]
+_Short = Annotated[str, Field(max_length=200)]
+
+# Questions, which any client may ask --------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """Announce a client: a controller may send orders, a viewer may only ask questions."""
+
+    name: str
+    """Name of the person, for the journal."""
+    control: bool = False
+    take_over: bool = False
+    """True to take control from the client that has it; else a second controller is refused."""
+    attends: bool = True
+    """False for one that asks once: it is no viewer, and a demonstration does not go on for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class AskStatus:
+    """Ask for the status."""
+
+
+@dataclass(frozen=True, slots=True)
+class AskHistory:
+    """Ask for the live samples of the last seconds, so that the lanes begin full."""
+
+    seconds: Annotated[float, Field(gt=0, le=60)] = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class AskBench:
+    """Ask for the present bench.toml."""
+
+
+@dataclass(frozen=True, slots=True)
+class AskCheck:
+    """Ask for the bench check over the last seconds of traffic."""
+
+    seconds: Annotated[float, Field(gt=0, le=10)] = 5.0
+
+
+# Orders on the recording --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Begin a campaign; end the present one."""
+
+    bench_text: str = ""
+    """A new bench.toml (same buses and DBC); empty keeps the present one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Configure:
+    """Change bench.toml within the recording: vehicle, weights, facts, signs, tares, campaign."""
+
+    bench_text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """End the campaign and derive its session file; recording continues."""
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """Derive the session file from the recording so far; recording continues."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShutDown:
+    """Write what is in the queue, seal the journal and end the recorder."""
+
+
+# Orders on the runs -------------------------------------------------------------------------------
 
 
 class Until(StrEnum):
@@ -24,89 +100,6 @@ class Until(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Hello:
-    """Announce a client: a controller may send orders, a viewer may only ask questions."""
-
-    name: str
-    """Name of the person, for the journal."""
-    control: bool = False
-    """True to be the controller."""
-    take_over: bool = False
-    """True to take control from the client that has it; else a second controller is refused."""
-    attends: bool = True
-    """False for one that asks once: it is no viewer, and a demonstration does not go on for it."""
-    order: Literal["hello"] = "hello"
-
-
-@dataclass(frozen=True, slots=True)
-class AskStatus:
-    """Ask for the status."""
-
-    order: Literal["status"] = "status"
-
-
-@dataclass(frozen=True, slots=True)
-class AskHistory:
-    """Ask for the live samples of the last seconds, so that the lanes begin full."""
-
-    seconds: Annotated[float, Field(gt=0, le=60)] = 10.0
-    order: Literal["history"] = "history"
-
-
-@dataclass(frozen=True, slots=True)
-class AskBench:
-    """Ask for the present bench.toml."""
-
-    order: Literal["bench"] = "bench"
-
-
-@dataclass(frozen=True, slots=True)
-class AskSetup:
-    """Ask for the settings with which the recorder was started."""
-
-    order: Literal["setup"] = "setup"
-
-
-@dataclass(frozen=True, slots=True)
-class AskCheck:
-    """Ask for the bench check over the last seconds of traffic."""
-
-    seconds: Annotated[float, Field(gt=0, le=10)] = 5.0
-    order: Literal["check"] = "check"
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Begin a campaign; end the present one."""
-
-    bench_text: str = ""
-    """A new bench.toml (same buses and DBC); empty keeps the present one."""
-    order: Literal["start"] = "start"
-
-
-@dataclass(frozen=True, slots=True)
-class Configure:
-    """Change bench.toml within the recording: vehicle, weights, facts, signs, tares, campaign."""
-
-    bench_text: str
-    order: Literal["configure"] = "configure"
-
-
-@dataclass(frozen=True, slots=True)
-class Stop:
-    """End the campaign and derive its session file; recording continues."""
-
-    order: Literal["stop"] = "stop"
-
-
-@dataclass(frozen=True, slots=True)
-class Build:
-    """Derive the session file from the recording so far; recording continues."""
-
-    order: Literal["build"] = "build"
-
-
-@dataclass(frozen=True, slots=True)
 class Arm:
     """Wait for bumps and count them as runs."""
 
@@ -114,14 +107,11 @@ class Arm:
     mass_state: str = ""
     """The mass state that the sender has seen on the car: needed if the next run has another mass
     state than the last one, unless all runs are armed together."""
-    order: Literal["arm"] = "arm"
 
 
 @dataclass(frozen=True, slots=True)
 class Pause:
     """Count no bump until armed again; frames are still recorded."""
-
-    order: Literal["pause"] = "pause"
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +120,6 @@ class Choose:
 
     mass_state: str
     excitation: Excitation
-    order: Literal["choose"] = "choose"
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +127,7 @@ class Accept:
     """Accept a rejected run, with a reason."""
 
     label: str
-    reason: Annotated[str, Field(max_length=500)] = ""
-    order: Literal["accept"] = "accept"
+    reason: _Reason = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,37 +136,29 @@ class Reject:
 
     label: str = ""
     """Label of the run; empty for the run being recorded, or else the last one."""
-    reason: Annotated[str, Field(max_length=500)] = ""
-    order: Literal["reject"] = "reject"
-
-
-@dataclass(frozen=True, slots=True)
-class Undo:
-    """Take back the last verdict (of the recorder or of a person)."""
-
-    order: Literal["undo"] = "undo"
+    reason: _Reason = ""
 
 
 @dataclass(frozen=True, slots=True)
 class LeaveOut:
     """Reject all runs that the recorder proposes to leave out (`Status.proposed`)."""
 
-    order: Literal["leave_out"] = "leave_out"
+
+@dataclass(frozen=True, slots=True)
+class Undo:
+    """Take back the last verdict (of the recorder or of a person)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Redo:
     """Take back the last `Undo`."""
 
-    order: Literal["redo"] = "redo"
-
 
 @dataclass(frozen=True, slots=True)
 class Mark:
     """Set a mark at the time of the latest frame."""
 
-    text: Annotated[str, Field(max_length=200)]
-    order: Literal["mark"] = "mark"
+    text: _Short
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,57 +167,24 @@ class Note:
 
     text: Annotated[str, Field(min_length=1, max_length=2000)]
     label: str = ""
-    order: Literal["note"] = "note"
 
 
 @dataclass(frozen=True, slots=True)
 class OverrideWarning:
     """Continue although the bench check warns; the report names person and reason."""
 
-    subject: Annotated[str, Field(max_length=200)]
-    reason: Annotated[str, Field(min_length=1, max_length=500)]
-    order: Literal["override"] = "override"
+    subject: _Short
+    reason: _StatedReason
 
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
     """Switch the overload lamps off."""
 
-    order: Literal["acknowledge"] = "acknowledge"
 
-
-@dataclass(frozen=True, slots=True)
-class ShutDown:
-    """Write what is in the queue, seal the journal and end the recorder."""
-
-    order: Literal["shutdown"] = "shutdown"
-
-
-Order = Annotated[
-    Hello
-    | AskStatus
-    | AskHistory
-    | AskBench
-    | AskSetup
-    | AskCheck
-    | Start
-    | Configure
-    | Stop
-    | Build
-    | Arm
-    | Pause
-    | Choose
-    | Accept
-    | Reject
-    | Undo
-    | LeaveOut
-    | Redo
-    | Mark
-    | Note
-    | OverrideWarning
-    | Acknowledge
-    | ShutDown,
-    Field(discriminator="order"),
-]
-QUESTIONS = (Hello, AskStatus, AskHistory, AskBench, AskSetup, AskCheck)
-"""Messages that a viewer may send; all others need control."""
+Question = Hello | AskStatus | AskHistory | AskBench | AskCheck
+"""What a viewer may send; all other orders need control."""
+Order = (
+    Question | Start | Configure | Stop | Build | ShutDown | Arm | Pause | Choose
+    | Accept | Reject | LeaveOut | Undo | Redo | Mark | Note | OverrideWarning | Acknowledge
+)  # fmt: skip

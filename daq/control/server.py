@@ -12,14 +12,15 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cache
+from typing import get_args
 
 import zmq
-from pydantic import ValidationError
-from pydantic_core import from_json
+from pydantic import TypeAdapter, ValidationError
 
 from ..errors import InputError, printable
 from .address import Address, make_private
@@ -28,23 +29,17 @@ from .messages import (
     LIVE_TOPIC,
     PROTOCOL,
     REPLY,
-    REQUEST,
     STATUS,
     STATUS_TOPIC,
     Live,
     Reply,
-    Request,
     Setup,
     Status,
 )
-from .orders import QUESTIONS, AskSetup, AskStatus, Hello, Order
+from .orders import AskStatus, Hello, Order, Question
 
 MAX_REQUEST_BYTES = 4_000_000
 """Largest request, bytes: a bench.toml of 1 MB, escaped."""
-ANSWER_S = 10.0
-"""Time, s, after which a client gets an error if the recorder has not answered."""
-MAX_PENDING = 64
-"""Largest number of unanswered requests; further requests are refused."""
 _HELD_MESSAGES = 100
 """Number of messages kept for a client that does not fetch them: 5 s of statuses, or as many
 replies."""
@@ -58,7 +53,7 @@ recorder."""
 LOOK_S = 1.0
 """Time between two checks that the sockets still exist, s."""
 _POLL_MS = 500
-"""Longest wait for a request, ms, before overdue answers are refused."""
+"""Longest wait for a request or news, ms."""
 
 LEASE_S = 5.0
 """Time without a message, s, after which a client counts as gone."""
@@ -66,17 +61,8 @@ DEAD_S = 1.0
 """Time without a message, s, after which a client whose process has ended counts as gone: a new
 terminal must not wait for a dead one."""
 
+_ORDERS = {order.__name__: order for order in get_args(Order)}
 _log = logging.getLogger("recorder")
-
-
-@dataclass(frozen=True, slots=True)
-class _Pending:
-    """A request that the recorder has not answered yet."""
-
-    envelope: list[bytes]
-    number: int
-    answer: Future[Reply]
-    deadline_s: float
 
 
 class Server:
@@ -94,13 +80,12 @@ class Server:
         address: Address,
         setup: Setup | None = None,
     ) -> None:
-        self._submit = submit
-        self.setup = setup
+        self._submit, self._address, self.setup = submit, address, setup
         self._left_s = time.monotonic() + FIRST_S
         self._has_clients = False
         self._peers = Peers()
-        self._pending: list[_Pending] = []
         self._status: Status | None = None
+        self._answers: deque[tuple[bytes, bytes, Future[Reply]]] = deque()
         # The recorder appends without waiting; the oldest are dropped if this thread lags.
         self._news: deque[tuple[Status, Live | None]] = deque(maxlen=_HELD_NEWS)
         self._closing = threading.Event()
@@ -111,14 +96,13 @@ class Server:
         self._requests = self._context.socket(zmq.ROUTER)
         self._requests.maxmsgsize = 4 * MAX_REQUEST_BYTES  # a longer line is cut
         self._publisher = self._context.socket(zmq.PUB)
-        for end in (self._requests, self._publisher):
-            end.linger = _LINGER_MS
-            end.sndhwm = _HELD_MESSAGES
-        self._address = address
-        self._looked_s, self._deaf = time.monotonic(), False
+        self._looked_s = time.monotonic()
+        self._ends = ((self._requests, address.control), (self._publisher, address.news))
         try:
-            self._requests.bind(address.control)
-            self._publisher.bind(address.news)
+            for socket, endpoint in self._ends:
+                socket.linger = _LINGER_MS
+                socket.sndhwm = _HELD_MESSAGES
+                socket.bind(endpoint)
         except zmq.ZMQError as error:
             self._release()
             what = f"cannot listen: {error.strerror}"
@@ -167,22 +151,23 @@ class Server:
         poller.register(self._wake_in, zmq.POLLIN)
         while not self._closing.is_set():
             try:
-                ready = dict(poller.poll(_POLL_MS))
-                self._cycle(bool(ready.get(self._requests)))
+                poller.poll(_POLL_MS)
+                self._cycle()
             except Exception as error:  # any exception: the next client must be served
                 _log.error("control: %r", error)
-        self._cycle(False)
+        self._cycle()
 
-    def _cycle(self, requested: bool) -> None:
+    def _cycle(self) -> None:
         with suppress(BlockingIOError):
             os.read(self._wake_in, 4096)
         while self._news:
             self._send_news(*self._news.popleft())
-        if requested:
-            with suppress(zmq.Again):
-                *envelope, message = self._requests.recv_multipart(zmq.NOBLOCK)
-                self._take(envelope, message)
-        self._answer_pending()
+        with suppress(zmq.Again):
+            client, *message = self._requests.recv_multipart(zmq.NOBLOCK)
+            self._take(client, message)
+        while self._answers:
+            client, number, answer = self._answers.popleft()
+            self._reply(client, number, _outcome(answer))
         if time.monotonic() - self._looked_s > LOOK_S:
             self._looked_s = time.monotonic()
             self._listen_again()
@@ -190,21 +175,13 @@ class Server:
     def _listen_again(self) -> None:
         """Bind sockets again whose files are gone: a logout deletes a user's run-time directory."""
         gone = [path for path in self._address.paths if not path.is_socket()]
-        if not gone:
-            return
-        try:
-            make_private(gone[0].parent)
-            ends = (self._requests, self._address.control), (self._publisher, self._address.news)
-            for end, endpoint in ends:
+        with suppress(InputError, zmq.ZMQError):  # until it is possible
+            for socket, endpoint in self._ends if gone else ():
+                make_private(gone[0].parent)
                 with suppress(zmq.ZMQError):  # the last attempt to bind it failed
-                    end.unbind(endpoint)
-                end.bind(endpoint)
-            _log.warning("control: %s was deleted and has been created again", gone[0])
-            self._deaf = False
-        except (InputError, zmq.ZMQError) as error:
-            if not self._deaf:
-                _log.warning("control: no client can connect: %s", error)
-            self._deaf = True
+                    socket.unbind(endpoint)
+                socket.bind(endpoint)
+                _log.warning("control: %s was deleted and has been created again", endpoint)
 
     def _send_news(self, status: Status, live: Live | None) -> None:
         now_s = time.monotonic()
@@ -213,101 +190,84 @@ class Server:
         if self._has_clients:
             self._left_s = now_s
         self._status = replace(status, controller=controller, viewers=viewers)
-        news = STATUS.dump_json(self._status)
         with suppress(zmq.Again):
-            self._publisher.send_multipart([STATUS_TOPIC, news], zmq.NOBLOCK)
+            news = [STATUS_TOPIC, STATUS.dump_json(self._status)]
+            self._publisher.send_multipart(news, zmq.NOBLOCK)
             if live is not None:
                 self._publisher.send_multipart([LIVE_TOPIC, LIVE.dump_json(live)], zmq.NOBLOCK)
 
-    def _take(self, envelope: list[bytes], message: bytes) -> None:
+    def _take(self, client: bytes, message: list[bytes]) -> None:
         """Answer a request, or pass it to the recorder."""
-        request = _read(message)
-        if isinstance(request, Reply):
-            self._reply(envelope, request)
+        number = message[1] if len(message) == 4 else b"0"
+        try:
+            order = _order(message)
+        except ValueError as error:  # with one line for a person
+            self._reply(client, number, Reply(printable(str(error), 200)))
             return
-        now_s = time.monotonic()
-        order, number = request.order, request.number
-        self._peers.seen(request.client, now_s)
+        now_s, name = time.monotonic(), client.decode("utf-8", "replace")
+        self._peers.seen(name, now_s)
         self._has_clients = True
         if isinstance(order, Hello):
-            error = self._peers.hello(request.client, order, now_s)
-            self._reply(envelope, Reply(number, error, self._status))
-        elif isinstance(order, AskSetup):
-            self._reply(envelope, Reply(number, setup=self.setup))
+            refusal = self._peers.hello(name, order, now_s)
+            self._reply(client, number, Reply(refusal, self._status, setup=self.setup))
         elif isinstance(order, AskStatus) and self._status is not None:
-            self._reply(envelope, Reply(number, status=self._status))
-        elif not isinstance(order, QUESTIONS) and not self._peers.in_control(request.client):
+            self._reply(client, number, Reply(status=self._status))
+        elif not isinstance(order, Question) and not self._peers.in_control(name):
             holder = self._peers.controller(now_s)
             who = f"{holder} is in control" if holder else "you are not in control"
-            self._reply(envelope, Reply(number, f"{who}: you can only watch"))
-        elif len(self._pending) >= MAX_PENDING:
-            self._reply(envelope, Reply(number, "the recorder is busy: try again"))
+            self._reply(client, number, Reply(f"{who}: you can only watch"))
         else:
-            answer = self._submit(order, self._peers.name(request.client))
-            self._pending.append(_Pending(envelope, number, answer, now_s + ANSWER_S))
-            answer.add_done_callback(lambda _: self._wake())
+            answer = self._submit(order, self._peers.name(name))
+            answer.add_done_callback(lambda done: self._answered(client, number, done))
 
-    def _answer_pending(self) -> None:
-        now_s = time.monotonic()
-        for pending in self._pending[:]:
-            if pending.answer.done():
-                reply = replace(_outcome(pending.answer), number=pending.number)
-            elif now_s > pending.deadline_s:
-                text = f"the recorder did not answer within {ANSWER_S:g} s"
-                reply = Reply(pending.number, text)
-            else:
-                continue
-            self._pending.remove(pending)
-            self._reply(pending.envelope, reply)
+    def _answered(self, client: bytes, number: bytes, answer: Future[Reply]) -> None:
+        """Let the server's thread send an answer; called by the recorder's thread."""
+        self._answers.append((client, number, answer))
+        self._wake()
 
-    def _reply(self, envelope: Sequence[bytes], reply: Reply) -> None:
+    def _reply(self, client: bytes, number: bytes, reply: Reply) -> None:
+        message = [client, b"%d" % PROTOCOL, number, REPLY.dump_json(reply)]
         with suppress(zmq.ZMQError):  # the client does not fetch them, or is gone
-            self._requests.send_multipart([*envelope, REPLY.dump_json(reply)], zmq.NOBLOCK)
+            self._requests.send_multipart(message, zmq.NOBLOCK)
 
 
 def _outcome(answer: Future[Reply]) -> Reply:
     try:
         return answer.result()
     except CancelledError:
-        return Reply(0, "the recorder is ending")
+        return Reply("the recorder is ending")
     except Exception as error:  # any exception is reported to the client
-        return Reply(0, printable(str(error) or repr(error), 400))
+        return Reply(printable(str(error) or repr(error), 400))
 
 
-def _read(message: bytes) -> Request | Reply:
-    """Return the request in a message, or a reply with the error in it."""
-    if len(message) > MAX_REQUEST_BYTES:
-        text = f"a request of {len(message)} bytes; the limit is {MAX_REQUEST_BYTES}"
-        return Reply(0, text)
+def _order(message: list[bytes]) -> Order:
+    """Return the order in a message.
+
+    Raises ValueError with one line for a person if there is none.
+    """
+    size = sum(map(len, message))
+    if size > MAX_REQUEST_BYTES:
+        raise ValueError(f"a request of {size} bytes; the limit is {MAX_REQUEST_BYTES}")
+    protocol, _, name, body = message if len(message) == 4 else (b"", b"", b"", b"")
+    if protocol != b"%d" % PROTOCOL:
+        spoken = printable(protocol.decode("utf-8", "replace"), 20) or "none"
+        text = f"protocol {spoken} is not supported, only {PROTOCOL}"
+        raise ValueError(f"{text}: use one version of Bumpbench")
+    kind = _ORDERS.get(name.decode("utf-8", "replace"))
+    if kind is None:
+        raise ValueError(f"there is no order {name!r}")
     try:
-        request: Request = REQUEST.validate_json(message)
+        order: Order = _adapter(kind).validate_json(body)
     except ValidationError as error:
-        number, protocol = _number_and_protocol(message)
-        if protocol != PROTOCOL:
-            return Reply(number, _other_protocol(protocol))
         first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        return Reply(number, printable(f"not a request: {place}: {first['msg']}", 200))
-    if request.protocol != PROTOCOL:
-        return Reply(request.number, _other_protocol(request.protocol))
-    return request
+        place = ".".join(map(str, (kind.__name__, *first["loc"])))
+        raise ValueError(f"not an order: {place}: {first['msg']}") from error
+    return order
 
 
-def _other_protocol(protocol: int) -> str:
-    return f"protocol {protocol} is not supported, only {PROTOCOL}: use one version of Bumpbench"
-
-
-def _number_and_protocol(message: bytes) -> tuple[int, int]:
-    """Return number and protocol of an invalid request as far as they can be read."""
-    with suppress(ValueError):
-        found = from_json(message)
-        if isinstance(found, dict):
-            number, protocol = found.get("number"), found.get("protocol")
-            return (
-                number if isinstance(number, int) else 0,
-                protocol if isinstance(protocol, int) else PROTOCOL,
-            )
-    return 0, PROTOCOL
+@cache
+def _adapter(kind: type) -> TypeAdapter[Order]:
+    return TypeAdapter(kind)
 
 
 class Peers:
@@ -318,9 +278,8 @@ class Peers:
     """
 
     def __init__(self) -> None:
-        self._names: dict[str, str] = {}
+        self._hellos: dict[str, Hello] = {}
         self._seen_s: dict[str, float] = {}
-        self._attending: set[str] = set()
         self._controller = ""
 
     def seen(self, client: str, now_s: float) -> None:
@@ -328,25 +287,19 @@ class Peers:
         self._seen_s[client] = now_s
         for other in [c for c, seen_s in self._seen_s.items() if now_s - seen_s > LEASE_S]:
             if other != self._controller:
-                self._seen_s.pop(other)
-                self._attending.discard(other)
-                self._names.pop(other, None)
+                self._forget(other)
 
     def hello(self, client: str, hello: Hello, now_s: float) -> str:
         """Admit a client as controller or viewer; return why it is refused, or an empty text."""
-        self._names[client] = printable(hello.name, 60)
-        if hello.attends:
-            self._attending.add(client)
-        if not hello.control:
-            if client == self._controller:
-                self._controller = ""
-            return ""
         holder = self.controller(now_s)
-        if holder and self._controller != client and not hello.take_over:
-            self._seen_s.pop(client, None)
-            self._names.pop(client)
+        if hello.control and holder and self._controller != client and not hello.take_over:
+            self._forget(client)
             return f"{holder} is in control (take over, or only watch)"
-        self._controller = client
+        self._hellos[client] = hello
+        if hello.control:
+            self._controller = client
+        elif client == self._controller:
+            self._controller = ""
         return ""
 
     def in_control(self, client: str) -> bool:
@@ -356,21 +309,27 @@ class Peers:
     def controller(self, now_s: float) -> str:
         """Return the name of the client in control; empty if there is none or it is gone."""
         client = self._controller
-        if not client:
-            return ""
         silent_s = now_s - self._seen_s.get(client, now_s)
-        if silent_s > LEASE_S or (silent_s > DEAD_S and not _lives(client)):
+        if not client or silent_s > LEASE_S or (silent_s > DEAD_S and not _lives(client)):
             return ""
         return self.name(client)
 
     def viewers(self, now_s: float) -> int:
         """Return the number of clients that only watch."""
-        alive = [c for c in self._attending if now_s - self._seen_s.get(c, -LEASE_S) <= LEASE_S]
-        return len(alive) - (self._controller in alive)
+        return sum(
+            hello.attends and now_s - self._seen_s[client] <= LEASE_S
+            for client, hello in self._hellos.items()
+            if client != self._controller
+        )
 
     def name(self, client: str) -> str:
         """Return the name that a client gave, or its id."""
-        return self._names.get(client) or printable(client, 60)
+        hello = self._hellos.get(client)
+        return printable(hello.name if hello else client, 60)
+
+    def _forget(self, client: str) -> None:
+        self._seen_s.pop(client, None)
+        self._hellos.pop(client, None)
 
 
 def _lives(client: str) -> bool:

@@ -6,10 +6,9 @@ import json
 import subprocess
 import sys
 import time
-from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..control.messages import SessionState, SessionStatus
@@ -29,22 +28,16 @@ _ENDING_S = 1.0
 class _Job:
     target: Path
     segments: tuple[Path, ...]
-    recording: str
-    revision: int
-
-    def status(self, state: SessionState, text: str = "") -> SessionStatus:
-        return SessionStatus(state, str(self.target), text, self.recording, self.revision)
+    building: SessionStatus
 
 
 class Derivation:
     """Builds session files, one after another; HDF5 never runs within the recorder."""
 
     def __init__(self) -> None:
-        self._jobs: deque[_Job] = deque()
-        self._job: _Job | None = None
+        self._jobs: list[_Job] = []  # the first one has the process
         self._process: subprocess.Popen[bytes] | None = None
         self._deadline_s: float  # of the process, since it was started
-        self._hung = ""
         self.status = SessionStatus()
 
     def begin(self, target: Path, segments: Sequence[Path], recording: str, revision: int) -> None:
@@ -52,25 +45,27 @@ class Derivation:
 
         `recording`: its identity.  `revision`: present revision of its run log.
         """
-        waiting = [job for job in self._jobs if job.target != target]  # the new one has all runs
-        job = _Job(target, tuple(segments), recording, revision)
-        self._jobs = deque([*waiting, job])
-        self.status = job.status(SessionState.BUILDING)
+        self.status = SessionStatus(SessionState.BUILDING, str(target), "", recording, revision)
+        running = self._jobs[:1] if self._process is not None else []
+        # A waiting job for the same file is superseded: the new one has all runs.
+        waiting = [job for job in self._jobs[len(running) :] if job.target != target]
+        self._jobs = [*running, *waiting, _Job(target, tuple(segments), self.status)]
         self.poll()
 
     def poll(self) -> None:
         """Handle processes that have ended or hang; to be called with every block."""
         if self._process is not None:
-            if self._process.poll() is None:
-                self._end_if_it_hangs(self._process)
-                return
-            self._finish(self._process)
-        if self._process is None and self._jobs:
-            self._start(self._jobs.popleft())
+            if self._process.poll() is not None:
+                self._finish(self._process)
+            elif time.monotonic() > self._deadline_s:
+                self._process.kill()  # if it waits for a hung disk it may end later
+                self._report(SessionState.FAILED, "it took too long and was ended: check the disk")
+        while self._process is None and self._jobs:
+            self._start(self._jobs[0])
 
     def close(self) -> None:
         """End the process; a session file is complete or absent, and can be built again later."""
-        self._jobs.clear()
+        del self._jobs[1:]
         if self._process is not None:
             self._process.terminate()
             with suppress(subprocess.TimeoutExpired):
@@ -80,66 +75,39 @@ class Derivation:
                 self._process.wait()
             self._finish(self._process)
 
-    def _end_if_it_hangs(self, process: subprocess.Popen[bytes]) -> None:
-        """Kill a process that takes too long; if it waits for a hung disk it may end later."""
-        if time.monotonic() < self._deadline_s or self._hung:
-            return
-        process.kill()
-        self._hung = "it took too long and was ended: check the disk"
-        self._report(SessionState.FAILED, self._hung)
-
     def _start(self, job: _Job) -> None:
-        patience_s = PATIENCE_S + _size(job.segments) / SLOWEST_BYTES_PER_S
-        self._job, self._hung, self._deadline_s = job, "", time.monotonic() + patience_s
-        command = [
-            sys.executable,
-            "-m",
-            "daq.derive.build_session",
-            str(job.target),
-            *map(str, job.segments),
-        ]
+        size = 0
+        for path in job.segments:
+            with suppress(OSError):  # deleted meanwhile to make room
+                size += path.stat().st_size
+        self._deadline_s = time.monotonic() + PATIENCE_S + size / SLOWEST_BYTES_PER_S
+        builder = [sys.executable, "-m", "daq.derive.build_session"]
         try:
             self._process = subprocess.Popen(
-                command,
+                [*builder, str(job.target), *map(str, job.segments)],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,  # its output fits a pipe: read at the end
                 stderr=subprocess.STDOUT,
                 process_group=0,  # not affected by Ctrl-C at the terminal
             )
         except OSError as error:
-            self._finish_with(SessionState.FAILED, error.strerror or str(error))
+            self._report(SessionState.FAILED, error.strerror or str(error))
+            del self._jobs[0]
 
     def _finish(self, process: subprocess.Popen[bytes]) -> None:
         lines = process.communicate()[0].decode("utf-8", "replace").splitlines()
-        last, code = lines[-1] if lines else "", process.returncode
-        text = _message(last)
-        if code in (DONE, DONE_WITH_LOSS):
-            self._finish_with(SessionState.READY, text)
-        else:
-            failure = printable(f"ended with code {code}: {last}")
-            self._finish_with(SessionState.FAILED, self._hung or text or failure)
-
-    def _finish_with(self, state: SessionState, text: str) -> None:
-        self._report(state, text)
-        self._process = self._job = None
+        last, text = lines[-1] if lines else "", ""
+        with suppress(ValueError, AttributeError):  # its JSON line has an error, or losses
+            result = json.loads(last)
+            text = printable(str(result.get("error") or result.get("loss") or ""), 400)
+        if process.returncode in (DONE, DONE_WITH_LOSS):
+            self._report(SessionState.READY, text)
+        elif time.monotonic() <= self._deadline_s:  # else it is reported already
+            failure = printable(f"ended with code {process.returncode}: {last}")
+            self._report(SessionState.FAILED, text or failure)
+        self._process = None
+        del self._jobs[0]
 
     def _report(self, state: SessionState, text: str) -> None:
-        assert self._job is not None  # the process was started
-        if not self._jobs:
-            self.status = self._job.status(state, text)
-
-
-def _size(paths: Sequence[Path]) -> int:
-    size = 0
-    for path in paths:
-        with suppress(OSError):  # deleted meanwhile to make room
-            size += path.stat().st_size
-    return size
-
-
-def _message(line: str) -> str:
-    """Return the error, or the losses of the journal, from the process's JSON line."""
-    with suppress(ValueError, AttributeError):
-        result = json.loads(line)
-        return printable(str(result.get("error") or result.get("loss") or ""), 400)
-    return ""
+        if len(self._jobs) == 1:  # else the next one is being built
+            self.status = replace(self._jobs[0].building, state=state, text=text)

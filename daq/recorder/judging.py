@@ -6,8 +6,8 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
-from itertools import pairwise
+from dataclasses import astuple, dataclass
+from operator import sub
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from dbc.frames import FrameBatch
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
 from ..bench.message_rules import timed_messages
+from ..control.messages import LeftOut
 from ..errors import printable
 from ..journal.contents import RecordingInfo
 from ..journal.folder import scan
@@ -26,133 +27,98 @@ from ..runlog.run_log import LoggedRun, LoggedStatus, RunLog, fold
 from ..runs import Losses
 from ..samples.mapping import Column, SampleBlock, mapped_block
 from ..samples.trigger import mapped_channels
-from ..verdict import RunMeasure, RunWindow, judge, peak_left
+from ..verdict import RunMeasure, RunWindow, judge, left_out, peak_left
 
-# Keeps frames, samples and losses of the last seconds for bench check and verdict -----------------
+# Keeps frames, samples and losses of the last seconds ---------------------------------------------
 
 CHECK_S = 10.0
-"""Age up to which raw frames are kept, s."""
-MOST_BLOCKS = 20_000
-"""Largest number of blocks kept, half an hour at ten per second, in case the stamps of a bus do not
-advance and no block grows old."""
+"""Age up to which frames are kept at least, s: the longest bench check."""
 _SLACK_NS = 1_000_000_000
-"""Time for which samples and losses are kept in addition to a run, ns."""
-_MOST_BYTES = 64 << 20
-"""Largest number of bytes of raw frames kept."""
-
-
-class RecentFrames:
-    """Raw frames of the last `CHECK_S`, of data time; at most `_MOST_BYTES`."""
-
-    def __init__(self) -> None:
-        self._batches: deque[tuple[int, FrameBatch]] = deque()
-        self._bytes = 0
-
-    def add(self, batch: FrameBatch) -> None:
-        """Add a block, not empty."""
-        latest_ns = int(batch.t_ns.max())
-        self._batches.append((latest_ns, batch))
-        self._bytes += _size(batch)
-        horizon_ns = latest_ns - round(CHECK_S * 1e9)
-        # A block of a later time (the clock was set back) is also dropped: it would never grow old.
-        while self._batches[0][0] < horizon_ns or self._bytes > _MOST_BYTES:
-            self._bytes -= _size(self._batches.popleft()[1])
-            if not self._batches:
-                break
-        while self._batches and self._batches[0][0] > latest_ns + _SLACK_NS:
-            self._bytes -= _size(self._batches.popleft()[1])
-
-    def last(self, seconds: float) -> FrameBatch:
-        """Return the frames of the last seconds."""
-        if not self._batches:
-            return FrameBatch.empty()
-        since_ns = self._batches[-1][0] - round(seconds * 1e9)
-        found = FrameBatch.concatenate([b for t_ns, b in self._batches if t_ns >= since_ns])
-        return found.select(found.t_ns >= since_ns)
-
-
-class RecentSamples:
-    """Samples of all channels of the last `kept_s` + 1 s."""
-
-    def __init__(self, kept_s: float) -> None:
-        self._kept_ns = round(kept_s * 1e9) + _SLACK_NS
-        self._blocks: deque[tuple[int, SampleBlock]] = deque(maxlen=MOST_BLOCKS)
-
-    def add(self, t_ns: int, block: SampleBlock) -> None:
-        """Add a block whose latest stamp is `t_ns`."""
-        # The first block after a pause of the bus may end a run from before the pause: the previous
-        # block decides which blocks are too old.
-        last_ns = self._blocks[-1][0] if self._blocks else t_ns
-        while self._blocks and (
-            last_ns - self._blocks[0][0] > self._kept_ns or self._blocks[0][0] - t_ns > _SLACK_NS
-        ):
-            self._blocks.popleft()
-        self._blocks.append((t_ns, block))
-
-    def between(self, start_ns: int, stop_ns: int) -> SampleBlock:
-        """Return the samples of a span, by channel, in order of arrival."""
-        pieces: dict[str, list[Column]] = {}
-        for latest_ns, block in self._blocks:
-            if latest_ns >= start_ns:
-                for name, piece in block.items():
-                    pieces.setdefault(name, []).append(piece)
-        found: dict[str, Column] = {}
-        for name, parts in pieces.items():
-            t_ns = np.concatenate([part[0] for part in parts])
-            value = np.concatenate([part[1] for part in parts])
-            within = (t_ns >= start_ns) & (t_ns < stop_ns)
-            found[name] = (t_ns[within], value[within])
-        return found
+"""Time for which blocks are kept in addition, and by which the stamps of two buses may differ, ns;
+if they go back further, a clock was set."""
+MOST_BYTES = 128 << 20
+"""Largest number of bytes kept, in case the stamps of a bus do not advance and no block grows
+old."""
+_BLOCK_BYTES = 4096
+"""Bytes of a block in addition to its frames and samples, about."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Counted:
+class _Block:
     first_ns: int
     last_ns: int
+    """Earliest and latest stamp of its frames."""
+    frames: FrameBatch
+    samples: SampleBlock
     losses: Losses
+    """All losses counted up to it."""
+
+    @property
+    def size(self) -> int:
+        """Memory of the block, bytes, about."""
+        samples = sum(t_ns.nbytes + value.nbytes for t_ns, value in self.samples.values())
+        return _BLOCK_BYTES + self.frames.data.nbytes + 16 * len(self.frames) + samples
 
 
-class RecentLosses:
-    """Losses counted up to each block of the last `kept_s` + 1 s."""
+class Recent:
+    """The blocks of the last `CHECK_S`, or `kept_s` if that is longer, in order of arrival."""
 
     def __init__(self, kept_s: float) -> None:
-        self._kept_ns = round(kept_s * 1e9) + _SLACK_NS
-        self._blocks = deque([_Counted(0, 0, Losses())], MOST_BLOCKS)
+        self.kept_s = kept_s
+        self._blocks = deque([_Block(0, 0, FrameBatch.empty(), {}, Losses())])
+        self._bytes = self._blocks[0].size
 
-    def add(self, first_ns: int, last_ns: int, losses: Losses) -> None:
-        """Add the losses counted up to a block, and its earliest and latest stamp."""
-        before_ns = self._blocks[-1].last_ns  # as in `RecentSamples`, for a pause of the bus
-        self._blocks.append(_Counted(first_ns, last_ns, losses))
+    def add(self, frames: FrameBatch, samples: SampleBlock, losses: Losses) -> None:
+        """Add a block, not empty."""
+        first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
+        block = _Block(first_ns, last_ns, frames, samples, losses)
+        # The first block after a pause of the bus may end a run from before the pause: the previous
+        # block decides which blocks are too old.
+        before_ns = self._blocks[-1].last_ns
+        horizon_ns = before_ns - round(max(self.kept_s, CHECK_S) * 1e9) - _SLACK_NS
+        if last_ns < before_ns - _SLACK_NS:  # the clock was set back
+            horizon_ns = before_ns + 1
+        self._blocks.append(block)
+        self._bytes += block.size
         while len(self._blocks) > 1 and (
-            before_ns - self._blocks[1].last_ns > self._kept_ns
-            or self._blocks[1].last_ns - last_ns > _SLACK_NS
+            self._blocks[0].last_ns < horizon_ns or self._bytes > MOST_BYTES
         ):
-            self._blocks.popleft()
+            self._bytes -= self._blocks.popleft().size
 
-    def between(self, start_ns: int, stop_ns: int) -> Losses:
+    def frames(self, seconds: float) -> FrameBatch:
+        """Return the frames of the last seconds."""
+        since_ns = self._blocks[-1].last_ns - round(seconds * 1e9)
+        blocks = [b.frames for b in self._blocks if b.last_ns >= since_ns]
+        frames = FrameBatch.concatenate(blocks)
+        return frames.select(frames.t_ns >= since_ns)
+
+    def samples(self, start_ns: int, stop_ns: int) -> SampleBlock:
+        """Return the samples of a span, by channel, in order of arrival."""
+        pieces: dict[str, list[Column]] = {}
+        for block in self._blocks:
+            if block.last_ns >= start_ns:
+                for name, piece in block.samples.items():
+                    pieces.setdefault(name, []).append(piece)
+        samples: dict[str, Column] = {}
+        for name, columns in pieces.items():
+            t_ns, value = (np.concatenate(parts) for parts in zip(*columns, strict=True))
+            within = (t_ns >= start_ns) & (t_ns < stop_ns)
+            samples[name] = (t_ns[within], value[within])
+        return samples
+
+    def losses(self, start_ns: int, stop_ns: int) -> Losses:
         """Return the losses in a span, extended to complete blocks.
 
-        The first block after a pause of the bus has all losses of the pause: the span gets the
-        share of these losses that corresponds to its share of the pause.
+        Losses of a pause of the bus, which the first block after it has, are not those of a run
+        that ends in the pause.
         """
-        blocks = list(self._blocks)
-        earlier = [k for k, block in enumerate(blocks) if block.last_ns < start_ns]
-        within = blocks[earlier[-1] if earlier else 0 :]
-        total = np.zeros(len(fields(Losses)))
-        for before, block in pairwise(within):
-            share = 1.0
-            if block.first_ns >= stop_ns:
-                pause_ns = max(block.first_ns - before.last_ns, 1)
-                share = max(stop_ns - before.last_ns, 0) / pause_ns
-            total += share * np.subtract(astuple(block.losses), astuple(before.losses))
-        return Losses(*np.rint(total).astype(int).tolist())
+        before = [block for block in self._blocks if block.last_ns < start_ns]
+        until = [block for block in self._blocks if block.first_ns < stop_ns]
+        first, last = (before or [self._blocks[0]])[-1], (until or [self._blocks[0]])[-1]
+        return Losses(*map(sub, astuple(last.losses), astuple(first.losses)))
 
 
-def _size(batch: FrameBatch) -> int:
-    return batch.data.nbytes + 16 * len(batch)
-
-
-# The judging --------------------------------------------------------------------------------------
+# Judges the runs, and compares them ---------------------------------------------------------------
 
 UNJUDGED: Sequence[Finding] = (
     Finding("unjudged", Severity.NOTE, "the recorder could not judge it"),
@@ -174,24 +140,19 @@ def is_only_unlike(run: LoggedRun) -> bool:
 
 
 class Judge:
-    """Keeps the data for a verdict, and judges a run that has ended.
+    """Judges the runs of a bench.
 
-    `measures`: measures of the earlier runs; later ones are added.
+    `recent`: the last seconds of the recording.  `measures`: those of earlier runs, by label; later
+    ones are added.
     """
 
-    def __init__(self, bench: Bench, codec: Codec, measures: dict[str, RunMeasure]) -> None:
-        self._bench = bench
-        self._measures = measures
+    def __init__(
+        self, bench: Bench, codec: Codec, recent: Recent, measures: dict[str, RunMeasure]
+    ) -> None:
+        self._bench, self._recent, self._measures = bench, recent, measures
         self._timed = timed_messages(codec, bench.message_rules)
-        self._samples = RecentSamples(bench.trigger.pre_s + bench.trigger.post_s)
         self._saturated: dict[str, int] = {}
         self._left: tuple[int, int, float | None] = (0, 0, None)
-        self._losses = RecentLosses(bench.trigger.pre_s + bench.trigger.post_s)
-
-    def add(self, first_ns: int, last_ns: int, block: SampleBlock, losses: Losses) -> None:
-        """Add a block, its earliest and latest stamp, and the losses counted up to it."""
-        self._samples.add(last_ns, block)
-        self._losses.add(first_ns, last_ns, losses)
 
     def saw_saturated(self, t_ns: int, channels: Sequence[str]) -> None:
         """Note the channels that are at the end of their range."""
@@ -199,9 +160,8 @@ class Judge:
 
     def verdict(self, step: Step, bump_ns: int, run_log: RunLog) -> tuple[Finding, ...]:
         """Judge the run of a step."""
-        start_ns, stop_ns = self._bench.trigger.window_ns(bump_ns)
-        lost = self._losses.between(start_ns, stop_ns)
-        samples = self._samples.between(start_ns, stop_ns)
+        span = self._bench.trigger.window_ns(bump_ns)
+        samples, lost = self._recent.samples(*span), self._recent.losses(*span)
         saturated = tuple(name for name, t_ns in self._saturated.items() if t_ns >= bump_ns)
         window = RunWindow(bump_ns, samples, lost, (), saturated, self._timed)
         kind = run_log.of(step.mass_state, step.excitation)
@@ -219,10 +179,31 @@ class Judge:
         if before_bump_ns == bump_ns and 0 <= t_ns - seen_ns < LOOK_NS:
             return left
         start_ns, _ = self._bench.trigger.window_ns(bump_ns)
-        columns = dict(self._samples.between(start_ns, t_ns + 1))
-        left = peak_left(self._bench.channels, bump_ns, columns, t_ns)
+        samples = self._recent.samples(start_ns, t_ns + 1)
+        left = peak_left(self._bench.channels, bump_ns, samples, t_ns)
         self._left = (bump_ns, t_ns, left)
         return left
+
+
+def unlike_runs(
+    bench: Bench, run_log: RunLog, measures: Mapping[str, RunMeasure]
+) -> tuple[LeftOut, ...]:
+    """Return the accepted runs to leave out, of every kind that has more of them than planned.
+
+    Runs of the other side or axle are compared among themselves.  A run that a person has accepted
+    is kept, because a person has decided on it.
+    """
+    unlike, campaign = list[LeftOut](), bench.campaign
+    for kind in dict.fromkeys((run.mass_state, run.excitation) for run in run_log.runs):
+        accepted = [run for run in run_log.of(*kind) if is_accepted(run)]
+        known = {run.label: measures[run.label] for run in accepted if run.label in measures}
+        decided = {run.label for run in accepted if run.by}
+        for wheels in dict.fromkeys(measure.wheels for measure in known.values()):
+            alike = {label: m for label, m in known.items() if m.wheels == wheels}
+            planned = campaign.repeats - (len(accepted) - len(alike))
+            odd = left_out(bench.channels, campaign.bump_s, alike, planned)
+            unlike += [LeftOut(label, odd[label]) for label in odd if label not in decided]
+    return tuple(unlike)
 
 
 # Measures the earlier runs of a resumed recording again, from its journal -------------------------
@@ -230,28 +211,26 @@ class Judge:
 # Later runs are compared with them.  Reading may take seconds, during which the recorder must
 # already record, so it is done in a separate thread.
 
-PassOn = Callable[[Mapping[str, RunMeasure]], object]
-
 _log = logging.getLogger("recorder")
 
 
-def recall(tail: RecordingInfo, bench: Bench, pass_on: PassOn) -> threading.Thread:
+def recall(
+    tail: RecordingInfo, bench: Bench, pass_on: Callable[[Mapping[str, RunMeasure]], object]
+) -> threading.Thread:
     """Measure the runs in a separate thread, which passes on the result; never raises."""
-    thread = threading.Thread(
-        target=_recall, args=(tail, bench, pass_on), name="recall", daemon=True
-    )
+
+    def measure() -> None:
+        try:
+            pass_on(_remeasured(tail, bench))
+        except Exception as error:  # any exception: then later runs are not compared
+            _log.warning("earlier runs cannot be measured again: %s", printable(str(error)))
+
+    thread = threading.Thread(target=measure, name="recall", daemon=True)
     thread.start()
     return thread
 
 
-def _recall(tail: RecordingInfo, bench: Bench, pass_on: PassOn) -> None:
-    try:
-        pass_on(remeasured(tail, bench, bench_codec(bench)))
-    except Exception as error:  # any exception: then later runs are not compared
-        _log.warning("earlier runs cannot be measured again: %s", printable(str(error)))
-
-
-def remeasured(tail: RecordingInfo, bench: Bench, codec: Codec) -> Mapping[str, RunMeasure]:
+def _remeasured(tail: RecordingInfo, bench: Bench) -> Mapping[str, RunMeasure]:
     """Return the measures of the runs with which later ones are compared, by label.
 
     Raises OSError or InputError if the journal cannot be read, or contradicts the bench.
@@ -266,6 +245,7 @@ def remeasured(tail: RecordingInfo, bench: Bench, codec: Codec) -> Mapping[str, 
     ]
     if not paths:
         return {}
+    codec = bench_codec(bench)
     mapped = mapped_channels(bench, codec)
     measures = {}
     for run, frames in zip(runs, read_windows(paths, spans)[1], strict=True):

@@ -11,16 +11,24 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from dbc.frames import FrameBatch
 
 from ..bus.link import Link
 from ..bus.source import BLOCK_FRAMES, HopLosses, LinkFacts, SourceLosses
 from ..control.messages import QueueStatus, StorageStatus
-from ..runs import Event
 
-# Measures how long frames arrive without being stored, whatever part of the recorder is faulty ----
+READ_TIMEOUT_S = 0.1
+"""Longest wait for frames, s, before the counts are checked."""
+DRAIN_S = 1.0
+"""Longest time, s, for which a halted reader reads frames that arrived before."""
+QUEUE_BLOCKS = 4096
+"""Largest number of blocks in the queue: 10 s of four buses, with a block every 10 ms or 2048
+frames."""
+QUEUE_BYTES = 128 << 20
+"""Largest number of bytes in the queue."""
+_FRAME_BYTES = 16
+"""Bytes of a frame in addition to its payload."""
 
 
 class StorageWatch:
@@ -53,36 +61,14 @@ class StorageWatch:
             return StorageStatus(self._received, self._stored, late_s)
 
 
-# The readers --------------------------------------------------------------------------------------
-
-READ_TIMEOUT_S = 0.1
-"""Longest wait for frames, s, before the counts are checked."""
-DRAIN_S = 1.0
-"""Longest time, s, for which a halted reader reads frames that arrived before."""
-QUEUE_BLOCKS = 4096
-"""Largest number of blocks in the queue: 10 s of four buses, with a block every 10 ms or 2048
-frames."""
-QUEUE_BYTES = 128 << 20
-"""Largest number of bytes in the queue."""
-_FRAME_BYTES = 16
-"""Bytes of a frame in addition to its payload."""
-
-
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Frames of one reader, their time of arrival, and the counts up to and including them."""
+    """Frames of one reader, their time of arrival, and its losses up to and including them."""
 
     reader: int
     frames: FrameBatch
-    losses: SourceLosses
-    dropped: int
+    losses: HopLosses
     received_s: float
-
-    @property
-    def counts(self) -> HopLosses:
-        """All losses of this reader."""
-        lost = self.losses
-        return HopLosses(lost.dropped, lost.garbled, lost.restamped, self.dropped)
 
     @property
     def size(self) -> int:
@@ -134,27 +120,29 @@ class Reader(threading.Thread):
 
     def __init__(self, number: int, link: Link, pieces: PieceQueue, watch: StorageWatch) -> None:
         super().__init__(name=f"reader {link.facts().name}", daemon=True)
-        self.link = link
-        self.number = number
-        self.dropped = 0
+        self.link, self.number = link, number
+        self._dropped = 0
         self._pieces, self._watch = pieces, watch
-        self._halt, self._left = threading.Event(), threading.Event()
+        self._halt, self._abandoned = threading.Event(), threading.Event()
         self._halted_s = 0.0
 
     def run(self) -> None:
         """Read until halted; the link never raises."""
-        reported, frames = (SourceLosses(), 0), FrameBatch.empty()
-        while not self._halt.is_set() or self._has_backlog(frames):
+        reported, frames = HopLosses(), FrameBatch.empty()
+        while not self._halt.is_set() or (
+            # More frames than the last block may have arrived before the halt.
+            len(frames) >= BLOCK_FRAMES and time.monotonic() - self._halted_s < DRAIN_S
+        ):
             frames = self.link.read(READ_TIMEOUT_S)
-            if self._left.is_set():
+            if self._abandoned.is_set():
                 break  # it hung: its bus may have another reader now
-            self._watch.received(len(frames), time.monotonic())
-            counts = (self.link.facts().losses, self.dropped)
-            if len(frames) or counts != reported:
-                if self._pieces.put(self._piece(frames, counts[0])):
-                    reported = counts
+            now_s, losses = time.monotonic(), self.losses()
+            self._watch.received(len(frames), now_s)
+            if len(frames) or losses != reported:
+                if self._pieces.put(Piece(self.number, frames, losses, now_s)):
+                    reported = losses
                 else:
-                    self.dropped += len(frames)
+                    self._dropped += len(frames)
         self.link.close()
 
     def halt(self) -> None:
@@ -163,35 +151,28 @@ class Reader(threading.Thread):
         self._halt.set()
         self.link.halt()
 
-    def leave(self) -> None:
+    def abandon(self) -> None:
         """Ignore its frames if it ever continues."""
-        self._left.set()
+        self._abandoned.set()
 
-    def counts(self) -> Piece:
-        """Return the present counts."""
-        return self._piece(FrameBatch.empty(), self.link.facts().losses)
-
-    def _has_backlog(self, last: FrameBatch) -> bool:
-        """Return whether more frames than the last block may have arrived before the halt."""
-        return len(last) >= BLOCK_FRAMES and time.monotonic() - self._halted_s < DRAIN_S
-
-    def _piece(self, frames: FrameBatch, losses: SourceLosses) -> Piece:
-        return Piece(self.number, frames, losses, self.dropped, time.monotonic())
+    def losses(self) -> HopLosses:
+        """Return the losses until now."""
+        lost: SourceLosses = self.link.facts().losses
+        return HopLosses(lost.dropped, lost.garbled, lost.restamped, self._dropped)
 
 
 class Readers:
-    """All readers of a recorder, which fill one queue, and the sum of their counts."""
+    """All readers of a recorder, which fill one queue, and the sum of their losses."""
 
-    def __init__(self, pieces: PieceQueue, watch: StorageWatch | None = None) -> None:
-        self._pieces, self._watch = pieces, watch or StorageWatch()
+    def __init__(self, pieces: PieceQueue, watch: StorageWatch) -> None:
+        self._pieces, self._watch = pieces, watch
         self._readers: list[Reader] = []
         self._ended = HopLosses()
-        self._counts: dict[int, HopLosses] = {}
+        self._losses: dict[int, HopLosses] = {}
 
     def start(self, links: Sequence[Link]) -> None:
         """Start a reader for each link."""
-        numbered = enumerate(links)
-        self._readers = [Reader(n, link, self._pieces, self._watch) for n, link in numbered]
+        self._readers = [Reader(n, k, self._pieces, self._watch) for n, k in enumerate(links)]
         for reader in self._readers:
             reader.start()
 
@@ -202,38 +183,24 @@ class Readers:
         deadline_s = time.monotonic() + within_s
         for reader in self._readers:
             reader.join(max(deadline_s - time.monotonic(), 0.0))
-            reader.leave()
+            reader.abandon()
 
     def take(self, frames: int) -> list[Piece]:
-        """Return the pieces read; `hops` then has the counts up to them."""
+        """Return the pieces read; `hops` then has the losses up to them."""
         taken = self._pieces.take(frames)
-        self._counts.update((piece.reader, piece.counts) for piece in taken)
+        self._losses.update((piece.reader, piece.losses) for piece in taken)
         return taken
 
     def settle(self) -> None:
-        """Update the counts after all readers are halted and all pieces taken."""
-        for reader in self._readers:
-            self._counts[reader.number] = reader.counts().counts
-        self._ended, self._counts, self._readers = self.hops(), {}, []
+        """Update the losses after all readers are halted and all pieces taken."""
+        self._losses.update((reader.number, reader.losses()) for reader in self._readers)
+        self._ended, self._losses, self._readers = self.hops(), {}, []
 
     def hops(self) -> HopLosses:
         """Return the losses up to the pieces taken last, over all readers."""
-        rows = [self._ended.counts, *(counts.counts for counts in self._counts.values())]
+        rows = [self._ended.counts, *(losses.counts for losses in self._losses.values())]
         return HopLosses(*(sum(column) for column in zip(*rows, strict=True)))
 
     def facts(self) -> tuple[LinkFacts, ...]:
         """Return the state of each link."""
         return tuple(reader.link.facts() for reader in self._readers)
-
-
-# Defines the interface of a store of frames and events --------------------------------------------
-
-
-class FrameStore(Protocol):
-    """A store of frames and events: a `JournalWriter`."""
-
-    def append(self, frames: FrameBatch, losses: HopLosses) -> None:
-        """Store a block of frames, and the losses counted up to it."""
-
-    def append_events(self, events: Sequence[Event]) -> None:
-        """Store events."""

@@ -12,7 +12,7 @@ import gc
 import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -38,34 +38,32 @@ from ..control.orders import (
     Start,
     Stop,
 )
-from ..journal.contents import RecordingInfo
 from ..journal.folder import seal_left_open
-from ..journal.segment import SyncedFile
-from ..runlog.run_log import Code, fold
+from ..journal.format import session_name
+from ..journal.segment import JournalFile, SyncedFile
+from ..journal.writer import JournalWriter
+from ..runlog.run_log import Code, RunLog, fold
 from ..samples.trigger import bench_mapping
 from .derivation import Derivation
 from .judging import recall
-from .open_recording import CreateFile, OpenRecording, open_journal, resumable, unfinished
-from .orders import Checks, OrderError, OrderQueue, configured
+from .orders import OrderError, OrderQueue, answer_check, configured
 from .readers import PieceQueue, Readers, StorageWatch
 from .recording import FaultBarrier, Recording
-
-# Excludes all loaded objects from garbage collection ----------------------------------------------
-#
-# A full collection visits every loaded object, about 200,000, and takes a tenth of a second.
+from .resuming import OpenRecording, new_head, resumable, unfinished
 
 
 @contextmanager
 def loaded_is_kept() -> Iterator[None]:
-    """Collect only objects that are made within the `with`; must not be nested."""
+    """Collect only objects that are made within the `with`; must not be nested.
+
+    A full collection visits every loaded object, about 200,000, and takes a tenth of a second.
+    """
     gc.freeze()
     try:
         yield
     finally:
         gc.unfreeze()
 
-
-# The recorder -------------------------------------------------------------------------------------
 
 BLOCK_S = 0.1
 """Time between two blocks of the journal, s; a power cut loses the frames since the last one."""
@@ -81,8 +79,6 @@ HALT_S = 2.0
 JOURNAL_FOLDER = "journal"
 
 Publish = Callable[[Status, Live | None], None]
-Watched = Callable[[], bool]
-
 
 _log = logging.getLogger("recorder")
 
@@ -104,27 +100,24 @@ class Recorder:
         open_source: OpenSource,
         *,
         software: str,
-        create: CreateFile = SyncedFile,
+        create: Callable[[Path], JournalFile] = SyncedFile,
         pieces: PieceQueue | None = None,
         clock: Callable[[], Now] = read_clocks,
     ) -> None:
         bench_mapping(bench, bench_codec(bench))
-        self._bench = bench
-        self._folder = folder
-        self._journal = folder / JOURNAL_FOLDER
-        self._open_source = open_source
-        self._software = software
-        self._create = create
-        self._clock = clock
+        self._bench, self._folder, self._journal = bench, folder, folder / JOURNAL_FOLDER
+        self._open_source, self._software = open_source, software
+        self._create, self._clock = create, clock
         self._pieces = pieces or PieceQueue()
         self._storage = StorageWatch()
         self._readers = Readers(self._pieces, self._storage)
         self._orders = OrderQueue()
-        self._ended = False
+        self._checks = ThreadPoolExecutor(1, "check")
         self._barrier = FaultBarrier()
         self._derivation = Derivation()
-        self._checks = Checks()
-        self._opened: OpenRecording  # since `run` began
+        self._ended = False
+        self._writer: JournalWriter
+        self._opened: OpenRecording  # since `run` began, as the writer
         self._hops_before = HopLosses()
         self._lag_s: float  # of the last block
         self._begun = ""
@@ -152,7 +145,7 @@ class Recorder:
         return self._storage.status(self._clock().monotonic_s)
 
     def run(
-        self, stop: threading.Event, publish: Publish, is_watched: Watched = lambda: True
+        self, stop: threading.Event, publish: Publish, is_watched: Callable[[], bool] = lambda: True
     ) -> None:
         """Record until `stop` is set or an order to shut down comes.
 
@@ -173,9 +166,8 @@ class Recorder:
                 self._finish(publish)
         finally:
             self._orders.close()
-            self._orders.cancel()
             self._derivation.close()
-            self._checks.close()
+            self._checks.shutdown(wait=False, cancel_futures=True)
 
     # The writer's thread -----------------------------------------------------------------------
 
@@ -192,7 +184,7 @@ class Recorder:
             return
         self._look()
         while (pending := self._orders.take()) is not None:
-            self._carry_out(pending.order, pending.by, pending.answer)
+            self._carry_out(*pending)
         if self._build_s is not None and self._clock().monotonic_s >= self._build_s:
             self._build(self._opened)
         self._derivation.poll()
@@ -201,7 +193,7 @@ class Recorder:
     def _look(self, links: Sequence[LinkFacts] | None = None) -> bool:
         """Store a block, and look at all frames since the last look; return what `_store` does."""
         stored, now = self._store(), self._clock()
-        facts, disk = links or self._readers.facts(), self._opened.writer.status
+        facts, disk = links or self._readers.facts(), self._writer.status
         storage = self._storage.status(now.monotonic_s)
         events = self._recording.look(now, facts, disk, storage)
         if any(event.code == Code.RUN_END for event in events):
@@ -213,11 +205,10 @@ class Recorder:
         """Store the frames that were read as one block; return whether there were any."""
         pieces = self._readers.take(BLOCK_FRAMES)
         batch = FrameBatch.concatenate([piece.frames for piece in pieces])
-        writer = self._opened.writer
         self._recording.store(batch, self._readers.hops().since(self._hops_before))
-        writer.maintain(self._clock().monotonic_s)
-        self._storage.stored(writer.stored_frames)
-        disk = writer.status
+        self._writer.maintain(self._clock().monotonic_s)
+        self._storage.stored(self._writer.stored_frames)
+        disk = self._writer.status
         done_s = self._clock().monotonic_s
         self._lag_s = max((done_s - piece.received_s for piece in pieces), default=0.0)
         durable = not (disk.failed or disk.held_frames)
@@ -231,10 +222,10 @@ class Recorder:
     def _publish(self, publish: Publish) -> None:
         now = self._clock()
         live = self._barrier.value("live", now, None, self._recording.live)
-        self._barrier.run("publish", now, lambda: publish(self._status(now), live))
+        self._barrier.value("publish", now, None, lambda: publish(self._status(now), live))
 
     def _status(self, now: Now) -> Status:
-        disk = self._opened.writer.status
+        disk = self._writer.status
         return replace(
             self._recording.status(now),
             recording=self._opened.campaign,
@@ -263,13 +254,13 @@ class Recorder:
             case Hello() | AskStatus():
                 pass
             case AskHistory():
-                return Reply(0, live=self._recording.history(order.seconds))
+                return Reply(live=self._recording.history(order.seconds))
             case AskBench():
-                return Reply(0, bench_text=self._recording.bench.text)
+                return Reply(bench_text=self._recording.bench.text)
             case AskCheck():
                 frames = self._recording.recent(order.seconds)
                 self._recording.note("check", order.seconds, by, now)
-                self._checks.begin(self._recording.bench, frames, answer)
+                self._checks.submit(answer_check, self._recording.bench, frames, answer)
                 return None
             case Start():
                 bench = configured(self._bench, order.bench_text or self._recording.bench.text)
@@ -284,10 +275,9 @@ class Recorder:
             case Bench():
                 self._reload(order, now)
             case _:
-                opened = self._campaign()
-                self._recording.carry_out(order, by, now)
-                opened.writer.limits = self._recording.bench.recorder
-        return Reply(0, status=self._status(now))
+                self._campaign().recording.carry_out(order, by, now)
+                self._writer.limits = self._recording.bench.recorder
+        return Reply(status=self._status(now))
 
     # Recordings --------------------------------------------------------------------------------
 
@@ -302,43 +292,58 @@ class Recorder:
 
     def _resume_or_begin(self) -> None:
         """Resume the last campaign, or build its session file if necessary and begin a new one."""
-        now = self._clock()
-        seal_left_open(self._journal)
-        found = resumable(self._journal, self._bench)
+        now, journal = self._clock(), self._journal
+        seal_left_open(journal)
+        found, left = resumable(journal, self._bench), None
         if isinstance(found, str):
-            self._begun = found
+            self._begun, tail = found, None
+            left = unfinished(journal)
         else:
-            tail, bench = found
+            tail, self._bench = found
             frames = plural(tail.frames, "frame")
             self._begun = f"it was interrupted, and continues after {tail.frames:,} {frames}"
-            STEADY_CLOCK.begin(tail.last_ns)
-            opened = self._open_journal(bench, now, tail)
-            if (run_log := fold(tail.events)).runs:  # its session file may lack the last of them
-                revision, recording = run_log.revision, opened.campaign
-                self._derivation.begin(opened.session, tail.segments, recording, revision)
+        STEADY_CLOCK.begin(tail.last_ns if tail else 0)
+        bench, run_log = self._bench, fold(tail.events) if tail else RunLog()
+        head = new_head(bench, self._software, now, campaign=True)
+        head = replace(head, recording=tail.head.recording) if tail else head
+        self._writer = JournalWriter(journal, head, bench.recorder, self._create, tail)
+        self._open(bench, run_log, tail.segments if tail else ())
+        if tail is not None:
+            self._recording.note(Code.RESUMED, float(tail.frames), self._software, now)
             recall(tail, bench, self._recording.measures.update)
-            return
-        left = unfinished(self._journal)
+            if run_log.runs:  # its session file may lack the last of them
+                left = self._opened.session, tail
         if left is not None:
             session, last = left
             revision = fold(last.events).revision
             self._derivation.begin(session, last.segments, last.head.recording, revision)
-        STEADY_CLOCK.begin()
-        self._open_journal(self._bench, now)
 
-    def _open_journal(
-        self, bench: Bench, now: Now, tail: RecordingInfo | None = None
-    ) -> OpenRecording:
-        software, barrier, create = self._software, self._barrier, self._create
-        self._opened = open_journal(self._journal, bench, software, now, barrier, create, tail)
-        self._bench = bench
-        return self._opened
+    def _open(self, bench: Bench, run_log: RunLog, before: tuple[Path, ...] = ()) -> None:
+        """Process the recording that the writer has begun."""
+        codec, head = bench_codec(bench), self._writer.head
+        recording = Recording(bench, codec, self._writer, run_log, self._barrier)
+        session = self._folder / session_name(head.first_segment)
+        self._opened = OpenRecording(recording, head, self._writer.ledger, session, before)
 
     def _go_on(self, bench: Bench, why: str, now: Now, *, campaign: bool) -> None:
-        """End the recording, start building its session file, and begin the next recording."""
+        """End the recording, start building its session file, and begin the next recording.
+
+        `why`: the reason, for the run that is being recorded.  Raises InputError if bench.toml and
+        DBC contradict each other, and OrderError if the disk refuses the frames that wait in
+        memory; this recording then continues.
+        """
         self._look()
-        before = self._opened
-        self._opened = before.next(bench, why, now, self._barrier, campaign=campaign)
+        bench_mapping(bench, bench_codec(bench))
+        before, writer = self._opened, self._writer
+        if writer.flush():
+            before.recording.cut(why)
+        if not writer.begin(new_head(bench, self._software, now, campaign=campaign)):
+            disk = writer.status
+            wait = counted(disk.held_frames, "frame waits", "frames wait")
+            text = f"the disk refuses ({disk.failed}): {wait} in memory; make room first"
+            raise OrderError(text)
+        writer.limits = bench.recorder
+        self._open(bench, RunLog())
         STEADY_CLOCK.begin()  # only here, because within a recording a set clock must not move time
         self._bench, self._begun = bench, ""
         self._hops_before = self._readers.hops()  # earlier losses are not losses of this recording
@@ -347,12 +352,12 @@ class Recorder:
 
     def _build(self, opened: OpenRecording) -> None:
         """Start building the present session file, from files that no longer change."""
-        opened.writer.cut()
+        self._writer.cut()
         self._derive(opened)
 
     def _derive(self, opened: OpenRecording) -> None:
         self._build_s = None
-        revision = opened.recording.revision
+        revision = opened.recording.run_log.revision
         self._derivation.begin(opened.session, opened.segments, opened.campaign, revision)
 
     def _reload(self, bench: Bench, now: Now) -> None:
@@ -370,7 +375,7 @@ class Recorder:
                 self._go_on(bench, "a new bench.toml was read", now, campaign=True)
             else:
                 self._recording.reconfigure(bench, now)
-            self._opened.writer.limits = bench.recorder
+            self._writer.limits = bench.recorder
             self._bench = bench
         finally:
             if rewired:  # with the old bench, if the new one could not be adopted
@@ -394,9 +399,8 @@ class Recorder:
     def _finish(self, publish: Publish) -> None:
         self._orders.close()
         self._stop_readers()
-        writer = self._opened.writer
-        writer.close(ended=not self._opened.campaign)
-        if held := writer.status.held_frames:
+        self._writer.close(ended=not self._opened.campaign)
+        if held := self._writer.status.held_frames:
             were = counted(held, "frame was", "frames were")
             _log.error(
                 "%s in memory, and the disk did not take %s", were, plural(held, "it", "them")

@@ -6,7 +6,10 @@ import re
 import subprocess
 import sys
 
+import pytest
 
+
+@pytest.mark.long  # half a minute; `make soak` has the whole of it
 def test_a_recorder_holds_no_more_after_many_bumps_than_after_few() -> None:
     command = [sys.executable, "-m", "tests.daq.soak", "60000", "2"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -76,7 +76,7 @@ def test_the_manual_names_every_alarm_exit_code_and_order() -> None:
         assert f"| `{code}` |" in text, code
     for exit_code in ExitCode:
         assert re.search(rf"^\| {exit_code.value} \|", text, re.MULTILINE), exit_code
-    for order in get_args(get_args(Order)[0]):
-        assert f"`{order.__dataclass_fields__['order'].default}`" in text, order
+    for order in get_args(Order):
+        assert f"`{order.__name__}`" in text, order
     for number in range(1, 17):
         assert f"| R{number} |" in text

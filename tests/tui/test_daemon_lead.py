@@ -34,7 +34,7 @@ class Engine:
         if self.refuses:
             future.set_exception(ValueError("the disk refuses"))
         else:
-            future.set_result(Reply(0))
+            future.set_result(Reply())
         return future
 
 

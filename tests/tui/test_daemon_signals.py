@@ -217,7 +217,7 @@ def test_a_bench_that_is_read_anew_is_taken_and_sent_to_new_clients(tmp_path: Pa
         made(all_, log, reread=lambda: other)._reload()
         assert all_.reloaded == [other]
         assert all_.setup is None, "not before the recorder has it"
-        all_.answer.set_result(Reply(0))
+        all_.answer.set_result(Reply())
         log.line("then")
     assert all_.said == ["reloading"]
     assert all_.setup == setup_of(other)

@@ -159,7 +159,7 @@ class Asked:
         self.calls.append(order)
         if isinstance(self.says, Exception):
             raise self.says
-        return Reply(0, status=self.says)
+        return Reply(status=self.says)
 
     def close(self) -> None:
         """Note it."""

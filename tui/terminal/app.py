@@ -21,7 +21,7 @@ from textual.screen import ModalScreen, Screen
 from daq import InputError
 from daq.control.client import OrderRefusedError
 from daq.control.messages import Live, Reply, Setup, Status
-from daq.control.orders import QUESTIONS, AskBench, AskHistory, Hello, Order
+from daq.control.orders import AskBench, AskHistory, Hello, Order, Question
 from daq.errors import printable
 
 from ..diagnostics import unknown_value
@@ -373,7 +373,7 @@ class BenchApp(ScreensApp, KeyboardApp):
 
     async def ask(self, order: Order) -> Reply | None:
         """Send an order; return None after a refusal, whose reason is shown to the operator."""
-        if not self.in_control and not isinstance(order, QUESTIONS):
+        if not self.in_control and not isinstance(order, Question):
             self.warn("this terminal is a viewer: C asks for control")
             return None
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -14,11 +13,11 @@ import zmq
 
 from daq.control.address import Address, control_address, is_running
 from daq.control.client import Client, OrderRefusedError, RecorderGoneError
-from daq.control.lock import is_locked, unreachable_words
 from daq.control.messages import (
     LIVE,
     LIVE_TOPIC,
     PROTOCOL,
+    REPLY,
     STATUS_TOPIC,
     Lane,
     Live,
@@ -29,11 +28,12 @@ from daq.control.server import Server
 from daq.errors import InputError
 
 PATIENCE_MS = 60_000
-Answer = Callable[[int], bytes]
+NOW = b"%d" % PROTOCOL
+Answer = Callable[[bytes], list[bytes]]
 
 
-def said(number: int, **more: object) -> bytes:
-    return json.dumps({"number": number, "error": "", "protocol": PROTOCOL, **more}).encode()
+def said(number: bytes, error: str = "") -> list[bytes]:
+    return [NOW, number, REPLY.dump_json(Reply(error))]
 
 
 @pytest.fixture
@@ -55,10 +55,9 @@ def recorder(address: Address, *answers: Answer) -> Iterator[zmq.Socket[bytes]]:
         waiting = list(answers)
         while not closing.is_set():
             if requests.poll(20):
-                envelope, message = requests.recv_multipart()
-                number = json.loads(message)["number"]
+                client, _, number, *_ = requests.recv_multipart()
                 answer = waiting.pop(0) if waiting else said
-                requests.send_multipart([envelope, answer(number)])
+                requests.send_multipart([client, *answer(number)])
 
     thread = threading.Thread(target=run)
     thread.start()
@@ -72,13 +71,16 @@ def recorder(address: Address, *answers: Answer) -> Iterator[zmq.Socket[bytes]]:
         context.term()
 
 
+OLD = b'{"number": 0, "error": "not a request", "protocol": 3}'
+
+
 @pytest.mark.parametrize(
     ("answer", "why"),
     [
-        (lambda _: b"{}", "of another version"),
-        (lambda _: b"\xff", "of another version"),
-        (lambda n: said(n, protocol=PROTOCOL + 1), f"protocol {PROTOCOL + 1}, not {PROTOCOL}"),
-        (lambda n: said(n, protocol=PROTOCOL - 1), f"protocol {PROTOCOL - 1}, not {PROTOCOL}"),
+        (lambda _: [OLD], "of another version"),  # one before the present form of requests
+        (lambda n: [NOW, n, b"\xff"], "of another version"),
+        (lambda n: [NOW, n, b'{"setup": 1}'], "of another version"),
+        (lambda n: [b"99", n, b"{}"], f"protocol 99, not {PROTOCOL}"),
     ],
 )
 def test_a_recorder_of_another_version_is_named_as_one(
@@ -89,7 +91,7 @@ def test_a_recorder_of_another_version_is_named_as_one(
 
 
 def test_a_refusal_closes_the_connection(address: Address) -> None:
-    with recorder(address, lambda n: said(n, error="Bert is in control")):
+    with recorder(address, lambda n: said(n, "Bert is in control")):
         with pytest.raises(OrderRefusedError, match="Bert is in control"):
             Client(address, "Anna", control=True)
         viewer = Client(address, "Anna", control=False)
@@ -128,38 +130,3 @@ def test_a_recorder_that_cannot_listen_says_where_and_leaves_nothing_behind(
     assert not is_running(address)
     taken.rmdir()
     Server(no_answer, address).close()
-
-
-def test_at_most_sixty_four_orders_wait_for_the_recorder(address: Address) -> None:
-    server = Server(no_answer, address)
-    try:
-        with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
-            socket.linger = 0
-            socket.connect(address.control)
-
-            def send(number: int, order: dict[str, object]) -> None:
-                socket.send(json.dumps({"client": "c", "number": number, "order": order}).encode())
-
-            send(1, {"order": "hello", "name": "Anna", "control": True})
-            assert socket.poll(PATIENCE_MS)
-            assert json.loads(socket.recv())["error"] == ""
-            for number in range(100, 100 + 65):
-                send(number, {"order": "pause"})
-            assert socket.poll(PATIENCE_MS)
-            reply = json.loads(socket.recv())
-            assert (reply["number"], reply["error"]) == (164, "the recorder is busy: try again")
-    finally:
-        server.close()
-
-
-def test_a_place_that_no_lock_can_be_in_is_not_locked(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("", "ascii")
-    assert not is_locked(tmp_path / "file" / "folder")
-
-
-def test_a_folder_that_cannot_be_looked_into_is_said_to_be(tmp_path: Path) -> None:
-    """As one of another user; here its name is too long."""
-    folder = tmp_path / ("x" * 300)
-    assert not is_locked(folder)
-    assert unreachable_words(folder) == "its recorder cannot be reached: File name too long"
-    assert unreachable_words(tmp_path) == ""

@@ -13,7 +13,8 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.control.lock import is_locked, lone_recorder
+from daq.control.lock import is_locked, lone_recorder, unreachable_words
+from daq.errors import FolderLockedError, InputError
 from daq.files import write_text
 from daq.journal.writer import JournalWriter
 
@@ -50,24 +51,46 @@ def test_a_folder_is_locked_while_a_recorder_is_there(tmp_path: Path) -> None:
     assert not is_locked(tmp_path)
 
 
-def test_of_a_folder_in_which_nothing_was_made_nothing_is_left(tmp_path: Path) -> None:
-    with lone_recorder(tmp_path / "today" / "car"):
-        assert is_locked(tmp_path / "today" / "car")
+def test_of_a_new_folder_in_which_nothing_was_made_nothing_is_left(tmp_path: Path) -> None:
+    with lone_recorder(tmp_path / "today"):
+        assert is_locked(tmp_path / "today")
     assert list(tmp_path.iterdir()) == []
-    with lone_recorder(tmp_path / "today" / "car"):
-        (tmp_path / "today" / "note").touch()
-    assert [path.name for path in tmp_path.rglob("*")] == ["today", "note"]
-
-
-def test_a_lock_stays_where_it_was_or_where_something_was_made(tmp_path: Path) -> None:
-    (tmp_path / "note").touch()
-    with lone_recorder(tmp_path):
-        pass
-    assert [path.name for path in tmp_path.iterdir()] == ["note"]
-    (tmp_path / "recorder.lock").touch()
-    with lone_recorder(tmp_path):
-        pass
-    assert (tmp_path / "recorder.lock").exists()
     with lone_recorder(tmp_path / "today"):
         (tmp_path / "today" / "journal").mkdir()
     assert {path.name for path in (tmp_path / "today").iterdir()} == {"recorder.lock", "journal"}
+
+
+def test_a_second_recorder_learns_who_has_the_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "today"
+    code = (
+        "import sys; from pathlib import Path; from daq.control.lock import lone_recorder\n"
+        "with lone_recorder(Path(sys.argv[1])):\n"
+        "    print('locked', flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout
+        other.stdout.readline()
+        with (
+            pytest.raises(FolderLockedError, match=rf"another recorder \(pid {other.pid}\)"),
+            lone_recorder(folder),
+        ):
+            pass
+        assert f"pid {other.pid}" in unreachable_words(folder)
+        with lone_recorder(tmp_path / "elsewhere"):
+            pass
+        other.kill()
+    with lone_recorder(folder):  # what a killed one leaves behind blocks no other
+        assert (folder / "recorder.pid").read_text() == f"{os.getpid()}\n"
+
+
+def test_a_folder_that_cannot_be_made_or_looked_into_is_said_to_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", "ascii")
+    with pytest.raises(InputError, match="Not a directory"), lone_recorder(tmp_path / "file" / "x"):
+        pass
+    assert not is_locked(tmp_path / "file" / "folder")
+    folder = tmp_path / ("x" * 300)  # as one of another user; here its name is too long
+    assert not is_locked(folder)
+    assert unreachable_words(folder) == "its recorder cannot be reached: File name too long"
+    assert unreachable_words(tmp_path) == ""

@@ -1,4 +1,4 @@
-"""Frames that arrive and are not stored: named within a second, whichever part is at fault."""
+"""Frames that arrive and are not stored: named after 3 s, whichever part is at fault."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def test_the_time_without_a_stored_frame_begins_with_the_first_that_waits() -> N
     assert watch.status(21.0) == StorageStatus(21, 15, 1.0)
 
 
-@pytest.mark.parametrize(("late_s", "alarm"), [(0.89, False), (0.91, True)])
-def test_from_nine_tenths_of_a_second_on_it_is_an_alarm(late_s: float, alarm: bool) -> None:
+@pytest.mark.parametrize(("late_s", "alarm"), [(2.99, False), (3.01, True)])
+def test_from_three_seconds_on_it_is_an_alarm(late_s: float, alarm: bool) -> None:
     storage = StorageStatus(100, 50, late_s)
     bench = WatchedBench(["can0"])
     for _ in range(20):
@@ -63,7 +63,7 @@ def test_from_nine_tenths_of_a_second_on_it_is_an_alarm(late_s: float, alarm: bo
     events = bench.turn(storage=storage)
     assert [a.code for a in bench.alarms] == ["not_recording"] * alarm
     assert [e.text for e in events] == [
-        "not_recording: frames arrive, and none was stored for 0.9 s"
+        "not_recording: frames arrive, and none was stored for 3.0 s"
     ] * alarm
     # As long as the writer itself hangs, the main thread adds the alarm to its last status.
     last = a_status()
@@ -71,7 +71,7 @@ def test_from_nine_tenths_of_a_second_on_it_is_an_alarm(late_s: float, alarm: bo
     assert codes(late) == ["not_recording"] * alarm
     assert (late is last) is not alarm
     if alarm:
-        assert late.alarms[0].since_ns == 4_090_000_000
+        assert late.alarms[0].since_ns == 1_990_000_000
         assert with_not_recording(late, storage, 6_000_000_000) is late
 
 
@@ -130,13 +130,14 @@ def test_a_store_that_drops_frames_without_an_error_is_found(
             append(self, batch, losses)
 
     monkeypatch.setattr(JournalWriter, "append", drops)
+    monkeypatch.setattr("daq.alarms.watch._NOT_RECORDING_S", 1.0)  # in place of 3 s
     with Running(quick, tmp_path, sources(script)) as running:
         # A disk may keep a busy machine waiting, and then the alarm is right.
         running.until(lambda s: s.disk.recorded_frames > 200 and "not_recording" not in codes(s))
         dropping.set()
         begun_s = time.monotonic()
         status = running.until(lambda s: "not_recording" in codes(s))
-        assert time.monotonic() - begun_s < 5.0  # 0.9 s, and room for a busy machine
+        assert time.monotonic() - begun_s < 8.0  # 3 s, and room for a busy machine
         assert status.storage.received_frames > status.storage.stored_frames
         dropping.clear()
         running.until(lambda s: "not_recording" not in codes(s))
@@ -147,8 +148,9 @@ def test_a_store_that_drops_frames_without_an_error_is_found(
 
 
 def test_a_writer_that_hangs_is_named_by_another_thread(
-    quick: Bench, codec: Codec, tmp_path: Path
+    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("daq.alarms.watch._NOT_RECORDING_S", 1.0)  # in place of 3 s
     hung, gate = threading.Event(), threading.Event()
 
     class Hangs(SyncedFile):
@@ -157,15 +159,15 @@ def test_a_writer_that_hangs_is_named_by_another_thread(
             if hung.is_set():
                 gate.wait(PATIENCE_S)
 
-    script = Script(blocks(bumps(codec, 4), 10), None, 0.01)
+    script = Script(blocks(bumps(codec, 3), 10), None, 0.01)
     with Running(quick, tmp_path, sources(script), create=Hangs) as running:
         running.until(lambda s: s.disk.recorded_frames > 200 and "not_recording" not in codes(s))
         status = watched(running)
         hung.set()
-        assert until_s(lambda: "not_recording" in codes(status())) < 5.0  # 0.9 s, and room
+        assert until_s(lambda: "not_recording" in codes(status())) < 8.0  # 3 s, and room
         assert "not_recording" not in codes(running.last)  # it hangs, and publishes nothing
         gate.set()
-        running.until(lambda s: s.disk.recorded_frames == 4800)
+        running.until(lambda s: s.disk.recorded_frames == 3600)
         until_s(lambda: "not_recording" not in codes(status()))
 
 
@@ -175,11 +177,11 @@ def test_a_silent_bus_and_a_first_frame_are_no_alarm(
     gate = threading.Event()
     script = Gated(gate, blocks(bumps(codec, 1)))
     with Running(quick, tmp_path, sources(script)) as running:
-        running.until(lambda s: len(running.published) > 15)
+        running.until(lambda s: len(running.published) > 5)
         gate.set()
         running.until(lambda s: s.disk.recorded_frames == 1200)
         count = len(running.published)
-        running.until(lambda s: len(running.published) > count + 15)
+        running.until(lambda s: len(running.published) > count + 5)
     assert not any("not_recording" in codes(status) for status in running.published)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from daq.bench.campaign import Origin, Step
-from daq.bench.config import Bench, BusConfig, bench_codec, default_bench_text, load_bench
+from daq.bench.config import Bench, BusConfig, default_bench_text, load_bench
 from daq.bumps import Wheels
 from daq.bus.source import HopLosses
 from daq.check.check import CheckReport
@@ -36,12 +35,12 @@ from daq.control.orders import (
 )
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
-from daq.recorder.orders import Checks, OrderError, OrderQueue, checked_arm, configured, order_event
+from daq.recorder.orders import OrderError, OrderQueue, answer_check, configured, order_event
 from daq.recorder.recording import Recording
 from daq.runlog.run_log import Change, Code, LoggedRun, LoggedStatus, RunLog, fold, verdict_entry
 from daq.runs import ADDED, BASELINE, Event, Excitation
 from daq.vehicle import Corner
-from daq.verdict import RunMeasure, left_out
+from daq.verdict import RunMeasure
 from dbc import Codec, FrameBatch
 from dbc.finding import Finding, Severity
 
@@ -56,7 +55,7 @@ CHANGE = Change(LAST, FIRST)
 
 
 def event(order: Order, *runs: LoggedRun, **facts: Any) -> Event | None:
-    return order_event(order, "Ann", 77, replace(RunLog(runs), **facts), BENCH)
+    return order_event(order, "Ann", 77, replace(RunLog(runs), **facts), BENCH, None, ())
 
 
 def said(found: Event | None) -> tuple[str, int, object]:
@@ -80,6 +79,8 @@ def said(found: Event | None) -> tuple[str, int, object]:
         (Note("x", "other"), (FIRST,), "no run 'other'"),
         (Undo(), (FIRST,), "no verdict to undo"),
         (Redo(), (FIRST,), "nothing to redo"),
+        (LeaveOut(), (FIRST,), "no proposal"),
+        (Arm(Until.COMPLETE), (FIRST,), "campaign is complete"),
     ],
 )
 def test_what_makes_no_sense_now_is_refused(
@@ -105,7 +106,8 @@ def test_orders_that_make_sense_are_events() -> None:
     assert event(Undo(), FIRST, done=(CHANGE,)) == Event(77, "undo", text="Ann")
     assert event(Redo(), FIRST, undone=(CHANGE,)) == Event(77, "redo", text="Ann")
     assert event(Configure("x = 1")) == Event(77, "bench", text="x = 1")
-    assert event(Pause()) is None
+    assert event(Pause()) == Event(77, "pause", text="Ann")
+    assert event(Acknowledge()) is None
 
 
 def test_texts_lose_their_control_characters_and_keep_their_lines() -> None:
@@ -122,20 +124,21 @@ def test_texts_lose_their_control_characters_and_keep_their_lines() -> None:
     assert escaped.text == "\\x07" * 50  # none is cut off, though each is four characters
 
 
-def test_nothing_can_be_armed_where_no_run_is_due() -> None:
-    for until in Until:
-        with pytest.raises(OrderError, match="campaign is complete"):
-            checked_arm(Arm(until), None, RunLog())
-
-
-def test_orders_that_wait_are_cancelled_together() -> None:
+def test_orders_come_in_turn_and_a_closed_queue_refuses_them() -> None:
     orders = OrderQueue()
+    assert orders.take() is None
+    assert not orders.arrived.is_set()
     assert not orders.are_waiting
-    answers = [orders.put(Pause(), name) for name in ("Ann", "Ben")]
+    first, second, third = (orders.put(Pause(), name) for name in ("Ann", "Ben", "Cho"))
+    assert orders.arrived.is_set()
+    assert second.cancel()
+    assert orders.take() == (Pause(), "Ann", first)
     assert orders.are_waiting
-    orders.cancel()
-    assert [answer.cancelled() for answer in answers] == [True, True]
+    orders.close()
+    assert third.cancelled()
     assert not orders.are_waiting
+    refused = orders.put(Pause(), "Dee")
+    assert isinstance(refused.exception(0), OrderError)
     assert orders.take() is None
 
 
@@ -175,58 +178,41 @@ def test_a_bench_that_cannot_go_on_is_refused(text: str, why: str) -> None:
         configured(OLD, text)
 
 
-def test_four_checks_may_wait_and_each_gets_its_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    go_on = threading.Event()
+def test_a_check_is_answered_with_its_lines_or_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Finding("rate", Severity.WARNING, "slow", "message M", "set it", figures={"hz": 5.0})
-
-    def checked(*_: object) -> CheckReport:
-        assert go_on.wait(60.0)
-        return CheckReport(1.0, 2, (line,))
-
-    monkeypatch.setattr("daq.recorder.orders.check_bench", checked)
-    checks = Checks()
-    answers: list[Future[Reply]] = [Future() for _ in range(5)]
-    for answer in answers[:4]:
-        checks.begin(load_bench(None), FrameBatch.empty(), answer)
-    with pytest.raises(OrderError, match="other checks"):
-        checks.begin(load_bench(None), FrameBatch.empty(), answers[4])
-    go_on.set()
+    report = CheckReport(1.0, 2, (line,))
+    monkeypatch.setattr("daq.recorder.orders.check_bench", lambda *_: report)
+    answer = Future[Reply]()
+    answer_check(BENCH, FrameBatch.empty(), answer)
     item = CheckItem("WARN", "message M", "slow", "set it", {"hz": 5.0})
-    assert [answer.result(60.0).check for answer in answers[:4]] == [(item,)] * 4
-    checks.begin(load_bench(None), FrameBatch.empty(), answers[4])  # those before are done
-    assert answers[4].result(60.0).check == (item,)
-    checks.close()
-
-
-def test_a_check_that_fails_is_answered_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    def failing(*_: object) -> CheckReport:
-        raise ValueError("odd")
-
-    monkeypatch.setattr("daq.recorder.orders.check_bench", failing)
-    checks, answer = Checks(), Future[Reply]()
-    checks.begin(load_bench(None), FrameBatch.empty(), answer)
-    with pytest.raises(ValueError, match="odd"):
-        answer.result(60.0)
-    checks.close()
+    assert answer.result(0).check == (item,)
+    monkeypatch.setattr("daq.recorder.orders.check_bench", lambda *_: 1 / 0)
+    answer = Future()
+    answer_check(BENCH, FrameBatch.empty(), answer)
+    assert isinstance(answer.exception(0), ZeroDivisionError)
 
 
 # Orders to a recording, and a bench.toml that changes within it -----------------------------------
 
 
 def test_weights_that_change_are_asked_for_when_the_run_is_armed() -> None:
+    def armed(order: Arm, due: Step, log: RunLog) -> None:
+        found = order_event(order, "Ann", 77, log, BENCH, due, ())
+        assert found == Event(77, "arm", text=f"{order.until} Ann")
+
     first = Step(BASELINE, Excitation.ROLL, 1)
     done = RunLog(runs=(LoggedRun("baseline_roll_1", BASELINE, Excitation.ROLL, 1, 0),))
     loaded = Step(ADDED, Excitation.BOUNCE, 1)
-    checked_arm(Arm(), first, RunLog())
-    checked_arm(Arm(), replace(first, repeat=2), done)
+    armed(Arm(), first, RunLog())
+    armed(Arm(), replace(first, repeat=2), done)
     for order in (Arm(), Arm(Until.RUN, "baseline")):
         with pytest.raises(OrderError, match=r'weights on[?].* arm with "mass_state": "added"'):
-            checked_arm(order, loaded, done)
-    checked_arm(Arm(mass_state="added"), loaded, done)
-    checked_arm(Arm(Until.COMPLETE), loaded, done)
+            armed(order, loaded, done)
+    armed(Arm(mass_state="added"), loaded, done)
+    armed(Arm(Until.COMPLETE), loaded, done)
     back = RunLog(runs=(LoggedRun("added_roll_1", ADDED, Excitation.ROLL, 1, 0),))
     with pytest.raises(OrderError, match=r'weights off[?].* arm with "mass_state": "baseline"'):
-        checked_arm(Arm(), first, back)
+        armed(Arm(), first, back)
 
 
 def test_a_recording_is_not_armed_before_the_weights_are_said_to_be_on(
@@ -421,31 +407,6 @@ def test_runs_of_the_other_side_are_compared_among_themselves(recording: Recordi
         wheels = right if label in ODD else left
         recording.measures[label] = replace(recording.measures[label], wheels=wheels)
     assert status_of(recording).proposed == ()
-
-
-def test_only_the_kind_that_has_changed_is_compared_again(
-    recording: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The comparison of hundreds of runs takes a tenth of a second, in the writer's thread."""
-    compared: list[list[str]] = []
-
-    def noted(channels: Any, bump_s: float, measures: Any, planned: int) -> dict[str, str]:
-        compared.append(list(measures))
-        return left_out(channels, bump_s, measures, planned)
-
-    monkeypatch.setattr("daq.recorder.live.left_out", noted)
-    bounces, rolls = LABELS[:4], LABELS[4:]
-    both = status_of(recording).proposed
-    assert compared == [bounces, rolls]
-    recording.carry_out(Note("wet floor"), "Ann", now())
-    assert status_of(recording).proposed == both
-    assert len(compared) == 2
-    recording.carry_out(Reject(ODD[1], "slipped"), "Ann", now())
-    assert [run.label for run in status_of(recording).proposed] == [ODD[0]]
-    assert compared[2:] == [rolls[:3]]
-    recording.adopt(recording.bench, bench_codec(recording.bench))
-    assert [run.label for run in status_of(recording).proposed] == [ODD[0]]
-    assert compared[3:] == [bounces, rolls[:3]], "with another bench all are"
 
 
 def test_what_is_measured_after_a_restart_is_compared_then(recording: Recording) -> None:

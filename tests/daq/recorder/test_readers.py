@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from daq.bench.config import BusConfig
 from daq.bus.link import Link
 from daq.bus.source import HopLosses, SourceLosses
-from daq.recorder.readers import Piece, PieceQueue, Reader, Readers, StorageWatch
+from daq.recorder.readers import DRAIN_S, Piece, PieceQueue, Reader, Readers, StorageWatch
+from daq.recorder.recorder import HALT_S
 from dbc import FrameBatch
 
 from ..crash_frames import block
+from ..recorder_run import PATIENCE_S
 
 Step = tuple[int, SourceLosses] | Callable[[], object]
 
@@ -64,7 +70,7 @@ def run(source: Scripted, pieces: PieceQueue) -> tuple[Reader, StorageWatch]:
 
 def seen(pieces: list[Piece]) -> list[tuple[int, int, int]]:
     """Return frames, garbled ones and dropped ones of each piece."""
-    return [(len(p.frames), p.losses.garbled, p.dropped) for p in pieces]
+    return [(len(p.frames), p.losses.bus_garbled, p.losses.queue_dropped) for p in pieces]
 
 
 def test_a_reader_hands_over_frames_and_counts_that_are_new() -> None:
@@ -76,7 +82,7 @@ def test_a_reader_hands_over_frames_and_counts_that_are_new() -> None:
     assert seen(taken) == [(5, 0, 0), (0, 1, 0), (7, 1, 0)]
     assert {piece.reader for piece in taken} == {3}
     assert watch.status(0.0).received_frames == 12
-    assert reader.dropped == 0
+    assert reader.losses() == HopLosses(bus_garbled=1)
 
 
 def test_frames_for_which_the_queue_has_no_room_are_counted_with_the_next_that_have() -> None:
@@ -89,16 +95,15 @@ def test_frames_for_which_the_queue_has_no_room_are_counted_with_the_next_that_h
     script: list[Step] = [(5, NONE), (7, NONE), (9, NONE), take, (0, NONE), take, (0, NONE), take]
     reader, watch = run(Scripted(script), pieces)
     assert seen(taken) == [(5, 0, 0), (0, 0, 16)]
-    assert reader.dropped == 16
     assert watch.status(0.0).received_frames == 21
-    assert reader.counts().counts == HopLosses(0, 0, 0, 16)
+    assert reader.losses() == HopLosses(0, 0, 0, 16)
 
 
 @pytest.mark.parametrize(("size", "taken"), [(4, 1), (5, 1), (6, 2), (11, 3), (99, 3)])
 def test_the_oldest_pieces_are_taken_until_there_are_enough(size: int, taken: int) -> None:
     pieces = PieceQueue()
     for _ in range(3):
-        assert pieces.put(Piece(0, block(0, 5), NONE, 0, 0.0))
+        assert pieces.put(Piece(0, block(0, 5), HopLosses(), 0.0))
     assert (pieces.status.blocks, pieces.status.high, pieces.status.room) == (3, 3, 4096)
     assert len(pieces.take(size)) == taken
     assert (pieces.status.blocks, pieces.status.high) == (3 - taken, 3)
@@ -106,7 +111,7 @@ def test_the_oldest_pieces_are_taken_until_there_are_enough(size: int, taken: in
 
 def test_the_room_of_what_was_taken_is_free_again() -> None:
     """Five frames take 5 (8 + 16) bytes."""
-    piece = Piece(0, block(0, 5), NONE, 0, 0.0)
+    piece = Piece(0, block(0, 5), HopLosses(), 0.0)
     assert piece.size == 120
     for room, fits in ((239, 1), (240, 2)):
         pieces = PieceQueue(size=room)
@@ -117,20 +122,104 @@ def test_the_room_of_what_was_taken_is_free_again() -> None:
 
 def test_losses_are_the_sum_of_the_last_counts_of_all_readers() -> None:
     pieces = PieceQueue()
-    readers = Readers(pieces)
+    readers = Readers(pieces, StorageWatch())
     empty = FrameBatch.empty()
     assert readers.hops() == HopLosses()
-    for number, losses, dropped in (
-        (0, SourceLosses(1, 2, 3), 4),
-        (1, SourceLosses(10, 20, 30), 40),
-        (0, SourceLosses(2, 4, 6), 8),
+    for number, losses in (
+        (0, HopLosses(1, 2, 3, 4)),
+        (1, HopLosses(10, 20, 30, 40)),
+        (0, HopLosses(2, 4, 6, 8)),
     ):
-        pieces.put(Piece(number, empty, losses, dropped, 0.0))
+        pieces.put(Piece(number, empty, losses, 0.0))
     assert readers.hops() == HopLosses()  # not before they are taken
     readers.take(10**9)
     assert readers.hops() == HopLosses(12, 24, 36, 48)
     readers.settle()  # later readers count from nothing
-    pieces.put(Piece(0, empty, SourceLosses(1, 1, 1), 1, 0.0))
+    pieces.put(Piece(0, empty, HopLosses(1, 1, 1, 1), 0.0))
     readers.take(10**9)
     assert readers.hops() == HopLosses(13, 25, 37, 49)
     assert readers.facts() == ()
+
+
+@pytest.mark.parametrize(
+    ("frames", "width", "fits"), [(1, 8, 4096), (500_000, 64, 3)], ids=["blocks", "bytes"]
+)
+def test_the_queue_has_room_for_4096_blocks_and_128_megabytes(
+    frames: int, width: int, fits: int
+) -> None:
+    batch = replace(block(0, frames), data=np.zeros((frames, width), np.uint8))
+    pieces, piece = PieceQueue(), Piece(0, batch, HopLosses(), 0.0)
+    assert [pieces.put(piece) for _ in range(fits + 1)] == [True] * fits + [False]
+    assert pieces.status.high == fits
+    pieces.take(1)
+    assert pieces.put(piece)
+
+
+# Readers that are halted --------------------------------------------------------------------------
+
+
+class Late:
+    """A bus whose reader gets no processor until the recorder was stopped."""
+
+    name = "late"
+
+    def __init__(self, counts: Iterable[int]) -> None:
+        self.counts = iter(counts)
+        self.begun, self.awake = threading.Event(), threading.Event()
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        self.begun.set()
+        assert self.awake.wait(PATIENCE_S)
+        return block(0, next(self.counts))
+
+    def losses(self) -> SourceLosses:
+        return SourceLosses()
+
+    def close(self) -> None:
+        pass
+
+
+def read_after_the_stop(source: Late) -> list[int]:
+    """Return the sizes of the blocks that a reader reads after it was stopped."""
+    pieces = PieceQueue()
+    link = Link(BusConfig("test", "late", 1_000_000), 0, lambda *_: source)
+    reader = Reader(0, link, pieces, StorageWatch())
+    reader.start()
+    assert source.begun.wait(PATIENCE_S)
+    reader.halt()
+    source.awake.set()
+    reader.join(PATIENCE_S)
+    assert not reader.is_alive()
+    return [len(piece.frames) for piece in pieces.take(10**9)]
+
+
+@pytest.mark.parametrize(
+    ("waiting", "read"),
+    [
+        ([2048, 2048, 2047, 5], [2048, 2048, 2047]),  # what comes after a block with room is new
+        ([2047, 5], [2047]),
+    ],
+)
+def test_what_had_arrived_is_read(waiting: list[int], read: list[int]) -> None:
+    assert read_after_the_stop(Late(waiting)) == read
+
+
+def test_a_bus_that_is_never_empty_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert DRAIN_S < HALT_S
+    monkeypatch.setattr("daq.recorder.readers.DRAIN_S", 0.1)
+    assert len(read_after_the_stop(Late(itertools.repeat(2048)))) > 1
+
+
+def test_a_reader_left_behind_puts_nothing_in_any_more() -> None:
+    source, pieces = Late([10]), PieceQueue()
+    readers = Readers(pieces, StorageWatch())
+    readers.start([Link(BusConfig("virtual", "hung", 500_000), 0, lambda *_: source)])
+    assert source.begun.wait(PATIENCE_S)
+    readers.halt(0.01)
+    readers.settle()
+    source.awake.set()
+    for thread in threading.enumerate():
+        if thread.name == "reader virtual hung":
+            thread.join(PATIENCE_S)
+    assert readers.take(1000) == []
+    assert readers.hops().queue_dropped == 0

@@ -13,15 +13,13 @@ import pytest
 import zmq
 from numpy.typing import NDArray
 
-from daq.bench.config import Bench, BusConfig
+from daq.bench.config import Bench
 from daq.bus.clock import STEADY_CLOCK
-from daq.bus.link import Link
 from daq.bus.source import HopLosses, SourceLosses
 from daq.control.address import Address, control_address
 from daq.control.messages import STATUS, Live, Phase, SessionState, Status
 from daq.control.orders import (
     Arm,
-    AskCheck,
     Build,
     Configure,
     Mark,
@@ -35,12 +33,9 @@ from daq.control.server import Server
 from daq.journal.folder import last_recording, recordings, scan, segments_in
 from daq.journal.reader import read_journal
 from daq.journal.segment import SyncedFile
-from daq.journal.writer import JournalWriter
-from daq.recorder import orders as checking
 from daq.recorder import recorder
 from daq.recorder.derivation import Derivation
 from daq.recorder.orders import OrderError
-from daq.recorder.readers import PieceQueue, Readers
 from daq.recorder.recording import Recording
 from daq.runs import Event
 from daq.session import read_session
@@ -50,8 +45,7 @@ from tui.recorders.lines import status_lines
 from ..crash_frames import block, numbers
 from ..quick_bench import CAN0, CAN1, Gated, quick, stored
 from ..recorder_run import ENDED, PATIENCE_S, Running, Script, sources
-from ..small_campaign import LABELS, PLANNED, blocks, bumps
-from .stepped import LINK, armed, look, now, runs_of
+from ..small_campaign import LABELS, blocks, bumps
 
 __all__ = ["quick"]
 
@@ -124,6 +118,7 @@ def test_what_a_disk_did_not_take_at_the_end_is_said(
     assert running.last.disk.held_frames == 1200
 
 
+@pytest.mark.usefixtures("built_at_once")
 def test_a_session_built_in_mid_recording_reads_no_file_that_is_written(
     quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -151,6 +146,7 @@ def test_a_session_built_in_mid_recording_reads_no_file_that_is_written(
     assert [path.name for path in tmp_path.glob("*.h5")] == ["session_0001.h5"]
 
 
+@pytest.mark.usefixtures("built_at_once")
 def test_a_session_is_built_of_what_retention_has_left(
     quick: Bench, codec: Codec, tmp_path: Path
 ) -> None:
@@ -160,7 +156,7 @@ def test_a_session_is_built_of_what_retention_has_left(
         running.order(Arm(Until.COMPLETE))
         gate.set()
         running.until(lambda s: s.disk.recorded_frames == 2400)
-        writer = running.recorder._opened.writer
+        writer = running.recorder._writer
         gone = writer.ledger.paths[1]
         writer.ledger.forget(gone)  # as retention does
         gone.unlink()
@@ -169,6 +165,7 @@ def test_a_session_is_built_of_what_retention_has_left(
     assert status.session.state is SessionState.READY, status.session.text
 
 
+@pytest.mark.usefixtures("built_at_once")
 def test_a_recording_keeps_its_session_file_when_its_first_segment_has_gone(
     quick: Bench, codec: Codec, tmp_path: Path
 ) -> None:
@@ -230,7 +227,7 @@ def test_whose_bench_toml_holds_is_said(
         assert (status.recording, status.vehicle) == (first.recording, "Ford Granada")
         assert status.begun == "it was interrupted, and continues after 1,200 frames"
         assert f"campaign: {status.begun}" in list(status_lines(status))
-        writer = running.recorder._opened.writer
+        writer = running.recorder._writer
         assert writer.limits == limits  # the disk is the host's affair
     assert "continues with its own bench.toml" in caplog.text
     caplog.clear()
@@ -243,6 +240,7 @@ def test_whose_bench_toml_holds_is_said(
     assert "cannot be resumed (it has another DBC): a new one is begun" in caplog.text
 
 
+@pytest.mark.usefixtures("built_at_once")
 def test_a_session_file_older_than_its_recording_is_built_anew(
     quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -318,7 +316,7 @@ def test_a_reload_that_fails_leaves_the_buses_read(
 def test_limits_of_the_disk_can_be_changed_while_it_records(quick: Bench, tmp_path: Path) -> None:
     with Running(quick, tmp_path, sources(Script([]))) as running:
         running.until(lambda s: s.recording != "")
-        writer = running.recorder._opened.writer
+        writer = running.recorder._writer
         changed = replace(quick, recorder=replace(quick.recorder, keep_bytes=1e9))
         running.recorder.reload(changed).result(PATIENCE_S)
         assert writer.limits.keep_bytes == 1e9
@@ -356,20 +354,6 @@ def test_a_run_rejected_while_it_is_recorded_can_be_neither_configured_nor_lost(
         assert str(running.last.runs[0].status) == "rejected"
 
 
-def test_checks_do_not_pile_up(
-    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    busy = threading.Event()
-    monkeypatch.setattr(checking, "check_bench", lambda *_: busy.wait(PATIENCE_S))
-    with Running(quick, tmp_path, sources(Script([]))) as running:
-        waiting = [running.recorder.submit(AskCheck(1.0), "Ann") for _ in range(4)]
-        with pytest.raises(OrderError, match="other checks"):
-            running.order(AskCheck(1.0))
-        busy.set()
-        for answer in waiting:
-            assert answer.exception(PATIENCE_S) is not None  # the stand-in gives no report
-
-
 def test_a_status_that_fails_stops_nothing(
     quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -384,56 +368,6 @@ def test_a_status_that_fails_stops_nothing(
                 time.sleep(0.01)
         running.until(lambda s: s.disk.recorded_frames == 1200)
         running.until(lambda s: any(a.subject == "publish" for a in s.alarms))
-
-
-def test_a_reader_left_behind_puts_nothing_in_any_more() -> None:
-    class Hung(Script):
-        reading, back = threading.Event(), threading.Event()
-
-        def read(self, timeout_s: float) -> FrameBatch:
-            self.reading.set()
-            self.back.wait(PATIENCE_S)
-            return block(0, 10)
-
-    source, pieces = Hung([]), PieceQueue()
-    readers = Readers(pieces)
-    readers.start([Link(BusConfig("virtual", "hung", 500_000), 0, sources(source))])
-    thread = readers._readers[0]
-    assert source.reading.wait(PATIENCE_S)
-    readers.halt(0.01)
-    readers.settle()
-    source.back.set()
-    thread.join(PATIENCE_S)
-    assert readers.take(1000) == []
-    assert readers.hops().queue_dropped == 0
-
-
-# While no client watches, blocks are stored as often as ever, and looked at a third as often ------
-
-
-def test_several_blocks_are_looked_at_as_one(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recording = armed(quick, codec, journal)
-    events: list[Event] = []
-    for k, piece in enumerate(blocks(bumps(codec, 4))):
-        recording.store(piece, HopLosses())
-        assert len(recording.recent(10.0)) == min(100 * (k + 1), 10_000)  # the check sees it
-        if k % 3 == 2:
-            events += look(recording, now(piece), [LINK])
-    assert runs_of(events) == PLANNED
-    assert [e.code for e in look(recording, now(piece), [LINK]) if "alarm" not in e.code] == []
-
-
-def test_stamps_of_another_epoch_are_reported_by_the_next_look(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recording = armed(quick, codec, journal)
-    empty = FrameBatch.empty()
-    recording.store(empty, HopLosses(restamped=5))
-    recording.store(empty, HopLosses(restamped=9))
-    (event,) = (e for e in look(recording, now(), [LINK]) if e.code == "restamped")
-    assert event.value == 9
 
 
 def calls(patch: pytest.MonkeyPatch) -> list[str]:
@@ -452,24 +386,6 @@ def calls(patch: pytest.MonkeyPatch) -> list[str]:
     patch.setattr(Recording, "store", stores)
     patch.setattr(Recording, "look", looks)
     return made
-
-
-def test_every_block_is_looked_at_while_somebody_watches_and_else_every_third(
-    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made, watched = calls(monkeypatch), threading.Event()
-    frames = bumps(codec, 6)
-    script = Script(blocks(frames, 10), pause_s=0.01)
-    with Running(quick, tmp_path, sources(script), watched.is_set) as running:
-        running.until(lambda s: "sssl" in "".join(made))
-        running.until(lambda s: made.count("l") >= 10)
-        assert "sssss" not in "".join(made)
-        watched.set()
-        begun = len(made) + 2  # the cycle that is under way may have asked before
-        running.until(lambda s: len(made) > begun + 20)
-        assert "ss" not in "".join(made[begun:])
-        running.until(lambda s: s.disk.recorded_frames == len(frames))
-    assert np.array_equal(stored(tmp_path).frames.t_ns, frames.t_ns)
 
 
 def test_an_order_is_carried_out_on_what_was_stored_until_then(

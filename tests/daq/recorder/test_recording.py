@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,18 +24,16 @@ from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import judging
-from daq.recorder.open_recording import resumable
 from daq.recorder.orders import configured
-from daq.recorder.recording import Recording
-from daq.recorder.status import counts_of
-from daq.runlog.run_log import Change, LoggedRun, LoggedStatus, Override, Remark, RunLog, fold
-from daq.runs import BASELINE, Event, Excitation, Losses
+from daq.recorder.recording import FaultBarrier, Recording
+from daq.recorder.resuming import resumable
+from daq.runlog.run_log import LoggedStatus, fold
+from daq.runs import Event, Losses
 from daq.session import read_session
 from dbc import Codec, FrameBatch, FrameFlag
 from identify.report.content import _title
 
 from ..crash_disk import QuickFile
-from ..long_run_log import long_run_log
 from ..small_campaign import (
     CAMPAIGN,
     LABELS,
@@ -47,10 +44,10 @@ from ..small_campaign import (
     bumps,
     small_bench,
 )
-from .stepped import LINK, armed, feed, now, runs_of, status_of, step
+from .stepped import LINK, armed, feed, look, now, runs_of, status_of, step
 
 
-@pytest.mark.parametrize("size", [100, 37, 100_000])
+@pytest.mark.parametrize("size", [37, 100_000])
 def test_runs_are_labelled_in_the_order_of_the_campaign_and_stored(
     quick: Bench, codec: Codec, journal: JournalWriter, size: int
 ) -> None:
@@ -99,7 +96,7 @@ def test_the_status_says_what_is_due_and_what_is_going_on(
     assert status.due is not None
     assert status.due.step == CAMPAIGN.steps[0]
     assert (status.due.accepted, status.due.planned, status.due.rejected) == (0, 1, 0)
-    assert "40 mm" in status.due.instruction
+    assert "50 mm" in status.due.instruction
     assert status.t_ns == frames.t_ns[699]
     assert (status.bump_ns - START_NS) * 1e-9 == pytest.approx(0.501)
     assert [(run.label, run.status) for run in status.runs] == [(LABELS[0], LoggedStatus.OPEN)]
@@ -232,25 +229,36 @@ def test_a_bench_that_cannot_trigger_or_does_not_fit_its_dbc_is_refused(
         Recording(replace(bench, channels=wrong), codec, journal)
 
 
-def test_a_consumer_that_fails_costs_no_frame_and_is_named_once_a_second(
+def test_a_consumer_that_fails_costs_no_frame_and_is_named_until_it_works(
     quick: Bench, codec: Codec, journal: JournalWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: object) -> None:
         raise RuntimeError("no luck\x1b")
 
     recording = Recording(quick, codec, journal)
-    monkeypatch.setattr(Codec, "decode", broken)
-    events = feed(recording, blocks(bumps(codec, 2)))  # 2.4 s
-    status = [event for event in events if event.code == "consumer_failed"]
-    assert [event.text for event in status] == ["decode: RuntimeError('no luck\\x1b')"] * 3
-    assert sum(event.value for event in status) >= 21
+    with monkeypatch.context() as patch:
+        patch.setattr(Codec, "decode", broken)
+        events = feed(recording, blocks(bumps(codec, 2)))  # 2.4 s
+    texts = [event.text for event in events if event.code == "consumer_failed"]
+    assert texts == ["decode: RuntimeError('no luck\\x1b')"]
     assert "consumer_failed" in {alarm.code for alarm in status_of(recording).alarms}
-    monkeypatch.undo()
     later = [replace(b, t_ns=b.t_ns + 2_400_000_000) for b in blocks(bumps(codec, 6))]
     feed(recording, later)
     assert "consumer_failed" not in {alarm.code for alarm in status_of(recording).alarms}
     journal.close()
     assert len(read_journal(journal.paths).frames) == 8 * 1200
+
+
+@pytest.mark.parametrize(("after_s", "fails"), [(4.99, True), (5.0, False)])
+def test_a_consumer_works_again_five_seconds_after_its_last_failure(
+    after_s: float, fails: bool
+) -> None:
+    barrier = FaultBarrier()
+    assert barrier.value("a", Now(0, 10.0), 3, lambda: 4) == 4
+    assert barrier.value("a", Now(0, 10.0), 3, lambda: 1 // 0) == 3
+    assert bool(barrier.failed(Now(0, 10.0 + after_s))) is fails
+    barrier.value("a", Now(0, 10.0 + after_s), 3, lambda: 1 // 0)
+    assert len(barrier.new) == (1 if fails else 2)
 
 
 def test_a_verdict_that_fails_does_not_throw_the_bump_away(
@@ -324,6 +332,30 @@ def test_frames_that_a_pause_cost_after_a_run_are_not_lost_from_it(
     assert lost.passed, lost.text
 
 
+def test_several_blocks_are_looked_at_as_one(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = armed(quick, codec, journal)
+    events: list[Event] = []
+    for k, piece in enumerate(blocks(bumps(codec, 4))):
+        recording.store(piece, HopLosses())
+        if k % 3 == 2:
+            events += look(recording, now(piece), [LINK])
+    assert runs_of(events) == PLANNED
+    assert [e.code for e in look(recording, now(piece), [LINK]) if "alarm" not in e.code] == []
+
+
+def test_stamps_of_another_epoch_are_reported_by_the_next_look(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = armed(quick, codec, journal)
+    empty = FrameBatch.empty()
+    recording.store(empty, HopLosses(restamped=5))
+    recording.store(empty, HopLosses(restamped=9))
+    (event,) = (e for e in look(recording, now(), [LINK]) if e.code == "restamped")
+    assert event.value == 9
+
+
 # A simulated or replayed recording is distinguished from a measurement, from journal to report ----
 
 
@@ -338,11 +370,7 @@ def _recorded(folder: Path, bench: Bench) -> tuple[Path, ...]:
 
 @pytest.mark.parametrize(
     ("origin", "title"),
-    [
-        (Origin.REAL, "small"),
-        (Origin.SIMULATED, "small (simulated, not measured)"),
-        (Origin.REPLAYED, "small (replayed, not measured)"),
-    ],
+    [(Origin.REAL, "small"), (Origin.SIMULATED, "small (simulated, not measured)")],
 )
 def test_it_is_in_journal_session_and_report(tmp_path: Path, origin: Origin, title: str) -> None:
     bench = replace(small_bench(), origin=origin)
@@ -376,70 +404,3 @@ def test_a_simulated_recording_is_not_gone_on_with_from_a_bus(
 def test_a_new_bench_in_mid_recording_keeps_its_origin() -> None:
     simulated = replace(small_bench(), origin=Origin.SIMULATED)
     assert configured(simulated, simulated.text + "\n").origin is Origin.SIMULATED
-
-
-# What is counted in a run log, also in one that is weeks long -------------------------------------
-
-BENCH: Bench = replace(small_bench(), origin=Origin.SIMULATED)
-RUN = LoggedRun("baseline_bounce_1", BASELINE, Excitation.BOUNCE, 1, 5, LoggedStatus.REJECTED)
-GOOD = replace(RUN, label="baseline_bounce_2", repeat=2, status=LoggedStatus.ACCEPTED)
-LOG = RunLog(
-    (RUN, GOOD), (Change(GOOD, RUN),), (Change(RUN, GOOD),), None, (Remark(1, "wet"),),
-    (Override(1, "bus", "known", "Bob"),), "", 17,
-)  # fmt: skip
-
-
-def test_kinds_beyond_the_campaign_are_counted_behind_it(bench: Bench) -> None:
-    counts = counts_of(bench, RunLog())
-    assert counts.due is not None
-    assert counts.due.step.label == "baseline_bounce_1"
-    counts = counts_of(bench, long_run_log(20))
-    bounce = counts.tallies[0]
-    assert (bounce.mass_state, bounce.excitation) == ("baseline", Excitation.BOUNCE)
-    assert (bounce.accepted, bounce.rejected) == (18, 2)
-    assert counts.due is not None
-    assert counts.due.step.excitation is not Excitation.BOUNCE
-
-
-def test_a_turn_with_thousands_of_runs_counts_them_only_when_they_change(
-    bench: Bench, codec: Codec
-) -> None:
-    def turns_s(run_log: RunLog) -> float:
-        recording = Recording(bench, codec, _Nowhere(), run_log)
-        recording.status(Now(0, 0.0))
-        begun_s = time.process_time()
-        for k in range(100):
-            step(recording, FrameBatch.empty(), HopLosses(), Now(k, 0.1 * k))
-            recording.status(Now(k, 0.1 * k))
-        return time.process_time() - begun_s
-
-    few, many = long_run_log(20), long_run_log(2000)
-    few_s = min(turns_s(few) for _ in range(3))
-    many_s = min(turns_s(many) for _ in range(3))
-    assert many_s < 3 * few_s
-
-
-def test_what_is_due_comes_with_its_counts() -> None:
-    counts = counts_of(BENCH, LOG)
-    assert counts.due is not None
-    assert counts.due.step.label == "baseline_roll_1"
-    assert (counts.due.accepted, counts.due.planned, counts.due.rejected) == (0, 1, 0)
-    first, *others = counts.tallies
-    assert (first.accepted, first.planned, first.rejected) == (1, 1, 1)
-    assert all((t.accepted, t.planned, t.rejected) == (0, 1, 0) for t in others)
-    beyond = replace(RUN, label="baseline_warp_1", excitation=Excitation.WARP)
-    last = counts_of(BENCH, RunLog((beyond,))).tallies[-1]
-    assert (last.excitation, last.planned, last.rejected) == (Excitation.WARP, 0, 1)
-    kinds = [(step.mass_state, step.excitation, step.label) for step in BENCH.campaign.steps]
-    done = tuple(
-        LoggedRun(label, state, kind, 1, 5, LoggedStatus.ACCEPTED) for state, kind, label in kinds
-    )
-    complete = counts_of(BENCH, RunLog(done))
-    assert complete.due is None
-    assert [tally.accepted for tally in complete.tallies] == [1] * 4
-
-
-class _Nowhere:
-    def append(self, frames: FrameBatch, losses: HopLosses) -> None: ...
-
-    def append_events(self, events: object) -> None: ...

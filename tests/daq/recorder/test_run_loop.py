@@ -9,11 +9,21 @@ import pytest
 from daq.bench.campaign import Campaign
 from daq.control.messages import Phase
 from daq.control.orders import Until
-from daq.recorder import status as run_loop
-from daq.recorder.status import LoopState, Surroundings
-from daq.runlog.run_log import Code, RunLog, advance, entry, next_step, verdict_entry
-from daq.runs import Event, Excitation
+from daq.recorder.run_loop import RunLoop, Surroundings, due_of, tallies_of
+from daq.runlog.run_log import (
+    Code,
+    LoggedRun,
+    LoggedStatus,
+    RunLog,
+    advance,
+    entry,
+    next_step,
+    verdict_entry,
+)
+from daq.runs import BASELINE, Event, Excitation
 from dbc.finding import Finding, Severity
+
+from ..small_campaign import small_bench
 
 S = 1_000_000_000
 BOUNCE, ROLL = Excitation.BOUNCE, Excitation.ROLL
@@ -28,7 +38,7 @@ def _finding(code: str) -> Finding:
 class Bench:
     """A run_log, a loop and a time that a test moves on."""
 
-    loop: LoopState = field(default_factory=LoopState)
+    loop: RunLoop = field(default_factory=RunLoop)
     run_log: RunLog = field(default_factory=RunLog)
     t_ns: int = 1000 * S
     ready: bool = True
@@ -39,27 +49,27 @@ class Bench:
         return Surroundings(self.t_ns, self.ready, self.run_log, due, 0.2, 3.0)
 
     def arm(self, until: Until = Until.EXCITATION) -> Bench:
-        self.loop = run_loop.armed(self.loop, until, self.now)
+        self.loop.arm(until, self.now)
         return self.turn()
 
     def turn(self, seconds: float = 0.0) -> Bench:
         self.t_ns += round(seconds * S)
-        self.loop = run_loop.turned(self.loop, self.now)
+        self.loop.turn(self.now)
         return self
 
     def bump(self) -> str:
         step = next_step(CAMPAIGN, self.run_log)
-        assert self.loop.takes_bumps
+        assert self.loop.phase is Phase.ARMED
         assert step is not None
         self.add(Event(self.t_ns, Code.BUMP, 9.0, step.label))
-        self.loop = run_loop.bumped(self.loop, step.label, self.t_ns)
+        self.loop.bump(step.label, self.t_ns)
         return step.label
 
     def end(self, *codes: str) -> Bench:
         """End the run with a verdict: these codes fail."""
         self.turn(2.5)
         self.add(verdict_entry(self.t_ns, self.loop.label, [_finding(code) for code in codes]))
-        self.loop = run_loop.judged(self.loop, self.now)
+        self.loop.judge(self.now)
         return self
 
     def run(self, *codes: str) -> Bench:
@@ -76,12 +86,12 @@ class Bench:
         if label:
             event = entry(code, self.t_ns, label=label, by="Ann", reason="so")
         self.add(event)
-        self.loop = run_loop.decided(self.loop, self.now)
+        self.loop.decide(self.now)
         return self
 
     @property
     def countdown_s(self) -> float | None:
-        return self.loop.countdown_s(self.t_ns, 3.0, self.now.due)
+        return self.loop.countdown_s(self.now)
 
     @property
     def phase(self) -> str:  # not `Phase`: mypy would take it for the one that it was before
@@ -221,14 +231,14 @@ def test_the_seconds_return_when_the_last_of_its_kind_is_rejected() -> None:
 def test_a_pause_lets_the_run_end_and_then_counts_no_bump() -> None:
     bench = Bench().arm()
     bench.bump()
-    bench.loop = run_loop.paused(bench.loop, bench.now)
+    bench.loop.pause(bench.now)
     assert bench.phase == Phase.TRIGGERED
     assert bench.end().phase == Phase.ACCEPTED
     assert bench.countdown_s is None
     assert bench.turn(3.0).phase == Phase.PAUSED
-    assert not bench.turn(10.0).loop.takes_bumps
-    assert bench.arm().loop.takes_bumps
-    bench.loop = run_loop.paused(bench.loop, bench.now)
+    assert bench.turn(10.0).phase == Phase.PAUSED
+    assert bench.arm().phase == Phase.ARMED
+    bench.loop.pause(bench.now)
     assert bench.phase == Phase.PAUSED
 
 
@@ -236,7 +246,7 @@ def test_the_choice_of_another_bump_waits_for_a_person() -> None:
     bench = Bench().arm()
     choice = entry(Code.CHOOSE, bench.t_ns, mass_state="baseline", excitation="roll")
     bench.add(choice)
-    bench.loop = run_loop.chosen(bench.loop, bench.now)
+    bench.loop.choose(bench.now)
     assert bench.phase == Phase.IDLE
     bench.arm(Until.EXCITATION).run()
     assert bench.run_log.runs[-1].excitation is ROLL
@@ -246,14 +256,14 @@ def test_the_choice_of_another_bump_waits_for_a_person() -> None:
     for until, kind in ((Until.EXCITATION, "bounce"), (Until.COMPLETE, "roll")):
         bench.arm(until)
         bench.add(entry(Code.CHOOSE, bench.t_ns, mass_state="baseline", excitation=kind))
-        bench.loop = run_loop.chosen(bench.loop, bench.now)
+        bench.loop.choose(bench.now)
         assert bench.phase == Phase.ARMED
 
 
 def test_an_earlier_run_rejected_after_all_stops_it() -> None:
     bench = Bench().arm().run().run()
     bench.arm()
-    assert (bench.phase, bench.loop.kind) == (Phase.ARMED, ("baseline", ROLL))
+    assert bench.phase == Phase.ARMED
     assert bench.decide(Code.REJECT, "baseline_bounce_1").phase == Phase.IDLE
 
 
@@ -266,7 +276,7 @@ def test_a_complete_campaign_can_be_taken_up_again() -> None:
     assert bench.decide(Code.REJECT, "baseline_roll_2").phase == Phase.IDLE
     assert bench.decide(Code.UNDO).phase == Phase.COMPLETE
     bench.add(entry(Code.CHOOSE, bench.t_ns, mass_state="baseline", excitation="bounce"))
-    bench.loop = run_loop.chosen(bench.loop, bench.now)
+    bench.loop.choose(bench.now)
     assert bench.phase == Phase.IDLE
     assert bench.arm().run().phase == Phase.COMPLETE
 
@@ -281,10 +291,31 @@ def test_a_clock_set_back_does_not_stretch_the_countdown() -> None:
 
 
 def test_like_rejects_need_the_same_first_reason() -> None:
-    bench = Bench().arm(Until.COMPLETE)
-    for codes in (("a", "b"), ("a",), ("b", "a")):
+    bench = Bench().arm()
+    for codes in (("a", "b"), ("a",), ("b", "a"), ("b",)):
         bench.run(*codes)
-    assert run_loop.like_rejects(bench.run_log.runs) == ""
-    assert run_loop.like_rejects(bench.run_log.runs[:2]) == ""
-    same = tuple(replace(run, findings=(_finding("c"),)) for run in bench.run_log.runs)
-    assert run_loop.like_rejects(same) == "c"
+    assert bench.loop.halted == ""
+    assert bench.run("b", "c").loop.halted == "b"
+
+
+def test_the_runs_of_each_kind_are_counted_and_the_next_one_is_due() -> None:
+    planned = replace(small_bench(), campaign=Campaign((BOUNCE, ROLL), 1))
+    weak = LoggedRun("baseline_bounce_1", BASELINE, BOUNCE, 1, 5, LoggedStatus.REJECTED)
+    good = replace(weak, label="baseline_bounce_2", repeat=2, status=LoggedStatus.ACCEPTED)
+    beyond = replace(weak, label="baseline_warp_1", excitation=Excitation.WARP)
+    log = RunLog((weak, good, beyond))
+    tallies = tallies_of(planned, log)
+    counts = [(*t.kind, t.accepted, t.planned, t.rejected) for t in tallies]
+    assert counts[:2] == [(BASELINE, BOUNCE, 1, 1, 1), (BASELINE, ROLL, 0, 1, 0)]
+    assert counts[-1] == (BASELINE, Excitation.WARP, 0, 0, 1)
+    due = due_of(planned, log, tallies)
+    assert due is not None
+    assert due.step.label == "baseline_roll_1"
+    assert (due.accepted, due.planned, due.rejected) == (0, 1, 0)
+    runs = [replace(good, label=s.label, mass_state=s.mass_state, excitation=s.excitation)
+            for s in planned.campaign.steps]  # fmt: skip
+    assert due_of(planned, RunLog(tuple(runs)), ()) is None
+    chosen = RunLog(chosen=(BASELINE, Excitation.WARP))
+    due = due_of(planned, chosen, tallies_of(planned, chosen))
+    assert due is not None
+    assert (due.step.label, due.planned) == ("baseline_warp_1", 0)

@@ -96,10 +96,10 @@ def test_what_persons_write_carries_no_control_character(bench: Bench) -> None:
         (OverrideWarning("bus", foul), "reason"),
     ):
         held = fold([BUMP]) if isinstance(order, Reject) else run_log
-        event = order_event(order, "Ann", 3, held, bench)
+        event = order_event(order, "Ann", 3, held, bench, None, ())
         assert event is not None
         assert json.loads(event.text)[key] in (clean, f"{clean}\n{clean}")
-    mark = order_event(Mark(foul), "Ann", 3, RunLog(), bench)
+    mark = order_event(Mark(foul), "Ann", 3, RunLog(), bench, None, ())
     assert mark is not None
     assert mark.text == clean
 

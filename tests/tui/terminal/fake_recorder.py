@@ -142,13 +142,13 @@ class FakeRecorder:
             raise OrderRefusedError(self.refuse)
         match order:
             case AskHistory():
-                return Reply(0, live=self.live())
+                return Reply(live=self.live())
             case AskBench():
-                return Reply(0, bench_text=self.bench_text)
+                return Reply(bench_text=self.bench_text)
             case AskCheck():
-                return Reply(0, check=self.check, status=self.status)
+                return Reply(check=self.check, status=self.status)
         self._carry_out(order)
-        return Reply(0, status=self.status)
+        return Reply(status=self.status)
 
     def _carry_out(self, order: Order) -> None:
         by = "MK"

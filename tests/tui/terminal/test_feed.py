@@ -15,7 +15,7 @@ from filelock import FileLock
 from daq.bench.campaign import Origin
 from daq.control.client import RecorderGoneError
 from daq.control.messages import Reply, Setup
-from daq.control.orders import AskSetup, Order
+from daq.control.orders import AskStatus, Order
 from tui.terminal.state import feed
 from tui.terminal.state.feed import BIRTH_S, Lost, News, RecorderFeed, Role
 
@@ -27,13 +27,14 @@ class Connected:
 
     in_control = True
     first_status = a_status(5)
+    setup = Setup(Origin.REAL)
 
     def __init__(self, *_: object, **__: object) -> None:
         self.asked: list[Order] = []
 
     def ask(self, order: Order, _timeout_s: float = 2.0) -> Reply:
         self.asked.append(order)
-        return Reply(0, setup=Setup(Origin.REAL))
+        return Reply()
 
     def news(self, timeout_s: float) -> None:
         threading.Event().wait(timeout_s)
@@ -50,7 +51,7 @@ def test_orders_can_be_given_as_soon_as_there_is_news(
     monkeypatch.setattr(feed, "SLICE_S", 0.01)
     posted: Queue[tuple[News, Reply]] = Queue()
     listener = RecorderFeed(tmp_path, "MK", lambda: None)
-    listener.start(lambda news: posted.put((news, listener._ask(AskSetup()))))
+    listener.start(lambda news: posted.put((news, listener._ask(AskStatus()))))
     try:
         first = [posted.get(timeout=10)[0] for _ in range(3)]
     finally:

@@ -36,6 +36,7 @@ class Scripted:
     again: ClassVar[threading.Event] = threading.Event()
     """Set by the second connection."""
     first_status = None
+    setup = Setup(Origin.REAL)
 
     def __init__(self, _: object, name: str, control: bool = True, take_over: bool = False) -> None:
         Scripted.made.append((name, control, take_over))
@@ -53,7 +54,7 @@ class Scripted:
         Scripted.asked.append((order, timeout_s))
         if isinstance(order, Arm):
             raise RecorderGoneError("here", "it has ended", "start one")
-        return Reply(0, setup=Setup(Origin.REAL))
+        return Reply(setup=Setup(Origin.REAL))
 
     def news(self, timeout_s: float) -> Status | None:
         """Bring the next news."""

@@ -7,7 +7,6 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -17,7 +16,7 @@ from daq.control.address import control_address, is_running
 from daq.control.client import Client, OrderRefusedError, RecorderGoneError
 from daq.control.lock import is_locked, unreachable_words
 from daq.control.messages import Live, Reply, Setup, Status
-from daq.control.orders import AskCheck, AskSetup, Hello, Order
+from daq.control.orders import AskCheck, Hello, Order
 
 from ...recorders.process import LOG, failure
 
@@ -232,10 +231,8 @@ class RecorderFeed:
     def _post_first(self, client: Client, role: Role, post: Callable[[News], None]) -> None:
         """Post everything that is known with the connection: role, setup and status."""
         post(role)
-        # A recorder of an earlier version does not know this request.
-        with suppress(OrderRefusedError, RecorderGoneError):
-            if (setup := client.ask(AskSetup()).setup) is not None:
-                post(setup)
+        if client.setup is not None:
+            post(client.setup)
         if client.first_status is not None:  # the next one comes in up to 0.1 s
             post(client.first_status)
 

@@ -19,7 +19,7 @@ Later = Callable[[float, Callable[[], None]], object]
 """Calls something after some seconds."""
 
 CHOICES_FILE = "terminal.json"
-UNSIGNALLED = ("unknown_id", "clock_step", "restamped")
+UNSIGNALLED = ("clock_step", "restamped")
 """Alarms that need no immediate action."""
 
 

@@ -1,0 +1,287 @@
+"""Which frames, samples, losses and earlier runs a run is judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from shutil import copytree
+
+import numpy as np
+import pytest
+
+from daq.bench.campaign import Campaign, Step
+from daq.bench.config import Bench, bench_codec, load_bench
+from daq.bus.clock import Now
+from daq.bus.source import HopLosses
+from daq.control.orders import Arm, Until
+from daq.journal.folder import last_recording
+from daq.journal.format import JournalHead
+from daq.journal.writer import JournalWriter
+from daq.recorder import judging
+from daq.recorder.judging import Judge, Recent, is_accepted, is_only_unlike, recall
+from daq.recorder.recording import Recording
+from daq.runlog.run_log import LoggedRun, LoggedStatus, RunLog
+from daq.runs import BASELINE, Excitation, Losses
+from daq.samples.mapping import SampleBlock
+from daq.sim.car import SimulatedCar
+from daq.sim.ecu import campaign_frames
+from daq.verdict import RunMeasure, RunWindow
+from dbc import Codec, FrameBatch
+from dbc.finding import Finding, Severity
+
+from ..crash_frames import block
+from ..recorder_run import Running, Script, sources
+from ..small_campaign import START_NS, blocks
+from .stepped import step
+
+S = 1_000_000_000
+BUMP_NS = 1_800_000_000 * S
+STEP = Step(BASELINE, Excitation.ROLL, 4)
+
+
+def at(*times_s: float) -> FrameBatch:
+    return replace(block(0, len(times_s)), t_ns=np.rint(np.array(times_s) * S).astype(np.int64))
+
+
+def add(recent: Recent, *times_s: float, missing: int = 0) -> None:
+    frames = at(*times_s)
+    recent.add(frames, {"acc": (frames.t_ns, frames.t_ns / S)}, Losses(counter_gaps=missing))
+
+
+def held(recent: Recent) -> list[float]:
+    """Return the times of all samples that are kept, s."""
+    samples = recent.samples(-(10**18), 10**18)
+    return samples["acc"][1].tolist() if samples else []
+
+
+def missing(recent: Recent, start_s: float, stop_s: float) -> int:
+    return recent.losses(round(start_s * S), round(stop_s * S)).counter_gaps
+
+
+def test_blocks_are_kept_for_a_second_longer_than_a_run_or_a_check() -> None:
+    for kept_s, longest_s in ((4.0, 10.0), (20.0, 20.0)):
+        recent = Recent(kept_s)
+        assert len(recent.frames(10.0)) == 0
+        for t_s in (100.0, 101.0 + longest_s, 101.1 + longest_s):
+            add(recent, t_s)
+        assert held(recent)[0] == 100.0  # by the block that came last but one
+        add(recent, 101.2 + longest_s)
+        assert held(recent)[0] == 101.0 + longest_s
+        assert len(recent.frames(0.1)) == 2
+        assert len(recent.frames(10.0)) == 3
+
+
+def test_a_run_is_whole_when_a_pause_of_the_bus_follows() -> None:
+    recent = Recent(4.0)
+    for t_s in (0.0, 1.0, 2.0, 40.0):
+        add(recent, t_s)
+    assert held(recent) == [0.0, 1.0, 2.0, 40.0]  # the run ends at the first block after it
+    add(recent, 41.0)
+    assert held(recent) == [40.0, 41.0]
+
+
+@pytest.mark.parametrize(("back_s", "kept"), [(1.0, 3), (1.1, 1)])
+def test_blocks_go_if_a_clock_was_set_back_by_more_than_a_second(back_s: float, kept: int) -> None:
+    recent = Recent(4.0)
+    for t_s in (50.0, 51.0, 51.0 - back_s):
+        add(recent, t_s)
+    assert len(held(recent)) == kept
+
+
+def test_of_a_bus_whose_stamps_stand_still_the_memory_is_bounded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(judging, "MOST_BYTES", 10 * 4200)
+    recent = Recent(4.0)
+    for _ in range(20):
+        add(recent, 1.0)
+    assert len(held(recent)) == 10
+
+
+def test_a_span_has_the_losses_of_the_blocks_in_it() -> None:
+    recent = Recent(4.0)
+    for second, lost in enumerate((5, 7, 10, 14, 19)):
+        add(recent, second + 0.1, second + 0.9, missing=lost)
+    assert [missing(recent, k + 0.5, k + 1.5) for k in range(1, 4)] == [2 + 3, 3 + 4, 4 + 5]
+    assert missing(recent, 0.0, 9.0) == 19
+    assert missing(recent, 20.0, 30.0) == 0
+
+
+def test_what_a_pause_of_the_bus_cost_is_not_lost_from_the_run_before_it() -> None:
+    recent = Recent(4.0)
+    for second, lost in ((0, 1), (1, 3), (2, 6), (63, 60_006)):
+        add(recent, second, second + 0.9, missing=lost)
+    assert missing(recent, 1.0, 3.5) == 5
+    assert missing(recent, 1.0, 63.5) == 60_005
+
+
+# The judge ----------------------------------------------------------------------------------------
+
+
+class Seen:
+    """The arguments with which the judge is called."""
+
+    def __init__(self) -> None:
+        self.window = RunWindow(0, {})
+        self.accepted: list[RunMeasure] = []
+        self.unlike: list[RunMeasure] = []
+
+    def judge(
+        self,
+        bench: Bench,
+        step: Step,
+        window: RunWindow,
+        accepted: Sequence[RunMeasure],
+        unlike: Sequence[RunMeasure],
+    ) -> tuple[tuple[Finding, ...], RunMeasure]:
+        self.window, self.accepted, self.unlike = window, list(accepted), list(unlike)
+        return (), RunMeasure(peak_m=9.0)
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> Seen:
+    seen = Seen()
+    monkeypatch.setattr(judging, "judge", seen.judge)
+    return seen
+
+
+def fed(bench: Bench, codec: Codec, measures: dict[str, RunMeasure] | None = None) -> Judge:
+    """Return a judge that has seen 3 s of samples, ten a second, and a loss in each."""
+    recent = Recent(1.0)
+    for tenth in range(-20, 10):
+        frames = replace(block(0, 1), t_ns=np.array([BUMP_NS + tenth * S // 10]))
+        samples = {"hub": (frames.t_ns, np.array([tenth / 10]))}
+        recent.add(frames, samples, Losses(crc_bad=tenth + 30))
+    return Judge(bench, codec, recent, measures if measures is not None else {})
+
+
+def test_a_run_is_judged_by_its_own_time(bench: Bench, codec: Codec, seen: Seen) -> None:
+    """0.1 s before the bump and 0.5 s after it are kept of this bench."""
+    assert (bench.trigger.pre_s, bench.trigger.post_s) == (0.1, 0.5)
+    measures: dict[str, RunMeasure] = {}
+    fed(bench, codec, measures).verdict(STEP, BUMP_NS, RunLog())
+    assert seen.window.bump_ns == BUMP_NS
+    assert seen.window.channels["hub"][1].tolist() == [-0.1, 0.0, 0.1, 0.2, 0.3, 0.4]
+    assert seen.window.losses.crc_bad == 6  # all after the block at -0.2 s
+    assert measures == {"baseline_roll_4": RunMeasure(peak_m=9.0)}
+
+
+@pytest.mark.parametrize(("at_ns", "counts"), [(BUMP_NS - 1, False), (BUMP_NS, True)])
+def test_a_sensor_at_its_end_counts_from_the_bump_on(
+    bench: Bench, codec: Codec, seen: Seen, at_ns: int, counts: bool
+) -> None:
+    judge = fed(bench, codec)
+    judge.saw_saturated(BUMP_NS - S, ["hub", "other"])
+    judge.saw_saturated(at_ns, ["hub"])
+    judge.verdict(STEP, BUMP_NS, RunLog())
+    assert seen.window.saturated == ("hub",) * counts
+
+
+def test_a_run_is_compared_with_those_of_its_kind_that_count(
+    bench: Bench, codec: Codec, seen: Seen
+) -> None:
+    def run(label: str, *codes: str, by: str = "", kind: Excitation = Excitation.ROLL) -> LoggedRun:
+        findings = tuple(Finding(code, Severity.ERROR, code) for code in codes)
+        status = LoggedStatus.REJECTED if codes else LoggedStatus.ACCEPTED
+        return LoggedRun(label, BASELINE, kind, 1, 0, status, findings, by)
+
+    runs = (
+        run("good"),
+        run("unlike", "not_repeatable"),
+        run("weak", "too_weak"),
+        run("both", "not_repeatable", "too_weak"),
+        run("decided", "not_repeatable", by="Ann"),
+        run("bounce", kind=Excitation.BOUNCE),
+        run("unmeasured"),
+    )
+    assert [is_accepted(r) for r in runs[:2]] == [True, False]
+    assert [is_only_unlike(r) for r in runs[:5]] == [False, True, False, False, False]
+    measures = {r.label: RunMeasure(peak_m=float(n)) for n, r in enumerate(runs[:-1])}
+    fed(bench, codec, measures).verdict(STEP, BUMP_NS, RunLog(runs))
+    assert [m.peak_m for m in seen.accepted] == [0.0]
+    assert [m.peak_m for m in seen.unlike] == [1.0]
+
+
+def test_what_is_left_of_the_motion_is_looked_at_three_times_a_second(
+    bench: Bench, codec: Codec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def left(channels: object, bump_ns: int, columns: SampleBlock, now_ns: int) -> float:
+        asked.append(now_ns)
+        return 1.0 / len(asked)
+
+    monkeypatch.setattr(judging, "peak_left", left)
+    judge = fed(bench, codec)
+    now_ns = BUMP_NS + 10 * S
+    assert judge.peak_left(BUMP_NS, now_ns) == 1.0
+    assert judge.peak_left(BUMP_NS, now_ns + 299_999_999) == 1.0
+    assert judge.peak_left(BUMP_NS, now_ns + 300_000_000) == 0.5
+    assert judge.peak_left(BUMP_NS, now_ns + 299_999_999) == pytest.approx(1 / 3)  # set back
+    assert judge.peak_left(BUMP_NS + 1, now_ns + 300_000_000) == 0.25
+
+
+# A recorder that was restarted measures its runs again from the journal ---------------------------
+
+BENCH = replace(
+    load_bench(None),
+    campaign=Campaign((Excitation.BOUNCE,), 2, (BASELINE,), accept_after_s=0.0),
+)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording]:
+    folder, codec = tmp_path_factory.mktemp("journal"), bench_codec(BENCH)
+    head = JournalHead(BENCH.text, BENCH.dbc_text, "test", START_NS, 0, "ab" * 16)
+    limits = replace(BENCH.recorder, segment_bytes=100_000)
+    with JournalWriter(folder, head, limits) as writer:
+        recording = Recording(BENCH, codec, writer)
+        recording.carry_out(Arm(Until.COMPLETE), "Ann", Now(START_NS, 0.0))
+        for run in campaign_frames(BENCH, codec, SimulatedCar(), 3, START_NS):
+            for part in blocks(run, 400):
+                t_ns = int(part.t_ns[-1])
+                now = Now(t_ns, (t_ns - START_NS) * 1e-9)
+                step(recording, part, HopLosses(), now)
+                writer.maintain(now.monotonic_s)
+    return folder, recording
+
+
+def test_runs_are_measured_again_as_they_were(
+    recorded: tuple[Path, Recording], tmp_path: Path
+) -> None:
+    folder, recording = recorded
+    assert [run.status for run in recording.run_log.runs] == [LoggedStatus.ACCEPTED] * 2
+    tail = last_recording(folder)
+    assert tail is not None
+    assert len(tail.segments) > 2
+    measures: dict[str, RunMeasure] = {}
+    recall(tail, BENCH, measures.update).join(60.0)
+    assert measures.keys() == recording.measures.keys()
+    for label, measure in measures.items():
+        before = recording.measures[label]
+        assert measure.peak_m_s2 is not None
+        assert measure.peak_m_s2 > 10.0
+        assert (measure.peak_m_s2, measure.frequency_hz) == (before.peak_m_s2, before.frequency_hz)
+        assert measure.waves.keys() == before.waves.keys() != set()
+        assert all(np.array_equal(measure.waves[n], before.waves[n]) for n in before.waves)
+
+    copytree(folder, tmp_path / "journal")
+    with Running(BENCH, tmp_path, sources(Script([]))) as running:
+        running.until(lambda _: bool(running.recorder._recording.measures))
+        assert running.recorder._recording.measures.keys() == measures.keys()
+
+
+def test_a_journal_that_has_gone_is_no_reason_to_stop(
+    recorded: tuple[Path, Recording], tmp_path: Path
+) -> None:
+    copytree(recorded[0], tmp_path, dirs_exist_ok=True)
+    tail = last_recording(tmp_path)
+    assert tail is not None
+    for path in tail.segments:
+        path.unlink()
+    measures: dict[str, RunMeasure] = {}
+    thread = recall(tail, BENCH, measures.update)
+    thread.join(60.0)
+    assert not thread.is_alive()
+    assert measures == {}
