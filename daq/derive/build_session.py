@@ -10,7 +10,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -20,7 +19,6 @@ from typing import TextIO
 
 from ..bench.config import bench_codec, parse_bench
 from ..errors import BumpbenchError, InputError, printable
-from ..files import rewritten, sync_folder
 from ..journal.folder import scanned, state_of
 from ..journal.reader import read_windows
 from ..runlog.run_log import fold
@@ -33,9 +31,6 @@ out, the kernel ends this process, also in a service whose processes are protect
 
 DONE, BAD_INPUT, DONE_WITH_LOSS = 0, 2, 3
 """Exit codes, the same as those of the command line."""
-
-_FINISHED = "finished"
-"""Folder, next to the sessions, with a second name of each that is complete."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +75,6 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
         if not replacing:
             _refuse_less(target, session)
         write_session(target, session)
-        if recording.ended and run_log.runs and target.name == recording.session_name:
-            _keep_finished(target)
     return Derived(session, loss)
 
 
@@ -130,25 +123,6 @@ def _refuse_less(target: Path, new: Session) -> None:
     if less:
         what = f"exists already, and has more of {', '.join(less)} than the journal now"
         raise InputError(str(target), what, advice)
-
-
-def _keep_finished(session: Path) -> None:
-    """Give a session file a second name in the folder `finished`, which is never replaced.
-
-    The second name takes no space on file systems with hard links.  A failure is not an error of
-    the session: it is tried again when the session is built again.
-    """
-    final = session.parent / _FINISHED / session.name
-    with suppress(OSError):
-        final.parent.mkdir(exist_ok=True)
-        try:
-            os.link(session, final)
-            sync_folder(final.parent)
-        except FileExistsError:
-            return
-        except OSError:  # for example on a memory card
-            with rewritten(final) as part:
-                shutil.copyfile(session, part)
 
 
 def main(arguments: Sequence[str], out: TextIO) -> int:

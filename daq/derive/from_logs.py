@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 from itertools import count
-from typing import Protocol
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from dbc import Codec
 from dbc.frames import FrameBatch
 
 from ..bench.campaign import Step
-from ..bench.config import Bench, bench_codec
+from ..bench.config import Bench
 from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.contents import HopCounts
@@ -188,30 +187,6 @@ def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tupl
                 yield replace(event, text=step.label)
 
     return tuple(replace(part, events=tuple(relabelled(part.events))) for part in parts)
-
-
-class RecordedFrames(Protocol):
-    """Frames in blocks, with the losses before they were stored."""
-
-    @property
-    def hops(self) -> HopLosses:
-        """Losses up to the last returned block."""
-
-    def __iter__(self) -> Iterator[FrameBatch]: ...
-
-
-def session_from_log(bench: Bench, log: RecordedFrames) -> Session:
-    """Return the session of a log: its bumps are the runs of the campaign, in this order.
-
-    `bench`: as it was at the time of the log.  Raises InputError if bench.toml, DBC and log
-    contradict each other.
-    """
-    codec = bench_codec(bench)
-    intake = Intake(bench, codec)
-    for batch in log:
-        intake.take(batch, log.hops)
-    parts = labelled([intake.part()], bench.campaign.steps, 0)
-    return session_from_parts(bench, codec, parts, {"software": "bumpbench"})
 
 
 def session_from_parts(

@@ -16,7 +16,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import FileIO
 from pathlib import Path
-from typing import Protocol
 
 from ..bench.config import RecorderConfig
 from ..files import sync_data, sync_folder
@@ -37,22 +36,6 @@ from .format import (
 _HEAD_AGAIN = 10
 """Number of blocks after which a segment repeats its head, about a second: then no damage to the
 beginning of a segment that never got its end costs all of it."""
-
-
-class JournalFile(Protocol):
-    """The operations of a file that a segment uses."""
-
-    def write(self, data: memoryview, /) -> int | None:
-        """Write a part of `data` and return the number of bytes written."""
-
-    def sync(self) -> None:
-        """Return when all data written are on the disk."""
-
-    def stat(self) -> os.stat_result:
-        """Return the state of the open file."""
-
-    def close(self) -> None:
-        """Close the file."""
 
 
 class SyncedFile(FileIO):
@@ -97,7 +80,7 @@ class Segment:
     Raises OSError if the head cannot be written.
     """
 
-    def __init__(self, file: JournalFile, path: Path, head: JournalHead, number: int) -> None:
+    def __init__(self, file: SyncedFile, path: Path, head: JournalHead, number: int) -> None:
         self.path, self.file = path, file
         self.size = 0
         """Number of bytes written."""

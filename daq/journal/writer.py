@@ -50,7 +50,6 @@ from .format import (
 from .segment import (
     Backlog,
     DiskWatch,
-    JournalFile,
     Pending,
     Room,
     Segment,
@@ -99,7 +98,7 @@ class JournalWriter:
         folder: Path,
         head: JournalHead,
         limits: RecorderConfig = _USUAL_LIMITS,
-        create: Callable[[Path], JournalFile] = SyncedFile,
+        create: Callable[[Path], SyncedFile] = SyncedFile,
         resume: RecordingInfo | None = None,
         room: Callable[[Path], Room] = room_on,
     ) -> None:

@@ -40,7 +40,7 @@ from ..control.orders import (
 )
 from ..journal.folder import seal_left_open
 from ..journal.format import session_name
-from ..journal.segment import JournalFile, SyncedFile
+from ..journal.segment import SyncedFile
 from ..journal.writer import JournalWriter
 from ..runlog.run_log import Code, RunLog, fold
 from ..samples.trigger import bench_mapping
@@ -100,7 +100,7 @@ class Recorder:
         open_source: OpenSource,
         *,
         software: str,
-        create: Callable[[Path], JournalFile] = SyncedFile,
+        create: Callable[[Path], SyncedFile] = SyncedFile,
         pieces: PieceQueue | None = None,
         clock: Callable[[], Now] = read_clocks,
     ) -> None:

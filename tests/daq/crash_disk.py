@@ -5,25 +5,17 @@ from __future__ import annotations
 import errno
 import os
 from dataclasses import dataclass, field
-from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from daq.journal.segment import JournalFile, Room
+from daq.journal.segment import Room, SyncedFile
 
 
-class QuickFile(FileIO):
+class QuickFile(SyncedFile):
     """A file that takes the kernel's word for having written: kills and power are not at stake."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, "xb")
 
     def sync(self) -> None:
         """Do nothing."""
-
-    def stat(self) -> os.stat_result:
-        """Return what the file system says of the open file."""
-        return os.fstat(self.fileno())
 
 
 @dataclass
@@ -38,7 +30,7 @@ class FailingDisk:
     count: int = 0
     failed: bool = False
 
-    def create(self, path: Path) -> JournalFile:
+    def create(self, path: Path) -> SyncedFile:
         """Create a file, or fail."""
         if self.kind in ("eio", "enospc"):
             self._operation()
@@ -89,7 +81,7 @@ class SmallDisk:
     free: int
     created: list[Path] = field(default_factory=list)
 
-    def create(self, path: Path) -> JournalFile:
+    def create(self, path: Path) -> SyncedFile:
         """Create a file."""
         if self.free <= 0:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -121,7 +113,7 @@ class LoggedDisk:
     log: list[tuple[str, str, int, bytes]] = field(default_factory=list)
     """`("write", name, offset, bytes)` and `("sync", name)`, in order."""
 
-    def create(self, path: Path) -> JournalFile:
+    def create(self, path: Path) -> SyncedFile:
         """Create a file."""
         self.log.append(("create", path.name, 0, b""))
         return _LoggedFile(path, self)

@@ -14,7 +14,7 @@ import numpy as np
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.reader import read_journal
-from daq.journal.segment import JournalFile, Room, SyncedFile, room_on
+from daq.journal.segment import Room, SyncedFile, room_on
 from daq.journal.writer import JournalWriter
 
 from .crash_disk import SmallDisk
@@ -29,7 +29,7 @@ class Disk:
     """A small disk: what a writer needs of it, and how to give room back."""
 
     folder: Path
-    create: Callable[[Path], JournalFile]
+    create: Callable[[Path], SyncedFile]
     room: Callable[[Path], Room]
     give_back: Callable[[], None]
     kind: str

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from daq.journal import segment as backlog
-from daq.journal.segment import JournalFile
+from daq.journal.segment import SyncedFile
 from daq.recorder import recorder
 from tui.cli import run
 
@@ -28,7 +28,7 @@ _MORE_BYTES = 100_000_000
 class _Refilled(SmallDisk):
     """A small disk that gets room when a file asks for it."""
 
-    def create(self, path: Path) -> JournalFile:
+    def create(self, path: Path) -> SyncedFile:
         if MORE_ROOM.exists():
             self.free = _MORE_BYTES
         return super().create(path)

@@ -17,7 +17,7 @@ from daq.bus.source import HopLosses
 from daq.journal.folder import segments_in
 from daq.journal.format import FILE_GONE
 from daq.journal.reader import read_journal
-from daq.journal.segment import JournalFile
+from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalWriter
 
 from .crash_disk import QuickFile
@@ -115,7 +115,7 @@ def read_only(folder: Path) -> None:
         if refuse[0]:
             raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    def create(path: Path) -> JournalFile:
+    def create(path: Path) -> SyncedFile:
         _refuse()
         return ReadOnlyFile(path)
 

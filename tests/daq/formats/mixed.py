@@ -1,4 +1,4 @@
-"""Frames of every kind, as python-can's messages: the truth of the readers' tests."""
+"""Frames of every kind, as python-can's messages and as short texts for tables of tests."""
 
 from __future__ import annotations
 
@@ -132,3 +132,30 @@ def batch_of(frames: list[Frame]) -> FrameBatch:
         np.array([f.length for f in frames], np.uint8),
         np.frombuffer(b"".join(f.data.ljust(64, b"\0") for f in frames), np.uint8).reshape(-1, 64),
     )
+
+
+_LETTERS = {
+    "x": FrameFlag.EXTENDED,
+    "r": FrameFlag.REMOTE,
+    "e": FrameFlag.ERROR,
+    "f": FrameFlag.FD,
+    "b": FrameFlag.BITRATE_SWITCH,
+    "s": FrameFlag.ERROR_STATE,
+    "t": FrameFlag.TRANSMITTED,
+}
+
+
+def shown(batch: FrameBatch) -> list[str]:
+    """Return frames as ``time in ns, bus, identifier, length, data, letters of its flags``.
+
+    Letters: x extended, r remote, e error, f FD, b bit rate switch, s error state, t transmitted.
+    """
+    lines = []
+    for i in range(len(batch)):
+        flags, length = int(batch.flags[i]), int(batch.length[i])
+        letters = "".join(letter for letter, flag in _LETTERS.items() if flags & flag)
+        # Bytes behind the payload are shown too if they are not zero: none may be left there.
+        data = batch.data[i, :length].tobytes().hex() + "!" * bool(batch.data[i, length:].any())
+        parts = [f"{batch.t_ns[i]}", f"{batch.bus[i]}", f"{batch.can_id[i]:X}", f"{length}"]
+        lines.append(" ".join([*parts, data or "-", letters or "-"]))
+    return lines

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +10,6 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.derive.build_session import derive
 from daq.journal.folder import (
     last_campaign,
     last_recording,
@@ -27,11 +24,9 @@ from daq.journal.segment_reader import SegmentFile
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 
-from ..crash_derive import journal_of_runs
 from ..crash_disk import FailingDisk, QuickFile
 from ..crash_frames import HEAD, START_NS, block, numbers
 
-ROOT = Path(__file__).parents[3]
 LIMITS = RecorderConfig(segment_bytes=20_000.0, reserve_bytes=0.0)
 BUMP = Event(START_NS, "bump", 1.5, "baseline_bounce_1")
 NOTE = Event(START_NS + 7, "note", text="\N{GREEK SMALL LETTER ZETA} \x1b[31m \\ \x00")
@@ -270,53 +265,3 @@ def test_hours_without_a_run_go_from_the_open_recording_and_are_no_loss(tmp_path
     # What the deleted files reported of files before them is reported still, and once.
     assert sum(event.value for event in contents.events) == 60 * 100 - len(read)
     assert {event.code for event in contents.events} == {"retention"}
-
-
-# Off the machine ----------------------------------------------------------------------------------
-
-
-def test_a_finished_session_has_a_second_name_that_is_written_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    segments = journal_of_runs(tmp_path / "journal", 20_000)
-    session, final = tmp_path / "session_0001.h5", tmp_path / "finished" / "session_0001.h5"
-    derive(segments[:1], session)
-    assert not final.exists()  # the end of the campaign is in the last segment
-    derive(segments, session)
-    assert final.samefile(session)
-    before = final.read_bytes()
-    derive(segments, session)
-    assert not final.samefile(session)
-    assert final.read_bytes() == before
-    derive(segments, tmp_path / "again.h5")
-    assert [path.name for path in final.parent.iterdir()] == ["session_0001.h5"]
-
-    def refuse(*_: object) -> None:
-        raise PermissionError(1, "Operation not permitted")
-
-    monkeypatch.setattr(os, "link", refuse)  # as on a file system without hard links
-    final.unlink()
-    derive(segments, session)
-    assert not final.samefile(session)
-    assert final.read_bytes() == session.read_bytes()
-
-
-def test_the_timer_of_the_manual_copies_what_never_changes_again(tmp_path: Path) -> None:
-    unit = (ROOT / "docs/bumpbench-copy.service").read_text("utf-8")
-    command = re.search(r"ExecStart=/bin/sh -c '(.*?)'\n", unit, re.DOTALL)
-    assert command
-    here, there = tmp_path / "here", tmp_path / "there"
-    there.mkdir()
-    rsync = "rsync --archive --files-from=- . bench@archive:bumpbench/"
-    script = command[1].replace("\\\n", "").replace(rsync, f"xargs cp --parents -t {there}")
-    assert "rsync" not in script
-    (here / "finished").mkdir(parents=True)
-    (here / "finished" / "session_0001.h5").write_bytes(b"session")
-    writer = JournalWriter(here / "journal", HEAD, LIMITS, QuickFile)
-    for k in range(12):
-        writer.append(block(100 * k, 100), HopLosses())
-        writer.maintain(0.1 * k)
-    subprocess.run(["sh", "-c", script], cwd=here, check=True)
-    copied = sorted(str(path.relative_to(there)) for path in there.rglob("*.*"))
-    assert copied == ["finished/session_0001.h5", "journal/journal_0001.bbj"]
-    writer.close()

@@ -1,15 +1,29 @@
+"""Session files written and read again, as others open them, and their outlines for lists."""
+
+from __future__ import annotations
+
+import json
+import re
 import subprocess
 import sys
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import h5py
+import netCDF4
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
-from daq.session import read_session, write_session
+import daq.session
+from daq.errors import InputError
+from daq.runs import Event, RunStatus
+from daq.session import glances, read_session, write_session
+from daq.session.hdf5 import Glance
 from daq.sessions import Session
+from daq.vehicle import MassState
+from dbc import FrameBatch
 
 from ..small_session import small_session
 
@@ -80,3 +94,213 @@ except InputError as error:
     assert ran.returncode == 0, ran.stderr
     assert "cannot be written" in ran.stdout
     assert list(tmp_path.iterdir()) == []
+
+
+# Other programs, and the page that describes the file ---------------------------------------------
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    write_session(tmp_path / "car.h5", small_session())
+    return tmp_path / "car.h5"
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_xarray_opens_every_group(path: Path, engine: Literal["h5netcdf", "netcdf4"]) -> None:
+    import xarray
+
+    session = small_session()
+    tree = xarray.open_groups(path, engine=engine)
+    for number, run in enumerate(session.runs, start=1):
+        for group in run.groups:
+            data = tree[f"/runs/r{number:03d}_{run.label}/{group.name}"]
+            assert_array_equal(data["time"], group.time_s)
+            assert_array_equal(data["t_ns"], group.t_ns)
+            for name, values in group.values.items():
+                assert data[name].dims == ("time",)
+                assert_array_equal(data[name], values)
+                assert data[name].attrs["units"] == ("rad/s" if name == "pitch" else "m/s2")
+    assert_array_equal(tree["/mass_states/added"]["delta_mass"], np.eye(7))
+    for data in tree.values():
+        data.close()
+
+
+def test_the_page_names_everything_that_a_file_holds(path: Path) -> None:
+    page = re.findall(r"\w+", daq.session.__doc__ or "")
+    own = {"hub_fl", "hub_fr", "az", "pitch", "r001_baseline_roll_1", "HUB_Front", "A_IMU"}
+    own |= {"r002_baseline_roll_2", "r003_baseline_roll_3", "baseline", "added"}
+    own |= {"raw_bus0", "raw_bus1"}  # raw_busN there
+    hdf5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}
+    names: set[str] = set()
+    with h5py.File(path) as file:
+        names |= set(file.attrs)
+
+        def visit(name: str, item: h5py.Group | h5py.Dataset) -> None:
+            names.add(name.rsplit("/", 1)[-1])
+            names.update(item.attrs)
+
+        file.visititems(visit)
+    names = {name for name in names if not name.startswith("provenance_")}
+    assert names - own - hdf5 - set(page) == set()
+
+
+def test_the_page_gives_the_types(path: Path) -> None:
+    page = daq.session.__doc__ or ""
+    with h5py.File(path) as file:
+        for place, name, dtype in [
+            ("channels", "signal", "S128"),
+            ("channels", "low_pass_order", "i4"),
+            ("runs/r001_baseline_roll_1/events", "text", "S160"),
+            ("runs/r001_baseline_roll_1/raw_bus0", "flags", "u2"),
+        ]:
+            assert file[place][name].dtype == np.dtype(dtype)
+            assert f"{name} {dtype}" in page
+    assert len(page.splitlines()) < 80
+
+
+def test_netcdf_c_opens_it(path: Path) -> None:
+    session = small_session()
+    with netCDF4.Dataset(path) as file:
+        assert file.Conventions == "CF-1.10"
+        hub = file["runs/r001_baseline_roll_1/HUB_Front"]
+        assert hub["hub_fl"].units == "m/s2"
+        assert_array_equal(hub["hub_fl"][:], session.runs[0].groups[0].values["hub_fl"])
+        raw = file["runs/r001_baseline_roll_1/raw_bus0"]
+        frames = session.runs[0].frames
+        assert_array_equal(raw["data"][:], frames.data[frames.bus == 0])
+        assert raw["data"].dimensions == ("frame", "byte")
+
+
+# Names and texts ----------------------------------------------------------------------------------
+
+SESSION = small_session()
+_RUN = replace(SESSION.runs[0], groups=SESSION.runs[0].groups[1:], frames=FrameBatch.empty())
+BARE = replace(SESSION, runs=(_RUN,), mass_states=SESSION.mass_states[:1], provenance={})
+
+
+def _renamed(kind: str, name: str) -> Session:
+    """Return a session in which a channel, a group or a mass state has another name."""
+    run = BARE.runs[0]
+    if kind == "state":
+        return replace(BARE, mass_states=(*BARE.mass_states, MassState(name)))
+    group = run.groups[0]
+    if kind == "group":
+        return replace(BARE, runs=(replace(run, groups=(replace(group, name=name),)),))
+    channels = tuple(replace(c, name=name) if c.name == "az" else c for c in BARE.channels)
+    values = {name if n == "az" else n: v for n, v in group.values.items()}
+    runs = (replace(run, groups=(replace(group, values=values),)),)
+    return replace(BARE, channels=channels, runs=runs)
+
+
+@pytest.mark.parametrize("kind", ["channel", "group", "state"])
+@pytest.mark.parametrize(
+    ("name", "good"),
+    [
+        ("q", True),
+        ("q" * 64, True),
+        ("q" * 65, False),
+        ("ä" * 32, True),
+        ("ä" * 33, False),
+        ("a b-c", True),
+        ("", False),
+        ("a/b", False),
+        ("a.b", False),
+        ("a\tb", False),
+    ],
+)
+def test_a_name_has_1_to_64_printable_bytes(
+    tmp_path: Path, kind: str, name: str, good: bool
+) -> None:
+    path, session = tmp_path / "car.h5", _renamed(kind, name)
+    if not good:
+        with pytest.raises(InputError, match="cannot be written"):
+            write_session(path, session)
+        return
+    write_session(path, session)
+    found = read_session(path)
+    assert [channel.name for channel in found.channels] == [c.name for c in session.channels]
+    assert {state.name for state in found.mass_states} == {s.name for s in session.mass_states}
+    assert [g.name for g in found.runs[0].groups] == [g.name for g in session.runs[0].groups]
+
+
+@pytest.mark.parametrize(("text", "good"), [("ä" * 80, True), ("ä" * 80 + "b", False)])
+def test_a_text_of_an_event_has_160_bytes(tmp_path: Path, text: str, good: bool) -> None:
+    run = replace(BARE.runs[0], events=(Event(1, "note", 0.0, text),))
+    session = replace(BARE, runs=(run,))
+    if good:
+        write_session(tmp_path / "car.h5", session)
+        assert read_session(tmp_path / "car.h5").runs[0].events == run.events
+        return
+    with pytest.raises(InputError, match="longer than 160 bytes"):
+        write_session(tmp_path / "car.h5", session)
+
+
+def test_the_first_group_of_the_first_run_is_the_default(tmp_path: Path) -> None:
+    path = tmp_path / "car.h5"
+    write_session(path, SESSION)
+    with h5py.File(path) as file:
+        assert file.attrs["default"] == "runs/r001_baseline_roll_1/HUB_Front"
+        hub = file["runs/r002_baseline_roll_2/HUB_Front"]
+        assert hub.attrs["signal"] == "hub_fl"
+        assert hub.attrs["auxiliary_signals"].tolist() == [b"hub_fr"]
+        assert (hub.attrs["axes"], hub.attrs["channels"]) == ("time", "hub_fl\nhub_fr")
+        assert hub["quality"].attrs["flag_masks"].tolist() == [1, 2, 4, 8, 16, 32]
+        assert len(hub["quality"].attrs["flag_meanings"].split()) == 6
+        assert hub["hub_fl"].attrs["dbc_signal"] == "HUB_Front.a"
+        assert hub["hub_fl"].attrs["quantity"] == "hub_acceleration"
+        assert hub["time"].attrs["units"] == "s"
+        assert hub["t_ns"].attrs["units"] == "ns"
+        assert file["mass_states/added"].attrs["order"] == 1
+    none = replace(BARE, runs=(replace(BARE.runs[0], groups=()), *SESSION.runs[1:2]))
+    write_session(path, none)
+    with h5py.File(path) as file:
+        assert "default" not in file.attrs
+
+
+# Outlines for lists -------------------------------------------------------------------------------
+
+NOTES = [
+    {"label": "", "text": "rain", "by": "Ada"},
+    {"label": "baseline_roll_1", "text": "loud", "by": "Ada"},
+]
+
+
+def _written(path: Path) -> Path:
+    session = small_session()
+    first = replace(session.runs[0], status=RunStatus.ACCEPTED, reasons=())
+    said = {**session.provenance, "notes": json.dumps(NOTES)}
+    write_session(path, replace(session, runs=(first, *session.runs[1:]), provenance=said))
+    return path
+
+
+def test_each_file_has_its_outline_or_its_fault(tmp_path: Path) -> None:
+    good, bare, bad = (_written(tmp_path / f"{name}.h5") for name in ("good", "bare", "bad"))
+    with h5py.File(bare, "r+") as file:
+        for name in list(file["session"].attrs):
+            del file["session"].attrs[name]
+        for run in file["runs"].values():
+            del run.attrs["status"]
+    with h5py.File(bad, "r+") as file:
+        del file["session"]
+    first, damaged, absent, last = glances([good, bad, tmp_path / "absent.h5", bare])
+    notes = "rain (Ada)\nbaseline_roll_1: loud (Ada)"
+    assert first == Glance(str(good), "Wagen Ü", "2026-11-21", 1, 2, notes)
+    assert last == Glance(str(bare), "", "", 0, 3)
+    for fault, path, what in (
+        (damaged, bad, "damaged"),
+        (absent, tmp_path / "absent.h5", "no such file"),
+    ):
+        assert isinstance(fault, InputError)
+        assert (fault.where, what in fault.what) == (str(path), True)
+
+
+@pytest.mark.parametrize("name", ["session", "runs", "runs/r002_baseline_roll_2"])
+@pytest.mark.parametrize("link", [h5py.SoftLink("/channels"), h5py.ExternalLink("x", "/")])
+def test_an_outline_is_read_in_this_very_file(tmp_path: Path, name: str, link: object) -> None:
+    path = _written(tmp_path / "car.h5")
+    with h5py.File(path, "r+") as file:
+        del file[name]
+        file[name] = link
+    (fault,) = glances([path])
+    assert isinstance(fault, InputError)
+    assert "is damaged" in fault.what

@@ -16,7 +16,7 @@ from daq.formats.blf import read_blf
 from daq.formats.source import LogLoss
 from dbc import FrameBatch
 
-from .shown import shown
+from .mixed import shown
 
 BAD = "bad"
 """The object should be a frame and is none."""
