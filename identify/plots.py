@@ -12,14 +12,12 @@ from matplotlib.figure import Figure
 from dbc.errors import InputError
 
 from .modes.state_variable_method import StabilisationDiagram
-from .report.blocks import Picture
-from .report.cars import shape_of, still_cars
-from .report.dampers import damper_picture
-from .report.decays import decay_drawing, decay_traces
-from .report.evidence import correlation_drawing
+from .report.cars import still_cars
+from .report.decays import decay_picture, decay_traces
+from .report.evidence import correlation_picture
 from .report.figure import figure_of, look
-from .report.modes import mode_text, stabilisation_drawing
-from .report.parameters import parameter_section
+from .report.modes import moving_cars, stabilisation_picture
+from .report.parameters import damper_picture, intervals_picture
 from .result import Identification
 
 _ACROSS = 2
@@ -33,19 +31,18 @@ def decays(result: Identification) -> Figure:
     """
     estimation = _fitted(result).estimation
     assert estimation is not None  # there is a fit
-    runs = decay_traces(estimation)
-    first = decay_drawing(runs[0])
-    width, height = first.width_in, first.height_in
-    down = -(-len(runs) // _ACROSS)
+    pictures = [decay_picture(run) for run in decay_traces(estimation)]
+    width, height = pictures[0].width_in, pictures[0].height_in
+    down = -(-len(pictures) // _ACROSS)
     with matplotlib.rc_context(look()):
         figure = Figure(figsize=(_ACROSS * width, down * (height + _TITLE_IN)))
         parts = figure.subfigures(
             2 * down, _ACROSS, squeeze=False, height_ratios=down * [_TITLE_IN, height]
         )
-        for number, run in enumerate(runs):
+        for number, picture in enumerate(pictures):
             row, column = divmod(number, _ACROSS)
-            parts[2 * row, column].text(0.13, 0.1, run.label, parse_math=False)
-            decay_drawing(run).draw(parts[2 * row + 1, column])
+            parts[2 * row, column].text(0.13, 0.1, picture.title, parse_math=False)
+            picture.draw(parts[2 * row + 1, column])
     return figure
 
 
@@ -54,8 +51,7 @@ def parameters(result: Identification) -> Figure:
 
     Raises InputError if the session was refused before a fit.
     """
-    blocks = parameter_section(_fitted(result).document()).blocks
-    return figure_of(next(block.drawing for block in blocks if isinstance(block, Picture)))
+    return figure_of(intervals_picture(_fitted(result)))
 
 
 def dampers(result: Identification) -> Figure:
@@ -68,7 +64,7 @@ def dampers(result: Identification) -> Figure:
     if forces is None:
         what = "there is no damper curve: the linear model explains the decays"
         raise InputError("plot", what, "take c_sf and c_sr, or bump higher")
-    return figure_of(damper_picture(forces).drawing)
+    return figure_of(damper_picture(forces))
 
 
 def correlation(result: Identification) -> Figure:
@@ -76,8 +72,7 @@ def correlation(result: Identification) -> Figure:
 
     Raises InputError if the session was refused before a fit.
     """
-    known = _fitted(result).correlation
-    return figure_of(correlation_drawing(known.names, known.matrix))
+    return figure_of(correlation_picture(_fitted(result)))
 
 
 def modes(result: Identification, mass_state: str = "baseline") -> Figure:
@@ -88,14 +83,7 @@ def modes(result: Identification, mass_state: str = "baseline") -> Figure:
     """
     if mass_state not in _fitted(result).modal:
         raise InputError("plot", f"no mass state {mass_state}", f"choose {', '.join(result.modal)}")
-    model = result.modal[mass_state]
-    shapes = (
-        shape_of(name, mode_text(known), mode.frequency_hz, mode.shape, result.geometry)
-        for name, mode, known in zip(
-            result.mode_names[mass_state], model.modes, result.modes[mass_state], strict=True
-        )
-    )
-    return figure_of(still_cars(tuple(shapes)))
+    return figure_of(still_cars(moving_cars(result, mass_state)))
 
 
 def stabilisation(diagram: StabilisationDiagram) -> Figure:
@@ -107,7 +95,7 @@ def stabilisation(diagram: StabilisationDiagram) -> Figure:
     vibrating = diagram.poles.imag > 0.0
     highest = diagram.rank == np.max(diagram.rank[diagram.stable], initial=0)
     modes_hz = frequency_hz[diagram.stable & vibrating & highest]
-    return figure_of(stabilisation_drawing(diagram, modes_hz))
+    return figure_of(stabilisation_picture("stabilisation", "", diagram, modes_hz))
 
 
 def _fitted(result: Identification) -> Identification:

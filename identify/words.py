@@ -115,7 +115,8 @@ def plus_minus_text(e: Estimate) -> str:
     """Write a value and half of its interval."""
     if not e.determined:
         return NOT_DETERMINED
-    return f"{value_text(e)} ± {half_width(e.value, e.high)}"
+    half = half_width(e.value, e.high)
+    return f"{value_text(e)} ± {half}" if half else value_text(e)
 
 
 def survival_lines(quality: Judgement) -> list[str]:

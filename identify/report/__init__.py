@@ -4,20 +4,23 @@
 order.
 """
 
-from .blocks import MovingCars, Picture, Report, Source
 from .cars import still_cars
 from .content import report_of
 from .decays import decay_section, decay_traces
+from .evidence import CrossChecks, cross_checks
 from .figure import png_of, svg_of
 from .html import comparison_html, drawings, html_of
+from .page import MovingCars, Picture, Report, Source
 from .pdf import pdf_of
 
 __all__ = [
+    "CrossChecks",
     "MovingCars",
     "Picture",
     "Report",
     "Source",
     "comparison_html",
+    "cross_checks",
     "decay_section",
     "decay_traces",
     "drawings",

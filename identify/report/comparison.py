@@ -1,11 +1,11 @@
-"""A comparison of sessions as blocks of a page."""
+"""A comparison of sessions as sections of a page."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from math import isnan
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,24 +13,14 @@ from numpy.typing import NDArray
 from dbc.words import counted
 
 from ..change import Change
-from ..compare import Compared, Comparison
-from ..estimate_text import EstimateEntry, high_text, low_text, value_text
+from ..compare import Compared, Comparison, Trend
 from ..fit.estimation import Estimation
-from ..fit.uncertainty import COVERAGE_95, Estimate
-from ..numbers import NOT_DETERMINED, half_width, plus_minus, signed
-from ..words import NOT_OK, unit_text
-from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
+from ..fit.uncertainty import Estimate
+from ..numbers import NOT_DETERMINED, half_width, plus_minus, rounded, signed
+from ..words import NOT_OK, unit_text, value_text
 from .decays import overlay_gallery
-from .figure import (
-    HALF_IN,
-    INK,
-    PALETTE,
-    WIDTH_IN,
-    Drawing,
-    line_axes,
-    lines_height_in,
-    shared_legend,
-)
+from .figure import HALF_IN, INK, PALETTE, WIDTH_IN, line_axes, lines_height_in, shared_legend
+from .page import Block, Gallery, Picture, Section, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
@@ -38,51 +28,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _LEAST_CHANCE = 1e-9
-
 _DRAWN = 24
 """Largest number of trends with a figure, the parameters first."""
-
-
-def comparison_sections(
-    comparison: Comparison, estimations: Sequence[Estimation] = ()
-) -> tuple[Section, ...]:
-    """Return the differences, the overlaid decays of the fits, and the trends."""
-    labels, document = comparison.labels, comparison.document()
-    blocks: list[Block] = [_sessions(comparison)]
-    if comparison.unlike:
-        stated = tuple((Cell(text), Cell("")) for text in comparison.unlike)
-        title = "Stated differently: is it one car, with its sensors in their places?"
-        blocks.append(Table(title, ("what", ""), stated))
-    if comparison.change is not None:
-        blocks.append(change_table(comparison.change, document))
-    if comparison.common:
-        shared = tuple((Cell(text), Cell("")) for text in comparison.common)
-        columns = ("what", "")
-        blocks.append(Table("Stated alike in all sessions: errors in common", columns, shared))
-    if comparison.open:
-        names = tuple((Cell(name), Cell(NOT_DETERMINED)) for name in comparison.open)
-        blocks.append(Table("Not compared: a session does not determine it", ("", ""), names))
-    for number_, label in enumerate(labels[1:]):
-        if comparison.parameters:
-            blocks.append(_picture(comparison, number_))
-        for title, part, rows in (
-            ("Parameters", "parameters", comparison.parameters),
-            ("Forces (damper; corner: with friction)", "forces", comparison.forces),
-            ("Modes", "modes", comparison.modes),
-        ):
-            if rows:
-                name = f"{title}: {label} minus {labels[0]}"
-                blocks.append(_differences(name, document, part, rows, number_))
-    sections = [Section("differences", "Differences", METHOD, tuple(blocks))]
-    gallery = overlay_gallery(labels, estimations)
-    if gallery is not None:
-        lead = "The same runs in all sessions, as the sensors measured them."
-        sections.append(Section("decays", "Overlaid decays", lead, (gallery,)))
-    if len(labels) > 2:
-        sections.append(_trends(comparison, document))
-    return tuple(sections)
-
-
 METHOD = (
     "What changed is found by one joint fit of all sessions: every parameter, and every element "
     "that all of them have, is common to them unless the data ask for a difference; of all small "
@@ -95,190 +42,91 @@ METHOD = (
 )
 
 
-def _sessions(comparison: Comparison) -> Table:
-    pairs = zip(comparison.labels, comparison.verdicts, strict=True)
-    rows = tuple((Cell(f"{i + 1}"), Cell(a), Cell(b)) for i, (a, b) in enumerate(pairs))
+def comparison_sections(
+    comparison: Comparison, estimations: Sequence[Estimation] = ()
+) -> tuple[Section, ...]:
+    """Return the differences, the overlaid decays of the fits, and the trends."""
+    labels = comparison.labels
     note = "" if set(comparison.verdicts) == {"ok"} else NOT_OK
-    return Table("Sessions", ("#", "session", "verdict"), rows, note)
+    sessions = tuple(
+        (f"{i}", *pair)
+        for i, pair in enumerate(zip(labels, comparison.verdicts, strict=True), start=1)
+    )
+    blocks: list[Block] = [Table("Sessions", ("#", "session", "verdict"), sessions, note)]
+    if comparison.change is not None:
+        blocks.append(change_table(comparison.change))
+    for title, texts in (
+        ("Stated differently: is it one car, with its sensors in their places?", comparison.unlike),
+        ("Stated alike in all sessions: errors in common", comparison.common),
+    ):
+        if texts:
+            blocks.append(Table(title, ("what", ""), tuple((text, "") for text in texts)))
+    if comparison.open:
+        names = tuple((name, NOT_DETERMINED) for name in comparison.open)
+        blocks.append(Table("Not compared: a session does not determine it", ("", ""), names))
+    for which, label in enumerate(labels[1:]):
+        if comparison.parameters:
+            blocks.append(differences_picture(comparison, which))
+        for title, rows in (
+            ("Parameters", comparison.parameters),
+            ("Forces (damper; corner: with friction)", comparison.forces),
+            ("Modes", comparison.modes),
+        ):
+            if rows:
+                blocks.append(_differences(f"{title}: {label} minus {labels[0]}", rows, which))
+    sections = [Section("differences", "Differences", METHOD, tuple(blocks))]
+    gallery = overlay_gallery(labels, estimations)
+    if gallery is not None:
+        lead = "The same runs in all sessions, as the sensors measured them."
+        sections.append(Section("decays", "Overlaid decays", lead, (gallery,)))
+    if len(labels) > 2:
+        sections.append(_trends(comparison))
+    return tuple(sections)
 
 
-def _differences(
-    title: str, document: dict[str, Any], part: str, rows: tuple[Compared, ...], which: int
-) -> Table:
-    cells = []
-    for i, row in enumerate(rows):
-        path = (part, i, "differences", which)
-        cells.append(
+def _differences(title: str, rows: Sequence[Compared], which: int) -> Table:
+    columns = ("", "#first", "#this", "#difference", "#±", "#z", "at 95 %", "unit")
+    texts = []
+    for row in rows:
+        first, this, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
+        texts.append(
             (
-                cited(document, part, i, "name", form=str),
-                cited(document, part, i, "estimates", 0, form=value_text),
-                cited(document, part, i, "estimates", which + 1, form=value_text),
-                cited(document, *path, form=_difference_text),
-                cited(document, *path, form=_half_text),
-                cited(document, *path, "z", form="{:+.2f}".format),
-                Cell("✓ differs" if row.differences[which].significant else "· within chance"),
-                Cell(unit_text(row.estimates[0].unit)),
+                row.name,
+                value_text(first),
+                value_text(this),
+                signed(d.value, d.half),
+                half_width(0.0, d.half),
+                f"{d.z:+.2f}",
+                "✓ differs" if d.significant else "· within chance",
+                unit_text(first.unit),
             )
         )
-    columns = ("", "#first", "#this", "#difference", "#±", "#z", "at 95 %", "unit")
-    return Table(title, columns, tuple(cells))
+    return Table(title, columns, tuple(texts))
 
 
-def _difference_text(difference: Mapping[str, float]) -> str:
-    """Write a difference with the digits that its interval justifies."""
-    return signed(difference["value"], COVERAGE_95 * difference["std"])
-
-
-def _half_text(difference: Mapping[str, float]) -> str:
-    """Write half of its 95 % interval."""
-    return half_width(0.0, COVERAGE_95 * difference["std"])
-
-
-def _picture(comparison: Comparison, which: int) -> Picture:
-    rows = comparison.parameters
-    value = np.array([row.estimates[0].value for row in rows])
+def differences_picture(comparison: Comparison, which: int) -> Picture:
+    """Return each difference of a session with its interval; significant ones by another mark."""
+    names = tuple(row.name for row in comparison.parameters)
+    percent, half, significant = np.array(
+        [
+            (
+                d.value / abs(row.estimates[0].value) * 100.0,
+                d.half / abs(row.estimates[0].value) * 100.0,
+                d.significant,
+            )
+            for row in comparison.parameters
+            for d in [row.differences[which]]
+        ]
+    ).T
     return Picture(
         f"differences_{which + 1}",
         f"{comparison.labels[which + 1]} minus {comparison.labels[0]}",
         "Bars: 95 % interval of each difference by itself. Diamonds differ significantly, circles "
         "do not.",
-        differences_drawing(
-            tuple(row.name for row in rows),
-            np.array([row.differences[which].value for row in rows]) / np.abs(value) * 100.0,
-            np.array([row.differences[which].std for row in rows])
-            / np.abs(value)
-            * COVERAGE_95
-            * 100.0,
-            np.array([row.differences[which].significant for row in rows]),
-        ),
+        WIDTH_IN,
+        lines_height_in(len(names), 2),
+        partial(_draw_differences, names, percent, half, significant.astype(bool)),
     )
-
-
-def _slope_text(trend: Mapping[str, float]) -> str:
-    """Write a slope with its 95 % interval."""
-    return plus_minus(trend["slope"], COVERAGE_95 * trend["slope_std"])
-
-
-def _trends(comparison: Comparison, document: dict[str, Any]) -> Section:
-    cells = []
-    pictures: list[Picture] = []
-    for part, rows in (
-        ("parameters", comparison.parameters),
-        ("forces", comparison.forces),
-        ("modes", comparison.modes),
-    ):
-        for i, row in enumerate(rows):
-            t = row.trend
-            if t is None:
-                continue
-            cells.append(
-                (
-                    Cell(row.name),
-                    cited(document, part, i, "trend", form=_slope_text),
-                    Cell(unit_text(row.estimates[0].unit)),
-                    Cell("✓ drifts" if t.drifts else "· none"),
-                    Cell(f"{t.chi2:.1f} / {t.freedom}", f"{part}/{i}/trend/chi2"),
-                    Cell("✓ varies" if t.varies else "· constant"),
-                )
-            )
-            if len(pictures) < _DRAWN:
-                value = np.array([e.value for e in row.estimates])
-                half = np.array([(e.high - e.low) / 2.0 for e in row.estimates])
-                drawing = trend_drawing(value, half, t.slope, unit_text(row.estimates[0].unit))
-                pictures.append(Picture(f"trend_{part}_{i}", row.name, "", drawing))
-    columns = ("", "#per session", "unit", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
-    return Section(
-        "trend",
-        "Trend over the sessions",
-        "Value against session in the order given: a weighted straight line, and how badly one "
-        "constant value fits (chi2). Equal steps from session to session are assumed.",
-        (
-            Table("Slopes and constancy", columns, tuple(cells)),
-            Gallery("Values in order", "Bars: 95 % intervals. Line: weighted trend.",
-                    tuple(pictures)),
-        ),
-    )  # fmt: skip
-
-
-# What changed -------------------------------------------------------------------------------------
-
-
-def unchanged_line(change: Change) -> str:
-    """Return the test that all else is unchanged, in one line."""
-    if change.outcome == "not compared":
-        return "Each quantity is compared by itself."
-    what = "all else" if change.outcome == "parameters" else "everything"
-    if change.apart:
-        what = f"{what} that all sessions have"
-    freedom = f"{counted(change.rest_freedom, 'degree')} of freedom"
-    return (
-        f"Test that {what} is unchanged: chi2 {change.rest_chi2:,.1f} on {freedom},"
-        f" chance {_chance_text(change.rest_p)}."
-    )
-
-
-def change_table(change: Change, document: Mapping[str, Any]) -> Table:
-    """Return the named changes with their intervals."""
-    rows: list[tuple[Cell, ...]] = []
-    for i, one in enumerate(change.named):
-        named = ("change", "named", i)
-        for k, estimate in enumerate(one.changes):
-            path = (*named, "changes", k)
-            share = partial(_percent, change=estimate)
-            name = ", or instead ".join((one.name, *one.instead))
-            rows.append(
-                (
-                    Cell(name if len(one.changes) == 1 else f"{name}, session {k + 2}"),
-                    Cell(one.kind),
-                    cited(document, *path, form=_amount_text),
-                    cited(document, *path, form=low_text),
-                    cited(document, *path, form=high_text),
-                    Cell(unit_text(estimate.unit)),
-                    Cell("")
-                    if isnan(one.shares[k])
-                    else cited(document, *named, "shares", k, form=share),
-                    cited(document, *named, "p", form=_chance_text),
-                )
-            )
-    title, line = "What changed, by one joint fit", unchanged_line(change)
-    if not rows:
-        return Table(title, ("what changed", ""), ((Cell(change.sentence), Cell("")),), line)
-    columns = ("what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance")
-    return Table(title, columns, tuple(rows), line)
-
-
-def _chance_text(p: float) -> str:
-    """Write a chance; one that is too small to matter is written as a bound."""
-    return f"{p:.2g}" if p >= _LEAST_CHANCE else f"below {_LEAST_CHANCE:g}"
-
-
-def _amount_text(change: EstimateEntry) -> str:
-    """Write a change with its sign and the digits that its interval justifies."""
-    return signed(change["value"], change["high"] - change["value"])
-
-
-def _percent(share: float, change: Estimate) -> str:
-    """Write the change as a share, with the digits of its interval."""
-    half = abs(change.high - change.value) / abs(change.value) if change.value else 0.0
-    return f"{signed(100.0 * share, 100.0 * half * abs(share))} %"
-
-
-# Figures ------------------------------------------------------------------------------------------
-
-
-def differences_drawing(
-    names: tuple[str, ...],
-    percent: Floats,
-    half_percent: Floats,
-    significant: NDArray[np.bool_],
-) -> Drawing:
-    """Return a drawing of each difference with its interval; significant ones by another mark.
-
-    All (n,): difference and half of its 95 % interval, % of the first session's value; True if the
-    difference is significant among all.
-    """
-    draw = partial(_draw_differences, names, percent, half_percent, significant)
-    return Drawing(WIDTH_IN, lines_height_in(len(names), 2), draw)
 
 
 def _draw_differences(
@@ -306,25 +154,107 @@ def _draw_differences(
     shared_legend(figure)
 
 
-def trend_drawing(values: Floats, half: Floats, slope: float, unit: str) -> Drawing:
-    """Return a drawing of a quantity over the sessions, with its weighted line.
+def _trends(comparison: Comparison) -> Section:
+    rows: list[tuple[str, ...]] = []
+    pictures: list[Picture] = []
+    for row in comparison.quantities:
+        t = row.trend
+        if t is None:
+            continue
+        unit = unit_text(row.estimates[0].unit)
+        rows.append(
+            (
+                row.name,
+                plus_minus(t.slope, t.half),
+                unit,
+                "✓ drifts" if t.drifts else "· none",
+                f"{t.chi2:.1f} / {t.freedom}",
+                "✓ varies" if t.varies else "· constant",
+            )
+        )
+        if len(pictures) < _DRAWN:
+            draw = partial(_draw_trend, row.estimates, t, unit)
+            pictures.append(Picture(f"trend_{len(pictures)}", row.name, "", HALF_IN, 1.7, draw))
+    columns = ("", "#per session", "unit", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
+    caption = "Bars: 95 % intervals. Line: weighted trend."
+    return Section(
+        "trend",
+        "Trend over the sessions",
+        "Value against session in the order given: a weighted straight line, and how badly one "
+        "constant value fits (chi2). Equal steps from session to session are assumed.",
+        (
+            Table("Slopes and constancy", columns, tuple(rows)),
+            Gallery("Values in order", caption, tuple(pictures)),
+        ),
+    )
 
-    `values` and `half`, (n,): value and half of its 95 % interval in each session.  `slope`: of the
-    line, per session.
-    """
-    return Drawing(HALF_IN, 1.7, partial(_draw_trend, values, half, slope, unit))
 
-
-def _draw_trend(values: Floats, half: Floats, slope: float, unit: str, figure: FigureBase) -> None:
+def _draw_trend(estimates: Sequence[Estimate], trend: Trend, unit: str, figure: FigureBase) -> None:
+    """Draw a quantity over the sessions with its weighted line."""
     axes = figure.add_axes((0.2, 0.2, 0.77, 0.74))
+    values = np.array([e.value for e in estimates])
+    half = np.array([(e.high - e.low) / 2.0 for e in estimates])
     order = np.arange(1, len(values) + 1)
     axes.errorbar(order, values, yerr=half, fmt="o", ms=3.5, color=PALETTE[1], lw=1.0, capsize=2.0)
     weight = half**-2.0
     middle = float(weight @ order / weight.sum())
     level = float(weight @ values / weight.sum())
-    axes.plot(order, level + slope * (order - middle), color=PALETTE[2], lw=1.0)
+    axes.plot(order, level + trend.slope * (order - middle), color=PALETTE[2], lw=1.0)
     axes.ticklabel_format(useOffset=False)
     axes.set_xticks(order[:: max(len(order) // 8, 1)])
     axes.set_xlabel("session", labelpad=1.0)
     axes.set_ylabel(unit)
     axes.margins(x=0.08)
+
+
+# What changed -------------------------------------------------------------------------------------
+
+
+def unchanged_line(change: Change) -> str:
+    """Return the test that all else is unchanged, in one line."""
+    if change.outcome == "not compared":
+        return "Each quantity is compared by itself."
+    what = "all else" if change.outcome == "parameters" else "everything"
+    if change.apart:
+        what = f"{what} that all sessions have"
+    freedom = f"{counted(change.rest_freedom, 'degree')} of freedom"
+    return (
+        f"Test that {what} is unchanged: chi2 {change.rest_chi2:,.1f} on {freedom},"
+        f" chance {_chance_text(change.rest_p)}."
+    )
+
+
+def change_table(change: Change) -> Table:
+    """Return the named changes with their intervals."""
+    title, line = "What changed, by one joint fit", unchanged_line(change)
+    if not change.named:
+        return Table(title, ("what changed", ""), ((change.sentence, ""),), line)
+    rows = []
+    for one in change.named:
+        name = ", or instead ".join((one.name, *one.instead))
+        for k, (e, share) in enumerate(zip(one.changes, one.shares, strict=True)):
+            half = e.high - e.value
+            _, low, high = rounded(e.value, e.low, e.high)
+            percent = ""
+            if not isnan(share):
+                relative = half / abs(e.value) if e.value else 0.0
+                percent = f"{signed(100.0 * share, 100.0 * relative * abs(share))} %"
+            rows.append(
+                (
+                    name if len(one.changes) == 1 else f"{name}, session {k + 2}",
+                    one.kind,
+                    signed(e.value, half),
+                    low,
+                    high,
+                    unit_text(e.unit),
+                    percent,
+                    _chance_text(one.p),
+                )
+            )
+    columns = ("what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance")
+    return Table(title, columns, tuple(rows), line)
+
+
+def _chance_text(p: float) -> str:
+    """Write a chance; one that is too small to matter is written as a bound."""
+    return f"{p:.2g}" if p >= _LEAST_CHANCE else f"below {_LEAST_CHANCE:g}"

@@ -16,8 +16,8 @@ from ..decays.decay import FreeDecay, Record, Recording
 from ..decays.onset import onset_s
 from ..fit.estimation import Estimation
 from ..fit.likelihood import Residuals
-from .blocks import Block, Gallery, Picture, Section
-from .figure import FAINT, HALF_IN, INK, PALETTE, Drawing
+from .figure import FAINT, HALF_IN, INK, PALETTE
+from .page import Block, Gallery, Picture, Section
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
@@ -79,10 +79,7 @@ def decay_traces(estimation: Estimation) -> tuple[DecayTraces, ...]:
 
 def decay_section(estimation: Estimation) -> Section:
     """Return every run with its fit."""
-    pictures = tuple(
-        Picture(f"decay_{run.label}", run.label, "", decay_drawing(run))
-        for run in decay_traces(estimation)
-    )
+    pictures = tuple(decay_picture(run) for run in decay_traces(estimation))
     gallery = Gallery(
         "Each run: a channel of the body and one of a wheel, with what the fit leaves",
         "Grey: measured. Colour: fitted. The free decay that is fitted has a blue ground; it "
@@ -100,13 +97,25 @@ def _traces(
     noise: Mapping[str, float], record: Record, decay: FreeDecay, left: Residuals
 ) -> DecayTraces:
     onset = onset_s(record)
-    begin = record.start_s if onset is None else max(onset - _BEFORE_S, record.start_s)
-    traces = tuple(
-        _trace(noise, record, decay, left, channel, begin)
-        for channel in _most_significant(noise, decay, left)
-    )
+    begin_s = record.start_s if onset is None else max(onset - _BEFORE_S, record.start_s)
+    traces = []
+    for channel in _most_significant(noise, decay, left):
+        before, whole = _column(record.recordings, channel.name)
+        after, measured = _column(decay.recordings, channel.name)
+        residual = left.values[channel.name]
+        shown = before >= begin_s
+        after = after + decay.start_s
+        traces.append(
+            Trace(
+                channel.name,
+                channel.unit.replace("2", "²"),
+                envelope(before[shown], whole[shown], _BINS),
+                envelope(after, measured - residual, _BINS),
+                envelope(after, residual / noise[channel.name], _BINS),
+            )
+        )
     motion_s = np.nan if onset is None else onset
-    return DecayTraces(decay.label, traces, motion_s, decay.start_s, record.end_s)
+    return DecayTraces(decay.label, tuple(traces), motion_s, decay.start_s, record.end_s)
 
 
 def _most_significant(
@@ -127,40 +136,19 @@ def _most_significant(
     return tuple(channel for _, channel in strength.values())
 
 
-def _trace(
-    noise: Mapping[str, float],
-    record: Record,
-    decay: FreeDecay,
-    left: Residuals,
-    channel: Channel,
-    begin_s: float,
-) -> Trace:
-    before, whole = _column(record.recordings, channel)
-    after, measured = _column(decay.recordings, channel)
-    residual = left.values[channel.name]
-    shown = before >= begin_s
-    after = after + decay.start_s
-    return Trace(
-        channel.name,
-        channel.unit.replace("2", "²"),
-        envelope(before[shown], whole[shown], _BINS),
-        envelope(after, measured - residual, _BINS),
-        envelope(after, residual / noise[channel.name], _BINS),
+def _column(recordings: Sequence[Recording], name: str) -> tuple[Floats, Floats]:
+    """Return times and values of a channel."""
+    return next(
+        (recording.time_s, column)
+        for recording in recordings
+        for channel, column in zip(recording.group.channels, recording.values.T, strict=True)
+        if channel.name == name
     )
 
 
-def _column(recordings: tuple[Recording, ...], channel: Channel) -> tuple[Floats, Floats]:
-    columns = {
-        c.name: (recording.time_s, column)
-        for recording in recordings
-        for c, column in zip(recording.group.channels, recording.values.T, strict=True)
-    }
-    return columns[channel.name]
-
-
-def decay_drawing(run: DecayTraces) -> Drawing:
-    """Return a drawing of each trace, and beneath it its residual in units of the noise."""
-    return Drawing(HALF_IN, 2.75, partial(_draw_decay, run))
+def decay_picture(run: DecayTraces) -> Picture:
+    """Return each trace, and beneath it its residual in units of the noise."""
+    return Picture(f"decay_{run.label}", run.label, "", HALF_IN, 2.75, partial(_draw_decay, run))
 
 
 def _draw_decay(run: DecayTraces, figure: FigureBase) -> None:
@@ -213,10 +201,11 @@ def overlay_gallery(labels: Sequence[str], estimations: Sequence[Estimation]) ->
     pictures = []
     for label in by_label[0] if by_label else ():
         if all(label in decays for decays in by_label):
-            decays = [each[label] for each in by_label]
-            drawing = _overlay_of(labels, decays, shown[0].sigma)
-            if drawing is not None:
-                pictures.append(Picture(f"overlay_{label}", label, "", drawing))
+            picture = overlay_picture(
+                label, labels, [decays[label] for decays in by_label], shown[0].sigma
+            )
+            if picture is not None:
+                pictures.append(picture)
     if not pictures:
         return None
     return Gallery(
@@ -228,49 +217,32 @@ def overlay_gallery(labels: Sequence[str], estimations: Sequence[Estimation]) ->
     )
 
 
-def _overlay_of(
-    labels: Sequence[str], decays: Sequence[FreeDecay], sigma: dict[str, float]
-) -> Drawing | None:
-    columns = [_columns(decay) for decay in decays]
-    common = [name for name in columns[0] if all(name in other for other in columns)]
+def overlay_picture(
+    label: str, labels: Sequence[str], decays: Sequence[FreeDecay], sigma: Mapping[str, float]
+) -> Picture | None:
+    """Return one channel of a run in several sessions; None where they have none in common."""
+    early: list[dict[str, tuple[Floats, Floats, str]]] = []
+    for decay in decays:
+        columns = {}
+        for recording in decay.recordings:
+            soon = recording.time_s < _SHOWN_S
+            for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
+                if soon.any():
+                    columns[channel.name] = recording.time_s[soon], column[soon], channel.unit
+        early.append(columns)
+    common = [name for name in early[0] if all(name in other for other in early)]
     if not common:
         return None
-    name = max(common, key=lambda n: float(np.std(columns[0][n][1])) / sigma[n])
-    unit = next(
-        c.unit for r in decays[0].recordings for c in r.group.channels if c.name == name
-    ).replace("2", "²")
-    first = columns[0][name]
-    curves = tuple(
-        envelope(*_with_mean_of(column[name], first), _OVERLAY_BINS) for column in columns
-    )
-    return overlay_drawing(f"{name}, {unit}", tuple(labels[: len(curves)]), curves)
-
-
-def _with_mean_of(
-    column: tuple[Floats, Floats], first: tuple[Floats, Floats]
-) -> tuple[Floats, Floats]:
-    """Return a curve with the mean of the first, as each fit has its own constant for it."""
-    time_s, values = column
-    reference = np.interp(time_s, *first)
-    return time_s, values - np.mean(values - reference)
-
-
-def _columns(decay: FreeDecay) -> dict[str, tuple[Floats, Floats]]:
-    found = {}
-    for recording in decay.recordings:
-        early = recording.time_s < _SHOWN_S
-        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
-            if early.any():
-                found[channel.name] = recording.time_s[early], column[early]
-    return found
-
-
-def overlay_drawing(title: str, labels: tuple[str, ...], curves: tuple[Floats, ...]) -> Drawing:
-    """Return a drawing of one channel of a run in several sessions, as measured.
-
-    `curves`: for each session, time since the start of its decay, s, over the value, (2, n).
-    """
-    return Drawing(HALF_IN, 2.0, partial(_draw_overlay, title, labels, curves))
+    name = max(common, key=lambda n: float(np.std(early[0][n][1])) / sigma[n])
+    first_s, first, unit = early[0][name]
+    curves = []
+    for time_s, values, _ in (columns[name] for columns in early):
+        # With the mean of the first: each fit has its own constant for it.
+        offset = np.mean(values - np.interp(time_s, first_s, first))
+        curves.append(envelope(time_s, values - offset, _OVERLAY_BINS))
+    title = f"{name}, {unit.replace('2', '²')}"
+    draw = partial(_draw_overlay, title, tuple(labels[: len(curves)]), tuple(curves))
+    return Picture(f"overlay_{label}", label, "", HALF_IN, 2.0, draw)
 
 
 def _draw_overlay(
@@ -301,17 +273,8 @@ def _draw_overlay(
 def envelope(time_s: Floats, values: Floats, bins: int) -> Floats:
     """Keep the lowest and highest point of each of `bins` stretches, so that no spike is hidden.
 
-    Parameters
-    ----------
-    time_s, values : (n,) float64
-        The curve.
-    bins : int
-        Number of stretches; a curve of no more than two points in each is kept as it is.
-
-    Returns
-    -------
-    (2, m) float64
-        Times over values, m <= max(2 bins, n).
+    `time_s` and `values`, (n,): the curve; one of no more than two points in each stretch is kept
+    as it is.  Returns times over values, (2, m), m <= max(2 bins, n).
     """
     n = len(values)
     if n <= 2 * bins:

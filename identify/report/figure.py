@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from io import BytesIO, StringIO
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
+
+from .page import Picture
 
 if TYPE_CHECKING:  # slow to load; sections without a figure drawn need none of it
     from matplotlib.axes import Axes
@@ -50,48 +51,37 @@ SETTINGS: Mapping[Any, Any] = MappingProxyType(
 _SMALL = {**SETTINGS, "font.size": 8.0, "axes.titlesize": 8.5}
 
 
-@dataclass(frozen=True, slots=True)
-class Drawing:
-    """A figure that can be drawn anywhere, also in another process."""
-
-    width_in: float
-    height_in: float
-    """`width_in`, `height_in`: size that it is made for, inches."""
-    draw: Callable[[FigureBase], None]
-    """Draws it on a figure, or on a part of one; a `functools.partial` of a module's function."""
-
-
 def look() -> dict[Any, Any]:
     """Return matplotlib's settings for the figures of a report."""
     return dict(_SMALL)
 
 
-def figure_of(drawing: Drawing) -> Figure:
+def figure_of(picture: Picture) -> Figure:
     """Draw on a new matplotlib figure."""
     import matplotlib
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(look()):
-        figure = Figure(figsize=(drawing.width_in, drawing.height_in))
-        drawing.draw(figure)
+        figure = Figure(figsize=(picture.width_in, picture.height_in))
+        picture.draw(figure)
     return figure
 
 
-def svg_of(drawing: Drawing, title: str) -> str:
+def svg_of(picture: Picture) -> str:
     """Draw an SVG document; its text is text."""
     import matplotlib
 
     text = StringIO()
-    figure = figure_of(drawing)
+    figure = figure_of(picture)
     with matplotlib.rc_context(look()):
-        figure.savefig(text, format="svg", metadata={"Title": title, "Date": None})
+        figure.savefig(text, format="svg", metadata={"Title": picture.title, "Date": None})
     return text.getvalue()
 
 
-def png_of(drawing: Drawing) -> bytes:
+def png_of(picture: Picture) -> bytes:
     """Draw a PNG file."""
     data = BytesIO()
-    figure_of(drawing).savefig(data, format="png", dpi=_PNG_DPI, metadata={"Software": None})
+    figure_of(picture).savefig(data, format="png", dpi=_PNG_DPI, metadata={"Software": None})
     return data.getvalue()
 
 

@@ -16,11 +16,11 @@ from daq.documents import json_in_html
 from ..compare import Comparison
 from ..fit.estimation import Estimation
 from ..trust.finding import Verdict
-from ..words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
-from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
+from ..words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain, survival_lines
 from .cars import moving_car
 from .comparison import comparison_sections
 from .figure import svg_of
+from .page import Picture, Report
 
 _WIDE = 9
 """Columns beyond which a table is set small."""
@@ -37,17 +37,19 @@ def drawings(pictures: Iterable[Picture], executor: Executor) -> dict[str, Futur
 
 
 def html_of(report: Report, begun: Mapping[str, Future[Markup]] = MappingProxyType({})) -> str:
-    """Typeset a report as HTML.
+    """Typeset a report as HTML, with the document of its result as data.
 
-    `report`: what is shown; its document goes into the page as data, and numbers in the tables name
-    their place in it.  `begun`: pictures that are drawn elsewhere (`drawings`).
+    `begun`: pictures that are drawn elsewhere (`drawings`).
     """
     return _page(
         "report.jinja",
-        {"identification": report.document, "report-data": report.data},
+        {"identification": report.result.document(report.source.sha256)},
         drawing=lambda p: begun[p.key].result() if p.key in begun else drawing(p),
         sections=report.sections,
         report=report,
+        quality=report.result.quality,
+        created=report.result.provenance.get("created", ""),
+        survival=survival_lines(report.result.quality),
         symbol=SYMBOL,
         verdict_of=Verdict.of,
         headline=HEADLINE,
@@ -86,34 +88,22 @@ def _page(name: str, documents: Mapping[str, Mapping[str, object]], **content: o
     return environment.get_template(name).render(
         css=Markup((room / "report.css").read_text("utf-8")),
         documents={key: Markup(json_in_html(d, indent=1)) for key, d in documents.items()},
-        kind=_kind,
+        kind=lambda block: type(block).__name__,
         moving=moving_car,
-        small=lambda table: len(table.columns) > _WIDE,
+        wide=_WIDE,
         many=_MANY,
         **content,
     )
 
 
-def _kind(block: Block) -> str:
-    match block:
-        case Table():
-            return "table"
-        case Picture():
-            return "picture"
-        case Gallery():
-            return "gallery"
-        case MovingCars():
-            return "cars"
-
-
 def drawing(picture: Picture) -> Markup:
     """Draw a picture for a page with others: no prologue, no global style, its own ids."""
-    svg = svg_of(picture.drawing, picture.title)
+    svg = svg_of(picture)
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
     named = f"role='img' aria-label='{escape(picture.title)}'"
-    least = f"style='min-width:{picture.drawing.width_in * _PX_AN_INCH:.0f}px'"
+    least = f"style='min-width:{picture.width_in * _PX_AN_INCH:.0f}px'"
     svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', lambda m: f"{m[1]} {named} {least}", svg, count=1)
     svg = re.sub(r'<g id="[^"]*">', "<g>", svg)
     key = re.sub(r"\W", "_", picture.key)

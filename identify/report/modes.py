@@ -2,47 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimate_text import Document
 from ..fit.uncertainty import ModeEstimate
+from ..modes.modal_model import ModalModel
 from ..modes.state_variable_method import StabilisationDiagram
 from ..numbers import NOT_DETERMINED, rounded, with_half
 from ..result import Identification
-from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table, cited
+from ..words import value_text
 from .cars import shape_of
-from .figure import FAINT, HALF_IN, PALETTE, Drawing
+from .figure import FAINT, HALF_IN, PALETTE
+from .page import Block, Gallery, MovingCars, Picture, Section, Table
+from .parameters import estimate_texts
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
 
 
-def modes_section(
-    result: Identification, document: Document, diagrams: Mapping[str, StabilisationDiagram]
-) -> Section:
+def modes_section(result: Identification, diagrams: Mapping[str, StabilisationDiagram]) -> Section:
     """Return the modes of every mass state."""
-    blocks: list[Block] = []
-    for state in result.modal:
-        blocks.append(_table(result, document, state))
-    for state in result.modal:
-        blocks.append(_cars(result, state))
+    blocks: list[Block] = [_table(result, state) for state in result.modal]
+    blocks += [moving_cars(result, state) for state in result.modal]
     if diagrams:
+        pictures = []
+        for state in result.modal:
+            if state in diagrams:
+                modes_hz = np.array([mode.frequency.value for mode in result.modes[state]])
+                key, title = f"stabilisation_{state}", f"Mass state {state}"
+                pictures.append(stabilisation_picture(key, title, diagrams[state], modes_hz))
         blocks.append(
             Gallery(
                 "Stabilisation: which poles recur when the rank is raised",
                 "The State Variable Method alone, without a model of the car. Lines are the "
                 "modes of the identified vehicle; poles of the structure lie above them in "
                 "columns, poles of the noise are scattered.",
-                tuple(_picture(diagrams[s], result, s) for s in result.modal if s in diagrams),
+                tuple(pictures),
             )
         )
-    for state in result.sensed:
-        blocks.append(_sensed(document, state))
+    blocks += [_sensed(state, model) for state, model in result.sensed.items()]
     return Section(
         "modes",
         "Modes of vibration",
@@ -52,30 +54,25 @@ def modes_section(
     )
 
 
-def _table(result: Identification, document: Document, state: str) -> Table:
+def _table(result: Identification, state: str) -> Table:
     first = next(iter(result.modal))
     partner: dict[int, int] = {}
     note = ""
     if state in result.pairings:
-        pairing = result.pairings[state]
-        pairs = zip(pairing.baseline.tolist(), pairing.added.tolist(), strict=True)
-        partner = {added: baseline for baseline, added in pairs}
-        swaps = [f"{i + 1} and {j + 1}" for i, j in pairing.swapped]
-        if swaps:
+        pairs = result.pairings[state]
+        partner = dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True))
+        if pairs.swapped:
+            swaps = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs.swapped)
             note = (
-                f"Modes {', '.join(swaps)} of state {first} change their order in state {state}: "
+                f"Modes {swaps} of state {first} change their order in state {state}: "
                 "they are paired by shape (MAC), not by frequency."
             )
     rows = []
-    for i in range(len(document["modes"][state])):
-        rows.append(
-            (
-                Cell(f"{i + 1}"),
-                cited(document, "modes", state, i, "name", form=str),
-                *((Cell(f"{partner[i] + 1}" if i in partner else ""),) if partner else ()),
-                *_mode_cells(document, state, i),
-            )
-        )
+    named = zip(result.mode_names[state], result.modes[state], strict=True)
+    for i, (name, mode) in enumerate(named):
+        texts = (estimate_texts(e)[:3] for e in (mode.frequency, mode.damping_ratio))
+        paired = ((f"{partner[i] + 1}" if i in partner else ""),) if partner else ()
+        rows.append((f"{i + 1}", name, *paired, *(text for three in texts for text in three)))
     partners = (f"#in {first}",) if partner else ()
     return Table(
         f"Modes in mass state {state}",
@@ -90,26 +87,19 @@ def mode_text(mode: ModeEstimate) -> str:
     hz, ratio = mode.frequency, mode.damping_ratio
     if not (hz.determined and ratio.determined):
         return NOT_DETERMINED
-    hertz, *_ = rounded(hz.value, hz.low, hz.high)
     percent, *_ = rounded(*(100.0 * end for end in (ratio.value, ratio.low, ratio.high)))
-    return f"{hertz} Hz, {percent} %"
+    return f"{value_text(hz)} Hz, {percent} %"
 
 
-def _mode_cells(document: Document, state: str, i: int) -> tuple[Cell, ...]:
-    """Return frequency and damping ratio, each with the ends of its interval."""
-    mode = document["modes"][state][i]
-    texts = (
-        *rounded(mode["frequency_hz"], mode["frequency_low_hz"], mode["frequency_high_hz"]),
-        *rounded(mode["damping_ratio"], mode["damping_ratio_low"], mode["damping_ratio_high"]),
+def _sensed(state: str, model: ModalModel) -> Table:
+    columns = (
+        (model.frequencies_hz, model.frequency_std_hz),
+        (model.damping_ratios, model.damping_ratio_std),
     )
-    return tuple(Cell(text, f"modes/{state}/{i}") for text in texts)
-
-
-def _sensed(document: Document, state: str) -> Table:
-    rows = [
-        (Cell(f"{i + 1}"), *(Cell(text, f"sensed_modes/{state}/{i}") for text in _with_sigma(mode)))
-        for i, mode in enumerate(document["sensed_modes"][state])
-    ]
+    rows = []
+    for i in range(len(model)):
+        texts = [with_half(float(v[i]), float(std[i])).partition(" ± ") for v, std in columns]
+        rows.append((f"{i + 1}", *(part for text in texts for part in text[::2])))
     return Table(
         f"Mass state {state} without a model of the car: State Variable Method",
         ("#", "#Hz", "#sigma", "#damping ratio", "#sigma"),
@@ -118,50 +108,28 @@ def _sensed(document: Document, state: str) -> Table:
     )
 
 
-def _with_sigma(mode: Mapping[str, float]) -> Iterator[str]:
-    """Yield frequency and damping ratio, each with its standard deviation and fitting digits."""
-    for value, sigma in (
-        (mode["frequency_hz"], mode["frequency_std_hz"]),
-        (mode["damping_ratio"], mode["damping_ratio_std"]),
-    ):
-        text, _, width = with_half(value, sigma).partition(" ± ")
-        yield from (text, width)
-
-
-def _cars(result: Identification, state: str) -> MovingCars:
-    shapes = tuple(
-        shape_of(f"{i + 1} {name}", mode_text(mode), mode.frequency.value, shape, result.geometry)
-        for i, (name, mode, shape) in enumerate(
-            zip(
-                result.mode_names[state],
-                result.modes[state],
-                result.modal[state].shapes.T,
-                strict=True,
-            )
-        )
+def moving_cars(result: Identification, state: str) -> MovingCars:
+    """Return the mode shapes of one mass state."""
+    modes = zip(
+        result.mode_names[state], result.modes[state], result.modal[state].shapes.T, strict=True
     )
     return MovingCars(
         f"shapes_{state}",
         f"Mode shapes in mass state {state}",
         "Enlarged, slowed down, and without their decay. Grey: the car at rest.",
-        shapes,
-    )
-
-
-def _picture(diagram: StabilisationDiagram, result: Identification, state: str) -> Picture:
-    return Picture(
-        f"stabilisation_{state}",
-        f"Mass state {state}",
-        "",
-        stabilisation_drawing(
-            diagram, np.array([mode.frequency.value for mode in result.modes[state]])
+        tuple(
+            shape_of(f"{i} {name}", mode_text(mode), mode.frequency.value, shape, result.geometry)
+            for i, (name, mode, shape) in enumerate(modes, start=1)
         ),
     )
 
 
-def stabilisation_drawing(diagram: StabilisationDiagram, modes_hz: NDArray[np.float64]) -> Drawing:
-    """Return a drawing of frequency across and rank upwards, with lines at the modes, (m,) Hz."""
-    return Drawing(HALF_IN, 2.7, partial(_draw_stabilisation, diagram, modes_hz))
+def stabilisation_picture(
+    key: str, title: str, diagram: StabilisationDiagram, modes_hz: NDArray[np.float64]
+) -> Picture:
+    """Return frequency across and rank upwards, with lines at the modes, (m,) Hz."""
+    draw = partial(_draw_stabilisation, diagram, modes_hz)
+    return Picture(key, title, "", HALF_IN, 2.7, draw)
 
 
 def _draw_stabilisation(

@@ -1,30 +1,45 @@
-"""Section on the parameters, their precision, and the quantities that follow from them."""
+"""Sections on the parameters and what follows from them, and on the forces of a nonlinear car."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimate_text import Document, half_percent, half_text, high_text, low_text, value_text
-from ..numbers import LARGEST_PERCENT, by_kind, half_width_percent, largest_share
-from ..words import parameter_words, plain, unit_text
-from .blocks import Block, Cell, Picture, Section, Table, cited
-from .figure import (
-    INK,
-    PALETTE,
-    WIDTH_IN,
-    Drawing,
-    line_axes,
-    lines_height_in,
-    shared_legend,
+from ..fit.uncertainty import Estimate
+from ..numbers import (
+    LARGEST_PERCENT,
+    by_kind,
+    half_width_percent,
+    largest_share,
+    number,
+    rounded,
 )
+from ..result import Identification
+from ..words import (
+    damper_columns,
+    damper_rows,
+    element_answer,
+    half_percent,
+    half_text,
+    parameter_words,
+    plain,
+    unit_text,
+    value_text,
+)
+from .figure import FAINT, INK, PALETTE, WIDTH_IN, line_axes, lines_height_in, shared_legend
+from .page import Block, Picture, Section, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import FigureBase
+
+    from ..nonlinear.forces import Forces
+
+Floats = NDArray[np.float64]
 
 _LEAST_SHARE = 0.005
 """Sources whose share is smaller for every parameter are not drawn."""
@@ -32,13 +47,39 @@ _SOURCES = ("#0072b2", "#56b4e9", "#004468", "#d55e00", "#e69f00", "#8a3c00", "#
             "#cc79a7", "#7f7f7f", "#c0c0c0")  # fmt: skip
 
 
-def parameter_section(document: Document) -> Section:
+def parameter_section(result: Identification) -> Section:
     """Return the parameters and the derived quantities."""
     blocks: list[Block] = []
-    if document["parameters"]:
-        blocks += [_intervals(document), _parameters(document), _derived(document)]
-    if document["motion_ratios"]:
-        blocks.append(_motion_ratios(document))
+    if result.parameters:
+        rests_on = {
+            name: "" if name in result.undetermined else largest_share(shares)
+            for name, shares in result.drivers.items()
+        }
+        blocks = [
+            intervals_picture(result),
+            Table(
+                "Parameters of the vehicle",
+                ("", "parameter", "#estimate", "#from", "#to", "#±", "unit", "rests mostly on"),
+                tuple(
+                    (name, parameter_words(name), *estimate_texts(e), rests_on.get(name, ""))
+                    for name, e in result.parameters.items()
+                ),
+                "From and to are the ends of the 95 % interval.",
+            ),
+            _estimates(
+                "What follows from them", "quantity", plain, result.derived,
+                "Ratios are known better than masses and springs, most of whose error is common to "
+                "all of them. Ride frequency is that of the axle's share of the body on its "
+                "suspension, wheel hop that of the wheel between both springs. The dynamic index "
+                "is k²/(a b).",
+            ),
+        ]  # fmt: skip
+    if result.motion_ratios:
+        note = (
+            "Travel of the sensor over that of the wheel, where bench.toml states it with a sigma."
+        )
+        ratios = result.motion_ratios
+        blocks.append(_estimates("Motion ratios as fitted", "channel", str, ratios, note))
     return Section(
         "parameters",
         "Parameters",
@@ -48,138 +89,82 @@ def parameter_section(document: Document) -> Section:
     )
 
 
-def _estimate_cells(
-    document: Document, part: Literal["parameters", "derived", "motion_ratios"], name: str
-) -> tuple[Cell, ...]:
+def estimate_texts(e: Estimate) -> tuple[str, str, str, str, str]:
     """Return value, both ends of the interval, its relative half width, and unit."""
-    e = document[part][name]
-    ends = (Cell("given"), Cell(""), Cell(""))
-    if e["reason"]:
-        ends = (Cell(""), Cell(""), Cell(""))
-    elif e["std"]:
-        ends = (
-            cited(document, part, name, form=low_text),
-            cited(document, part, name, form=high_text),
-            cited(document, part, name, form=half_text),
-        )
-    return (cited(document, part, name, form=value_text), *ends, Cell(unit_text(e["unit"])))
+    unit = unit_text(e.unit)
+    if not e.determined:
+        return value_text(e), "", "", "", unit
+    if not e.std:
+        return value_text(e), "given", "", "", unit
+    value, low, high = rounded(e.value, e.low, e.high)
+    return value, low, high, half_text(e), unit
 
 
-def _parameters(document: Document) -> Table:
-    rows = [
-        (
-            Cell(name),
-            Cell(parameter_words(name)),
-            *_estimate_cells(document, "parameters", name),
-            Cell(largest_share(document["drivers"].get(name, {}))),
-        )
-        for name in document["parameters"]
-    ]
-    return Table(
-        "Parameters of the vehicle",
-        ("", "parameter", "#estimate", "#from", "#to", "#±", "unit", "rests mostly on"),
-        tuple(rows),
-        "From and to are the ends of the 95 % interval.",
-    )
+def _estimates(
+    title: str,
+    what: str,
+    words: Callable[[str], str],
+    estimates: Mapping[str, Estimate],
+    note: str,
+) -> Table:
+    rows = tuple((words(name), *estimate_texts(e)) for name, e in estimates.items())
+    return Table(title, (what, "#estimate", "#from", "#to", "#±", "unit"), rows, note)
 
 
-def _derived(document: Document) -> Table:
-    rows = [
-        (Cell(plain(name)), *_estimate_cells(document, "derived", name))
-        for name in document["derived"]
-    ]
-    return Table(
-        "What follows from them",
-        ("quantity", "#estimate", "#from", "#to", "#±", "unit"),
-        tuple(rows),
-        "Ratios are known better than masses and springs, most of whose error is common to "
-        "all of them. Ride frequency is that of the axle's share of the body on its suspension, "
-        "wheel hop that of the wheel between both springs. The dynamic index is k²/(a b).",
-    )
-
-
-def _intervals(document: Document) -> Picture:
-    known = {n: e for n, e in document["parameters"].items() if e["std"] > 0.0 and e["value"]}
-    kinds: dict[str, float] = {}
-    rows = {name: by_kind(document["drivers"].get(name, {})) for name in known}
-    for row in rows.values():
+def intervals_picture(result: Identification) -> Picture:
+    """Return the relative interval of each parameter, and the sources of its precision."""
+    known = {name: e for name, e in result.parameters.items() if e.determined and e.std and e.value}
+    shares = {name: by_kind(result.drivers.get(name, {})) for name in known}
+    largest: dict[str, float] = {}
+    for row in shares.values():
         for kind, share in row.items():
-            kinds[kind] = max(kinds.get(kind, 0.0), share)
-    order = _first_named(document, {kind for kind, most in kinds.items() if most > _LEAST_SHARE})
+            largest[kind] = max(largest.get(kind, 0.0), share)
+    kinds = {kind for kind, most in largest.items() if most > _LEAST_SHARE}
+    # In the order of the runs; sources that are not runs come last.
+    runs = dict.fromkeys(run.rpartition("_")[0] for run in result.quality.chi2_by_run)
+    order = (*(kind for kind in runs if kind in kinds), *sorted(kinds - set(runs)))
     return Picture(
         "intervals",
         "How well each parameter is known, and what that rests on",
         "Left: the 95 % interval relative to the estimate. Right: which runs, facts and stated "
         "uncertainties its precision rests on; repeats are added up. A bar of one colour means "
         "that one kind of run decides: repeat that one.",
-        intervals_drawing(
+        WIDTH_IN,
+        lines_height_in(len(known), len(order)),
+        partial(
+            _draw_intervals,
             tuple(known),
             np.array([half_percent(e) for e in known.values()]),
-            tuple(kind.replace("_", " ") for kind in order),
-            np.array([[row.get(kind, 0.0) for kind in order] for row in rows.values()]),
+            tuple(plain(kind) for kind in order),
+            np.array([[row.get(kind, 0.0) for kind in order] for row in shares.values()]),
         ),
     )
 
 
-def _first_named(document: Document, kinds: set[str]) -> tuple[str, ...]:
-    """Return the kinds in the order of the runs; sources that are not runs come last."""
-    labels = [run.rpartition("_")[0] for run in document["chi2_by_run"]]
-    runs = [kind for kind in dict.fromkeys(labels) if kind in kinds]
-    return (*runs, *sorted(kinds - set(runs)))
-
-
-def _motion_ratios(document: Document) -> Table:
-    rows = [
-        (Cell(name), *_estimate_cells(document, "motion_ratios", name))
-        for name in document["motion_ratios"]
-    ]
-    return Table(
-        "Motion ratios as fitted",
-        ("channel", "#estimate", "#from", "#to", "#±", "unit"),
-        tuple(rows),
-        "Travel of the sensor over that of the wheel, where bench.toml states it with a sigma.",
-    )
-
-
-def intervals_drawing(
-    names: tuple[str, ...],
-    half_percent: NDArray[np.float64],
-    kinds: tuple[str, ...],
-    shares: NDArray[np.float64],
-) -> Drawing:
-    """Return a drawing of the relative intervals on the left, and of what they rest on.
-
-    `half_percent`, (n,): half of each 95 % interval, % of the value.  `kinds`: kinds of runs and
-    facts that a parameter may rest on.  `shares`, (n, n_kinds): share of each, 0..1.
-    """
-    draw = partial(_draw_intervals, names, half_percent, kinds, shares)
-    return Drawing(WIDTH_IN, lines_height_in(len(names), len(kinds)), draw)
-
-
 def _draw_intervals(
     names: tuple[str, ...],
-    half_percent: NDArray[np.float64],
+    half_percents: Floats,
     kinds: tuple[str, ...],
-    shares: NDArray[np.float64],
+    shares: Floats,
     figure: FigureBase,
 ) -> None:
     n = len(names)
     left, right = line_axes(figure, n, (0.075, 0.5))
     # A bar of 2,000 %, of a value near zero, would make all others invisible.
-    shown = np.where(half_percent <= LARGEST_PERCENT, half_percent, np.nan)
+    shown = np.where(half_percents <= LARGEST_PERCENT, half_percents, np.nan)
     interval_bars(left, shown)
     left.set_yticks(range(n), names)
-    for i, half in enumerate(half_percent):
+    for i, half in enumerate(half_percents):
         text = half_width_percent(100.0, 100.0 - half, 100.0 + half)
-        text = f" ±{text}" if text else (" may be zero" if half > 0.0 else " not determined")
+        text = f" ±{text}" if text else " may be zero"
         left.text(half if half <= LARGEST_PERCENT else 0.0, i, text, va="center", fontsize=7.5)
     left.set_xlim(*about_zero(shown, 1.9))
     left.set_xlabel("95 % interval about the estimate, %")
     left.set_title("How well each is known")
     start = np.zeros(n)
-    for number, kind in enumerate(kinds):
-        width = np.nan_to_num(shares[:, number]) * 100.0
-        colour = _SOURCES[number % len(_SOURCES)]
+    for i, kind in enumerate(kinds):
+        width = shares[:, i] * 100.0
+        colour = _SOURCES[i % len(_SOURCES)]
         right.barh(range(n), width, 0.62, left=start, color=colour, label=kind, ec="white", lw=0.5)
         start += width
     right.set_xlim(0.0, 100.0)
@@ -189,15 +174,100 @@ def _draw_intervals(
     shared_legend(figure)
 
 
-def interval_bars(axes: Axes, half: NDArray[np.float64]) -> None:
+def interval_bars(axes: Axes, half: Floats) -> None:
     """Draw a bar about zero for each interval."""
     shown = np.where(np.isfinite(half), half, 0.0)
     axes.barh(range(len(half)), 2.0 * shown, 0.55, left=-shown, color=PALETTE[1], alpha=0.45)
     axes.vlines(0.0, -0.5, len(half) - 0.5, INK, lw=0.9)
 
 
-def about_zero(values: NDArray[np.float64], room: float) -> tuple[float, float]:
+def about_zero(values: Floats, room: float) -> tuple[float, float]:
     """Return limits of an axis that hold all values, with room on the right."""
     finite = np.abs(values[np.isfinite(values)])
     reach = float(finite.max(initial=0.0)) or 1.0
     return -1.1 * reach, room * reach
+
+
+# Forces of a car that is not linear ---------------------------------------------------------------
+
+
+def damper_section(forces: Forces) -> Section:
+    """Return the section of dampers and friction."""
+    blocks: list[Block] = [damper_picture(forces)]
+    columns = ("#speed, m/s", *(f"#{name}" for name in damper_columns(forces)))
+    blocks.append(
+        Table(
+            "Force of one corner at a speed, N",
+            columns,
+            tuple(tuple(row) for row in damper_rows(forces)),
+            "Of the damper, and with friction; each with half of its 95 % interval. Empty where "
+            "the speed did not occur. The split rests on the law of the friction, the sum does "
+            "not.",
+        )
+    )
+    elements = tuple(
+        (one.axle, plain(name), value, low, high, unit)
+        for one in forces.axles
+        for name, e in one.values.items()
+        for value, low, high, _, unit in [estimate_texts(e)]
+    )
+    if elements:
+        columns = ("axle", "element", "#estimate", "#from", "#to", "unit")
+        notes = "; ".join(f"{one.axle} {note}" for one in forces.axles for note in one.notes)
+        blocks.append(Table("Force elements of one corner", columns, elements, notes))
+    blocks.append(
+        Table(
+            "Elements that were tried",
+            ("element", "#gain", "#needed", ""),
+            tuple(
+                (plain(one.name), number(one.gain), number(one.threshold), element_answer(one))
+                for one in forces.choices
+            ),
+            "Gain is the fall of the squared residuals in units of the noise; needed is what the "
+            "Bayesian information criterion needs for its number of unknowns.",
+        )
+    )
+    return Section(
+        "dampers",
+        "Damper dynamometer",
+        "A damper dynamometer without removing the dampers: forces of one corner of each axle, "
+        "at the wheel, identified from the decays. The band is the 95 % interval. A curve is shown "
+        "for the speeds that occurred in 1 to 99 % of the time. c_s among the parameters is the "
+        "secant of this curve between -0.1 and 0.1 m/s. Speeds and forces are those of the wheel: "
+        "on a test rig a damper of lever ratio i shows 1/i of the force at i times the speed.",
+        tuple(blocks),
+    )
+
+
+def damper_picture(forces: Forces) -> Picture:
+    """Return the curves of both axles with their bands."""
+    return Picture(
+        "dampers",
+        "Damper force over speed",
+        "Compression is positive. The broken line adds the friction, the force that a corner "
+        "resists with at that speed; the sum is right whatever the law of the friction is.",
+        WIDTH_IN,
+        2.9,
+        partial(_draw_dampers, forces),
+    )
+
+
+def _draw_dampers(forces: Forces, figure: FigureBase) -> None:
+    """Draw one curve for each axle, side by side on the same scale."""
+    n = len(forces.axles)
+    first = None
+    for i, one in enumerate(forces.axles):
+        speed = one.damper.speed_m_s
+        left = 0.1 + i * 0.9 / n
+        axes = figure.add_axes((left, 0.19, 0.9 / n - 0.07, 0.7), sharey=first)
+        first = first or axes
+        axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+        axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+        axes.fill_between(speed, *one.damper.band_n, color=PALETTE[1], alpha=0.25, lw=0)
+        axes.plot(speed, one.damper.force_n, color=PALETTE[1], lw=1.4, label="damper, 95 % band")
+        axes.plot(speed, one.damper.total_n, "--", color=PALETTE[2], lw=1.0, label="with friction")
+        axes.set_title(one.axle)
+        axes.set_xlabel("speed, m/s, compression positive")
+        if not i:
+            axes.set_ylabel("force, N")
+            axes.legend(frameon=False, fontsize=7.5, loc="upper left")

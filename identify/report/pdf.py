@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from datetime import date
 from importlib.resources import files
 from pathlib import Path
@@ -13,10 +14,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from ..trust.finding import Verdict
-from ..words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
-from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
+from ..words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain, survival_lines
 from .cars import still_cars
 from .figure import svg_of
+from .page import Block, Gallery, MovingCars, Picture, Report, Table
 
 
 def pdf_of(report: Report) -> bytes:
@@ -41,21 +42,25 @@ def pdf_of(report: Report) -> bytes:
 
 def _content(report: Report, folder: Path) -> dict[str, Any]:
     """Return the content for `report.typ`; its pictures are in the folder."""
-    day = date.fromisoformat(report.source.issued) if report.source.issued else None
-    findings = [
-        (Verdict.of(finding.severity), finding.code, finding.text) for finding in report.findings
-    ]
+    source, quality = report.source, report.result.quality
+    verdict = quality.verdict
+    day = date.fromisoformat(source.issued) if source.issued else None
+    created = report.result.provenance.get("created", "")
+    signed = {"operator": source.operator, "approved by": source.approver}
+    findings = [(Verdict.of(f.severity), f.code, f.text) for f in quality.findings]
     return {
-        "title": f"{report.vehicle}: {report.verdict}",
+        "title": f"{report.vehicle}: {verdict}",
         "issued": [day.year, day.month, day.day] if day else None,
-        "footer": f"{report.source.name}   sha256 {report.source.sha256[:16]}",
+        "footer": f"{source.name}   sha256 {source.sha256[:16]}",
         "vehicle": report.vehicle,
-        "origin": f"{report.source.name}   {report.created}",
-        "verdict": report.verdict,
-        "headline": f"{SYMBOL[report.verdict]}  {report.verdict.upper()}: "
-        f"{HEADLINE[report.verdict]}",
-        "meaning": MEANING[report.verdict],
-        "highlights": [f"{name}:  {cell.text}" for name, cell in report.highlights],
+        "origin": "   ".join(
+            [source.name, created, *(f"{role} {who}" for role, who in signed.items() if who)]
+        ),
+        "verdict": verdict,
+        "headline": f"{SYMBOL[verdict]}  {verdict.upper()}: {HEADLINE[verdict]}",
+        "meaning": MEANING[verdict],
+        "highlights": report.highlights,
+        "values": [[words, f"{text} {unit}".strip()] for words, text, unit in report.values],
         "findings": [
             {
                 "verdict": worth,
@@ -66,7 +71,7 @@ def _content(report: Report, folder: Path) -> dict[str, Any]:
         ],
         "survival": [
             *([] if findings else ["Every gate was passed; nothing was found."]),
-            *report.survival,
+            *survival_lines(quality),
         ],
         "sections": [
             {
@@ -84,23 +89,23 @@ def _part(block: Block, folder: Path) -> dict[str, Any]:
         case Table():
             return _table(block)
         case Picture():
-            return _pictures(block.title, block.caption, (block,), folder)
+            return _pictures(block.title, block.caption, [block], folder)
         case Gallery():
             return _pictures(block.title, block.caption, block.pictures, folder)
         case MovingCars():
-            still = Picture(block.key, block.title, "", still_cars(block.shapes))
-            return _pictures(block.title, "At the largest motion; grey: at rest.", (still,), folder)
+            still = still_cars(block)
+            return _pictures(still.title, still.caption, [still], folder)
 
 
 def _table(table: Table) -> dict[str, Any]:
     if len(table.columns) == 1:  # a file, shown as it is
-        text = "\n".join(row[0].text for row in table.rows)
+        text = "\n".join(row[0] for row in table.rows)
         return {"kind": "listing", "title": table.title, "text": text}
     columns = [
         {
             "name": name if name == "#" else name.removeprefix("#"),
             "right": name.startswith("#"),
-            "blank": bool(name) and not any(row[i].text for row in table.rows),  # to be signed
+            "blank": bool(name) and not any(row[i] for row in table.rows),  # to be signed
         }
         for i, name in enumerate(table.columns)
     ]
@@ -108,25 +113,19 @@ def _table(table: Table) -> dict[str, Any]:
         "kind": "table",
         "title": table.title,
         "columns": columns,
-        "rows": [[cell.text for cell in row] for row in table.rows],
+        "rows": table.rows,
         "note": table.note,
     }
 
 
 def _pictures(
-    title: str, caption: str, pictures: tuple[Picture, ...], folder: Path
+    title: str, caption: str, pictures: Iterable[Picture], folder: Path
 ) -> dict[str, Any]:
-    several = len(pictures) > 1
     shown = []
     for picture in pictures:
         file = f"{picture.key}.svg"
-        (folder / file).write_text(svg_of(picture.drawing, picture.title), "utf-8")
-        shown.append(
-            {
-                "file": file,
-                "title": picture.title if several else "",
-                "alt": f"{title}: {picture.title}" if several else title,
-                "width_in": picture.drawing.width_in,
-            }
-        )
+        (folder / file).write_text(svg_of(picture), "utf-8")
+        own = "" if picture.title == title else picture.title
+        alt = f"{title}: {own}" if own else title
+        shown.append({"file": file, "title": own, "alt": alt, "width_in": picture.width_in})
     return {"kind": "pictures", "title": title, "caption": caption, "pictures": shown}

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import numpy as np
 
@@ -12,25 +11,34 @@ from daq.channels import Channel, Quantity
 from daq.runs import Run
 from daq.samples.trigger import BUMP
 from daq.sessions import Session, notes_of, overrides_of
-from daq.vehicle import BodyWeight, MassState, Structure
+from daq.vehicle import BodyWeight, MassState
 
-from ..estimate_text import Document
 from ..fit.estimation import Estimation
 from ..numbers import number
-from ..result import Identification
-from ..trust.finding import Verdict
+from ..result import Identification, software_sha256
 from ..words import HEADLINE, plain
-from .blocks import Block, Cell, Section, Source, Table, cited
+from .page import Block, Section, Source, Table
 
 _ROUTINE = (BUMP, "run_end")
 _UNSTATED = "not stated"
-REFUSED = "✕ refused"
-"""Mark of every result of a refused session."""
 
 
 def vehicle_section(session: Session, estimation: Estimation) -> Section:
     """Return structure, facts, stated uncertainties and added weights."""
-    blocks: list[Block] = [_model(session)]
+    vehicle = session.vehicle
+    beyond = [
+        plain(name)
+        for name in ("anti_roll_bars", "tyre_damping", "cg_offset")
+        if getattr(vehicle.structure, name)
+    ]
+    model = (
+        ("sides", "left and right alike" if vehicle.structure.symmetric else "each for itself"),
+        ("beyond the 15 parameters", ", ".join(beyond) or "nothing"),
+        ("lengths a, b, t_f, t_r", "identified" if vehicle.geometry is None else "given"),
+        ("facts", str(len(vehicle.facts)) if vehicle.facts else "none"),
+        ("mass states", ", ".join(state.name for state in session.mass_states)),
+    )
+    blocks: list[Block] = [Table("Model of the vehicle", ("", ""), model)]
     if estimation.box.facts:
         blocks.append(_facts(estimation))
     blocks += [_weights(state) for state in session.mass_states if state.added.weights]
@@ -45,40 +53,21 @@ def vehicle_section(session: Session, estimation: Estimation) -> Section:
     )
 
 
-def _model(session: Session) -> Table:
-    vehicle = session.vehicle
-    rows = [
-        ("sides", "left and right alike" if vehicle.structure.symmetric else "each for itself"),
-        ("beyond the 15 parameters", _beyond(vehicle.structure) or "nothing"),
-        ("lengths a, b, t_f, t_r", "identified" if vehicle.geometry is None else "given"),
-        ("facts", str(len(vehicle.facts)) if vehicle.facts else "none"),
-        ("mass states", ", ".join(state.name for state in session.mass_states)),
-    ]
-    cells = tuple((Cell(name), Cell(text)) for name, text in rows)
-    return Table("Model of the vehicle", ("", ""), cells)
-
-
-def _beyond(structure: Structure) -> str:
-    names = ("anti_roll_bars", "tyre_damping", "cg_offset")
-    return ", ".join(plain(name) for name in names if getattr(structure, name))
-
-
 def _facts(estimation: Estimation) -> Table:
     misfits, _ = estimation.engine.fact_misfits(estimation.fit.eta)
-    rows = [
-        (
-            Cell(plain(fact.quantity)),
-            Cell(number(fact.value)),
-            Cell(number(fact.sigma)),
-            Cell(number(fact.value - misfit * fact.sigma)),
-            Cell(f"{misfit:+.2f}"),
-        )
-        for fact, misfit in zip(estimation.box.facts, misfits.tolist(), strict=True)
-    ]
     return Table(
         "Facts: scales and tape measure",
         ("fact", "#stated", "#uncertainty", "#identified", "#stated less identified, sigma"),
-        tuple(rows),
+        tuple(
+            (
+                plain(fact.quantity),
+                number(fact.value),
+                number(fact.sigma),
+                number(fact.value - misfit * fact.sigma),
+                f"{misfit:+.2f}",
+            )
+            for fact, misfit in zip(estimation.box.facts, misfits.tolist(), strict=True)
+        ),
         "All in SI units. A misfit beyond 3 sigma means that scales and decays disagree.",
     )
 
@@ -86,12 +75,18 @@ def _facts(estimation: Estimation) -> Table:
 def _weights(state: MassState) -> Table:
     rows = []
     for weight in state.added.weights:
-        if isinstance(weight, BodyWeight):
-            at = (weight.x_m, weight.y_m, weight.height_m, weight.position_sigma_m)
-            place = (Cell("body"), *(Cell(f"{value:.3f}") for value in at))
-        else:
-            place = (Cell(f"hub {weight.corner}"), *(Cell("") for _ in range(4)))
-        rows.append((*place, Cell(number(weight.mass_kg)), Cell(f"{weight.sigma_kg:.3g}")))
+        place = (
+            (f"hub {weight.corner}", "", "", "", "")
+            if not isinstance(weight, BodyWeight)
+            else (
+                "body",
+                f"{weight.x_m:.3f}",
+                f"{weight.y_m:.3f}",
+                f"{weight.height_m:.3f}",
+                f"{weight.position_sigma_m:.3f}",
+            )
+        )
+        rows.append((*place, number(weight.mass_kg), f"{weight.sigma_kg:.3g}"))
     return Table(
         f"Weights of mass state {state.name}",
         ("on", "#x, m", "#y, m", "#above CG, m", "#place ±, m", "#mass, kg", "#mass ±, kg"),
@@ -108,15 +103,14 @@ def _corrections(estimation: Estimation) -> Table:
     rows = []
     for i, name in enumerate(box.corrections):
         factor, unit = _unit_of(name)
-        sigma = float(box.prior_sigma[first + i])
         rows.append(
             (
-                Cell(name),
-                Cell(f"{sigma * factor:.3g}"),
-                Cell(f"{float(fit.eta[first + i]) * factor:+.3f}"),
-                Cell(f"{float(std[i]) * factor:.3f}"),
-                Cell(unit),
-                Cell(f"{pulls[i]:+.2f}"),
+                name,
+                f"{float(box.prior_sigma[first + i]) * factor:.3g}",
+                f"{float(fit.eta[first + i]) * factor:+.3f}",
+                f"{float(std[i]) * factor:.3f}",
+                unit,
+                f"{pulls[i]:+.2f}",
             )
         )
     return Table(
@@ -129,6 +123,7 @@ def _corrections(estimation: Estimation) -> Table:
 
 
 def _unit_of(name: str) -> tuple[float, str]:
+    """Return the unit of a correction, and its factor from SI."""
     if name.startswith("delay"):
         return 1e3, "ms"
     if name.startswith("gain"):
@@ -141,22 +136,40 @@ def _unit_of(name: str) -> tuple[float, str]:
 
 def run_section(session: Session, result: Identification) -> Section:
     """Return every run with its verdict, losses and notes."""
-    blocks: list[Block] = [_runs(session, result)] if session.runs else []
-    notes = [
-        (run, event) for run in session.runs for event in run.events if event.code not in _ROUTINE
-    ]
-    if notes:
-        rows = tuple(
+    fitted: dict[str, tuple[float, float]] = {}
+    if result.estimation is not None:
+        pairs = zip(result.estimation.records, result.estimation.decays, strict=True)
+        fitted = {d.label: (d.start_s, record.end_s - d.start_s) for record, d in pairs}
+    runs, notes = [], []
+    for run in session.runs:
+        window = fitted.get(run.label) if run.is_accepted else None
+        lost = [f"{plain(name)} {n}" for name, n in asdict(run.losses).items() if n]
+        runs.append(
             (
-                Cell(run.label),
-                Cell(f"{(event.t_ns - run.t0_ns) * 1e-9:.3f}"),
-                Cell(plain(event.code)),
-                Cell(event.text),
+                run.label,
+                "✓ accepted" if run.is_accepted else "✕ rejected",
+                *(f"{seconds:.3f}" for seconds in window or ()),
+                *(("", "") if window is None else ()),
+                f"{len(run.frames.t_ns):,}",
+                ", ".join(lost) or "none",
+                "; ".join(run.reasons),
             )
-            for run, event in notes
         )
+        notes += [
+            (run.label, f"{(e.t_ns - run.t0_ns) * 1e-9:.3f}", plain(e.code), e.text)
+            for e in run.events
+            if e.code not in _ROUTINE
+        ]
+    blocks: list[Block] = []
+    if runs:
+        columns: tuple[str, ...] = (
+            "run", "status", "#decay from, s", "#length, s", "#frames", "losses", "reasons",
+        )  # fmt: skip
+        blocks.append(Table("Runs of the session", columns, tuple(runs)))
+    if notes:
         columns = ("run", "#at, s", "what", "words")
-        blocks.append(Table("Notes, faults and decisions during the runs", columns, rows))
+        title = "Notes, faults and decisions during the runs"
+        blocks.append(Table(title, columns, tuple(notes)))
     return Section(
         "runs",
         "Runs",
@@ -165,40 +178,28 @@ def run_section(session: Session, result: Identification) -> Section:
     )
 
 
-def _runs(session: Session, result: Identification) -> Table:
-    fitted: dict[str, tuple[float, float]] = {}
-    if result.estimation is not None:
-        pairs = zip(result.estimation.records, result.estimation.decays, strict=True)
-        fitted = {d.label: (d.start_s, record.end_s - d.start_s) for record, d in pairs}
-    rows = []
-    for run in session.runs:
-        start = fitted.get(run.label) if run.is_accepted else None
-        lost = {plain(name): n for name, n in asdict(run.losses).items() if n}
-        rows.append(
-            (
-                Cell(run.label),
-                Cell("✓ accepted" if run.is_accepted else "✕ rejected"),
-                Cell(f"{start[0]:.3f}" if start else ""),
-                Cell(f"{start[1]:.3f}" if start else ""),
-                Cell(f"{len(run.frames.t_ns):,}"),
-                Cell(", ".join(f"{name} {n}" for name, n in lost.items()) or "none"),
-                Cell("; ".join(run.reasons)),
-            )
-        )
-    return Table(
-        "Runs of the session",
-        ("run", "status", "#decay from, s", "#length, s", "#frames", "losses", "reasons"),
-        tuple(rows),
-    )
-
-
-def provenance_section(session: Session, document: Document, source: Source) -> Section:
+def provenance_section(session: Session, result: Identification, source: Source) -> Section:
     """Return channels, hashes, versions and settings."""
-    blocks: list[Block] = [_trace(session, source), _channels(session, document)]
-    settings = session.provenance.get("bench_toml", "")
-    if settings:
-        row = ((Cell(settings),),)
-        blocks.append(Table("Settings of the recording: bench.toml", ("",), row))
+    trace = [
+        ("session file", source.name),
+        ("sha256 of the file", source.sha256),
+        ("sha256 of the raw frames of its runs", frames_sha256(session.runs) or "no raw frames"),
+        ("identified by", f"bumpbench {source.version}"),
+        ("with", ", ".join(f"{name} {version}" for name, version in source.libraries.items())),
+    ]
+    # The decisions on each run are in the table of the runs.
+    texts = ("bench_toml", "dbc", "verdicts", "notes", "overrides")
+    trace += [(plain(k), v) for k, v in session.provenance.items() if k not in texts]
+    trace += [("note", text) for text in notes_of(session.provenance)]
+    trace += [("warning overridden", text) for text in overrides_of(session.provenance)]
+    if database := session.provenance.get("dbc"):
+        trace.append(("sha256 of the DBC", hashlib.sha256(database.encode()).hexdigest()))
+    blocks: list[Block] = [Table("Trace", ("", ""), tuple(trace))]
+    columns = ("channel", "measures", "where", "#scale", "#delay, ms", "#noise", "unit", "signal")
+    rows = tuple(_channel(c, result.noise.get(c.name)) for c in session.channels)
+    blocks.append(Table("Channels", columns, rows))
+    if settings := session.provenance.get("bench_toml"):
+        blocks.append(Table("Settings of the recording: bench.toml", ("",), ((settings,),)))
     return Section(
         "provenance",
         "Where it comes from",
@@ -220,72 +221,76 @@ def frames_sha256(runs: tuple[Run, ...]) -> str:
     return digest.hexdigest()
 
 
-def _trace(session: Session, source: Source) -> Table:
-    rows = [
-        ("session file", source.name),
-        ("sha256 of the file", source.sha256),
-        ("sha256 of the raw frames of its runs", frames_sha256(session.runs) or "no raw frames"),
-        ("identified by", f"bumpbench {source.version}"),
-        ("with", ", ".join(f"{name} {version}" for name, version in source.libraries.items())),
-    ]
-    # The decisions on each run are in the table of the runs.
-    texts = ("bench_toml", "dbc", "verdicts", "notes", "overrides")
-    rows += [(plain(k), v) for k, v in session.provenance.items() if k not in texts]
-    rows += [("note", text) for text in notes_of(session.provenance)]
-    rows += [("warning overridden", text) for text in overrides_of(session.provenance)]
-    if session.provenance.get("dbc"):
-        text = session.provenance["dbc"]
-        rows.append(("sha256 of the DBC", hashlib.sha256(text.encode()).hexdigest()))
-    return Table("Trace", ("", ""), tuple((Cell(name), Cell(text)) for name, text in rows))
-
-
-def _scale(channel: Channel) -> str:
-    """Return the factor of a sensor's signal with its stated uncertainty."""
-    sigma = f" ± {channel.scale_sigma * 100:.2g} %" if channel.scale_sigma else ", exact"
-    return f"{channel.sign * channel.scale:.4g}{sigma}"
-
-
-def _channels(session: Session, document: Document) -> Table:
-    rows = []
-    for c in session.channels:
-        used = c.quantity is not Quantity.UNUSED
-        noise = cited(document, "noise", c.name) if c.name in document["noise"] else Cell("")
-        place = str(c.corner) if c.corner else ""
-        if c.quantity in (Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT):
-            place = "CG" if c.at_cg else f"x {c.x_m:.3f}, y {c.y_m:.3f} m"
-        rows.append(
-            (
-                Cell(c.name),
-                Cell(plain(c.quantity)),
-                Cell(place),
-                Cell(_scale(c) if used else ""),
-                Cell(f"{c.delay_s * 1e3:.2f} ± {c.delay_sigma_s * 1e3:.2f}" if used else ""),
-                noise,
-                Cell(c.unit if used else ""),
-                Cell(c.signal),
-            )
-        )
-    return Table(
-        "Channels",
-        ("channel", "measures", "where", "#scale", "#delay, ms", "#noise", "unit", "signal"),
-        tuple(rows),
-    )
+def _channel(c: Channel, noise: float | None) -> tuple[str, ...]:
+    """Return a channel with the factor of its sensor's signal, its delay and its noise."""
+    place = str(c.corner) if c.corner else ""
+    if c.quantity in (Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT):
+        place = "CG" if c.at_cg else f"x {c.x_m:.3f}, y {c.y_m:.3f} m"
+    scale = delay = unit = ""
+    if c.quantity is not Quantity.UNUSED:
+        sigma = f" ± {c.scale_sigma * 100:.2g} %" if c.scale_sigma else ", exact"
+        scale = f"{c.sign * c.scale:.4g}{sigma}"
+        delay = f"{c.delay_s * 1e3:.2f} ± {c.delay_sigma_s * 1e3:.2f}"
+        unit = c.unit
+    heard = "" if noise is None else number(noise)
+    return c.name, plain(c.quantity), place, scale, delay, heard, unit, c.signal
 
 
 # Certificate --------------------------------------------------------------------------------------
 
 
-def certificate_section(session: Session, document: Document, source: Source) -> Section:
-    """Return the data to cite a result by: session, software, persons, sensors, overrides.
-
-    `document` and `source`: the identification, and the file and program that it was made from.
-    """
-    blocks: list[Block] = [_citation(session, document, source), _persons(source)]
-    waived = tuple(_waived(session))
-    note = "Warnings that were overridden, and runs that were decided by hand or refused."
+def certificate_section(session: Session, result: Identification, source: Source) -> Section:
+    """Return the data to cite a result by: session, software, persons, sensors, overrides."""
+    stated, verdict = result.provenance, result.quality.verdict
+    origin = stated.get("origin", "real")
+    citation = (
+        ("vehicle", session.vehicle.name),
+        ("data", "measured" if origin == "real" else f"{origin}, not measured"),
+        ("verdict", f"{verdict}: {HEADLINE[verdict]}"),
+        ("recorded", stated.get("created", "")),
+        ("session", stated.get("uuid", "")),
+        ("file", source.name),
+        ("sha256 of the file", source.sha256),
+        ("sha256 of the raw frames", stated.get("frames_sha256", "") or "no raw frames"),
+        ("software", f"bumpbench {source.version}"),
+        ("sha256 of the software", software_sha256()),
+        ("report issued", source.issued),
+    )
+    signed = (("operator", source.operator, "", ""), ("approved by", source.approver, "", ""))
+    blocks: list[Block] = [
+        Table("Result", ("", ""), tuple((name, text or _UNSTATED) for name, text in citation)),
+        Table("Signed", ("", "name", "date", "signature"), signed),
+    ]
+    waived = []
+    for text in overrides_of(session.provenance):
+        subject, _, why = text.partition(": ")
+        waived.append(("warning overridden", subject, why))
+    waived += [
+        ("run not used", run.label, "; ".join(run.reasons))
+        for run in session.runs
+        if not run.is_accepted
+    ]
     if waived:
-        blocks.append(Table("What was overridden, and why", ("", "what", "why"), waived, note))
-    blocks.append(_sensors(session))
+        title = "What was overridden, and why"
+        note = "Warnings that were overridden, and runs that were decided by hand or refused."
+        blocks.append(Table(title, ("", "what", "why"), tuple(waived), note))
+    blocks.append(
+        Table(
+            "Sensors",
+            ("channel", "measures", "signal", "serial number", "calibrated"),
+            tuple(
+                (
+                    c.name,
+                    plain(c.quantity),
+                    c.signal,
+                    c.serial_number or _UNSTATED,
+                    c.calibrated or _UNSTATED,
+                )
+                for c in session.used_channels
+            ),
+            "Serial number and day of calibration are those of bench.toml.",
+        )
+    )
     return Section(
         "certificate",
         "Certificate",
@@ -293,67 +298,3 @@ def certificate_section(session: Session, document: Document, source: Source) ->
         "and the same version give the same digits again.",
         tuple(blocks),
     )
-
-
-def marked(section: Section) -> Section:
-    """Mark every row of a section's tables, and every picture, as the result of a refused fit."""
-    blocks: list[Block] = []
-    for block in section.blocks:
-        if isinstance(block, Table):
-            rows = tuple((*row, Cell(REFUSED)) for row in block.rows)
-            blocks.append(replace(block, columns=(*block.columns, "result"), rows=rows))
-        else:
-            blocks.append(replace(block, title=f"{REFUSED}: {block.title}"))
-    return replace(section, blocks=tuple(blocks))
-
-
-def _citation(session: Session, document: Document, source: Source) -> Table:
-    stated = document["source"]
-    measured = "measured" if stated["origin"] == "real" else f"{stated['origin']}, not measured"
-    verdict = Verdict(document["verdict"])
-    rows = (
-        ("vehicle", session.vehicle.name),
-        ("data", measured),
-        ("verdict", f"{verdict}: {HEADLINE[verdict]}"),
-        ("recorded", stated["created"]),
-        ("session", stated["session"]),
-        ("file", source.name),
-        ("sha256 of the file", source.sha256),
-        ("sha256 of the raw frames", stated["frames_sha256"] or "no raw frames"),
-        ("software", f"bumpbench {source.version}"),
-        ("sha256 of the software", stated["software_sha256"]),
-        ("report issued", source.issued),
-    )
-    cells = tuple((Cell(name), Cell(text or _UNSTATED)) for name, text in rows)
-    return Table("Result", ("", ""), cells)
-
-
-def _persons(source: Source) -> Table:
-    persons = (("operator", source.operator), ("approved by", source.approver))
-    rows = tuple((Cell(role), Cell(name), Cell(""), Cell("")) for role, name in persons)
-    return Table("Signed", ("", "name", "date", "signature"), rows)
-
-
-def _waived(session: Session) -> Iterator[tuple[Cell, ...]]:
-    for text in overrides_of(session.provenance):
-        subject, _, why = text.partition(": ")
-        yield Cell("warning overridden"), Cell(subject), Cell(why)
-    for run in session.runs:
-        if not run.is_accepted:
-            yield Cell("run not used"), Cell(run.label), Cell("; ".join(run.reasons))
-
-
-def _sensors(session: Session) -> Table:
-    rows = tuple(
-        (
-            Cell(c.name),
-            Cell(plain(c.quantity)),
-            Cell(c.signal),
-            Cell(c.serial_number or _UNSTATED),
-            Cell(c.calibrated or _UNSTATED),
-        )
-        for c in session.used_channels
-    )
-    columns = ("channel", "measures", "signal", "serial number", "calibrated")
-    note = "Serial number and day of calibration are those of bench.toml."
-    return Table("Sensors", columns, rows, note)

@@ -19,7 +19,7 @@ from identify.joint import Model, differences, likelihood_at, likelihood_at_opti
 from identify.pipeline import grey_box
 
 from .changes import session
-from .report.sessions import estimated
+from .report.made import estimated
 from .stress import stress_session
 
 

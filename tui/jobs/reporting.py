@@ -57,9 +57,15 @@ def write_report(
 
         reading = reader.submit(daq.read_session, session)  # while the libraries load
         import identify as method
-        from identify.cross_checks import CrossChecks, cross_checks
         from identify.fit.estimation import Estimation
-        from identify.report import decay_section, drawings, html_of, report_of
+        from identify.report import (
+            CrossChecks,
+            cross_checks,
+            decay_section,
+            drawings,
+            html_of,
+            report_of,
+        )
 
         recorded = reading.result()
     require_ending(html, "page", PAGES)
@@ -100,11 +106,10 @@ def _pdf_of(page: Report) -> bytes:
 
 def pictures_of(report: Report) -> tuple[Picture, ...]:
     """Return every picture of a report, mode shapes as stills."""
-    from identify.report import MovingCars, Picture, still_cars
+    from identify.report import MovingCars, still_cars
 
     cars = [b for section in report.sections for b in section.blocks if isinstance(b, MovingCars)]
-    stills = (Picture(b.key, b.title, "", still_cars(b.shapes)) for b in cars)
-    return (*report.pictures, *stills)
+    return (*report.pictures, *map(still_cars, cars))
 
 
 def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:
@@ -115,7 +120,7 @@ def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:
     for picture in pictures_of(report):
         path = folder / f"{picture.key}.{kind}"
         png = kind == "png"
-        data = png_of(picture.drawing) if png else svg_of(picture.drawing, picture.title).encode()
+        data = png_of(picture) if png else svg_of(picture).encode()
         write_named(path, data)
         written.append(path)
     return tuple(written)

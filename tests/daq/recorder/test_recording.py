@@ -31,7 +31,7 @@ from daq.runlog.run_log import LoggedStatus, fold
 from daq.runs import Event, Losses
 from daq.session import read_session
 from dbc import Codec, FrameBatch, FrameFlag
-from identify.report.content import _title
+from identify.report.content import title_of
 
 from ..crash_disk import QuickFile
 from ..small_campaign import (
@@ -380,7 +380,7 @@ def test_it_is_in_journal_session_and_report(tmp_path: Path, origin: Origin, tit
     session = read_session(tmp_path / "s.h5")
     assert session.provenance["origin"] == origin
     named = replace(session, vehicle=replace(session.vehicle, name="small"))
-    assert _title(named) == title
+    assert title_of(named) == title
 
 
 def test_a_simulated_recording_is_not_gone_on_with_from_a_bus(

@@ -14,7 +14,7 @@ from identify.pipeline import identify
 from identify.result import Identification
 from identify.trust.finding import Verdict
 
-from ..report.sessions import made
+from ..report.made import made
 from .truth import BUMP_S, WEIGHTS, Truth, campaign, drive, records
 
 

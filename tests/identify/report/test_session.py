@@ -5,9 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 
+from daq import session_from_arrays
 from daq.channels import Channel, Quantity
 from daq.runs import Event, Excitation, Losses, Run, RunStatus
 from daq.sessions import Session
@@ -23,23 +26,24 @@ from daq.vehicle import (
     Structure,
     Vehicle,
 )
+from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 from identify import Identification, Judgement
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import Fit
-from identify.report.blocks import Source
 from identify.report.session import (
+    certificate_section,
     frames_sha256,
     provenance_section,
     run_section,
     vehicle_section,
 )
+from identify.result import software_sha256
 
-from .pages import sources, tables, texts
+from .made import SOURCE, tables, texts
 
-SOURCE = Source("car.h5", "ab" * 32, "1.2", {"numpy": "2.1", "scipy": "1.14"}, "2026-11-22")
 CHANNELS = (
     Channel("z_s", Quantity.BODY_ACCELERATION, "m/s2", "Imu.az", x_m=-1.2, y_m=0.34,
             sign=-1.0, gain=1.02, gain_sigma=0.005,
@@ -87,8 +91,7 @@ def result() -> Identification:
 
 
 def test_channels_stand_with_their_place_scale_and_lateness() -> None:
-    made, document = session(), result().document()
-    channels = tables(provenance_section(made, document, SOURCE))["Channels"]
+    channels = tables(provenance_section(session(), result(), SOURCE))["Channels"]
     assert texts(channels) == [
         ["z_s", "body acceleration", "x -1.200, y 0.340 m", "-1.02 ± 0.5 %", "2.50 ± 0.50",
          "0.030000", "m/s2", "Imu.az"],
@@ -96,7 +99,6 @@ def test_channels_stand_with_their_place_scale_and_lateness() -> None:
         ["hub", "hub acceleration", "RL", "1, exact", "0.00 ± 0.00", "", "m/s2", "Hub.a"],
         ["spare", "unused", "", "", "", "", "", "Hub.b"],
     ]  # fmt: skip
-    assert sources(channels)[0][5] == "noise/z_s"
 
 
 def test_a_trace_names_file_hashes_programs_and_what_persons_wrote() -> None:
@@ -106,7 +108,7 @@ def test_a_trace_names_file_hashes_programs_and_what_persons_wrote() -> None:
         uuid="one", software_name="bench", bench_toml="[bus]", dbc="BO_ 1", verdicts="[]",
         notes=json.dumps(notes), overrides=json.dumps(waived),
     )  # fmt: skip
-    section = provenance_section(made, result().document(), SOURCE)
+    section = provenance_section(made, result(), SOURCE)
     whole = hashlib.sha256()
     for one in (frames(1234, 1), frames(2, 2)):
         for column in (one.t_ns, one.can_id, one.flags, one.length, one.data):
@@ -124,7 +126,7 @@ def test_a_trace_names_file_hashes_programs_and_what_persons_wrote() -> None:
         ["sha256 of the DBC", hashlib.sha256(b"BO_ 1").hexdigest()],
     ]
     assert texts(tables(section)["Settings of the recording: bench.toml"]) == [["[bus]"]]
-    bare = provenance_section(replace(session(), runs=()), result().document(), SOURCE)
+    bare = provenance_section(replace(session(), runs=()), result(), SOURCE)
     assert [block.title for block in bare.blocks] == ["Trace", "Channels"]
     assert texts(tables(bare)["Trace"])[2][1] == "no raw frames"
     assert frames_sha256(()) == ""
@@ -227,4 +229,86 @@ def test_what_a_vehicle_has_beyond_the_usual_is_named() -> None:
     ]  # fmt: skip
     assert texts(found["Weights of mass state laden"]) == [
         ["body", "-1.000", "0.500", "0.200", "0.003", "50.000", "0.1"]
+    ]
+
+
+# The certificate: what a result is cited by -------------------------------------------------------
+
+DOUBT = Finding("wide", Severity.WARNING, "wide intervals")
+REFUSAL = Finding("snr", Severity.ERROR, "nothing but noise")
+
+
+def certificate(made: Session, result: Identification, **source: Any) -> dict[str, list[list[str]]]:
+    given = replace(SOURCE, **{"issued": "", "operator": "A. Engineer", **source})
+    section = certificate_section(made, result, given)
+    return {title: texts(table) for title, table in tables(section).items()}
+
+
+def test_it_cites_session_software_and_persons() -> None:
+    why = '[{"subject": "hub_fl", "reason": "cable taped", "by": "AE"}]'
+    stated = {"uuid": "one", "origin": "simulated", "overrides": why}
+    session = replace(session_from_arrays([]), provenance=stated)
+    cited = Identification(Judgement((), 1.0), session.provenance)
+    found = certificate(session, cited, issued="2026-11-22", approver="B. Head")
+    rows = {title: dict(row[:2] for row in table) for title, table in found.items()}
+    assert rows["Result"]["data"] == "simulated, not measured"
+    assert rows["Result"]["session"] == "one"
+    assert rows["Result"]["recorded"] == "not stated"
+    assert rows["Result"]["sha256 of the file"] == "ab" * 32
+    assert rows["Result"]["software"] == "bumpbench 1.2"
+    assert rows["Result"]["sha256 of the software"] == software_sha256()
+    assert rows["Result"]["report issued"] == "2026-11-22"
+    assert rows["Signed"] == {"operator": "A. Engineer", "approved by": "B. Head"}
+    assert rows["What was overridden, and why"] == {"warning overridden": "hub_fl"}
+
+
+def test_where_nothing_was_overridden_there_is_no_such_table() -> None:
+    session = session_from_arrays([])
+    found = certificate(session, Identification(Judgement((), 1.0), {}))
+    assert list(found) == ["Result", "Signed", "Sensors"]
+    assert dict(found["Result"])["data"] == "measured"
+
+
+def test_a_certificate_says_what_was_waived_and_which_runs_were_not_used() -> None:
+    waived = [{"subject": "hub_fl", "reason": "taped: loose", "by": "AE"}]
+    made = session(overrides=json.dumps(waived))
+    found = certificate(made, result())
+    assert found["What was overridden, and why"] == [
+        ["warning overridden", "hub_fl", "taped: loose (AE)"],
+        ["run not used", "baseline_roll_2", "a wheel lifted; by AE"],
+    ]
+    assert found["Signed"] == [["operator", "A. Engineer", "", ""], ["approved by", "", "", ""]]
+
+
+@pytest.mark.parametrize(
+    ("findings", "verdict"),
+    [
+        ((), "ok: The parameters may be used."),
+        ((DOUBT,), "doubtful: Use the parameters with care."),
+        ((REFUSAL, DOUBT), "refused: The parameters must not be used."),
+    ],
+)
+def test_a_certificate_says_the_verdict_in_words(
+    findings: tuple[Finding, ...], verdict: str
+) -> None:
+    made = replace(result(), quality=Judgement(findings, 1.0))
+    rows = dict(certificate(session(), made)["Result"])
+    assert rows["verdict"] == verdict
+    assert rows["vehicle"] == "Granada"
+    assert rows["sha256 of the raw frames"] == "no raw frames"
+    assert rows["report issued"] == "not stated"
+
+
+def test_a_certificate_lists_the_sensors_that_measured() -> None:
+    channels = (
+        Channel(
+            "hub", Quantity.HUB_ACCELERATION, "m/s2", "Hub.a", Corner.REAR_LEFT, serial_number="SN1"
+        ),
+        Channel("spare", Quantity.UNUSED, "", "Hub.b"),
+        Channel("z_s", Quantity.BODY_ACCELERATION, "m/s2", "Imu.z", calibrated="2026-01-02"),
+    )
+    made = replace(session(), channels=channels)
+    assert certificate(made, result())["Sensors"] == [
+        ["hub", "hub acceleration", "Hub.a", "SN1", "not stated"],
+        ["z_s", "body acceleration", "Imu.z", "not stated", "2026-01-02"],
     ]

@@ -1,21 +1,23 @@
-"""Sessions of the stress list with their identifications, each made once."""
+"""Sessions of the stress list with their reports, each made once; and what blocks hold."""
+
+from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from typing import Any
 
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
 from identify import Identification, identify
-from identify.cross_checks import CrossChecks, cross_checks
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.pipeline import grey_box
-from identify.report.blocks import Report, Source
-from identify.report.content import report_of
+from identify.report import CrossChecks, Report, Source, cross_checks, report_of
+from identify.report.page import Picture, Section, Table
 
 from ..stress import stress_session
 
-SOURCE = Source("car.h5", "ab" * 32, "0.0", {"numpy": "2"})
+SOURCE = Source("car.h5", "ab" * 32, "1.2", {"numpy": "2.1", "scipy": "1.14"}, "2026-11-22")
 HOSTILE = "</script><script>alert(1)</script> $\\frac{1 & <b>"
 
 
@@ -52,8 +54,29 @@ def hostile() -> Report:
         runs=(run, *session.runs[1:]),
         provenance={**session.provenance, "bench_toml": HOSTILE},
     )
+    (first, *others) = result.quality.findings
+    findings = (replace(first, text=HOSTILE), *others)
+    result = replace(result, quality=replace(result.quality, findings=findings))
     report = report_of(session, result, CrossChecks(), replace(SOURCE, name=HOSTILE))
     kept = [s for s in report.sections if s.key in {"parameters", "runs", "provenance"}]
-    finding = {"gate": "chi2", "severity": "ok", "text": HOSTILE}
-    document = {**report.document, "findings": [finding]}
-    return replace(report, sections=tuple(kept), document=document)
+    return replace(report, sections=tuple(kept))
+
+
+def tables(section: Section) -> dict[str, Table]:
+    """Return the tables of a section by their title."""
+    return {block.title: block for block in section.blocks if isinstance(block, Table)}
+
+
+def texts(table: Table) -> list[list[str]]:
+    return [list(row) for row in table.rows]
+
+
+def picture(section: Section, key: str) -> Picture:
+    (found,) = (one for one in section.pictures if one.key == key)
+    return found
+
+
+def drawn(picture: Picture) -> tuple[Any, ...]:
+    """Return the data that a picture draws."""
+    assert isinstance(picture.draw, partial)
+    return picture.draw.args

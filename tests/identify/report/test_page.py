@@ -1,0 +1,408 @@
+"""The page and the sheets: what a person reads first, foreign text, pictures, nothing fetched."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from functools import cache
+from html.parser import HTMLParser
+from io import BytesIO
+from math import nan
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.patches import Rectangle
+from pypdf import PdfReader
+from pypdf.generic import Destination
+
+from daq import session_from_arrays
+from daq.documents import strict
+from daq.runs import RunStatus
+from daq.vehicle import FORD_GRANADA, Vehicle
+from dbc.finding import Finding, Severity
+from identify import Estimate, Identification, Judgement, Verdict
+from identify.fit.cross_validation import Prediction
+from identify.fit.uncertainty import Correlation
+from identify.report import CrossChecks, MovingCars, Picture, Report, report_of
+from identify.report.cars import at_rest, moving_car, outline, shape_of
+from identify.report.decays import envelope
+from identify.report.evidence import correlation_picture
+from identify.report.figure import figure_of, png_of, svg_of
+from identify.report.html import html_of
+from identify.report.page import REFUSED, Gallery, Section, Table
+from identify.report.parameters import intervals_picture
+from identify.report.pdf import pdf_of
+from identify.trust.finding import Loss, Survival
+from identify.words import parameter_words
+from tui.result import print_identification
+from tui.terminal.screens.results import matrix_rows, parameter_rows
+from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+
+from .made import HOSTILE, SOURCE, hostile, made, reported
+
+
+class _Page(HTMLParser):
+    """Collects elements and the JSON blocks."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.documents: dict[str, Any] = {}
+        self._script: str | None = None
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.tags.append((tag, given))
+        self._script = given.get("id") if tag == "script" else None
+
+    def handle_data(self, data: str) -> None:
+        if self._script and data.strip():
+            self.documents[self._script] = json.loads(data)
+
+
+@cache
+def _linear() -> str:
+    return html_of(reported("linear"))
+
+
+def test_the_page_holds_the_document_of_identify() -> None:
+    document = strict(made("linear")[1].document(SOURCE.sha256))
+    assert _Page(_linear()).documents["identification"] == json.loads(json.dumps(document))
+
+
+def test_nothing_is_fetched_and_nothing_runs() -> None:
+    page = _Page(_linear())
+    for tag, given in page.tags:
+        assert tag not in {"iframe", "object", "embed", "img"}
+        assert tag != "script" or given["type"] == "application/json"
+        assert not any(name.startswith("on") for name in given)
+        for name in ("src", "href", "xlink:href"):
+            assert (given.get(name) or "#").startswith(("#", "data:,"))
+    urls = set(re.findall(r"https?://[^\s\"'<>)]+", _linear()))
+    assert all(url.startswith("http://www.w3.org/") for url in urls)
+    assert "@import" not in _linear()
+    assert len(_linear().encode()) < 3_000_000
+
+
+def test_names_of_drawing_parts_are_unique() -> None:
+    ids = [given["id"] for _, given in _Page(_linear()).tags if "id" in given]
+    assert len(ids) == len(set(ids))
+    used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', _linear()))
+    assert used <= set(ids)
+
+
+def test_foreign_text_stays_text() -> None:
+    text = html_of(hostile())
+    assert "<script>alert" not in text
+    assert "&lt;script&gt;alert(1)" in text
+    page = _Page(text)
+    assert page.documents["identification"]["findings"][0]["text"] == HOSTILE
+    assert not any(tag == "b" for tag, _ in page.tags)
+
+
+def test_the_sections_stand_in_their_order_with_their_blocks() -> None:
+    report = reported("linear")
+    assert [section.key for section in report.sections] == [
+        "parameters", "vehicle", "modes", "decays", "prediction", "information", "correlation",
+        "closed_form", "certificate", "runs", "provenance",
+    ]  # fmt: skip
+    blocks = [block for section in report.sections for block in section.blocks]
+    assert {b.key for b in blocks if isinstance(b, Picture)} >= {
+        "intervals", "prediction", "snr", "correlation",
+    }  # fmt: skip
+    decays = next(b for b in blocks if isinstance(b, Gallery) and "decay" in b.pictures[0].key)
+    assert len(decays.pictures) == len(made("linear")[0].runs)
+    assert [len(b.shapes) for b in blocks if isinstance(b, MovingCars)] == [7, 7]
+    assert {b.title for b in blocks if isinstance(b, Table)} >= {
+        "Parameters of the vehicle", "Runs of the session", "Trace", "Channels",
+    }  # fmt: skip
+
+
+# What is read first -------------------------------------------------------------------------------
+
+DOUBT = Finding("wide", Severity.WARNING, "wide intervals: repeat roll")
+REFUSAL = Finding("snr", Severity.ERROR, "nothing but noise")
+
+
+def estimate(value: float, half: float, unit: str, size: float = 0.0) -> Estimate:
+    return Estimate(value, half / 2.0, value - half, value + half, unit, size)
+
+
+def full() -> Identification:
+    return Identification(
+        Judgement((), 1.01234),
+        {"created": "2026-11-22"},
+        parameters={
+            "m_s": estimate(1000.0, 20.0, "kg"),
+            "I_yy": estimate(2440.0, 81.0, "kg m2"),
+            "t_f": estimate(0.7, 9.0, "m"),
+            "a": estimate(1.2, 0.0, "m"),
+        },
+        derived={"total_mass": estimate(1200.0, 21.0, "kg")},
+    )
+
+
+def report(result: Identification, *predictions: Prediction, **stated: str) -> Report:
+    time_s = np.arange(100) / 100.0
+    whole = session_from_arrays(
+        [("baseline", "roll", {"z_s": (time_s, time_s)}) for _ in range(3)],
+        vehicle=Vehicle(stated.pop("vehicle", "Granada")),
+    )
+    first, second, third = whole.runs
+    second = replace(second, status=RunStatus.REJECTED, reasons=("a", "b"))
+    session = replace(whole, runs=(first, second, third), provenance=stated)
+    return report_of(session, result, CrossChecks(predictions), SOURCE)
+
+
+def predicted(chi2: float) -> Prediction:
+    return Prediction("roll_1", 1.0, chi2, 1.1, "m_s", 0.5)
+
+
+def test_verdict_values_and_what_to_do_come_first() -> None:
+    """An engineer's first questions, then every parameter with half of its interval."""
+    shown = report(replace(full(), quality=Judgement((DOUBT,), 1.01234)), predicted(1.05),
+                   predicted(1.2), predicted(nan))  # fmt: skip
+    assert shown.highlights == (
+        ("total mass", "1,200 ± 21 kg"),
+        ("CG behind the front axle", "1.2000 m"),
+        ("pitch inertia", "2,440 ± 81 kg m2"),
+        ("chi2/n, 1 = noise alone", "1.012"),
+        ("left-out runs at noise", "1 of 3"),
+        ("runs used", "2 of 3"),
+    )
+    assert shown.values == (
+        ("sprung mass", "1,000 ± 20", "kg"),
+        ("pitch inertia", "2,440 ± 81", "kg m2"),
+        ("half width, front", "not determined", ""),
+        ("CG to front axle", "1.2000 given", "m"),
+    )
+    page = html_of(shown)
+    order = ("verdict: doubtful", "Use the parameters with care", "sprung mass", "1,000 ± 20 kg",
+             "What to do", "wide intervals: repeat roll", "<nav")  # fmt: skip
+    places = [page.index(text) for text in order]
+    assert places == sorted(places)
+    assert "recorded 2026-11-22" in page
+
+
+def test_a_refused_session_has_a_page_with_its_reason_first_and_marked_numbers() -> None:
+    refused = Identification(Judgement((REFUSAL,), nan), {})
+    assert report(refused).highlights == (("runs used", "2 of 3"),)
+    text = html_of(report(refused))
+    assert text.index("verdict: refused") < text.index("nothing but noise")
+    assert "must not be used" in text
+    assert _Page(text).documents["identification"]["chi2_per_n"] is None
+    names = [
+        name for name, _ in report(replace(full(), quality=Judgement((REFUSAL,), 3.0))).highlights
+    ]
+    assert all(name.endswith(" (✕ refused)") for name in names[:-1])
+    assert names[-1] == "runs used"
+    table = Table("Parameters", ("", "#value"), (("m_s", "1,380"),))
+    picture = Picture("p", "Errors", "", 1.0, 1.0, lambda _: None)
+    drawn, marked = Section("s", "S", "", (picture, table)).marked().blocks
+    assert drawn.title == "✕ refused: Errors"
+    assert isinstance(marked, Table)
+    assert (marked.columns, marked.rows) == (("", "#value", "result"), (("m_s", "1,380", REFUSED),))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "findings"),
+    [(Verdict.OK, ()), (Verdict.DOUBTFUL, (DOUBT,)), (Verdict.REFUSED, (REFUSAL,))],
+)
+def test_a_verdict_is_legible_without_colour(
+    verdict: Verdict, findings: tuple[Finding, ...]
+) -> None:
+    text = html_of(report(replace(full(), quality=Judgement(findings, 1.0))))
+    assert f"verdict: {verdict}" in text
+    assert {"ok": "✓", "doubtful": "!", "refused": "✕"}[verdict] in text
+    assert ("Every gate was passed" in text) is (verdict is Verdict.OK)
+
+
+@pytest.mark.parametrize(
+    ("name", "origin", "title"),
+    [
+        ("Granada", "real", "Granada"),
+        ("", "real", "vehicle without a name"),
+        ("Granada", "simulated", "Granada (simulated, not measured)"),
+    ],
+)
+def test_the_title_names_the_vehicle_and_that_it_was_not_measured(
+    name: str, origin: str, title: str
+) -> None:
+    assert report(full(), vehicle=name, origin=origin).vehicle == title
+
+
+def test_what_survives_stands_below_the_findings() -> None:
+    survival = Survival(("m_s",), {"k_sf": Loss("a sensor late", 0.073)})
+    page = html_of(report(replace(full(), quality=Judgement((DOUBT,), 1.2, survival=survival))))
+    assert "usable, moved by no cause that was sized: m_s" in page
+    assert "lost, a sensor late: k_sf +7.3 %" in page
+
+
+# Pictures -----------------------------------------------------------------------------------------
+
+
+def test_no_spike_is_hidden_and_a_short_curve_is_kept() -> None:
+    rng = np.random.default_rng(3)
+    time, values = np.arange(50_000) / 1e3, rng.standard_normal(50_000)
+    values[31_234], values[444] = 40.0, -30.0
+    thin = envelope(time, values, 300)
+    assert thin.shape[1] <= 600
+    assert np.all(np.diff(thin[0]) > 0)
+    assert (31.234, 40.0) in set(zip(*thin.tolist(), strict=True))
+    assert thin[1].min() == -30.0
+    short = np.arange(10.0)
+    np.testing.assert_array_equal(envelope(short, short**2, 300), [short, short**2])
+
+
+def test_a_parameter_that_may_be_zero_leaves_the_others_their_bars() -> None:
+    """2,500 % of a value near zero on the axis of the others left nothing of theirs."""
+    halves = {"m_s": 0.53, "k_af": 99.0, "y_s": 101.0}
+    known = {name: estimate(1.0, half / 100.0, "", 9.0) for name, half in halves.items()}
+    shares = {name: {"facts": 1.0} for name in known}
+    result = replace(full(), parameters=known, drivers=shares)
+    bars, _ = figure_of(intervals_picture(result)).axes
+    assert [text.get_text() for text in bars.texts] == [" ±0.53 %", " ±99 %", " may be zero"]
+    widths = [patch.get_width() for patch in bars.patches if isinstance(patch, Rectangle)]
+    assert widths == pytest.approx([1.06, 198.0, 0.0])
+    assert bars.get_xlim()[1] < 200.0
+
+
+def test_a_lifted_body_goes_up_and_the_wheels_stay() -> None:
+    heave = np.array([1.0, 0, 0, 0, 0, 0, 0], dtype=complex) * 1j  # any phase
+    shape = shape_of("bounce", "", 1.0, heave, FORD_GRANADA.geometry)
+    rest, top, bottom = at_rest(shape.geometry), outline(shape, 0.0), outline(shape, np.pi)
+    up = (top.plates[0] - rest.plates[0])[:, 1]
+    down = (rest.plates[0] - bottom.plates[0])[:, 1]
+    assert np.all(up * down > 0)  # one up, the other down, all four corners
+    np.testing.assert_allclose(top.wheels, rest.wheels)
+
+
+def test_nose_down_pitch_lowers_the_front() -> None:
+    pitch = np.array([0, 1.0, 0, 0, 0, 0, 0], dtype=complex)
+    shape = shape_of("pitch", "", 1.0, pitch, FORD_GRANADA.geometry)
+    sign = np.sign(shape.motion[1].real)
+    moved = (outline(shape, 0.0).plates[0] - at_rest(shape.geometry).plates[0])[:, 1] * sign
+    assert np.all(moved[:2] > 0)  # y counts downwards: the front two go down
+    assert np.all(moved[2:4] < 0)
+
+
+def test_ten_times_the_frequency_takes_half_as_long_and_needs_no_script() -> None:
+    heave = np.array([1.0, 0, 0, 0, 0, 0, 0], dtype=complex)
+    for frequency_hz, period in ((1.0, "2.40s"), (10.0, "1.20s")):
+        svg = moving_car(shape_of("bounce", "", frequency_hz, heave, FORD_GRANADA.geometry))
+        assert f'dur="{period}"' in svg
+        assert svg.count('class="rest"') == svg.count('class="car still"') == 1
+        assert (svg.count("<animate "), svg.count("<animateTransform ")) == (3, 4)
+
+
+def test_the_same_figure_has_the_same_bytes() -> None:
+    known = Correlation(("m_s", "k_sf"), np.array([[1.0, 0.5], [0.5, 1.0]]))
+    picture = correlation_picture(replace(full(), correlation=known))
+    assert svg_of(picture) == svg_of(picture)
+    assert ">+.50<" in svg_of(picture)
+    assert png_of(picture).startswith(b"\x89PNG")
+
+
+def test_every_picture_of_a_report_is_drawn_with_its_words() -> None:
+    words = {
+        "intervals": ("m_s", "share of its precision"), "snr": ("body roll", "baseline_bounce_1"),
+        "correlation": ("k_sf", "c_sr"),
+        "prediction": ("predicted, left out", "added_roll_1"), "decay": ("sigma", "time in the"),
+        "stabilisation": ("rank", "identified mode"),
+    }  # fmt: skip
+    shown = {one.key.partition("_baseline")[0]: one for one in reported("linear").pictures}
+    for key, expected in words.items():
+        svg = svg_of(shown[key])
+        assert all(word in svg for word in expected), key
+
+
+# Sheets -------------------------------------------------------------------------------------------
+
+
+def test_the_report_goes_on_tagged_sheets_of_a4() -> None:
+    """Headings, tables with their heads, and figures with words in their place (PDF/UA-1)."""
+    report = hostile()
+    data = pdf_of(report)
+    assert data.startswith(b"%PDF")
+    assert len(data) < 3_000_000
+    file = PdfReader(BytesIO(data))
+    assert len(file.pages) >= 3
+    assert {(round(p.mediabox.width), round(p.mediabox.height)) for p in file.pages} == {(595, 842)}
+    first = file.pages[0].extract_text()
+    assert "sprung mass" in first
+    assert "tyre spring, rear" in first
+    places = [item for item in file.outline if isinstance(item, Destination)]
+    assert [str(place.title) for place in places] == [s.title for s in report.sections]
+    for place in places:
+        number = file.get_destination_page_number(place)
+        assert number is not None
+        assert str(place.title) in file.pages[number].extract_text()
+    # The contents on the first sheet lead there too.
+    links: list[int | None] = []
+    for page in file.pages:
+        for one in page.get("/Annots", ()):
+            link: Any = one.get_object()
+            links.append(file.get_page_number(link["/Dest"][0].get_object()))
+    assert links == [file.get_destination_page_number(place) for place in places]
+    root: Any = file.trailer["/Root"]
+    assert root["/Lang"] == "en"
+    assert root["/MarkInfo"]["/Marked"]
+    tags = tagged(root["/StructTreeRoot"])
+    kinds = [str(tag["/S"]) for tag in tags]
+    tables = [b for s in report.sections for b in s.blocks if isinstance(b, Table)]
+    assert kinds.count("/H1") >= len(report.sections)
+    assert kinds.count("/Table") == sum(len(table.columns) > 1 for table in tables)
+    assert kinds.count("/TH") >= sum(len(t.columns) for t in tables if len(t.columns) > 1) / 2
+    figures = [tag for tag in tags if tag["/S"] == "/Figure"]
+    assert len(figures) >= len(list(report.pictures)) > 0
+    assert all(tag["/Alt"] for tag in figures)
+
+
+def tagged(node: Any) -> list[Any]:
+    """Return the elements of a structure tree below a node."""
+    below = node.get("/K", ())
+    elements = []
+    for one in below if isinstance(below, list) else [below]:
+        element = one.get_object()
+        if isinstance(element, dict) and "/S" in element:
+            elements += [element, *tagged(element)]
+    return elements
+
+
+# A session without roll runs: no number stands where the data determine none, in any form ---------
+
+LOST = ("I_xx", "t_f", "t_r")
+
+
+def test_the_page_has_words_in_the_place_of_numbers() -> None:
+    page = html_of(reported("no_roll"))
+    for name in LOST:
+        row = re.search(rf"<tr>\s*<t[dh][^>]*>{name}</t[dh]>.*?</tr>", page, re.DOTALL)
+        assert row is not None
+        assert "not determined" in row[0]
+        assert "%" not in row[0]
+    assert "usable all the same" in page
+    assert "lost, not determined: I_xx, t_f, t_r" in page
+    assert "0 of 0 runs are predicted" in page
+    assert "nan" not in re.sub(r"<[^>]*>", " ", page).split()
+
+
+def test_command_line_and_terminal_say_so_and_what_is_known_keeps_its_number(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    _, result = made("no_roll")
+    print_identification(result, {})
+    printed = capsys.readouterr().out
+    (t_f,) = (line for line in printed.splitlines() if line.startswith("t_f "))
+    assert t_f.split()[:3] == ["t_f", "not", "determined"]
+    assert ".." not in t_f
+    (m_s,) = (line for line in printed.splitlines() if line.startswith("m_s "))
+    assert "1,3" in m_s
+    glyphs = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
+    _, rows = parameter_rows(result.parameters, parameter_words, result.drivers, glyphs, wide=True)
+    assert sum("not determined" in str(cells[3]) for cells in rows) == 3
+    ((only,),) = matrix_rows(result)
+    assert "not determined" in str(only)
