@@ -11,10 +11,10 @@ from daq.sessions import Session
 
 from .fit.estimation import Estimation
 from .fit.generic_vehicles import generic_vehicles
-from .trust.causes import rank_causes
-from .trust.consistency import some_runs_are_wrong
 from .trust.faults import swapped_labels
+from .trust.hypotheses import rank_causes
 from .trust.residuals import CHI2_LIMIT
+from .trust.runs import some_runs_are_wrong
 
 if TYPE_CHECKING:
     from .nonlinear.real_car import RealCar
@@ -36,7 +36,7 @@ def share_of_faults(linear: Estimation) -> float:
         return 1.0
     excess = max(linear.chi2_per_n - 1.0, 0.0)
     exchange = swapped_labels(linear)
-    faults = [s.explained for s in rank_causes(linear) if s.kind and s.kind.of_bench]
+    faults = [s.explained for s in rank_causes(linear) if s.of_bench]
     share = min(max([exchange.explained if exchange else 0.0, *faults]), 1.0)
     return 1.0 if 1.0 + excess * (1.0 - share) <= linear.chi2_limit else share
 

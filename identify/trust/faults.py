@@ -1,33 +1,35 @@
-"""Faults of the bench that are found by fitting again: labels, channels, clocks.
+"""Faults of the bench that are found by fitting again, and the choice of the cause that is named.
 
-Each is a table of trials; the best is fitted on all runs, and must explain most of the misfit.
+Labels, channels, clocks: each is a table of trials; the best is fitted on all runs, and must
+explain most of the misfit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daq.channels import Channel, Quantity
 from daq.silence import longest_gap_s
 from daq.vehicle import Corner
+from dbc.finding import Finding
 from dbc.words import counted
 
-from ..decays.decay import FreeDecay, Record
+from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation, later_may_hold
 from ..fit.generic_vehicles import generic_vehicles
 from ..fit.likelihood import HOLD, residuals
 from .finding import listed
+from .hypotheses import LATE_ADVICE, ROTATIONS
 from .refit import AS_STATED, Cause, Refit, Trial, compared, parameters_as_start, ranked, refit
+from .statements import scale_facts, shift_without_scales
 
-LATE_ADVICE = "state delay_s and delay_sigma_s of these channels, or correct their clock"
-ROTATIONS = (
-    (Quantity.PITCH_RATE, Quantity.ROLL_RATE),
-    (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
-)
-"""Quantities of the body that an exchange of axes swaps."""
+_EXPLAINS = 0.35
+"""Share of the misfit above which an effect is called its cause."""
+_AHEAD = 0.95
+"""Share of a sensor's explanation that an effect of the vehicle must reach to be preferred."""
 _SWAP_CLEARS = 0.6
 """Share of the misfit that a swap must explain to be called the cause; other faults may cause the
 rest.  Without a swap, no hypothesis explains more than a third."""
@@ -40,13 +42,15 @@ _FEWEST = 3
 _SUSPECTED = 4
 """Number of suspected channels that are left out in turn."""
 _CLEARS = 0.9
-"""Share of the misfit that must disappear without a channel to call it wrong."""
+"""Share of the misfit that must disappear without a channel to call it wrong, and above which no
+other cause is sought."""
 _ALONE = 0.97
 """Share above which a wrong channel is not compared with lateness and low-pass; below, it may be
 the slowest of several sensors."""
 _LEAST, _MOST = 0.7, 1.4
 """Gains beyond which a unit is wrong rather than a calibration."""
 _CHOICE = 1.5
+"""Factor on what a low-pass leaves: it looks like lateness, and has more to choose from."""
 _LATE_SIGMA_S = 0.03
 _ALIKE = 0.2
 """Share of the largest difference below which a kind of sensors counts as early as the earliest."""
@@ -54,10 +58,8 @@ _COARSE_HZ = (15.0, 40.0)
 _FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
 _LEAST_S = 0.1
 """Least length of the samples of a group before its gap, s; fewer are left out of the trial."""
-_Gaps = Mapping[str, tuple[float, float]]
-"""Largest gap of each group that has one: time in the run before it, and length, s."""
 
-_FL, _FR, _RL, _RR = Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RIGHT
+_FL, _FR, _RL, _RR = Corner
 _EXCHANGES: dict[str, dict[Corner, Corner]] = {
     "front left and front right": {_FL: _FR, _FR: _FL},
     "rear left and rear right": {_RL: _RR, _RR: _RL},
@@ -66,6 +68,66 @@ _EXCHANGES: dict[str, dict[Corner, Corner]] = {
     "left and right": {_FL: _FR, _FR: _FL, _RL: _RR, _RR: _RL},
     "front and rear": {_FL: _RL, _RL: _FL, _FR: _RR, _RR: _FR},
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Causes:
+    """The named causes of a misfit, and all that were tried."""
+
+    findings: tuple[Finding, ...] = ()
+    """Findings on what is named."""
+    tried: tuple[Cause, ...] = ()
+    """Every cause that stands out of the noise."""
+    linear: bool = True
+    """False if a named cause is that the car is not linear."""
+
+
+def causes_of(estimation: Estimation, suspects: Sequence[Cause]) -> Causes:
+    """Name the likely cause of a misfit, or an effect that matters although there is no misfit.
+
+    `suspects`: its causes as `rank_causes` has them.
+    """
+    holds = estimation.holds
+    best = [replace(c, explained=0.0) if holds else c for c in suspects if c.strength > 1.0]
+    scales = "scales off by a common factor"  # if the weights are right that disagree with them
+    tried = [
+        *best,
+        *(
+            replace(c, name=scales, moved=shift_without_scales(estimation))
+            for c in best
+            if c.kind == "weights"
+        ),
+    ]
+    swap = swapped_labels(estimation) if best or not holds else None
+    if swap is not None:
+        return Causes((swap.finding,), (*tried, swap))
+    if not best:
+        return Causes()
+    named = first = _sized(estimation, best[0])
+    if not holds and first.explained < _CLEARS:
+        sensors = wrong_sensors(estimation, [c.subject for c in best if c.kind == "gain"])
+        tried += sensors
+        ahead = [c for c in sensors if c.explained * _AHEAD > first.explained]
+        named = ahead[-1] if ahead else first
+    if named is first and not holds and first.explained <= _EXPLAINS:
+        return Causes((), tuple(tried))
+    return Causes((named.finding,), tuple(tried), not named.nonlinear)
+
+
+def _sized(estimation: Estimation, cause: Cause) -> Cause:
+    """Return a scored cause with what is known of it beyond its score."""
+    if cause.kind == "gain":
+        shown = gain_of(estimation, cause.subject)
+        return replace(cause, sizes=shown.sizes, advice=shown.advice)
+    if cause.kind == "weights":
+        facts = " and ".join(scale_facts(estimation.box))
+        advice = f"weigh them again, or {facts}: one of the two scales shows too much"
+        other = replace(cause, moved=shift_without_scales(estimation))
+        return replace(max(cause, other, key=lambda one: one.shift), advice=advice)
+    return cause
+
+
+# Labels -------------------------------------------------------------------------------------------
 
 
 def swapped_labels(estimation: Estimation) -> Cause | None:
@@ -78,14 +140,14 @@ def swapped_labels(estimation: Estimation) -> Cause | None:
     tried = ranked(estimation, _swaps(estimation))
     if not tried:
         return None
-    found, swap = tried[0]
-    before, after = refit(estimation), refit(estimation, swap, found.fit.eta)
-    cause = compared(before, after, swap.name, "", swap.advice, certain=True)
+    rough, swap = tried[0]
+    before, after = refit(estimation), refit(estimation, swap, rough.fit.eta)
+    cause = compared(
+        before, after, Cause(swap.name, swap.advice, certain=True, code="swapped_labels")
+    )
     cured = _runs_away(before) and not _runs_away(after)
     clear = cause.explained >= _SWAP_CLEARS or cured
-    if before.fit.cost - after.fit.cost < _LEAST_GAIN or not clear:
-        return None
-    return replace(cause, code="swapped_labels")
+    return cause if clear and before.fit.cost - after.fit.cost >= _LEAST_GAIN else None
 
 
 def _swaps(estimation: Estimation) -> Iterator[Trial]:
@@ -134,6 +196,9 @@ def _runs_away(problem: Refit) -> bool:
     return bool(values["m_s"] > _RUNAWAY * added > 0.0)
 
 
+# Channels -----------------------------------------------------------------------------------------
+
+
 def wrong_channel(estimation: Estimation) -> Cause | None:
     """Return the channel whose unit or sign is wrong, None if there is no such channel.
 
@@ -145,8 +210,8 @@ def wrong_channel(estimation: Estimation) -> Cause | None:
     names = [c.name for group in estimation.box.groups for c in group.channels]
     if len(names) < _FEWEST:
         return None
-    found, best = ranked(estimation, map(_without, names))[0]
-    others = refit(estimation, best, found.fit.eta)
+    rough, best = ranked(estimation, map(_without, names))[0]
+    others = refit(estimation, best, rough.fit.eta)
     if others.excess > estimation.chi2_limit - 1.0:
         return None
     before = refit(estimation)
@@ -172,12 +237,13 @@ def _gain(estimation: Estimation, before: Refit, others: Refit, name: str) -> fl
     eta = parameters_as_start(before.box, others.box, others.fit.eta)
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
     predicted, measured = 0.0, 0.0
-    left = residuals(before.box, before.decays, noise, eta)
-    for decay, rest in zip(before.decays, left, strict=True):
+    for decay, one in zip(
+        before.decays, residuals(before.box, before.decays, noise, eta), strict=True
+    ):
         for r in decay.recordings:
             for c, channel in enumerate(r.group.channels):
                 if channel.name == name:
-                    model = r.values[:, c] - rest.values[name]
+                    model = r.values[:, c] - one.values[name]
                     model = model - model.mean()
                     predicted += float(model @ model)
                     measured += float(model @ r.values[:, c])
@@ -191,7 +257,7 @@ def _of_gain(before: Refit, others: Refit, name: str, gain: float) -> Cause:
     elif gain > 0.0 and not _LEAST < gain < _MOST:
         advice = "its unit or gain is wrong: check the unit in the DBC (g, mg, m/s2, deg/s, rad/s)"
     sizes = f"it shows {gain:.3g} times what the other channels predict"
-    return compared(before, others, f"gain of {name}", sizes, advice)
+    return compared(before, others, Cause(f"gain of {name}", advice, sizes))
 
 
 def wrong_sensors(estimation: Estimation, suspected: Sequence[str]) -> list[Cause]:
@@ -202,21 +268,31 @@ def wrong_sensors(estimation: Estimation, suspected: Sequence[str]) -> list[Caus
     """
     before = refit(estimation)
     gains = (gain_of(estimation, name, before) for name in suspected[:_SUSPECTED])
-    found = [gain for gain in gains if gain.explained > _CLEARS][:1]
-    if not found or found[0].explained < _ALONE:
-        found += [*_late(estimation, before), _slow(estimation, before)]
-        # Lateness and a low-pass look alike; a low-pass, which has more to choose from, must
-        # leave clearly less.
-        found.sort(
-            key=lambda e: -max(1.0 - e.explained, 0.0) * (_CHOICE if e.name == "low-pass" else 1.0)
-        )
-    return found
+    causes = [gain for gain in gains if gain.explained > _CLEARS][:1]
+    if causes and causes[0].explained >= _ALONE:
+        return causes
+    kinds: dict[str, set[str]] = {}
+    for channel in (c for group in before.box.groups for c in group.channels):
+        kinds.setdefault(_kind(channel), set()).add(channel.name)
+    if len(kinds) > 1 and "body sensors" in kinds:
+        causes.append(_late(estimation, before))
+    causes.append(_slow(estimation, before, kinds))
+
+    def remaining(cause: Cause) -> float:
+        factor = _CHOICE if cause.name == "low-pass" else 1.0
+        return max(1.0 - cause.explained, 0.0) * factor
+
+    return sorted(causes, key=remaining, reverse=True)
 
 
-def _late(estimation: Estimation, before: Refit) -> Iterator[Cause]:
-    """Yield the lateness of the kinds of sensors, if there are two kinds."""
-    if len({c.corner is not None for group in before.box.groups for c in group.channels}) < 2:
-        return
+def _kind(channel: Channel) -> str:
+    if channel.corner is None:
+        return "body sensors"
+    return "hub sensors" if channel.quantity is Quantity.HUB_ACCELERATION else "travel sensors"
+
+
+def _late(estimation: Estimation, before: Refit) -> Cause:
+    """Return the lateness of the kinds of sensors."""
 
     def loose(c: Channel) -> Channel:
         return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.corner is not None else c
@@ -234,45 +310,39 @@ def _late(estimation: Estimation, before: Refit) -> Iterator[Cause]:
     late_ms = {k: ms - early for k, ms in late_ms.items() if ms - early > _ALIKE * most}
     each = [f"{kind} {late:#.2g} ms" for kind, late in late_ms.items()]
     sizes = ", ".join(each) if len(each) > 1 else f"{max(late_ms.values()):#.2g} ms"
-    yield compared(before, after, f"{' and '.join(late_ms)} late", sizes, LATE_ADVICE)
+    return compared(before, after, Cause(f"{' and '.join(late_ms)} late", LATE_ADVICE, sizes))
 
 
-def _kind(channel: Channel) -> str:
-    if channel.corner is None:
-        return "body sensors"
-    return "hub sensors" if channel.quantity is Quantity.HUB_ACCELERATION else "travel sensors"
-
-
-def _slow(estimation: Estimation, before: Refit) -> Cause:
+def _slow(estimation: Estimation, before: Refit, kinds: dict[str, set[str]]) -> Cause:
     """Return the low-pass that explains most: on the body, at the wheels, or on all sensors."""
-    channels = [c for group in before.box.groups for c in group.channels]
-    kinds = {
-        "body sensors": {c.name for c in channels if c.corner is None},
-        "sensors at the wheels": {c.name for c in channels if c.corner is not None},
-        "all sensors": {c.name for c in channels},
-    }
+    body = kinds.get("body sensors", set())
+    every = set().union(*kinds.values())
+    places = {"body sensors": body, "sensors at the wheels": every - body, "all sensors": every}
 
-    def filtered(kind: str, hz: float) -> Trial:
+    def filtered(place: str, hz: float) -> Trial:
         def slow(c: Channel) -> Channel:
-            return replace(c, low_pass_hz=hz) if c.name in kinds[kind] else c
+            return replace(c, low_pass_hz=hz) if c.name in places[place] else c
 
-        return Trial(f"near {hz:.0f} Hz on {kind}", channel=slow)
+        return Trial(f"near {hz:.0f} Hz on {place}", channel=slow)
 
     coarse = {
-        one.name: (kind, hz, one)
-        for kind in kinds
-        if kinds[kind]
+        one.name: (place, hz, one)
+        for place, members in places.items()
+        if members
         for hz in _COARSE_HZ
-        for one in [filtered(kind, hz)]
+        for one in [filtered(place, hz)]
     }
     tried = ranked(estimation, (one for *_, one in coarse.values()), before.fit.eta)
-    kind, near_hz, _ = coarse[tried[0][1].name]
-    fine = [filtered(kind, hz) for hz in _FINE_HZ if 0.4 < hz / near_hz < 2.5]
+    place, near_hz, _ = coarse[tried[0][1].name]
+    fine = [filtered(place, hz) for hz in _FINE_HZ if 0.4 < hz / near_hz < 2.5]
     tried += ranked(estimation, fine, tried[0][0].fit.eta)
-    found, best = min(tried, key=lambda one: one[0].fit.cost)
-    after = refit(estimation, best, found.fit.eta)
+    rough, best = min(tried, key=lambda one: one[0].fit.cost)
+    after = refit(estimation, best, rough.fit.eta)
     advice = "state low_pass_hz of these channels from the data sheet, or switch the filter off"
-    return compared(before, after, "low-pass", best.name, advice)
+    return compared(before, after, Cause("low-pass", advice, best.name))
+
+
+# Clocks -------------------------------------------------------------------------------------------
 
 
 def clock_jump(estimation: Estimation) -> Cause | None:
@@ -285,18 +355,31 @@ def clock_jump(estimation: Estimation) -> Cause | None:
 
     `estimation`: a fit that does not hold.
     """
-    gaps = [_gaps(record) for record in estimation.records]
-    if 2 * sum(map(bool, gaps)) <= len(gaps):
+    gaps: list[dict[str, tuple[float, float]]] = []
+    """Of each run: begin in the run and length, s, of the largest gap of each group with one."""
+    for record in estimation.records:
+        of_run = {}
+        for r in (r for r in record.recordings if len(r.time_s) > 2):
+            steps = np.diff(r.time_s)
+            worst, period_s = int(np.argmax(steps)), float(np.median(steps))
+            if steps[worst] > longest_gap_s(period_s):
+                of_run[r.group.name] = float(r.time_s[worst]), float(steps[worst]) - period_s
+        gaps.append(of_run)
+    jumping = sum(map(bool, gaps))
+    if 2 * jumping <= len(gaps):
         return None
-    cut = tuple(map(_before, estimation.decays, gaps))
+    cut = [_before(decay, of_run) for decay, of_run in zip(estimation.decays, gaps, strict=True)]
     is_before = any(decay.recordings for decay in cut)
     if not is_before:
-        cut = tuple(map(_after, estimation.records, estimation.decays, gaps))
+        cut = [
+            record.decay(max([decay.start_s, *(begin + length for begin, length in gap.values())]))
+            for record, decay, gap in zip(estimation.records, estimation.decays, gaps, strict=True)
+        ]
         if later_may_hold(estimation, generic_vehicles()):
             return None
     start = estimation.box.unknowns(generic_vehicles()[0])
-    trial = replace(estimation, decays=tuple(decay for decay in cut if decay.recordings))
-    alone = refit(trial, AS_STATED, start, HOLD)
+    part = replace(estimation, decays=tuple(decay for decay in cut if decay.recordings))
+    alone = refit(part, AS_STATED, start, HOLD)
     if alone.excess > estimation.chi2_limit - 1.0:
         return None
     names = dict.fromkeys(name for gap in gaps for name in gap)
@@ -304,38 +387,20 @@ def clock_jump(estimation: Estimation) -> Cause | None:
     length_s = float(np.median([length for gap in gaps for _, length in gap.values()]))
     sizes = (
         f"{'all sensors' if everywhere else listed(names)} by about {length_s:.2g} s in "
-        f"{sum(map(bool, gaps))} of {counted(len(gaps), 'run')}; "
+        f"{jumping} of {counted(len(gaps), 'run')}; "
         f"{'up to' if is_before else 'from'} there the decays fit"
     )
     advice = "correct the times of the samples after the gap, or record again"
-    jump = compared(refit(estimation), alone, "clocks that jump", sizes, advice, certain=True)
-    return replace(jump, explained=1.0)
+    cause = Cause("clocks that jump", advice, sizes, certain=True)
+    return replace(compared(refit(estimation), alone, cause), explained=1.0)
 
 
-def _gaps(record: Record) -> dict[str, tuple[float, float]]:
-    found = {}
-    for r in record.recordings:
-        steps = np.diff(r.time_s)
-        if len(steps) < 2:
-            continue
-        worst, period_s = int(np.argmax(steps)), float(np.median(steps))
-        if steps[worst] > longest_gap_s(period_s):
-            found[r.group.name] = float(r.time_s[worst]), float(steps[worst]) - period_s
-    return found
-
-
-def _before(decay: FreeDecay, gaps: _Gaps) -> FreeDecay:
+def _before(decay: FreeDecay, gaps: dict[str, tuple[float, float]]) -> FreeDecay:
     """Return a decay without the samples that come after the gap in their own group."""
     kept = []
     for r in decay.recordings:
         begin_s, _ = gaps.get(r.group.name, (np.inf, 0.0))
-        left_s = begin_s - decay.start_s
-        if left_s >= _LEAST_S:
-            kept.append(r.between(0.0, left_s) if np.isfinite(left_s) else r)
+        length_s = begin_s - decay.start_s
+        if length_s >= _LEAST_S:
+            kept.append(r.between(0.0, length_s) if np.isfinite(length_s) else r)
     return replace(decay, recordings=tuple(kept))
-
-
-def _after(record: Record, decay: FreeDecay, gaps: _Gaps) -> FreeDecay:
-    """Return a decay that begins when the last of the gaps has ended."""
-    ends_s = [begin_s + length_s for begin_s, length_s in gaps.values()]
-    return record.decay(max([decay.start_s, *ends_s]))

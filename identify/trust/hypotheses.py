@@ -1,143 +1,180 @@
-"""The table of what a linear model may lack, each with the trace of one unit of it in a decay.
+"""The table of what a linear model may lack, tested on the residuals of a fit.
 
 Springs, dampers and unequal sides; lengths and weights; sensors that are late, turned or have a
-wrong gain; friction and dampers that differ in compression and rebound.
+wrong gain; friction and dampers that differ in compression and rebound.  At the optimum, an effect
+that the model lacks leaves a trace of known shape in the residuals.  Its size, the uncertainty of
+that, and the change of the parameters follow from one projection (Lagrange multiplier test, Rao
+1948): no other fit is needed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from math import isqrt
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import TIME_DERIVATIVE
+from daq.channels import TIME_DERIVATIVE, Quantity
 from daq.vehicle import RICHEST, MassState, parameter_unit
 
-from ..decays.decay import ChannelGroup, Recording
-from ..fit.estimation import Estimation
+from ..decays.decay import ChannelGroup, FreeDecay
+from ..fit.estimation import Estimation, linearised_at
 from ..fit.grey_box import SIGNED, GreyBox
-from ..fit.varpro import Evaluated, evaluate, motion, slopes
-from ..model.exponentials import real_part, waves
+from ..fit.uncertainty import COVERAGE_95
+from ..fit.varpro import Evaluated, evaluate, linear_parts, motion, over_two, slopes
+from ..model.chi_squared import exceeded_by_chance
 from ..model.matrices import loaded_model, travel_rows
-from .faults import LATE_ADVICE, ROTATIONS
-from .refit import Kind
-from .score_test import FittedDecay, Trace
+from ..numbers import with_half
+from .plausibility import BELOW_SIGMAS
+from .refit import Cause
 from .statements import scale_facts
 
-Traces = tuple[NDArray[np.float64], ...]
-"""Trace of each of q effects in each recording of a decay."""
+Array = NDArray[np.float64]
+
+LATE_ADVICE = "state delay_s and delay_sigma_s of these channels, or correct their clock"
+ROTATIONS = (
+    (Quantity.PITCH_RATE, Quantity.ROLL_RATE),
+    (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
+)
+"""Quantities of the body that a turn of its axes mixes, and their exchange swaps."""
+_ROWS = (
+    Cause("anti-roll bars", "set anti_roll_bars = true in [vehicle.structure]", kind="bars"),
+    Cause("tyre damping", "set tyre_damping = true in [vehicle.structure]", kind="tyre damping"),
+    Cause("CG off the middle", "set cg_offset = true in [vehicle.structure]", kind="cg"),
+    Cause("left and right differ", "set symmetric = false in [vehicle.structure]", kind="sides"),
+    Cause(
+        "a length is wrong",
+        "measure the lengths of [vehicle.geometry] again, or leave them out",
+        kind="length",
+    ),
+    Cause("added weights off by a common factor", kind="weights"),  # their scale, or their unit
+    Cause("{} late", LATE_ADVICE, kind="late", of_bench=True),
+    Cause("gain of {}", kind="gain", of_bench=True),
+    Cause(
+        "IMU turned about z",
+        "mount it with its x axis along the car, and record again",
+        kind="turn",
+        of_bench=True,
+    ),
+    Cause(
+        "friction in the suspension",
+        "bump higher, so that friction counts less, or free the suspension; c_s and k_s hold for "
+        "this amplitude only",
+        kind="friction",
+        nonlinear=True,
+    ),
+    Cause(
+        "dampers stronger in rebound than in compression",
+        "the dampers are not linear: c_s is a mean, and the other parameters suffer",
+        kind="one-sided",
+        nonlinear=True,
+    ),
+)
+TABLE = {row.kind: row for row in _ROWS}
+
+_CHANCE = 1e-6
+"""Probability that noise alone gives so large a cause; a session has some forty."""
+_TYRE_BAR = 0.5
+"""Strength that proves tyre damping: every tyre has some, so that one in a thousand is enough."""
+_EARLY_BAR = 0.98
+"""Factor on the strength of earliness: lateness of the others explains the same."""
+_RATE_HZ = 500.0  # the motion ends at 20 Hz; more samples say little more
+_NAMED = 3  # parts of a cause that are listed, the surest first
+_SEEN = 1e-9
+"""Least share of an effect's information that the unknowns must leave for it to be testable."""
 _LATE_S = 0.001
 _GRID_S = 0.001
 _FRICTION_SPEED_M_S = 0.005
 """Speed, m/s, over which friction changes its sign: a bushing deforms before a seal slides."""
-_AXLES = (slice(0, 2), slice(2, 4))
-
-
-_BARS = Kind("anti-roll bars", "set anti_roll_bars = true in [vehicle.structure]")
-TYRE_DAMPING = Kind(
-    # Every tyre has some, so that it needs less proof than a fault: one in a thousand.
-    "tyre damping", "set tyre_damping = true in [vehicle.structure]", bar=0.5
-)  # fmt: skip
-_CG = Kind("CG off the middle", "set cg_offset = true in [vehicle.structure]")
-_SIDES = Kind("left and right differ", "set symmetric = false in [vehicle.structure]")
-_LENGTH = Kind(
-    "a length is wrong", "measure the lengths of [vehicle.geometry] again, or leave them out"
-)
-WEIGHTS = Kind("added weights off by a common factor")
-"""The scale on which the weights were weighed, or their unit."""
-LATE = Kind("{} late", LATE_ADVICE, of_bench=True)
-GAIN = Kind("gain of {}", of_bench=True)
-_TURNED = Kind(
-    "IMU turned about z", "mount it with its x axis along the car, and record again", of_bench=True
-)
-_FRICTION = Kind(
-    "friction in the suspension",
-    "bump higher, so that friction counts less, or free the suspension; c_s and k_s hold for "
-    "this amplitude only",
-    nonlinear=True,
-)
-_ONE_SIDED = Kind(
-    "dampers stronger in rebound than in compression",
-    "the dampers are not linear: c_s is a mean, and the other parameters suffer",
-    nonlinear=True,
-)
+_AXLES = {"front": np.array([1.0, 1.0, 0.0, 0.0]), "rear": np.array([0.0, 0.0, 1.0, 1.0])}
+_FORCES = ("friction", "one-sided")
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
-    """One column of a hypothesis."""
+class _Effect:
+    """One part of a hypothesis; the parts of a cause are tested together."""
 
-    kind: Kind
+    kind: str
+    """Key of `TABLE`."""
     label: str
-    """Name of this effect among those of its cause."""
+    """Name of this part among those of its cause."""
     unit: str
-    """Printed unit of its size."""
     factor: float = 1.0
-    """Factor from one unit of the trace to `unit`."""
+    """Printed unit of its size, and factor from one unit of its trace to it."""
+    unknowns: Mapping[str | int, float] = field(default_factory=dict)
+    """Its direction among the unknowns of the richest structure, by name or position."""
+    channels: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    """Share of a second channel's motion, or of its rate of change, that a first one shows."""
 
     @property
     def cause(self) -> str:
-        """Name of the cause; several effects may share it (both anti-roll bars)."""
-        return self.kind.name.format(self.label)
+        return TABLE[self.kind].name.format(self.label)
 
 
-@dataclass(frozen=True, slots=True)
-class _Effects:
-    """Effects of one kind and how to find their traces."""
-
-    effects: tuple[Effect, ...]
-    trace_of: Callable[[FittedDecay], Traces]
-    """Returns the traces of one unit of each, on the real basis of the motion, (n_channels, 28, q),
-    or sampled."""
-
-
-def hypotheses(
-    estimation: Estimation, fitted: Sequence[FittedDecay]
-) -> tuple[list[Effect], Callable[[FittedDecay], list[Trace]]]:
-    """Return every effect, and what returns their traces in each recording of a fitted decay."""
-    kinds = [
-        _structural(estimation, fitted),
-        _lateness(estimation),
-        _gains(estimation),
-        _turns(estimation),
-    ]
-    forces = _suspension_forces(estimation)
-
-    def traces_of(one: FittedDecay) -> list[Trace]:
-        parts = zip(*(kind.trace_of(one) for kind in kinds), strict=True)
-        return [
-            Trace(np.concatenate(part, axis=-1), sampled)
-            for part, sampled in zip(parts, forces.trace_of(one), strict=True)
-        ]
-
-    return [effect for kind in (*kinds, forces) for effect in kind.effects], traces_of
-
-
-def _structural(estimation: Estimation, fitted: Sequence[FittedDecay]) -> _Effects:
-    """Return the springs, dampers, places and differences that the structure does not have."""
+def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
+    """Test every hypothesis on the residuals; the one that explains most comes first."""
     box = estimation.box
-    states = tuple(_with_unsure_weights(state) for state in box.mass_states)
-    rich = GreyBox(box.groups, states, None, RICHEST)
-    n = len(box.parameters)
-    stated = dict(zip(box.corrections, estimation.fit.eta[n:].tolist(), strict=False))
-    eta = rich.unknowns_of(estimation.full)
-    eta[len(rich.parameters) :] = [stated.get(name, 0.0) for name in rich.corrections]
-    effects, directions = lacking(box, rich)
-    # All further parameters of the richest structure are zero here: its state matrix is that of the
-    # fit.
-    points = {
-        state: evaluate(rich, eta, state, estimation.noise, modes)
-        for state, modes in {one.decay.mass_state: one.at.modes for one in fitted}.items()
-    }
+    rich = GreyBox(box.groups, tuple(map(_with_unsure_weights, box.mass_states)), None, RICHEST)
+    effects = [
+        *_missing_parts(box, rich),
+        *_sensor_faults(box.groups),
+        *(_Effect("friction", axle, "N") for axle in _AXLES),
+        *(_Effect("one-sided", axle, "N s/m", 2.0) for axle in _AXLES),
+    ]
+    normal, n_values = _normal_matrix(estimation, rich, effects)
+    P = len(estimation.fit.eta)
+    covariance = np.asarray(np.linalg.pinv(normal[:P, :P], hermitian=True))
+    mixed, information = normal[P:-1, :P], normal[P:-1, P:-1]
+    # The optimum of thinned samples differs slightly from that of all samples.
+    gradient = normal[P:-1, -1] - mixed @ covariance @ normal[:P, -1]
+    members: dict[str, list[int]] = {}
+    for i, effect in enumerate(effects):
+        members.setdefault(effect.cause, []).append(i)
+    causes = []
+    for name, rows in members.items():
+        X, g = mixed[rows], gradient[rows]
+        remaining = information[np.ix_(rows, rows)] - X @ covariance @ X.T
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(information)[rows], 1e-300))
+        values, vectors = np.linalg.eigh(remaining * np.outer(scale, scale))
+        seen = values > _SEEN
+        inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T * np.outer(scale, scale)
+        sizes, stds = inverse @ g, np.sqrt(np.diag(inverse))
+        gain = float(g @ sizes)
+        shift = (-covariance @ X.T @ sizes)[: len(box.parameters)].tolist()
+        row = TABLE[effects[rows[0]].kind]
+        strength = gain / max(1.0, estimation.chi2_per_n) / exceeded_by_chance(len(rows), _CHANCE)
+        if row.kind == "tyre damping":
+            below_zero = bool((sizes < -BELOW_SIGMAS * stds).any())
+            strength = 0.0 if below_zero else strength / _TYRE_BAR
+        elif row.kind == "late" and sizes[0] < 0.0:
+            strength *= _EARLY_BAR
+        cause = replace(
+            row,
+            name=name,
+            sizes=_in_words([effects[i] for i in rows], sizes, stds),
+            explained=gain / max((estimation.chi2_per_n - 1.0) * n_values, 1e-9),
+            moved=dict(zip(box.parameters, shift, strict=True)),
+            subject=effects[rows[0]].label,
+            gain=gain,
+            strength=strength,
+        )
+        causes.append(cause)
+    return tuple(sorted(causes, key=lambda cause: -cause.strength))
 
-    def trace_of(one: FittedDecay) -> Traces:
-        at, z = points[one.decay.mass_state], _modal_start(one)
-        return tuple(slopes(at, r.group, z) @ directions for r in one.decay.recordings)
 
-    return _Effects(effects, trace_of)
+def _in_words(effects: Sequence[_Effect], sizes: Array, stds: Array) -> str:
+    """Return the sizes of the surest parts with their 95 % intervals."""
+    rows = [
+        (abs(size / std), f"{effect.label} "
+         f"{with_half(size * effect.factor, COVERAGE_95 * std * abs(effect.factor))} {effect.unit}")
+        for effect, size, std in zip(effects, sizes.tolist(), stds.tolist(), strict=True)
+        if std > 0.0
+    ]  # fmt: skip
+    return ", ".join(text for _, text in sorted(rows, reverse=True)[:_NAMED])
+
+
+# The effects --------------------------------------------------------------------------------------
 
 
 def _with_unsure_weights(state: MassState) -> MassState:
@@ -146,223 +183,184 @@ def _with_unsure_weights(state: MassState) -> MassState:
     return replace(state, added=replace(state.added, weights=tuple(weights)))
 
 
-def lacking(box: GreyBox, rich: GreyBox) -> tuple[tuple[Effect, ...], NDArray[np.float64]]:
-    """Return the effects that a structure lacks, and their directions among the unknowns of `rich`.
+def _missing_parts(box: GreyBox, rich: GreyBox) -> Iterator[_Effect]:
+    """Yield the springs, dampers, places and differences that a structure does not have.
 
-    `rich`: of the richest structure, its weights unsure.  Returns q effects and (P, q).
+    `rich`: of the richest structure, its weights unsure.
     """
-    effects, columns = [], []
-
-    def add(effect: Effect, **weights: float) -> None:
-        column = np.zeros(len(rich.prior_sigma))
-        for name, weight in weights.items():
-            column[rich.parameters.index(name)] = weight
-        effects.append(effect)
-        columns.append(column)
-
-    causes = {"k_a": _BARS, "c_t": TYRE_DAMPING, "y_s": _CG}
+    kinds = {"k_a": "bars", "c_t": "tyre damping", "y_s": "cg"}
     for name, scale in SIGNED.items():
         if name not in box.parameters:
-            add(Effect(causes[name[:3]], name, parameter_unit(name), scale), **{name: 1.0})
+            yield _Effect(kinds[name[:3]], name, parameter_unit(name), scale, {name: 1.0})
     if box.structure.symmetric:
         for name in ("m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "c_sf", "c_sr"):
-            effect = Effect(_SIDES, name, "% more left than right", 200.0)
-            add(effect, **{f"{name}l": 1.0, f"{name}r": -1.0})
+            sides: dict[str | int, float] = {f"{name}l": 1.0, f"{name}r": -1.0}
+            yield _Effect("sides", name, "% more left than right", 200.0, sides)
     if box.geometry is not None:
         for name in ("a", "b", "t_f", "t_r"):
-            add(Effect(_LENGTH, name, "%", 100.0), **{name: 1.0})
+            yield _Effect("length", name, "%", 100.0, {name: 1.0})
     # Decays alone do not show a factor that all weights have in common.
     if rich.weight_masses and scale_facts(box):
-        together = np.zeros(len(rich.prior_sigma))
-        for p, mass_kg in rich.weight_masses.items():
-            together[p] = mass_kg
-        effects.append(Effect(WEIGHTS, "all weights", "%", 100.0))
-        columns.append(together)
-    return tuple(effects), np.array(columns).reshape(-1, len(rich.prior_sigma)).T
+        masses: dict[str | int, float] = dict(rich.weight_masses.items())
+        yield _Effect("weights", "all weights", "%", 100.0, masses)
 
 
-def _lateness(estimation: Estimation) -> _Effects:
-    """Return each sensor group's lateness beyond what is stated; also that of all hubs at once."""
-    kinds: dict[str, tuple[str, ...]] = {}
-    for group in estimation.box.groups:
+def _sensor_faults(groups: Sequence[ChannelGroup]) -> Iterator[_Effect]:
+    """Yield lateness of each group and of all hubs at once, gain of each channel, turn of each IMU.
+
+    A turn about z is positive to the left, as seen from above: pitch and roll then show a part of
+    each other.
+    """
+    late: dict[str, list[str]] = {group.name: [] for group in groups}
+    kinds: dict[str, dict[str, None]] = {}
+    turns: dict[str, dict[tuple[str, str], float]] = {}
+    for group in groups:
+        late[group.name] += [c.name for c in group.channels]
         kind = "hub sensors" if group.channels[0].corner else "body sensors"
-        kinds[kind] = (*kinds.get(kind, ()), group.name)
-    names = dict.fromkeys(group.name for group in estimation.box.groups)
-    groups: dict[str, tuple[str, ...]] = {name: (name,) for name in names}
-    groups |= {kind: members for kind, members in kinds.items() if len(set(members)) > 1}
-    effects = tuple(Effect(LATE, g, "ms", _LATE_S * 1e3) for g in groups)
-
-    def trace_of(one: FittedDecay) -> Traces:
-        z = _modal_start(one)
-        traces = []
-        for r in one.decay.recordings:
-            mine = np.array([r.group.name in members for members in groups.values()], dtype=float)
-            traces.append(-_LATE_S * motion(one.at, r.group, z, 1)[..., None] * mine)
-        return tuple(traces)
-
-    return _Effects(effects, trace_of)
-
-
-def _gains(estimation: Estimation) -> _Effects:
-    """Return each channel's error of gain."""
-    groups = estimation.box.groups
-    names = tuple(dict.fromkeys(c.name for group in groups for c in group.channels))
-    effects = tuple(Effect(GAIN, name, "%", 100.0) for name in names)
-
-    def trace_of(one: FittedDecay) -> Traces:
-        z = _modal_start(one)
-        traces = []
-        for r in one.decay.recordings:
-            own = np.array([[c.name == name for name in names] for c in r.group.channels], float)
-            traces.append(motion(one.at, r.group, z, 0)[..., None] * own[:, None])
-        return tuple(traces)
-
-    return _Effects(effects, trace_of)
+        kinds.setdefault(kind, {})[group.name] = None
+        of = {c.quantity: c.name for c in group.channels}
+        for a, b in ROTATIONS:
+            if a in of and b in of:
+                turn = {(of[a], of[b]): -1.0, (of[b], of[a]): 1.0}
+                turns[group.name] = turns.get(group.name, {}) | turn
+    for kind, names in kinds.items():
+        if len(names) > 1:
+            late[kind] = [channel for name in names for channel in late[name]]
+    for name, channels in late.items():
+        shares = {(c, c): -_LATE_S for c in channels}
+        yield _Effect("late", name, "ms", 1e3 * _LATE_S, channels=shares)
+    for c in dict.fromkeys(c.name for group in groups for c in group.channels):
+        yield _Effect("gain", c, "%", 100.0, channels={(c, c): 1.0})
+    for name, turn in turns.items():
+        yield _Effect("turn", name, "deg", 180.0 / np.pi, channels=turn)
 
 
-def _turns(estimation: Estimation) -> _Effects:
-    """Return the turn about z of each IMU: its pitch and roll then show a part of each other.
+# Their traces in the residuals --------------------------------------------------------------------
 
-    It is positive to the left, as seen from above.
+
+def _normal_matrix(
+    estimation: Estimation, rich: GreyBox, effects: Sequence[_Effect]
+) -> tuple[Array, int]:
+    """Return products of unknowns, effects and residuals, everything linear projected out.
+
+    Effects that are sums of the functions of which the motion consists need no samples; those of
+    `_FORCES`, which come last, and the residuals are sampled.
+
+    Returns (P + q + 1, P + q + 1), facts and stated uncertainties included, and the number of
+    measured values.
     """
-    names = dict.fromkeys(group.name for group in estimation.box.groups if _pitch_and_roll(group))
-    effects = tuple(Effect(_TURNED, name, "deg", 180.0 / np.pi) for name in names)
+    eta, box = estimation.fit.eta, estimation.box
+    P, q = len(eta), len(effects)
+    misfits, by_fact = box.fact_misfits(eta)
+    total = np.zeros((P + q + 1, P + q + 1))
+    total[:P, :P] = np.diag(box.prior_sigma**-2) + by_fact.T @ by_fact
+    total[:P, -1] = by_fact.T @ misfits - eta * box.prior_sigma**-2
+    points = linearised_at(estimation).points
+    rich_points = _at_richest(estimation, rich, points)
+    parts = [e for e in effects if e.unknowns]
+    directions = np.zeros((len(rich.prior_sigma), len(parts)))
+    for k, effect in enumerate(parts):
+        for name, share in effect.unknowns.items():
+            directions[rich.parameters.index(name) if isinstance(name, str) else name, k] = share
+    faults = [e for e in effects if e.channels]
+    on_motion = len(parts) + len(faults)
+    mixes: dict[ChannelGroup, Array] = {}
+    decays = [decay.thinned(_RATE_HZ) for decay in estimation.decays]
+    for decay, linear in zip(decays, linear_parts(points, decays), strict=True):
+        at, size = points[decay.mass_state], len(linear.solution)
+        z = at.modes.W @ linear.solution[: len(at.modes.poles)]
+        forces = _force_traces(estimation, at, decay, z)
+        own = np.zeros((size + P + q + 1, size + P + q + 1))
+        k = size + P + on_motion
+        for r, stack, force in zip(decay.recordings, linear.coefficients, forces, strict=True):
+            if r.group not in mixes:
+                mixes[r.group] = _mixes(r.group, faults)
+            weight, basis = at.weights(r.group)[:, None, None], at.basis(r)
+            moved = [motion(at, r.group, z, derivative) for derivative in (0, 1)]
+            each = np.stack([moved[effect.kind == "late"] for effect in faults])
+            J = slopes(at, r.group, z)
+            columns = np.zeros((*stack.shape[:2], k))
+            columns[:, :, :size] = stack
+            columns[:, : J.shape[1], size : size + P] = J
+            traces = slopes(rich_points[decay.mass_state], r.group, z) @ directions
+            columns[:, : J.shape[1], size + P : k - len(faults)] = traces
+            columns[:, : J.shape[1], k - len(faults) :] = np.moveaxis(mixes[r.group] @ each, 0, -1)
+            residuals = r.values - basis @ (stack @ linear.solution).T
+            sampled = np.concatenate([force, residuals[..., None]], axis=2)
+            beside = basis.T @ sampled.swapaxes(0, 1)  # (n_channels, m, forces + 1)
+            own[:k, :k] += over_two(weight * columns, (basis.T @ basis) @ columns)
+            own[:k, k:] += over_two(weight * columns, beside)
+            own[k:, k:] += over_two(sampled * weight[:, 0], sampled)
+        own[k:, :k] = own[:k, k:].T
+        cross = own[size:, :size]
+        total += own[size:, size:] - cross @ linear.normal_inverse @ cross.T
+    return total, sum(decay.n_values for decay in decays)
 
-    def trace_of(one: FittedDecay) -> Traces:
-        z = _modal_start(one)
-        traces = []
-        for r in one.decay.recordings:
-            shown = motion(one.at, r.group, z, 0)
-            trace = np.zeros((*shown.shape, len(names)))
-            for pitch, roll in _pitch_and_roll(r.group):
-                q = tuple(names).index(r.group.name)
-                trace[pitch, :, q], trace[roll, :, q] = -shown[roll], shown[pitch]
-            traces.append(trace)
-        return tuple(traces)
 
-    return _Effects(effects, trace_of)
-
-
-def _pitch_and_roll(group: ChannelGroup) -> list[tuple[int, int]]:
-    """Return the columns of pitch and roll of a group that has both."""
-    at = {channel.quantity: i for i, channel in enumerate(group.channels)}
-    return [(at[p], at[r]) for p, r in ROTATIONS if p in at and r in at]
-
-
-def _modal_start(one: FittedDecay) -> NDArray[np.complex128]:
-    """Return the fitted initial state of a decay in modal coordinates, (14,)."""
-    modes = one.at.modes
-    return np.asarray(modes.W @ one.linear.solution[: len(modes.poles)])
-
-
-@dataclass(frozen=True, slots=True)
-class _Drives:
-    """One unit of each of q forces, on the two corners of an axle."""
-
-    force: NDArray[np.float64]
-    """Forces over the time grid, N, shape (q, n, 2)."""
-    push: NDArray[np.float64]
-    """Acceleration of the degrees of freedom by 1 N at either corner, shape (q, 7, 2)."""
-    modal: NDArray[np.complex128]
-    """State of the vehicle in modal coordinates, driven from rest, one for each conjugate pair,
-    shape (n, q, m)."""
-    V: NDArray[np.complex128]
-    """Matrix from modal coordinates to the state, which is the real part of the product, shape (14,
-    m)."""
-
-
-def _suspension_forces(estimation: Estimation) -> _Effects:
-    """Return friction, N, and excess of rebound damping over compression, N s/m, of each axle.
-
-    They act along the fitted motion; what they add to it is computed to first order, by driving the
-    fitted vehicle with them.  Their traces are sampled, (n_samples, n_channels, 4).
-    """
-    effects = (
-        *(Effect(_FRICTION, axle, "N") for axle in ("front", "rear")),
-        *(Effect(_ONE_SIDED, axle, "N s/m", 2.0) for axle in ("front", "rear")),
-    )
-    full = estimation.full
-    travel = travel_rows(full.astype(complex)).real
-    push = {
-        state.name: np.asarray(-np.linalg.solve(loaded_model(full, state.added).M, travel.T), float)
-        for state in estimation.box.mass_states
+def _at_richest(
+    estimation: Estimation, rich: GreyBox, points: Mapping[str, Evaluated]
+) -> dict[str, Evaluated]:
+    """Return the richest structure at the fit: all its further parameters are zero there."""
+    box, n = estimation.box, len(estimation.box.parameters)
+    stated = dict(zip(box.corrections, estimation.fit.eta[n:].tolist(), strict=False))
+    eta = rich.unknowns_of(estimation.full)
+    eta[len(rich.parameters) :] = [stated.get(name, 0.0) for name in rich.corrections]
+    return {
+        state: evaluate(rich, eta, state, estimation.noise, at.modes)
+        for state, at in points.items()
     }
 
-    def trace_of(one: FittedDecay) -> Traces:
-        at = one.at
-        end = max(float(at.time_s(r)[-1]) for r in one.decay.recordings)
-        grid = np.arange(0.0, end + 2.0 * _GRID_S, _GRID_S)
-        speed = _speeds(one, grid) @ travel.T
-        forces = (np.tanh(speed / _FRICTION_SPEED_M_S), -np.abs(speed))
-        pushed = push[one.decay.mass_state]
-        drives = _drives(
-            at,
-            np.stack([force[:, axle] for force in forces for axle in _AXLES]),
-            np.stack([pushed[:, axle] for _ in forces for axle in _AXLES]),
-        )
-        return tuple(_seen(at, r, grid, drives) for r in one.decay.recordings)
 
-    return _Effects(effects, trace_of)
+def _mixes(group: ChannelGroup, faults: Sequence[_Effect]) -> Array:
+    """Return each fault's matrix from the motion in the channels to what they show, (q, n, n)."""
+    names = [channel.name for channel in group.channels]
+    rows = [[[e.channels.get((a, b), 0.0) for b in names] for a in names] for e in faults]
+    return np.array(rows)
 
 
-def _speeds(one: FittedDecay, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the fitted velocities of the degrees of freedom, (n, 7)."""
-    modes = one.at.modes
-    z = _modal_start(one)
-    upper = modes.poles.imag >= 0
-    share = np.where(modes.poles[upper].imag > 0, 2.0, 1.0)  # a conjugate pair counts twice
-    wave = waves(time_s, modes.poles[upper])
-    return real_part(wave, modes.V[7:, upper] * (z[upper] * share))
+def _force_traces(
+    estimation: Estimation, at: Evaluated, decay: FreeDecay, z: NDArray[np.complex128]
+) -> list[Array]:
+    """Return what one unit of each of `_FORCES` on each axle adds to each recording.
 
-
-def _drives(at: Evaluated, force: NDArray[np.float64], push: NDArray[np.float64]) -> _Drives:
-    """Drive the vehicle from rest with forces, (q, n, 2), linear between the points of the grid."""
-    # One of a conjugate pair represents both.
-    upper = at.modes.poles.imag >= 0.0
-    poles, W = at.modes.poles[upper], at.modes.W[upper, 7:]
+    Friction, N, and the excess of rebound damping over compression, N s/m, act along the fitted
+    motion; what they add to it is computed to first order, by driving the fitted vehicle with them
+    from rest.  `z`: initial state in modal coordinates.  Each (n_samples, n_channels, 4).
+    """
+    upper = at.modes.poles.imag >= 0.0  # one of a conjugate pair stands for both
+    poles = at.modes.poles[upper]
     V = at.modes.V[:, upper] * np.where(poles.imag > 0.0, 2.0, 1.0)
-    inward = (W @ push).swapaxes(1, 2)  # (q, 2, m)
+    end_s = max(float(at.time_s(r)[-1]) for r in decay.recordings)
+    grid = np.arange(0.0, end_s + 2.0 * _GRID_S, _GRID_S)
+    travel = travel_rows(estimation.full.astype(complex)).real
+    moving = np.exp(np.multiply.outer(grid, poles)) * z[upper]
+    speed = (moving @ V[7:].T).real @ travel.T
+    laws = (np.tanh(speed / _FRICTION_SPEED_M_S), -np.abs(speed))
+    force = np.stack([law * corners for law in laws for corners in _AXLES.values()])
+    state = next(s for s in estimation.box.mass_states if s.name == decay.mass_state)
+    push = -np.linalg.solve(loaded_model(estimation.full, state.added).M, travel.T)
+    # The forces are linear between the points of the grid.
+    drive = force @ (at.modes.W[upper, 7:] @ push).T  # (4, n, m)
     s = poles * _GRID_S
     step = np.exp(s)
-    now, before = (step - 1.0 - s) / s**2 * _GRID_S, (step * (s - 1.0) + 1.0) / s**2 * _GRID_S
-    gains = np.ascontiguousarray(np.concatenate([now * inward, before * inward], axis=1))
-    pushed = np.zeros((*force.shape[:2], 4))
-    pushed[:, 1:, :2], pushed[:, 1:, 2:] = force[:, 1:], force[:, :-1]
-    gained = (pushed @ gains.view(np.float64)).view(np.complex128).swapaxes(0, 1)
-    return _Drives(force, push, _driven(gained, step), V)
-
-
-def _driven(gained: NDArray[np.complex128], step: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return ``z[k] = step z[k - 1] + gained[k]``, (n, q, len(step)), from rest.
-
-    Segments of the grid are driven from rest in parallel; then each continues the one before.
-    """
-    n, width = len(gained), isqrt(len(gained))
-    stretches = -(-n // width)
-    z = np.zeros((stretches * width, *gained.shape[1:]), dtype=complex)
-    z[:n] = gained
-    z = z.reshape(stretches, width, *gained.shape[1:])
-    for k in range(1, width):
-        z[:, k] += step * z[:, k - 1]
-    carried = step ** np.arange(1, width + 1)[:, None]  # (width, len(step))
-    for i in range(1, stretches):
-        z[i] += carried[:, None] * z[i - 1, -1]
-    return z.reshape(stretches * width, *gained.shape[1:])[:n]
-
-
-def _seen(
-    at: Evaluated, recording: Recording, grid: NDArray[np.float64], drives: _Drives
-) -> NDArray[np.float64]:
-    """Return the driven motions in each channel, (n_samples, n_channels, q)."""
-    time = at.time_s(recording)
-    channels = recording.group.channels
-    rows = np.array([at.system.rows[c.name] for c in channels])
-    # An accelerometer senses the force itself, not only the motion that the force causes.
-    accelerations = np.array([TIME_DERIVATIVE[c.quantity] == 2 for c in channels])
-    displaced = rows[:, :7] @ np.linalg.inv(at.system.A[7:, :7]) * accelerations[:, None]
-    at_once = drives.force @ (displaced @ drives.push).swapaxes(1, 2)  # (q, n, n_channels)
-    on_grid = real_part(drives.modal, rows @ drives.V) + at_once.swapaxes(0, 1)
-    before = np.clip(np.searchsorted(grid, time) - 1, 0, len(grid) - 2)
-    share = ((time - grid[before]) / _GRID_S)[:, None, None]
-    between = on_grid[before] * (1.0 - share) + on_grid[before + 1] * share
-    return np.asarray(between.swapaxes(1, 2))
+    driven = (step - 1.0 - s) / s**2 * _GRID_S * drive
+    driven[:, 1:] += (step * (s - 1.0) + 1.0) / s**2 * _GRID_S * drive[:, :-1]
+    driven[:, 0] = 0.0
+    reach = 1
+    while reach < len(grid):  # sum of all that came before, in doubling strides
+        driven[:, reach:] += step**reach * driven[:, :-reach]
+        reach *= 2
+    displaced = np.linalg.inv(at.system.A[7:, :7])
+    traces = []
+    for r in decay.recordings:
+        rows = np.array([at.system.rows[c.name] for c in r.group.channels])
+        # An accelerometer senses the force itself, not only the motion that the force causes.
+        senses = np.array([TIME_DERIVATIVE[c.quantity] == 2 for c in r.group.channels])
+        at_once = senses[:, None] * (rows[:, :7] @ displaced @ push)
+        shown = (driven @ (rows @ V).T).real + force @ at_once.T  # (4, n, n_channels)
+        time_s = at.time_s(r)
+        before = np.clip(np.searchsorted(grid, time_s) - 1, 0, len(grid) - 2)
+        share = ((time_s - grid[before]) / _GRID_S)[:, None]
+        between = shown[:, before] * (1.0 - share) + shown[:, before + 1] * share
+        traces.append(np.moveaxis(between, 0, -1))
+    return traces

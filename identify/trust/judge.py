@@ -8,7 +8,7 @@ limit, survivors of the stress list had errors of four standard deviations.)
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, isfinite, nan
 
@@ -21,14 +21,14 @@ from dbc.finding import Finding
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import determined
-from .causes import Causes, causes_of, rank_causes
-from .consistency import moves_without, repeat_findings
+from .faults import Causes, causes_of
 from .finding import Judgement, Loss, Survival
-from .hypotheses import WEIGHTS
+from .hypotheses import TABLE, rank_causes
 from .motion import excitation_findings, lift_off_findings, mode_snr_db
 from .plausibility import parameter_findings, undetermined
 from .refit import Cause
 from .residuals import CHI2_LIMIT, chi2_by_run, misfit_findings, whiteness_findings
+from .runs import moves_without, repeat_findings
 from .samples import sample_findings
 from .statements import contradicted_shift, contradictions, unseen_findings
 from .weights import ONE_WEIGHT
@@ -67,13 +67,18 @@ def judge(
         causes = Causes((wrong.finding,), (wrong,))
     elif linear and not signs and (sure or not holds):
         causes = _causes(estimation)
-    explained = _explains(estimation, causes)
-    parameters = parameter_findings(estimation)
+    # A named cause may be the reason why stated values disagree with the runs.
+    codes = {finding.code for finding in causes.findings} - {"amplitude"}
+    explained = bool(codes) and (not holds or TABLE["weights"].name.replace(" ", "_") in codes)
     findings = [
         *unused,
         *(() if holds else causes.findings),  # what to do before what is wrong
         *(f for f in misfit_findings(estimation) if sure or f.code != "convergence"),
-        *(f for f in parameters if not (explained and f.code == "contradiction")),
+        *(
+            f
+            for f in parameter_findings(estimation)
+            if not (explained and f.code == "contradiction")
+        ),
         *(unseen_findings(estimation.box, session.mass_states) if sure else ()),
         *sample_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),
@@ -82,14 +87,19 @@ def judge(
     if sure and holds:
         findings += whiteness_findings(estimation)
         findings += lift_off_findings(estimation) if linear else ()
-    at_odds = _at_odds(estimation) if sure and not explained else ()
     rivals = [replace(c, explained=inf) if holds else c for c in causes.tried]
+    contradicted = contradictions(estimation) if sure and not explained else ()
+    if contradicted:  # one cause; without a misfit, all compete
+        name = "; ".join(one.name for one in contradicted)
+        shift = contradicted_shift(estimation, contradicted).tolist()
+        moved = dict(zip(estimation.box.parameters, shift, strict=True))
+        rivals.append(Cause(name, explained=inf, moved=moved))
     return Judgement(
         tuple(findings),
         estimation.chi2_per_n,
         chi2_by_run(estimation),
         snr_db,
-        survival(estimation, [*rivals, *at_odds]),
+        survival(estimation, rivals),
     )
 
 
@@ -103,35 +113,18 @@ def _causes(estimation: Estimation) -> Causes:
     """Report an outlying run first, because it imitates other causes; amplitude last."""
     ranked = rank_causes(estimation)
     repeats = repeat_findings(estimation, ranked[0].strength)
-    at_odds = contradictions(estimation) if estimation.holds else ()
-    if at_odds and at_odds[0].of_place:  # a gain, or a bar, would explain a part of it
-        ranked = tuple(s for s in ranked if s.gain > at_odds[0].sigmas ** 2)
     for odd in (finding for finding in repeats if finding.code == "odd_run"):
         excess = max(estimation.chi2_per_n - 1.0, 1e-9)
         moved = moves_without(estimation, odd.subject.split(", "))
         share = 1.0 - (odd.value - 1.0) / excess
         return Causes(repeats, (Cause(f"run {odd.subject}", explained=share, moved=moved),))
+    worst = next(iter(contradictions(estimation)), None) if estimation.holds else None
+    if worst and worst.of_place:  # a gain, or a bar, would explain a part of it
+        ranked = tuple(s for s in ranked if s.gain > worst.sigmas**2)
     causes = causes_of(estimation, ranked)
     if causes.findings and causes.linear:
         return causes
     return replace(causes, findings=(*causes.findings, *repeats))
-
-
-def _explains(estimation: Estimation, causes: Causes) -> bool:
-    """Return whether a named cause is the reason why stated values disagree with the runs."""
-    named = {finding.code for finding in causes.findings} - {"amplitude"}
-    weights = WEIGHTS.name.replace(" ", "_")
-    return bool(named) and (not estimation.holds or weights in named)
-
-
-def _at_odds(estimation: Estimation) -> Iterator[Cause]:
-    """Yield what the runs contradict, as one cause; without a misfit, all compete."""
-    found = contradictions(estimation)
-    if found:
-        moved = contradicted_shift(estimation, found).tolist()
-        names = estimation.box.parameters
-        wrong = "; ".join(one.name for one in found)
-        yield Cause(wrong, explained=inf, moved=dict(zip(names, moved, strict=True)))
 
 
 def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
@@ -152,8 +145,8 @@ def survival(estimation: Estimation, causes: Sequence[Cause]) -> Survival:
     rivals = list(causes)
     if linear and not estimation.holds:
         best = max((h.explained for h in causes if isfinite(h.explained)), default=0.0)
-        left = 1.0 + (estimation.chi2_per_n - 1.0) * (1.0 - min(best, 1.0))
-        if best < _EXPLAINS or left > CHI2_LIMIT:
+        unexplained = 1.0 + (estimation.chi2_per_n - 1.0) * (1.0 - min(best, 1.0))
+        if best < _EXPLAINS or unexplained > CHI2_LIMIT:
             return Survival((), dict.fromkeys(box.names, Loss(_UNEXPLAINED)) | lost)
         rivals = [h for h in causes if h.explained >= _RIVAL * best]
     std = np.sqrt(np.diag(fit.covariance)[: len(names)])

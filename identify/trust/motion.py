@@ -10,7 +10,7 @@ this and begins a decay when the wheels are down: late, with hardly any load on 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,24 +57,46 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
     Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
     """
     there = linearised_at(estimation)
-    return {
-        decay.label: tuple(
-            (10.0 * np.log10(_energies(there.points[decay.mass_state], decay, one))).tolist()
-        )
-        for decay, one in zip(estimation.decays, there.linear, strict=True)
-    }
+    result = {}
+    for decay, linear in zip(estimation.decays, there.linear, strict=True):
+        at, size = there.points[decay.mass_state], len(linear.solution)
+        normal = np.zeros((size, size))
+        for r, product, stack in zip(
+            decay.recordings, linear.products, linear.coefficients, strict=True
+        ):
+            weighted = stack * at.weights(r.group)[:, None, None]
+            normal += over_two(weighted, product.gram @ stack)
+        modes = at.modes
+        upper = np.flatnonzero(modes.poles.imag > 0.0)
+        upper = upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")]
+        # Real coordinates of the modes; the channels' own unknowns stay as they are.
+        T = np.eye(size)
+        T[: 2 * N_DOF, : 2 * N_DOF] = modes.V.real
+        T[: 2 * N_DOF, upper] = 2.0 * modes.V[:, upper].real
+        T[: 2 * N_DOF, upper + 1] = -2.0 * modes.V[:, upper].imag
+        normal = T.T @ normal @ T
+        z = modes.W @ linear.solution[: 2 * N_DOF]
+        row = []
+        for k in upper.tolist():
+            others = np.delete(np.arange(size), [k, k + 1])
+            mixed = normal[k : k + 2, others]
+            inverse = pseudo_inverse(normal[np.ix_(others, others)])
+            alone = normal[k : k + 2, k : k + 2] - mixed @ inverse @ mixed.T
+            q = np.array([z[k].real, z[k].imag])
+            row.append(10.0 * float(np.log10(max(q @ alone @ q, _FLOOR))))
+        result[decay.label] = tuple(row)
+    return result
 
 
 def excitation_findings(
     estimation: Estimation, snr_db: Mapping[str, tuple[float, ...]]
-) -> tuple[Finding, ...]:
+) -> Iterator[Finding]:
     """Name the modes that the runs of a mass state do not excite.
 
     The energies of its runs add up, as their information does.
     """
     full = estimation.full
     geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
-    findings: list[Finding] = []
     for state in estimation.box.mass_states:
         rows = [snr_db[d.label] for d in estimation.decays if d.mass_state == state.name]
         if not rows:
@@ -94,8 +116,7 @@ def excitation_findings(
                 f"together (limit {SNR_LIMIT_DB:.0f} dB); what depends on them is not known: "
                 f"record a {run.words} run in state {state.name}, or one with a higher bump"
             )
-            findings.append(Finding("excitation", Severity.WARNING, text))
-    return tuple(findings)
+            yield Finding("excitation", Severity.WARNING, text)
 
 
 def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64]) -> Excitation:
@@ -110,37 +131,8 @@ def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64])
     return next(run for run in Excitation if gain[run] >= _AS_GOOD * strongest)
 
 
-def _energies(at: Evaluated, decay: FreeDecay, linear: LinearPart) -> NDArray[np.float64]:
-    """Return the energy of each oscillating mode in units of the noise, in order of frequency."""
-    size = len(linear.solution)
-    normal = np.zeros((size, size))
-    for recording, product, stack in zip(
-        decay.recordings, linear.products, linear.coefficients, strict=True
-    ):
-        weighted = stack * at.weights(recording.group)[:, None, None]
-        normal += over_two(weighted, product.gram @ stack)
-    modes = at.modes
-    upper = np.flatnonzero(modes.poles.imag > 0.0)
-    upper = upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")]
-    # Real coordinates of the modes: initial state = T q, the channels' own unknowns as they are.
-    T = np.eye(size)
-    T[: 2 * N_DOF, : 2 * N_DOF] = modes.V.real
-    T[: 2 * N_DOF, upper] = 2.0 * modes.V[:, upper].real
-    T[: 2 * N_DOF, upper + 1] = -2.0 * modes.V[:, upper].imag
-    q_normal = T.T @ normal @ T
-    z = modes.W @ linear.solution[: 2 * N_DOF]
-    own = upper[:, None] + np.arange(2)  # (n_modes, 2)
-    others = [np.delete(np.arange(size), pair) for pair in own]
-    rest = np.array(others, dtype=np.intp).reshape(-1, size - 2)
-    mixed = q_normal[own[:, :, None], rest[:, None]]
-    inverse = pseudo_inverse(q_normal[rest[:, :, None], rest[:, None]])
-    alone = q_normal[own[:, :, None], own[:, None]] - mixed @ inverse @ mixed.swapaxes(1, 2)
-    q = np.stack([z[upper].real, z[upper].imag], axis=1)
-    return np.asarray(np.maximum(np.einsum("ki,kij,kj->k", q, alone, q), _FLOOR))
-
-
-def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
-    """Find the wheels that leave the road over the bump and land during the decay.
+def lift_off_findings(estimation: Estimation) -> Iterator[Finding]:
+    """Yield a finding on the wheels that leave the road over the bump and land during the decay.
 
     A tyre would have to pull, or has only the load of a late landing.
 
@@ -164,7 +156,7 @@ def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
             if least[i] < limit[i] - _SURE * sigma[i]
         ]
     if not flying:
-        return ()
+        return
     load_n, static_n, *_ = min(flying)
     late_s = float(np.nanmax([late for *_, late, _ in flying] + [0.0]))
     waited = f", {late_s * 1e3:.0f} ms after the bump at the latest" if late_s > LATE_S else ""
@@ -174,7 +166,7 @@ def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
         f"{static_n:.0f} N): {places}; the linear model holds only once they are down{waited}, "
         "when their motion has died away in part: use a lower bump"
     )
-    return (Finding("lift_off", Severity.WARNING, text),)
+    yield Finding("lift_off", Severity.WARNING, text)
 
 
 def static_loads_n(model: PhysicalModel, tyre_n_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from daq.bumps import BUMPS
@@ -47,21 +49,35 @@ def undetermined(estimation: Estimation) -> tuple[str, ...]:
     A parameter that may be zero (a bar, tyre damping) may stay undetermined, as long as its
     variance is finite: it is printed as not determined, and the others hold.
     """
-    found = estimates(estimation.box, estimation.fit)
     return tuple(
         name
-        for name, e in found.items()
+        for name, e in estimates(estimation.box, estimation.fit).items()
         if not e.determined and (name not in SIGNED or not np.isfinite(e.std))
     )
 
 
-def parameter_findings(estimation: Estimation) -> tuple[Finding, ...]:
+def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
     """Judge the estimates of the parameters."""
     vague = undetermined(estimation)
     if vague:
         text = f"these runs do not determine {', '.join(vague)}: {_advice(vague, estimation)}"
-        return (Finding("undetermined", Severity.ERROR, text),)
-    return (*_wide(estimation), *_implausible(estimation), *contradiction_findings(estimation))
+        yield Finding("undetermined", Severity.ERROR, text)
+        return
+    share = _WIDE_SHARE if estimation.nonlinear is None else _WIDE_SHARE_NONLINEAR
+    known = estimates(estimation.box, estimation.fit)
+    relative = {name: e.std / abs(e.value) for name, e in known.items() if name not in SIGNED}
+    wide = {name: std for name, std in relative.items() if std > share}
+    if wide:
+        worst = max(wide, key=lambda name: wide[name])
+        half = COVERAGE_95 * wide[worst]
+        text = (
+            f"wide intervals: {', '.join(wide)} (worst {worst} ± "
+            f"{half_width_percent(1.0, 1.0 - half, 1.0 + half)}): add runs, a warp run first, "
+            "heavier weights, or scales as facts"
+        )
+        yield Finding("wide", Severity.WARNING, text)
+    yield from _implausible(estimation)
+    yield from contradiction_findings(estimation)
 
 
 def _advice(vague: tuple[str, ...], estimation: Estimation) -> str:
@@ -84,31 +100,7 @@ def _advice(vague: tuple[str, ...], estimation: Estimation) -> str:
     )
 
 
-def _percent(std: float) -> str:
-    """Write half of the 95 % interval of a relative standard deviation."""
-    half = COVERAGE_95 * std
-    return half_width_percent(1.0, 1.0 - half, 1.0 + half)
-
-
-def _wide(estimation: Estimation) -> tuple[Finding, ...]:
-    found = estimates(estimation.box, estimation.fit)
-    share = _WIDE_SHARE if estimation.nonlinear is None else _WIDE_SHARE_NONLINEAR
-    wide = {
-        name: e.std / abs(e.value)
-        for name, e in found.items()
-        if name not in SIGNED and e.std > share * abs(e.value)
-    }
-    if not wide:
-        return ()
-    worst = max(wide, key=lambda name: wide[name])
-    text = (
-        f"wide intervals: {', '.join(wide)} (worst {worst} ± {_percent(wide[worst])}): add "
-        "runs, a warp run first, heavier weights, or scales as facts"
-    )
-    return (Finding("wide", Severity.WARNING, text),)
-
-
-def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
+def _implausible(estimation: Estimation) -> Iterator[Finding]:
     full = estimation.full.astype(complex)
     values = derived_quantities(full)
     odd = []
@@ -122,31 +114,29 @@ def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
         value = float(whole[name].real)
         if not low * (1.0 - _MARGIN) < value < high * (1.0 + _MARGIN):
             odd.append(f"{name} {value:.3g} (204 measured vehicles: {low:g} .. {high:g})")
-    found = estimates(estimation.box, estimation.fit)
-    odd += [
-        f"{name} {e.value:.3g} {e.unit} below zero"
-        for name, e in found.items()
-        if name in ("c_tf", "c_tr") and e.value < -BELOW_SIGMAS * e.std
-    ]
+    negative = {
+        name: e
+        for name, e in estimates(estimation.box, estimation.fit).items()
+        if name in SIGNED and e.value < -BELOW_SIGMAS * e.std
+    }
     solid = []
-    for i, axle in enumerate("fr"):
-        bar = found.get(f"k_a{axle}")
-        if bar is None or not bar.value < -BELOW_SIGMAS * bar.std:
-            continue
-        spring = float(full[7 + 2 * i : 9 + 2 * i].real.mean())
+    for name, e in negative.items():
+        axle = 2 * name.endswith("r")
+        if name.startswith("c_t"):
+            odd.append(f"{name} {e.value:.3g} {e.unit} below zero")
         # In roll an axle has the stiffness of its springs and twice that of its bar.
-        if bar.value < -0.5 * spring:
-            odd.append(f"k_a{axle} {bar.value:.3g} N/m leaves the axle no stiffness in roll")
-        else:
-            solid.append(f"k_a{axle} {bar.value:,.0f} N/m")
-    findings = []
+        elif name.startswith("k_a") and e.value < -0.5 * float(
+            full[7 + axle : 9 + axle].real.mean()
+        ):
+            odd.append(f"{name} {e.value:.3g} N/m leaves the axle no stiffness in roll")
+        elif name.startswith("k_a"):
+            solid.append(f"{name} {e.value:,.0f} N/m")
     if odd:
         text = f"not a usual vehicle: {'; '.join(odd)}: check weights, units and positions"
-        findings.append(Finding("implausible", Severity.WARNING, text))
+        yield Finding("implausible", Severity.WARNING, text)
     if solid:
         text = (
             f"{', '.join(solid)} below zero: the springs act on a shorter lever in roll than in "
             "heave, as on a solid axle; this is not a fault"
         )
-        findings.append(Finding("solid_axle", Severity.NOTE, text))
-    return tuple(findings)
+        yield Finding("solid_axle", Severity.NOTE, text)

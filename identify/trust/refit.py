@@ -1,4 +1,4 @@
-"""Fits a problem again under another description of the bench, to test a hypothesis by its cost.
+"""The likely cause of a misfit, and the fit under another description of the bench that tests it.
 
 A wrong sensor, label or weight distorts the whole fit, so that a score test at the fitted point
 shows it only weakly.  Here the decays get another description, the vehicle is fitted again on fewer
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,30 +39,14 @@ _MATTERS, _REFUSES = 0.02, 0.10
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
-    """One kind of fault of car or bench."""
-
-    name: str
-    """Name of the cause, `{}` for its subject."""
-    advice: str = ""
-    of_bench: bool = False
-    """True if it is a fault of a sensor."""
-    bar: float = 1.0
-    """Least strength (`Cause.strength`) of a proof."""
-    nonlinear: bool = False
-    """True if the car is not linear: what depends on amplitude is then told, too."""
-
-
-@dataclass(frozen=True, slots=True)
 class Cause:
-    """A likely cause of a misfit, with what it would change."""
+    """A likely cause of a misfit; without sizes, a row of the table of hypotheses."""
 
     name: str
     """The fault."""
+    advice: str = ""
     sizes: str = ""
     """Size of the fault, as text."""
-    advice: str = ""
-    """Advice on what to do."""
     explained: float = 0.0
     """Share of the excess of the squared residuals that the cause explains; 0 without a misfit."""
     moved: Mapping[str, float] = field(default_factory=dict)
@@ -71,15 +56,19 @@ class Cause:
     """True if it refuses the result even if it moves little: it can be put right."""
     code: str = ""
     """Code of the finding; empty: from the name."""
+    kind: str = ""
+    """Key in the table of hypotheses; empty for what was refitted."""
+    subject: str = ""
+    """Channel or group that it is of."""
+    of_bench: bool = False
+    """True if it is a fault of a sensor."""
+    nonlinear: bool = False
+    """True if the car is not linear: what depends on amplitude is then told, too."""
     gain: float = np.inf
     """Fall of the squared residuals by the cause, in units of the noise."""
     strength: float = np.inf
     """That fall in units of what chance would give; noise stays below 1 except in one of a million
     cases."""
-    kind: Kind | None = None
-    """Row of the table of hypotheses; None for what was refitted."""
-    subject: str = ""
-    """Channel or group that it is of."""
 
     @property
     def shift(self) -> tuple[float, str]:
@@ -104,20 +93,13 @@ class Cause:
         return Finding(code, severity, text)
 
 
-def as_described(channel: Channel) -> Channel:
-    """Return the channel itself: the stated description of the bench."""
-    return channel
-
-
-@dataclass(frozen=True, slots=True)
-class Trial:
+class Trial(NamedTuple):
     """Another description of bench or weights."""
 
     name: str
     """The fault, in words."""
     advice: str = ""
-    """Advice on what to do."""
-    channel: Callable[[Channel], Channel | None] = as_described
+    channel: Callable[[Channel], Channel | None] = lambda channel: channel
     """From a stated channel to what its samples show, or to None to leave it out."""
     mass_state: Callable[[str], str] = str
     """From the stated mass state of a run to the one in which it was made."""
@@ -128,16 +110,12 @@ class Trial:
 AS_STATED = Trial("as stated")
 
 
-@dataclass(frozen=True, slots=True)
-class Refit:
-    """The problem under one description of the bench, and its fit."""
+class Refit(NamedTuple):
+    """A problem fitted again under another description."""
 
     box: GreyBox
-    """Structure, with the channels as described."""
     decays: tuple[FreeDecay, ...]
-    """Decays, thinned and cut to the first second."""
     fit: Fit
-    """The optimum."""
 
     @property
     def excess(self) -> float:
@@ -152,10 +130,10 @@ def refit(
     hold: float = 0.0,
     steps: int = _STEPS,
 ) -> Refit:
-    """Fit the problem under another description, on fewer samples.
+    """Fit the thinned decays as described by a trial.
 
-    `near`, (n,) float64: unknowns to start from; None: those of the fit.  `hold`: of the first
-    steps (`identify.fit.likelihood.fit`).  `steps`: their largest number.
+    `near`: where to begin; otherwise at the optimum of the fit.  `hold`: of the first steps
+    (`identify.fit.likelihood.fit`).  `steps`: their largest number.
     """
     decays = []
     for whole in estimation.decays:
@@ -191,21 +169,19 @@ def parameters_as_start(
     box: GreyBox, other: GreyBox, eta: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the parameters of a fit as unknowns of a problem of the same structure."""
-    start = np.zeros(len(box.prior_sigma))
     n = len(other.parameters)
-    start[:n] = eta[:n]
-    return start
+    return np.concatenate([eta[:n], np.zeros(len(box.prior_sigma) - n)])
 
 
-def compared(
-    before: Refit, after: Refit, name: str, sizes: str, advice: str, certain: bool = False
-) -> Cause:
-    """Return a cause that explains the difference of two fits."""
+def compared(before: Refit, after: Refit, cause: Cause) -> Cause:
+    """Return a cause with the share of the misfit and the changes that two fits show."""
     n = len(before.box.parameters)
     moved = (after.fit.eta[:n] - before.fit.eta[:n]).tolist()
-    explained = 1.0 - after.excess / before.excess
-    changes = dict(zip(before.box.parameters, moved, strict=True))
-    return Cause(name, sizes, advice, explained, changes, certain)
+    return replace(
+        cause,
+        explained=1.0 - after.excess / before.excess,
+        moved=dict(zip(before.box.parameters, moved, strict=True)),
+    )
 
 
 def with_first_repeats(estimation: Estimation) -> Estimation:

@@ -6,9 +6,8 @@ it is white at rest and the residuals are not, the model leaves motion unexplain
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,42 +57,38 @@ def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
     }
 
 
-def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
-    """Judge convergence and chi2/n."""
-    findings = []
+def misfit_findings(estimation: Estimation) -> Iterator[Finding]:
+    """Judge convergence, chi2/n, the noise at rest, and where the decays start."""
+    nonlinear = estimation.nonlinear is not None
     if not estimation.fit.converged:
-        advice = _UNSETTLED[bool(estimation.nonlinear)]
-        steps = estimation.fit.iterations
-        text = f"the fit did not converge in {counted(steps, 'iteration')}: {advice}"
+        steps = counted(estimation.fit.iterations, "iteration")
+        text = f"the fit did not converge in {steps}: {_UNSETTLED[nonlinear]}"
         # The nonlinear fit ends near its optimum even if it has not converged.
-        severity = Severity.WARNING if estimation.nonlinear else Severity.ERROR
-        findings.append(Finding("convergence", severity, text))
+        yield Finding("convergence", Severity.WARNING if nonlinear else Severity.ERROR, text)
     if not estimation.holds:
-        run, channel, worst = _worst(chi2_by_run(estimation))
+        rows = chi2_by_run(estimation)
+        worst, channel, run = max(
+            (v, name, r) for r, row in rows.items() for name, v in row.items()
+        )
         refused = not estimation.chi2_per_n <= max(CHI2_LIMIT, estimation.chi2_limit)
         text = (
-            f"{_MODEL[bool(estimation.nonlinear)]} does not explain the decays: chi2/n = "
+            f"{_MODEL[nonlinear]} does not explain the decays: chi2/n = "
             f"{estimation.chi2_per_n:.3f} (limit {estimation.chi2_limit:.3f}, refused above "
             f"{CHI2_LIMIT}), worst {channel} in {run} with {worst:.2f}: "
-            f"{_INTERVALS[bool(estimation.nonlinear and not refused)]}"
+            f"{_INTERVALS[nonlinear and not refused]}"
         )
-        findings.append(Finding("chi2", Severity.ERROR if refused else Severity.WARNING, text))
+        yield Finding("chi2", Severity.ERROR if refused else Severity.WARNING, text)
     if not estimation.rest:
         text = "no quiet stretch before the bumps: the noise is taken from the residuals"
-        findings.append(Finding("noise", Severity.NOTE, text))
-    coarse = coarse_steps(estimation.records) if estimation.rest else {}
-    if coarse:
+        yield Finding("noise", Severity.NOTE, text)
+    elif coarse := coarse_steps(estimation.records):
         units = {c.name: c.unit for group in estimation.box.groups for c in group.channels}
         which = listed(f"{name} ({step:.2g} {units[name]})" for name, step in coarse.items())
         text = (
             f"coarse sensors, whose steps hide the noise at rest: {which}; their noise is taken as "
             "step/sqrt(12): a smaller range of the sensor narrows the intervals"
         )
-        findings.append(Finding("coarse_sensors", Severity.NOTE, text))
-    return (*findings, *_late_start(estimation))
-
-
-def _late_start(estimation: Estimation) -> tuple[Finding, ...]:
+        yield Finding("coarse_sensors", Severity.NOTE, text)
     late = {}
     for record, decay in zip(estimation.records, estimation.decays, strict=True):
         onset = onset_s(record)
@@ -106,154 +101,95 @@ def _late_start(estimation: Estimation) -> tuple[Finding, ...]:
             f"({run}): the bump lasts longer than bump_s says, or the first motion of the wheels "
             "does not fit; check bump_s, the hub sensors, and that no wheel lifted"
         )
-        return (Finding("late_start", Severity.WARNING, text),)
-    if estimation.later_s and not late:
+        yield Finding("late_start", Severity.WARNING, text)
+    elif estimation.later_s and not late:
         text = (
             f"the decays were found to start {estimation.later_s * 1e3:.0f} ms into the records: "
             "begin a record at rest before the bump"
         )
-        return (Finding("late_start", Severity.NOTE, text),)
-    return ()
+        yield Finding("late_start", Severity.NOTE, text)
 
 
-def _worst(by_run: Mapping[str, Mapping[str, float]]) -> tuple[str, str, float]:
-    rows = [(run, name, chi2) for run, row in by_run.items() for name, chi2 in row.items()]
-    return max(rows, key=lambda row: row[2])
+class _Stretch(NamedTuple):
+    """Residuals of one channel in one run, and number of values that the fit has removed."""
+
+    time_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+    fitted: float
 
 
-@dataclass(slots=True)
-class _Pairs:
-    """Running sums over pairs of successive samples of one channel, those one period apart.
+class _Correlation(NamedTuple):
+    """Correlation of successive residuals, and the number of pairs that it rests on."""
 
-    `fitted` is the number of values that the fit has removed from the samples, `levels` the largest
-    number of different values in one stretch, counted up to `_FEWEST_LEVELS`.
-    """
+    r: float
+    n: float
 
-    products: float = 0.0
-    squares: float = 0.0
-    n: int = 0
-    fitted: float = 0.0
-    levels: int = 0
-
-    def add(self, even: NDArray[np.bool_], values: NDArray[np.float64], fitted: float) -> None:
-        if not len(even):
-            return
-        left, right = values[:-1][even], values[1:][even]
-        self.products += float(left @ right)
-        self.squares += float(left @ left + right @ right) / 2.0
-        self.n += int(even.sum())
-        self.fitted += fitted
-        if self.levels < _FEWEST_LEVELS:
-            self.levels = max(self.levels, len(set(values.tolist())))
-
-    @property
-    def correlation(self) -> float:
-        # The fitted part is smooth, so its correlation of almost 1 is missing in the residuals.
-        r = self.products / self.squares + self.fitted / self.n
-        return min(max(r, -0.99), 0.99)
-
-    def usable(self, noise: float) -> bool:
-        """Return True if there are samples enough, and noise to be judged."""
-        loud = self.squares > _SILENT * noise**2 * self.n
-        return self.n >= _FEWEST and loud and self.levels >= _FEWEST_LEVELS
-
-    def z(self, other: float, n_other: float) -> float:
-        """Return the excess of the correlation over another one, in standard deviations."""
-        spread = (1.0 - other**2) * (1.0 / self.n + 1.0 / n_other)
-        return float((self.correlation - other) / np.sqrt(spread))
+    def z(self, other: _Correlation) -> float:
+        """Return the excess over another correlation in standard deviations."""
+        spread = (1.0 - other.r**2) * (1.0 / self.n + 1.0 / other.n)
+        return float((self.r - other.r) / np.sqrt(spread))
 
 
-def _even_pairs(time_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which pairs of successive samples are one period apart."""
-    interval = np.diff(time_s)
-    if not len(interval):
-        return np.zeros(0, dtype=bool)
-    period = np.median(interval)
-    return np.asarray(np.abs(interval - period) < 0.5 * period)
-
-
-def whiteness_findings(estimation: Estimation) -> tuple[Finding, ...]:
+def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
     """Compare the lag-1 autocorrelation of the residuals with that of the channel at rest.
 
     All runs are pooled; a gap in the sampling makes no pair.
     """
-    rest = _at_rest(estimation)
-    windows = (
-        (f"the first {EARLY_S:g} s of the decays", _left(estimation, EARLY_S)),
-        ("the decays", _left(estimation, np.inf)),
-    )
-    return (*_coloured(rest), *_unexplained(windows, rest))
+    white = _Correlation(0.0, np.inf)
+    rest = _correlations(_at_rest(estimation), estimation.noise)
+    coloured = {name: r for name, r in rest.items() if r.z(white) > Z_LIMIT}
+    if coloured:
+        names = sorted(coloured, key=lambda name: -coloured[name].r)
+        worst = coloured[names[0]]
+        factor = float(np.sqrt((1.0 + worst.r) / (1.0 - worst.r)))
+        yield Finding(
+            "coloured_noise",
+            Severity.WARNING if factor > NARROW_LIMIT else Severity.NOTE,
+            f"the noise at rest is not white, worst {names[0]} with a correlation of {worst.r:.2f} "
+            f"from sample to sample (z {worst.z(white):.0f}, limit {Z_LIMIT}): {listed(names)}; "
+            f"intervals that rest on it are too narrow by up to {factor:.2f} (limit "
+            f"{NARROW_LIMIT}): look for hum or a running engine, and state the sensor's low-pass "
+            "if it has one",
+        )
+    odd: dict[str, tuple[float, float, str]] = {}
+    windows = {f"the first {EARLY_S:g} s of the decays": EARLY_S, "the decays": np.inf}
+    for where, end_s in windows.items():
+        for name, one in _correlations(_in_decays(estimation, end_s), estimation.noise).items():
+            z = one.z(rest.get(name, white))
+            if z > max(Z_LIMIT, odd.get(name, (0.0,))[0]):
+                odd[name] = (z, one.r, where)
+    if odd:
+        names = sorted(odd, key=lambda name: -odd[name][0])
+        z, r, where = odd[names[0]]
+        if names[0] in rest:
+            compared = f"but {rest[names[0]].r:.2f} at rest"
+            meaning = "the model leaves motion unexplained"
+        else:
+            compared = "and there is no rest to compare with"
+            meaning = "the model leaves motion unexplained, or the noise is coloured"
+        yield Finding(
+            "whiteness",
+            Severity.WARNING,
+            f"the residuals are not white, worst {names[0]} in {where} with a correlation of "
+            f"{r:.2f} from sample to sample {compared} (z {z:.1f}, limit {Z_LIMIT}): "
+            f"{listed(names)}; {meaning}, so errors may exceed the intervals: check delay, "
+            "low-pass, gain and place of these sensors, friction and dampers",
+        )
 
 
-def _coloured(rest: dict[str, _Pairs]) -> Iterator[Finding]:
-    worst: list[tuple[float, str, float, float]] = []
-    for name, pairs in rest.items():
-        z = pairs.z(0.0, np.inf)
-        if z > Z_LIMIT:
-            r = pairs.correlation
-            worst.append((float(np.sqrt((1.0 + r) / (1.0 - r))), name, r, z))
-    if not worst:
-        return
-    worst.sort(reverse=True)
-    factor, name, r, z = worst[0]
-    yield Finding(
-        "coloured_noise",
-        Severity.WARNING if factor > NARROW_LIMIT else Severity.NOTE,
-        f"the noise at rest is not white, worst {name} with a correlation of {r:.2f} from sample "
-        f"to sample (z {z:.0f}, limit {Z_LIMIT}): {listed(n for _, n, _, _ in worst)}; intervals "
-        f"that rest on it are too narrow by up to {factor:.2f} (limit {NARROW_LIMIT}): look for "
-        "hum or a running engine, and state the sensor's low-pass if it has one",
-    )
-
-
-def _unexplained(
-    windows: Sequence[tuple[str, dict[str, _Pairs]]], rest: dict[str, _Pairs]
-) -> Iterator[Finding]:
-    worst: dict[str, tuple[float, float, str]] = {}
-    for where, left in windows:
-        for name, pairs in left.items():
-            known = rest.get(name)
-            r_rest, n_rest = (known.correlation, known.n) if known else (0.0, np.inf)
-            z = pairs.z(r_rest, n_rest)
-            if z > max(Z_LIMIT, worst.get(name, (0.0,))[0]):
-                worst[name] = (z, pairs.correlation, where)
-    if not worst:
-        return
-    names = sorted(worst, key=lambda name: -worst[name][0])
-    z, r, where = worst[names[0]]
-    if names[0] in rest:
-        compared = f"but {rest[names[0]].correlation:.2f} at rest"
-        meaning = "the model leaves motion unexplained"
-    else:
-        compared = "and there is no rest to compare with"
-        meaning = "the model leaves motion unexplained, or the noise is coloured"
-    yield Finding(
-        "whiteness",
-        Severity.WARNING,
-        f"the residuals are not white, worst {names[0]} in {where} with a correlation of {r:.2f} "
-        f"from sample to sample {compared} (z {z:.1f}, limit {Z_LIMIT}): {listed(names)}; "
-        f"{meaning}, so errors may exceed the intervals: check delay, low-pass, gain and place of "
-        "these sensors, friction and dampers",
-    )
-
-
-def _left(estimation: Estimation, end_s: float) -> dict[str, _Pairs]:
-    """Return the residuals of each channel up to a time since the decay's start, pooled."""
-    pooled: defaultdict[str, _Pairs] = defaultdict(_Pairs)
+def _in_decays(estimation: Estimation, end_s: float) -> Iterator[tuple[str, _Stretch]]:
+    """Yield the residuals of each channel up to a time since the decay's start."""
     for decay, left in zip(estimation.decays, estimation.residuals, strict=True):
         for recording in decay.recordings:
             keep = recording.time_s < end_s
-            even = _even_pairs(recording.time_s[keep])
             for name in (channel.name for channel in recording.group.channels):
                 values = left.values[name]
-                share = float(keep.mean()) if len(keep) else 0.0
-                fitted = (len(values) - left.freedom[name]) * share
-                pooled[name].add(even, values[keep], fitted)
-    return _usable(pooled, estimation)
+                fitted = (len(values) - left.freedom[name]) * float(np.mean(keep))
+                yield name, _Stretch(recording.time_s[keep], values[keep], fitted)
 
 
-def _at_rest(estimation: Estimation) -> dict[str, _Pairs]:
-    pooled: defaultdict[str, _Pairs] = defaultdict(_Pairs)
+def _at_rest(estimation: Estimation) -> Iterator[tuple[str, _Stretch]]:
+    """Yield the samples of each channel before the motion begins, less their mean."""
     for record in estimation.records:
         onset = onset_s(record)
         if onset is None:
@@ -263,12 +199,34 @@ def _at_rest(estimation: Estimation) -> dict[str, _Pairs]:
             values = recording.values[quiet]
             if len(values) < 3:
                 continue
-            values, even = values - values.mean(axis=0), _even_pairs(recording.time_s[quiet])
-            for channel, column in zip(recording.group.channels, values.T, strict=True):
-                pooled[channel.name].add(even, column, 1.0)
-    return _usable(pooled, estimation)
+            columns = (values - values.mean(axis=0)).T
+            for channel, column in zip(recording.group.channels, columns, strict=True):
+                yield channel.name, _Stretch(recording.time_s[quiet], column, 1.0)
 
 
-def _usable(pooled: dict[str, _Pairs], estimation: Estimation) -> dict[str, _Pairs]:
-    noise = estimation.noise
-    return {name: pairs for name, pairs in pooled.items() if pairs.usable(noise[name])}
+def _correlations(
+    stretches: Iterator[tuple[str, _Stretch]], noise: Mapping[str, float]
+) -> dict[str, _Correlation]:
+    """Return the correlation of the channels that have samples and noise enough to be judged."""
+    pooled: dict[str, list[_Stretch]] = {}
+    for name, stretch in stretches:
+        if len(stretch.time_s) > 1:
+            pooled.setdefault(name, []).append(stretch)
+    result = {}
+    for name, parts in pooled.items():
+        products, squares, n = 0.0, 0.0, 0
+        for part in parts:
+            interval = np.diff(part.time_s)
+            period = np.median(interval)
+            even = np.abs(interval - period) < 0.5 * period  # pairs that are one period apart
+            before, after = part.values[:-1][even], part.values[1:][even]
+            products += float(before @ after)
+            squares += float(before @ before + after @ after) / 2.0
+            n += int(even.sum())
+        loud = squares > _SILENT * noise[name] ** 2 * n
+        fine = any(len(np.unique(part.values)) >= _FEWEST_LEVELS for part in parts)
+        if n >= _FEWEST and loud and fine:
+            # The fitted part is smooth, so its correlation of almost 1 is missing in the residuals.
+            r = products / squares + sum(part.fitted for part in parts) / n
+            result[name] = _Correlation(min(max(r, -0.99), 0.99), n)
+    return result

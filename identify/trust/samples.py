@@ -8,13 +8,13 @@ bump all of them are harmless: only the free decay is fitted.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.runs import Run, SampleGroup
+from daq.runs import Run
 from daq.samples.converter import FROZEN_S, flat_tops
 from daq.sessions import Session
 from daq.silence import WHEEL_MOTION_S, longest_gap_s
@@ -45,35 +45,85 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
     fitted.
     """
     runs = session.accepted
-    stretches = _stretches(runs, records)
-    yield from _gaps(stretches)
-    yield from _lost(stretches)
-    yield from _by_arrival_times(stretches)
+    starts_s = {record.label: decay_start_s(record) - GUARD_S for record in records}
+    yield from _timing(runs, records)
     groups = [(f"{g.name} in {run.label}", g) for run in runs for g in run.groups]
     backwards = [place for place, g in groups if (np.diff(g.time_s) <= 0.0).any()]
     if backwards:
-        text = (
-            f"sample times do not increase: {listed(backwards)}; samples then have wrong "
-            "times: sort them, remove doubles, or record again"
+        yield _warning(
+            "time_order",
+            f"sample times do not increase: {listed(backwards)}; samples then have wrong times: "
+            "sort them, remove doubles, or record again",
         )
-        yield Finding("time_order", Severity.WARNING, text)
-    yield from _missing(runs, session)
+    missing = [
+        f"{c.name} in {run.label}"
+        for c in session.used_channels
+        for run in runs
+        if not any(np.isfinite(g.values[c.name]).any() for g in run.groups if c.name in g.values)
+    ]
+    if missing:
+        text = (
+            f"channels without a sample: {listed(missing)}; these runs are fitted by the others: "
+            "check sensor and plug"
+        )
+        yield Finding("missing_channels", Severity.NOTE, text)
     held = frozen(records)
     if held:
-        places = listed(f"{hold.channel} in {hold.run}" for hold in held)
-        text = (
+        yield _warning(
+            "stuck_channels",
             f"holds one value for {held[0].longest.length_s:.2f} s (limit {FROZEN_S:g}) while the "
-            f"vehicle moves: {places}; these samples are not measured and bias the result: check "
-            "the sensor and repeat the run"
+            f"vehicle moves: {listed(f'{hold.channel} in {hold.run}' for hold in held)}; these "
+            "samples are not measured and bias the result: check the sensor and repeat the run",
         )
-        yield Finding("stuck_channels", Severity.WARNING, text)
-    yield from _losses(runs)
-    yield from _flat(records)
-    yield from _out_of_range(session, records)
+    lossy = [run for run in runs if run.losses.measured]
+    if lossy:
+        total = counted(sum(run.losses.measured for run in lossy), "frame")
+        text = (
+            f"the recorder counted {total} lost or unusable: "
+            f"{listed(f'{run.losses.measured} in {run.label}' for run in lossy)}; they cost their "
+            "information only, check bus load and wiring if there are many"
+        )
+        yield Finding("frame_losses", Severity.NOTE, text)
+    tops = [
+        (stop - first, f"{column[first]:.4g} {channel.unit}", f"{channel.name} in {record.label}")
+        for record in records
+        for r in record.recordings
+        for channel, column in zip(r.group.channels, r.values.T, strict=True)
+        for first, stop in flat_tops(column)
+        if r.time_s[stop - 1] >= starts_s[record.label]
+    ]
+    tops.sort(key=lambda top: -top[0])
+    if tops:
+        yield _warning(
+            "saturation",
+            f"flat tops in the free decay, {tops[0][0]} equal samples at {tops[0][1]}, which is "
+            f"not by chance: {listed(place for *_, place in tops)}; the sensor saturates and the "
+            "true motion is larger: use a lower bump or a sensor with a wider range",
+        )
+    used = {c.name for c in session.used_channels}
+    outside = [
+        (int(flagged.sum()), f"{group.name} in {run.label}")
+        for run in runs
+        for group in run.groups
+        if run.label in starts_s and used & set(group.values)
+        for flagged in [(group.quality & Quality.OUT_OF_RANGE) != 0]
+        if (group.time_s[flagged] >= starts_s[run.label]).any()
+    ]
+    if outside:
+        yield _warning(
+            "out_of_range",
+            f"{counted(max(n for n, _ in outside), 'sample')} outside the range that the DBC "
+            f"states, in the free decay: {listed(place for _, place in outside)}; a saturated "
+            "sensor or a wrong DBC: check scale and range of the message, use a lower bump",
+        )
+
+
+def _warning(code: str, text: str) -> Finding:
+    return Finding(code, Severity.WARNING, text)
 
 
 @dataclass(frozen=True, slots=True)
-class _Stretch:
+class _Sampling:
     """The sampling of one channel group during one free decay."""
 
     source: str
@@ -83,9 +133,9 @@ class _Stretch:
     """Times of usable samples, from just before the decay, s since its start, shape (n,)."""
     period_s: float
     """The group's median interval over all runs."""
-    arrival_sigma_s: float | None = None
+    arrival_sigma_s: float
     """Stated uncertainty of the lateness, s, where the times are those of the frames' arrival; else
-    None."""
+    infinite."""
 
     @property
     def place(self) -> str:
@@ -114,63 +164,56 @@ class _Stretch:
         return lost / (lost + len(self.time_s))
 
 
-def _stretches(runs: Sequence[Run], records: Sequence[Record]) -> list[_Stretch]:
-    found: list[tuple[tuple[str, ...], _Stretch]] = []
+def _samplings(runs: Iterable[Run], records: Sequence[Record]) -> list[_Sampling]:
+    """Return the sampling of each recording with more than two samples."""
     run_of = {run.label: run for run in runs}
+    periods: dict[tuple[str, ...], list[float]] = {}
+    parts = []
     for record in records:
         run, start = run_of[record.label], decay_start_s(record)
         for recording in record.recordings:
-            group = next(g for g in run.groups if g.name == recording.group.name)
-            names = tuple(channel.name for channel in recording.group.channels)
             time = recording.time_s - start
             # The sample before the decay too: a gap may begin on the bump.
             time = time[max(int(np.searchsorted(time, 0.0)) - 1, 0) :]
             if len(time) > 2:
-                lacking = [n for n in names if not np.isfinite(group.values[n]).all()]
-                source = listed(lacking) if 0 < len(lacking) < len(names) else group.name
-                sigma_s = recording.group.delay_sigma_s if _by_arrival(run, group) else None
-                period_s = float(np.median(np.diff(time)))
-                found.append((names, _Stretch(source, run.label, time, period_s, sigma_s)))
-    periods: dict[tuple[str, ...], list[float]] = {}
-    for names, one in found:
-        periods.setdefault(names, []).append(one.period_s)
-    return [
-        _Stretch(
-            one.source, one.run, one.time_s, float(np.median(periods[names])), one.arrival_sigma_s
-        )
-        for names, one in found
-    ]
+                names = tuple(channel.name for channel in recording.group.channels)
+                periods.setdefault(names, []).append(float(np.median(np.diff(time))))
+                parts.append((run, recording.group, names, time))
+    result = []
+    for run, channels, names, time in parts:
+        group = next(g for g in run.groups if g.name == channels.name)
+        lacking = [n for n in names if not np.isfinite(group.values[n]).all()]
+        source = listed(lacking) if 0 < len(lacking) < len(names) else group.name
+        arrival_s = (group.t_ns - run.t0_ns) * 1e-9
+        by_arrival = len(run.frames) > 0 and np.mean(group.time_s == arrival_s) > _MOSTLY
+        sigma_s = channels.delay_sigma_s if by_arrival else np.inf
+        period_s = float(np.median(periods[names]))
+        result.append(_Sampling(source, run.label, time, period_s, sigma_s))
+    return result
 
 
-def _by_arrival(run: Run, group: SampleGroup) -> bool:
-    """Return whether a group from a bus has the times at which its frames arrived."""
-    arrival_s = (group.t_ns - run.t0_ns) * 1e-9
-    return len(run.frames) > 0 and bool(np.mean(group.time_s == arrival_s) > _MOSTLY)
-
-
-def _gaps(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
-    bad = [s for s in stretches if s.longest_early_s > longest_gap_s(s.period_s)]
-    bad.sort(key=lambda s: -s.longest_early_s)
+def _timing(runs: Iterable[Run], records: Sequence[Record]) -> Iterator[Finding]:
+    """Yield findings on gaps, lost samples and times of arrival."""
+    samplings = _samplings(runs, records)
+    bad = [s for s in samplings if s.longest_early_s > longest_gap_s(s.period_s)]
     if bad:
-        text = (
+        bad.sort(key=lambda s: -s.longest_early_s)
+        yield _warning(
+            "gaps",
             f"no sample for {bad[0].longest_early_s * 1e3:.0f} ms (limit "
             f"{longest_gap_s(bad[0].period_s) * 1e3:.0f}) in the first {WHEEL_MOTION_S:g} s after "
             f"the bump: {listed(s.place for s in bad)}; the wheels' motion is over by then, so "
-            "these runs say little of wheels and tyres: repeat them"
+            "these runs say little of wheels and tyres: repeat them",
         )
-        yield Finding("gaps", Severity.WARNING, text)
-
-
-def _lost(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
-    poor = sorted((s for s in stretches if s.lost_share > 0.0), key=lambda s: -s.lost_share)
+    poor = sorted((s for s in samplings if s.lost_share > 0.0), key=lambda s: -s.lost_share)
     bad = [s for s in poor if s.lost_share > LOST_SHARE]
     if bad:
-        text = (
+        yield _warning(
+            "lost_samples",
             f"{bad[0].lost_share:.0%} of the samples are missing (limit {LOST_SHARE:.0%}): "
-            f"{listed(s.place for s in bad)}; if they are lost when the vehicle moves most, "
-            "the result is biased: check bus load, cable and plugs and repeat these runs"
+            f"{listed(s.place for s in bad)}; if they are lost when the vehicle moves most, the "
+            "result is biased: check bus load, cable and plugs and repeat these runs",
         )
-        yield Finding("lost_samples", Severity.WARNING, text)
     elif poor:
         text = (
             f"up to {100 * poor[0].lost_share:.2g}% of the samples are missing (limit "
@@ -178,94 +221,13 @@ def _lost(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
             "nothing else"
         )
         yield Finding("lost_samples", Severity.NOTE, text)
-
-
-def _by_arrival_times(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
-    late = [
-        s
-        for s in stretches
-        if s.arrival_sigma_s is not None and s.jitter_s > max(JITTER_S, s.arrival_sigma_s)
-    ]
+    late = [s for s in samplings if s.jitter_s > max(JITTER_S, s.arrival_sigma_s)]
     if late:
         worst_s = max(s.jitter_s for s in late)
-        text = (
-            f"the samples of {listed(s.source for s in late)} have the times at which their "
-            f"frames arrived, and these scatter by {worst_s * 1e3:.2f} ms, more than is stated of "
-            "their lateness: the true times are not known; give the message a rolling counter or "
-            "a time stamp, or state delay_sigma_s"
+        yield _warning(
+            "arrival_times",
+            f"the samples of {listed(s.source for s in late)} have the times at which their frames "
+            f"arrived, and these scatter by {worst_s * 1e3:.2f} ms, more than is stated of their "
+            "lateness: the true times are not known; give the message a rolling counter or a time "
+            "stamp, or state delay_sigma_s",
         )
-        yield Finding("arrival_times", Severity.WARNING, text)
-
-
-def _missing(runs: Sequence[Run], session: Session) -> Iterator[Finding]:
-    present = {
-        (name, run.label)
-        for run in runs
-        for group in run.groups
-        for name, values in group.values.items()
-        if np.isfinite(values).any()
-    }
-    wanted = [(c.name, run.label) for c in session.used_channels for run in runs]
-    missing = [f"{name} in {label}" for name, label in wanted if (name, label) not in present]
-    if missing:
-        text = (
-            f"channels without a sample: {listed(missing)}; these runs are fitted by the others: "
-            "check sensor and plug"
-        )
-        yield Finding("missing_channels", Severity.NOTE, text)
-
-
-def _losses(runs: Sequence[Run]) -> Iterator[Finding]:
-    lossy = [run for run in runs if run.losses.measured]
-    if lossy:
-        total = sum(run.losses.measured for run in lossy)
-        text = (
-            f"the recorder counted {counted(total, 'frame')} lost or unusable: "
-            f"{listed(f'{run.losses.measured} in {run.label}' for run in lossy)}; they cost their "
-            "information only, check bus load and wiring if there are many"
-        )
-        yield Finding("frame_losses", Severity.NOTE, text)
-
-
-def _flat(records: Sequence[Record]) -> Iterator[Finding]:
-    """Yield a finding on peaks that are cut flat in the free decays."""
-    tops: list[tuple[int, str, str]] = []
-    for record in records:
-        start_s = decay_start_s(record) - GUARD_S
-        for r in record.recordings:
-            for channel, column in zip(r.group.channels, r.values.T, strict=True):
-                for first, stop in flat_tops(column):
-                    if r.time_s[stop - 1] >= start_s:
-                        value = f"{column[first]:.4g} {channel.unit}"
-                        tops.append((stop - first, value, f"{channel.name} in {record.label}"))
-    tops.sort(key=lambda top: -top[0])
-    if tops:
-        samples, value, _ = tops[0]
-        text = (
-            f"flat tops in the free decay, {samples} equal samples at {value}, which is not by "
-            f"chance: {listed(place for *_, place in tops)}; the sensor saturates and the true "
-            "motion is larger: use a lower bump or a sensor with a wider range"
-        )
-        yield Finding("saturation", Severity.WARNING, text)
-
-
-def _out_of_range(session: Session, records: Sequence[Record]) -> Iterator[Finding]:
-    """Yield a finding on samples outside the range of their message in the free decays."""
-    used = {c.name for c in session.used_channels}
-    starts_s = {record.label: decay_start_s(record) - GUARD_S for record in records}
-    outside = [
-        (int(flagged.sum()), f"{group.name} in {run.label}")
-        for run in session.accepted
-        if run.label in starts_s
-        for group in run.groups
-        if used & set(group.values)
-        for flagged in [(group.quality & Quality.OUT_OF_RANGE) != 0]
-        if (group.time_s[flagged] >= starts_s[run.label]).any()
-    ]
-    if outside:
-        text = (
-            f"{counted(max(n for n, _ in outside), 'sample')} outside the range that the DBC "
-            f"states, in the free decay: {listed(place for _, place in outside)}; a saturated "
-            "sensor or a wrong DBC: check scale and range of the message, use a lower bump"
-        )
-        yield Finding("out_of_range", Severity.WARNING, text)

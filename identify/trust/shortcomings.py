@@ -9,7 +9,7 @@ import numpy as np
 
 from daq.channels import Quantity
 from daq.sessions import Session
-from daq.vehicle import Vehicle, parameter_names, parameter_unit
+from daq.vehicle import parameter_names, parameter_unit
 from dbc.finding import Finding, Severity
 
 from ..decays.decay import Record
@@ -17,10 +17,8 @@ from ..decays.usable import Usable
 from ..model.facts import SCALED
 from .finding import listed
 
-_LEAST_RATE_HZ = 20.0
-"""Rate below which no sensor shows how the wheels swing, Hz."""
-_MOST_RATE_HZ = 1e5
-"""Rate above which no sensor sends, Hz."""
+_LEAST_RATE_HZ, _MOST_RATE_HZ = 20.0, 1e5
+"""Rates, Hz, below which no sensor shows how the wheels swing, and above which none sends."""
 _LARGEST = {"m": (0.5, "mm"), "rad/s": (6.0, "deg/s")}
 """Largest peak to peak of a quantity in a unit that a car on its wheels can reach, and the unit in
 which more of it is likely to be."""
@@ -37,61 +35,55 @@ def shortcomings(
     twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     if twice:
         text = f"two accepted runs are named {listed(twice)}: number the repeats"
-        return (_refused("run_names", text),)
+        return (Finding("run_names", Severity.ERROR, text),)
     if records:
-        found = (
-            *_channels(records),
-            *_rates(records),
-            *_units(records),
-            *_scale(records, session),
-        )
+        texts = [
+            *(("channels", text) for text in _channels(records)),
+            *(("rate", text) for text in _rates(records)),
+            *(("units", text) for text in _units(records)),
+            *(("mass_states", text) for text in _scale(records, session)),
+        ]
     elif session.accepted:
         text = "no accepted run has a sample: check the sensors, or the map of the channels"
-        found = (_refused("no_runs", text),)
+        texts = [("no_runs", text)]
     elif session.runs and not unused:
         first = session.runs[0]
         why = "; ".join(first.reasons) or "by hand"
         text = f"no accepted run; all {len(session.runs)} are rejected, {first.label}: {why}"
-        found = (_refused("no_runs", text),)
+        texts = [("no_runs", text)]
     else:
         text = "no accepted run: record bounce, pitch and roll in both mass states"
-        found = (_refused("no_runs", text),)
-    return (*(replace(f, severity=Severity.ERROR) for f in unused), *found) if found else ()
+        texts = [("no_runs", text)]
+    lacking = (Finding(code, Severity.ERROR, text) for code, text in texts)
+    return (*(replace(f, severity=Severity.ERROR) for f in unused), *lacking) if texts else ()
 
 
-def _refused(gate: str, text: str) -> Finding:
-    return Finding(gate, Severity.ERROR, text)
-
-
-def _channels(records: Sequence[Record]) -> Iterator[Finding]:
-    names = {c.name for r in records for q in r.recordings for c in q.group.channels}
-    motions = {c.quantity for r in records for q in r.recordings for c in q.group.channels}
-    if not motions - {Quantity.UNUSED}:
-        yield _refused("channels", "no channel that the model knows: map the sensors to quantities")
+def _channels(records: Sequence[Record]) -> Iterator[str]:
+    channels = [c for r in records for q in r.recordings for c in q.group.channels]
+    names = {c.name for c in channels}
+    if all(c.quantity is Quantity.UNUSED for c in channels):
+        yield "no channel that the model knows: map the sensors to quantities"
     elif len(names) == 1:
-        yield _refused(
-            "channels",
-            f"one channel only ({next(iter(names))}): it cannot separate body from wheels; record "
-            "an IMU on the body and an accelerometer on each hub",
+        yield (
+            f"one channel only ({names.pop()}): it cannot separate body from wheels; record an IMU "
+            "on the body and an accelerometer on each hub"
         )
 
 
-def _rates(records: Sequence[Record]) -> Iterator[Finding]:
-    """Return a finding if no sensor is fast enough for the wheels: mostly a wrong unit of time."""
+def _rates(records: Sequence[Record]) -> Iterator[str]:
+    """Yield a text if no sensor is fast enough for the wheels: mostly a wrong unit of time."""
     times = [r.time_s for one in records for r in one.recordings if len(r.time_s) > 1]
     step_s = min((np.median(np.diff(time_s)) for time_s in times), default=0.0)
-    if not step_s * _LEAST_RATE_HZ > 1.0:
-        return
-    advice = "sample at 50 Hz or more"
-    for unit, factor in (("ns", 1e-9), ("us", 1e-6), ("ms", 1e-3)):
-        if factor * step_s * _LEAST_RATE_HZ <= 1.0 <= factor * step_s * _MOST_RATE_HZ:
-            advice = f"are the times in {unit}? Give them in s"
-    rate = f"samples come at {1.0 / step_s:.2g} Hz, but wheels swing at 10 Hz"
-    yield _refused("rate", f"{rate}: {advice}")
+    if step_s * _LEAST_RATE_HZ > 1.0:
+        advice = "sample at 50 Hz or more"
+        for unit, factor in (("ns", 1e-9), ("us", 1e-6), ("ms", 1e-3)):
+            if factor * step_s * _LEAST_RATE_HZ <= 1.0 <= factor * step_s * _MOST_RATE_HZ:
+                advice = f"are the times in {unit}? Give them in s"
+        yield f"samples come at {1.0 / step_s:.2g} Hz, but wheels swing at 10 Hz: {advice}"
 
 
-def _units(records: Sequence[Record]) -> Iterator[Finding]:
-    """Yield a finding for each unit in which several channels show more than a car can move."""
+def _units(records: Sequence[Record]) -> Iterator[str]:
+    """Yield a text for each unit in which several channels show more than a car can move."""
     peaks: dict[str, dict[str, float]] = {}
     for recording in (r for record in records for r in record.recordings):
         for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
@@ -101,96 +93,86 @@ def _units(records: Sequence[Record]) -> Iterator[Finding]:
         far = [name for name, peak in peaks.get(unit, {}).items() if peak > limit]
         if len(far) > 1:  # a single wrong one is found by the others, with its factor
             most = max(peaks[unit][name] for name in far)
-            text = f"{listed(far)} change by up to {most:.3g} {unit}, more than a car can move"
-            yield _refused("units", f"{text}: are they in {likely}? State the unit of the signals")
+            moves = f"{listed(far)} change by up to {most:.3g} {unit}, more than a car can move"
+            yield f"{moves}: are they in {likely}? State the unit of the signals"
 
 
-def _scale(records: Sequence[Record], session: Session) -> Iterator[Finding]:
-    """Return findings on a missing scale, which known masses or scales must fix."""
-    if _scale_is_known(session.vehicle):
+def _scale(records: Sequence[Record], session: Session) -> Iterator[str]:
+    """Yield a text on a missing scale, which known masses or scales must fix."""
+    vehicle = session.vehicle
+    known = {*SCALED, *(n for n in parameter_names(vehicle.structure) if parameter_unit(n) != "m")}
+    if any(fact.quantity in known for fact in vehicle.facts):
         return
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
     loaded = [s for s in states if s.added.weights or s.added.matrix.any()]
     if len(loaded) == len(states):
-        yield _refused(
-            "mass_states",
+        yield (
             "no accepted baseline run: record the vehicle without added mass, or weigh it and "
-            "state the loads as facts",
+            "state the loads as facts"
         )
     elif not loaded:
-        yield _refused(
-            "mass_states",
+        yield (
             "no accepted run with added mass and no scales: free decays alone fix no absolute "
             "mass; add known masses and bump again, or weigh the vehicle (total and front axle) "
-            "and state the loads as facts",
+            "and state the loads as facts"
         )
-
-
-def _scale_is_known(vehicle: Vehicle) -> bool:
-    """Return True if a fact states how heavy, stiff or strongly damped the vehicle is."""
-    parameters = set(parameter_names(vehicle.structure))
-    return any(
-        fact.quantity in SCALED
-        or (fact.quantity in parameters and parameter_unit(fact.quantity) != "m")
-        for fact in vehicle.facts
-    )
 
 
 def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
     """Name what `identify.decays.usable` left out of a session, with the reasons.
 
-    `used`: what is left.
+    `used`: what is usable of it.
     """
     units = session.units
-    if used.absurd:
-        places = [
-            f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
-            for one in used.absurd
-        ]
-        yield Finding(
-            "absurd_values",
-            Severity.NOTE,
-            f"values that no sensor shows: {listed(places)}; they are taken as missing: check "
-            "byte order, scale and unit of the signal in the DBC, and the sensor",
-        )
-    if used.spikes:
-        places = [
-            f"{one.channel} in {one.run} at {one.time_s:.3f} s "
-            f"({one.value:.4g} {units[one.channel]})"
-            for one in used.spikes
-        ]
-        yield Finding(
-            "spikes",
-            Severity.NOTE,
-            f"samples that stand out from those on both sides: {listed(places)}; they are taken as "
-            "missing: check supply and plug of the sensor, and the frames at these times",
-        )
     reasons: dict[str, list[str]] = {}
     for before, run in zip(session.runs, used.session.runs, strict=True):
         if run.status != before.status:
             reasons.setdefault("; ".join(run.reasons), []).append(run.label)
-    if reasons:
-        runs = "; ".join(f"{listed(labels)}: {why}" for why, labels in reasons.items())
-        yield Finding(
-            "left_out",
-            Severity.NOTE,
-            f"not used: {runs}; check plugs, clock and cut of the runs, and repeat them; "
-            "where a sensor was off on purpose, set its channels to unused",
-        )
-    pairs = zip(session.channels, used.session.channels, strict=True)
-    dead = [channel.name for channel, now in pairs if channel.quantity != now.quantity]
-    if dead:
-        yield Finding(
-            "dead_channels",
-            Severity.NOTE,
-            f"never moves in any run: {listed(dead)}; the runs are fitted by the other channels: "
-            "repair the sensor or map it as unused",
-        )
-    if used.silent:
-        yield Finding(
-            "silent_channels",
-            Severity.NOTE,
-            f"silent for a part of most runs: {listed(used.silent)}; these runs are fitted by what "
-            "came: check sensor and plug",
-        )
+    channels = zip(session.channels, used.session.channels, strict=True)
+    places = {
+        "absurd_values": [
+            f"{one.channel} in {one.run} ({one.count}: {one.value:g} {units[one.channel]})"
+            for one in used.absurd
+        ],
+        "spikes": [
+            f"{one.channel} in {one.run} at {one.time_s:.3f} s "
+            f"({one.value:.4g} {units[one.channel]})"
+            for one in used.spikes
+        ],
+        "left_out": [f"{listed(labels)}: {why}" for why, labels in reasons.items()],
+        "dead_channels": [was.name for was, now in channels if was.quantity != now.quantity],
+        "silent_channels": list(used.silent),
+    }
+    for code, (begin, end) in _UNUSED.items():
+        if places[code]:
+            which = "; ".join(places[code]) if code == "left_out" else listed(places[code])
+            yield Finding(code, Severity.NOTE, f"{begin}: {which}; {end}")
+
+
+_UNUSED = {
+    "absurd_values": (
+        "values that no sensor shows",
+        "they are taken as missing: check byte order, scale and unit of the signal in the DBC, and "
+        "the sensor",
+    ),
+    "spikes": (
+        "samples that stand out from those on both sides",
+        "they are taken as missing: check supply and plug of the sensor, and the frames at these "
+        "times",
+    ),
+    "left_out": (
+        "not used",
+        "check plugs, clock and cut of the runs, and repeat them; where a sensor was off on "
+        "purpose, set its channels to unused",
+    ),
+    "dead_channels": (
+        "never moves in any run",
+        "the runs are fitted by the other channels: repair the sensor or map it as unused",
+    ),
+    "silent_channels": (
+        "silent for a part of most runs",
+        "these runs are fitted by what came: check sensor and plug",
+    ),
+}
+"""Begin and end of the finding on each kind of what is left out."""

@@ -21,6 +21,8 @@ from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
 from .finding import listed
 
+Array = NDArray[np.float64]
+
 _LENGTHS = {
     FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK,
     "a", "b", "t_f", "t_r", "y_s",
@@ -89,7 +91,7 @@ class Contradiction:
     """Name of the statement; others that the runs do not separate from it follow after "or"."""
     sigmas: float
     """Misfit in its own standard deviations, after the statements named before it were removed."""
-    direction: NDArray[np.float64]
+    direction: Array
     """Error of each statement, in its sigmas, that this one means, (n_stated,)."""
 
     @property
@@ -98,23 +100,24 @@ class Contradiction:
         return self.name.startswith(("x of ", "y of "))
 
 
-def contradiction_findings(estimation: Estimation) -> tuple[Finding, ...]:
-    """Return a finding on the statements that the runs contradict."""
+def contradiction_findings(estimation: Estimation) -> Iterator[Finding]:
+    """Yield a finding on the statements that the runs contradict."""
     found = contradictions(estimation)
     if not found:
-        return ()
+        return
     moved = float(np.max(np.abs(contradicted_shift(estimation, found))))
-    off = _sizes(estimation, found)
-    named = [
-        f"{one.name} by {one.sigmas:.1f} sigma{_in_words(estimation.box, one, size)}"
-        for one, size in zip(found, off.tolist(), strict=True)
-    ]
+    corrections = dict(zip(estimation.box.corrections, estimation.box.stated, strict=True))
+    named = []
+    for one, size in zip(found, _sizes(estimation, found).tolist(), strict=True):
+        which = corrections.get(one.name)
+        words = f", {which.in_words(-size * which.sigma)}" if which else ""
+        named.append(f"{one.name} by {one.sigmas:.1f} sigma{words}")
     text = (
         f"the runs contradict what is stated: {'; '.join(named)} (limit {_LIMIT_SIGMAS:g}; moves a "
         f"parameter by about {min(moved, 1.0) * 100:.1f} %): measure it again"
     )
     severity = Severity.ERROR if moved > _REFUSED_SHIFT else Severity.WARNING
-    return (Finding("contradiction", severity, text),)
+    yield Finding("contradiction", severity, text)
 
 
 def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
@@ -122,100 +125,10 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
 
     Where the residuals exceed the noise, a misfit counts in units of the residuals.
     """
-    rows, left = _stated(estimation)
-    spread = 1.0 if estimation.holds else float(np.sqrt(max(1.0, estimation.chi2_per_n)))
-    return _snooped(estimation.box, _redundancy(estimation, rows), left / spread)
-
-
-def contradicted_shift(
-    estimation: Estimation, found: tuple[Contradiction, ...]
-) -> NDArray[np.float64]:
-    """Return the change of each parameter without the contradicted statements, (n,).
-
-    It is relative to the value, with its sign; zero for parameters that may be zero.
-    """
-    C = _finite(estimation.fit.covariance)
-    rows, _ = _stated(estimation)
-    off = np.array([one.direction for one in found]).T @ _sizes(estimation, found)
-    names = estimation.box.parameters
-    moved = -C[: len(names)] @ (rows.T @ off)
-    moved[[name in SIGNED for name in names]] = 0.0
-    return np.asarray(moved)
-
-
-def _sizes(estimation: Estimation, found: tuple[Contradiction, ...]) -> NDArray[np.float64]:
-    """Return the multiple of each direction by which what is stated is off, (n_found,)."""
-    rows, left = _stated(estimation)
-    D = np.array([one.direction for one in found]).T
-    return np.linalg.solve(D.T @ _redundancy(estimation, rows) @ D, D.T @ left)
-
-
-def _in_words(box: GreyBox, one: Contradiction, size: float) -> str:
-    """Return how far one correction is off, `size` stated less true in sigmas; empty for others."""
-    which = dict(zip(box.corrections, box.stated, strict=True)).get(one.name)
-    return f", {which.in_words(-size * which.sigma)}" if which else ""
-
-
-def shift_without_scales(estimation: Estimation) -> dict[str, float]:
-    """Return the change of each parameter if the stated loads and springs are off by one factor.
-
-    It is that of `contradicted_shift`, by the name of the parameter.
-    """
-    box = estimation.box
-    direction = np.zeros(len(box.facts) + len(box.corrections))
-    scaled = scale_facts(box)
-    for i, fact in enumerate(box.facts):
-        if fact.quantity in scaled:
-            direction[i] = fact.value / fact.sigma
-    moved = contradicted_shift(estimation, (Contradiction("", 0.0, direction),))
-    return dict(zip(box.parameters, moved.tolist(), strict=True))
-
-
-def _finite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a covariance in which unknowns that were not released have zero variance."""
-    return np.where(np.isfinite(covariance), covariance, 0.0)
-
-
-def _redundancy(estimation: Estimation, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the covariance of the misfits of what is stated, (n_stated, n_stated)."""
-    return np.asarray(np.eye(len(rows)) - rows @ _finite(estimation.fit.covariance) @ rows.T)
-
-
-def _stated(estimation: Estimation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return slopes, (n_stated, P), and misfits of facts and stated values, in their sigmas."""
-    box, eta = estimation.box, estimation.fit.eta
-    misfits, slopes = estimation.engine.fact_misfits(eta)
-    n, pulls = len(box.parameters), box.pulls(eta)
-    stated = np.zeros((len(pulls), len(eta)))  # elements may follow the unknowns of the grey box
-    stated[np.arange(len(pulls)), n + np.arange(len(pulls))] = (
-        1.0 / box.prior_sigma[n : n + len(pulls)]
-    )
-    return np.vstack([slopes, stated]), np.concatenate([misfits, -pulls])
-
-
-def suspects(box: GreyBox) -> tuple[tuple[str, ...], NDArray[np.float64]]:
-    """Return the suspects: each statement alone, and all weights together, (n_stated, k)."""
-    labels = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
-    names = [*labels, *box.corrections]
-    columns = list(np.eye(len(names)))
-    together = np.zeros(len(names))
-    for state in box.mass_states:
-        for i, weight in enumerate(state.added.weights, start=1):
-            if weight.sigma_kg > 0.0:
-                at = names.index(f"weight {i} of state {state.name}")
-                together[at] = weight.mass_kg / weight.sigma_kg
-    # Without a fact nothing else fixes the scale: the second-order effect of gravity is too weak.
-    if np.count_nonzero(together) > 1 and scale_facts(box):
-        columns.append(together)
-        return (*names, ALL_WEIGHTS), np.array(columns).T
-    return tuple(names), np.eye(len(names))
-
-
-def _snooped(
-    box: GreyBox, Q: NDArray[np.float64], left: NDArray[np.float64]
-) -> tuple[Contradiction, ...]:
-    """Name the worst suspect, remove it, and repeat until no statement disagrees."""
-    names, D = suspects(box)
+    rows, misfits = _stated(estimation)
+    left = misfits / (1.0 if estimation.holds else np.sqrt(max(1.0, estimation.chi2_per_n)))
+    Q = _redundancy(estimation, rows)
+    names, D = suspects(estimation.box)
     first = np.einsum("ik,ij,jk->k", D, Q, D)
     scale = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)
     found: list[Contradiction] = []
@@ -235,3 +148,73 @@ def _snooped(
         left = left - out * (d @ left)
         Q = Q - np.outer(out, Q @ d)
     return tuple(found)
+
+
+def suspects(box: GreyBox) -> tuple[tuple[str, ...], Array]:
+    """Return the suspects: each statement alone, and all weights together, (n_stated, k)."""
+    labels = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
+    names = [*labels, *box.corrections]
+    together = np.zeros(len(names))
+    for state in box.mass_states:
+        for i, weight in enumerate(state.added.weights, start=1):
+            if weight.sigma_kg > 0.0:
+                place = names.index(f"weight {i} of state {state.name}")
+                together[place] = weight.mass_kg / weight.sigma_kg
+    # Without a fact nothing else fixes the scale: the second-order effect of gravity is too weak.
+    if np.count_nonzero(together) > 1 and scale_facts(box):
+        return (*names, ALL_WEIGHTS), np.column_stack([np.eye(len(names)), together])
+    return tuple(names), np.eye(len(names))
+
+
+def contradicted_shift(estimation: Estimation, found: Sequence[Contradiction]) -> Array:
+    """Return the change of each parameter without the contradicted statements, (n,).
+
+    It is relative to the value, with its sign; zero for parameters that may be zero.
+    """
+    rows, _ = _stated(estimation)
+    off = np.array([one.direction for one in found]).T @ _sizes(estimation, found)
+    names = estimation.box.parameters
+    moved = -_covariance(estimation)[: len(names)] @ (rows.T @ off)
+    moved[[name in SIGNED for name in names]] = 0.0
+    return np.asarray(moved)
+
+
+def shift_without_scales(estimation: Estimation) -> dict[str, float]:
+    """Return the change of each parameter if the stated loads and springs are off by one factor.
+
+    It is that of `contradicted_shift`, by the name of the parameter.
+    """
+    box, scaled = estimation.box, scale_facts(estimation.box)
+    loads = [f.value / f.sigma if f.quantity in scaled else 0.0 for f in box.facts]
+    direction = np.concatenate([loads, np.zeros(len(box.corrections))])
+    moved = contradicted_shift(estimation, (Contradiction("", 0.0, direction),))
+    return dict(zip(box.parameters, moved.tolist(), strict=True))
+
+
+def _sizes(estimation: Estimation, found: Sequence[Contradiction]) -> Array:
+    """Return the multiple of each direction by which what is stated is off, (n_found,)."""
+    rows, misfits = _stated(estimation)
+    D = np.array([one.direction for one in found]).T
+    return np.linalg.solve(D.T @ _redundancy(estimation, rows) @ D, D.T @ misfits)
+
+
+def _covariance(estimation: Estimation) -> Array:
+    """Return the covariance of the unknowns, zero for those that were not released."""
+    covariance = estimation.fit.covariance
+    return np.where(np.isfinite(covariance), covariance, 0.0)
+
+
+def _redundancy(estimation: Estimation, rows: Array) -> Array:
+    """Return the covariance of the misfits of what is stated, (n_stated, n_stated)."""
+    return np.asarray(np.eye(len(rows)) - rows @ _covariance(estimation) @ rows.T)
+
+
+def _stated(estimation: Estimation) -> tuple[Array, Array]:
+    """Return slopes, (n_stated, P), and misfits of facts and stated values, in their sigmas."""
+    box, eta = estimation.box, estimation.fit.eta
+    misfits, slopes = estimation.engine.fact_misfits(eta)
+    n, pulls = len(box.parameters), box.pulls(eta)
+    stated = np.zeros((len(pulls), len(eta)))  # elements may follow the unknowns of the grey box
+    place = np.arange(len(pulls))
+    stated[place, n + place] = 1.0 / box.prior_sigma[n + place]
+    return np.vstack([slopes, stated]), np.concatenate([misfits, -pulls])

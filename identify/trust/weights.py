@@ -72,14 +72,14 @@ def contradicted_by_sag(session: Session, records: Sequence[Record]) -> tuple[Fi
                 of_state.setdefault(corners[name], []).append(level_m)
     mean_m = {s: {c: float(np.mean(m)) for c, m in of.items()} for s, of in levels.items()}
     scatter_m = [float(np.std(m)) for of in levels.values() for m in of.values()]
-    plain = [s for s in session.mass_states if not s.added.matrix.any()]
-    empty = [mean_m[s.name] for s in plain if not s.added.weights and s.name in mean_m]
+    plain = [s for s in session.mass_states if s.name in mean_m and not s.added.matrix.any()]
+    empty_m = next((mean_m[s.name] for s in plain if not s.added.weights), {})
     facts = {fact.quantity for fact in session.vehicle.facts}
     axles = {FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE}
     known = FactQuantity.TOTAL_MASS in facts or axles <= facts
-    for state in (s for s in plain if s.added.weights and s.name in mean_m and empty):
+    for state in (s for s in plain if s.added.weights):
         after_m = mean_m[state.name]
-        sag_m = {c: after_m[c] - empty[0][c] for c in Corner if c in after_m and c in empty[0]}
+        sag_m = {c: after_m[c] - empty_m[c] for c in Corner if c in after_m and c in empty_m}
         if max(map(abs, sag_m.values()), default=0.0) < _SUNK_M:
             continue
         found = wrong_weights(
@@ -95,7 +95,7 @@ def contradicted_by_sag(session: Session, records: Sequence[Record]) -> tuple[Fi
 
 
 @dataclass(frozen=True, slots=True)
-class _Changed:
+class _Change:
     """One weight as it may have been."""
 
     state: str
@@ -103,7 +103,7 @@ class _Changed:
     """`state`, `number`: mass state, and place among its weights."""
     stated: Weight
     weight: Weight
-    """`stated`, `weight`: as stated, and as tried."""
+    """As stated, and as tried."""
 
     @property
     def is_mass(self) -> bool:
@@ -112,7 +112,6 @@ class _Changed:
 
     @property
     def name(self) -> str:
-        """Name of the weight."""
         return f"weight {self.number + 1} of state {self.state}"
 
     def trial(self, released: bool = False) -> Trial:
@@ -132,10 +131,10 @@ class _Changed:
 
         return Trial(self.name, state=state)
 
-    def fitted(self, found: Refit) -> _Changed:
+    def fitted(self, after: Refit) -> _Change:
         """Return the weight as the runs show it, from a fit in which it was released."""
-        n, w = len(found.box.parameters), self.weight
-        off = dict(zip(found.box.corrections, found.fit.eta[n:].tolist(), strict=False))
+        n, w = len(after.box.parameters), self.weight
+        off = dict(zip(after.box.corrections, after.fit.eta[n:].tolist(), strict=False))
         if self.is_mass:
             return replace(self, weight=replace(w, mass_kg=w.mass_kg + off[self.name]))
         if isinstance(w, BodyWeight):
@@ -168,25 +167,35 @@ class _Changed:
         return f"{self.name}: stated {described(self.stated)}, the runs show {shown}"
 
 
+@dataclass(frozen=True, slots=True)
+class _Few:
+    """One run of each kind, enough to compare weights."""
+
+    runs: Estimation
+    unloaded: Refit
+    """Fit of the runs without weights alone."""
+    stated: Refit
+    """Fit of all these runs with the weights as stated."""
+
+
 def wrong_weight(estimation: Estimation) -> Cause | None:
     """Return the weight that is stated wrongly by much; None if there is none.
 
     `estimation`: a fit that does not hold.
     """
-    few = _Few.of(estimation)
+    few = _few(estimation)
     if few is None:
         return None
     allowed = _SPREAD * max(few.unloaded.excess, 0.0) + estimation.chi2_limit - 1.0
     if few.stated.excess <= allowed:  # the runs without weights fit no better: another cause
         return None
-    fitted = few.fitted()
-    found, best = fitted[0]
-    after = refit(estimation, best.trial(), found.fit.eta)
-    before = refit(estimation)
+    tried = _fitted_changes(few)
+    rough, best = tried[0]
+    before, after = refit(estimation), refit(estimation, best.trial(), rough.fit.eta)
     # Another weight may explain the runs as well: that of the same place on the other axle.
-    likely = [change for one, change in fitted if one.excess <= allowed] or [best]
+    likely = [change for one, change in tried if one.excess <= allowed] or [best]
     sizes = ", or ".join(change.in_words for change in likely)
-    cause = compared(before, after, ONE_WEIGHT, sizes, _ADVICE, certain=True)
+    cause = compared(before, after, Cause(ONE_WEIGHT, _ADVICE, sizes, certain=True))
     if after.excess - allowed > (1.0 - _EXPLAINS) * before.excess or cause.explained < 0.5:
         return None  # a cause explains most of the misfit
     return cause if best.is_gross else None
@@ -200,56 +209,45 @@ def mistyped_weight(estimation: Estimation) -> Cause | None:
 
     `estimation`: a linear fit that does not hold, for no fault of the bench.
     """
-    few = _Few.of(estimation)
+    few = _few(estimation)
     if few is None or few.stated.excess <= (1.0 + _TYPED) * few.unloaded.excess:
         return None
-    for found, change in few.fitted():
+    for after, change in _fitted_changes(few):
         factor = change.weight.mass_kg / change.stated.mass_kg
-        clear = found.excess <= (1.0 - _TYPED) * few.stated.excess
+        clear = after.excess <= (1.0 - _TYPED) * few.stated.excess
         if change.is_mass and clear and not 1.0 / _TYPING < factor < _TYPING:
-            return compared(few.stated, found, ONE_WEIGHT, change.in_words, _ADVICE, certain=True)
+            cause = Cause(ONE_WEIGHT, _ADVICE, change.in_words, certain=True)
+            return compared(few.stated, after, cause)
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class _Few:
-    """One run of each kind, enough to compare weights."""
-
-    estimation: Estimation
-    unloaded: Refit
-    """Fit of the runs without weights alone."""
-    stated: Refit
-    """Fit of all these runs with the weights as stated."""
-
-    @classmethod
-    def of(cls, estimation: Estimation) -> _Few | None:
-        """Return these runs; None without weights, or without runs in both states."""
-        box = estimation.box
-        empty = {s.name for s in box.mass_states if not (s.added.weights or s.added.matrix.any())}
-        few = with_first_repeats(estimation)
-        bare = replace(few, decays=tuple(d for d in few.decays if d.mass_state in empty))
-        weights = any(state.added.weights for state in box.mass_states)
-        if not weights or not bare.decays or len(bare.decays) == len(few.decays):
-            return None
-        unloaded = refit(bare, AS_STATED, box.unknowns(generic_vehicles()[0]), HOLD)
-        return cls(few, unloaded, refit(few, AS_STATED, unloaded.fit.eta, steps=6))
-
-    def fitted(self) -> list[tuple[Refit, _Changed]]:
-        """Return the best changes of the likeliest weights, fitted, the best first."""
-        changes = list(_changes(self.estimation.box))
-        trials = [one.trial() for one in changes]
-        which = dict(zip(map(id, trials), changes, strict=True))
-        likely: dict[str, tuple[Refit, _Changed]] = {}
-        for problem, trial in ranked(self.estimation, trials, self.unloaded.fit.eta):
-            likely.setdefault(trial.name, (problem, which[id(trial)]))
-        fitted = []
-        for problem, change in list(likely.values())[:_FITTED]:
-            found = refit(self.estimation, change.trial(released=True), problem.fit.eta)
-            fitted.append((found, change.fitted(found)))
-        return sorted(fitted, key=lambda one: one[0].fit.cost)
+def _few(estimation: Estimation) -> _Few | None:
+    """Return some runs; None without weights, or without runs in both states."""
+    box = estimation.box
+    empty = {s.name for s in box.mass_states if not (s.added.weights or s.added.matrix.any())}
+    few = with_first_repeats(estimation)
+    bare = replace(few, decays=tuple(d for d in few.decays if d.mass_state in empty))
+    weights = any(state.added.weights for state in box.mass_states)
+    if not weights or not bare.decays or len(bare.decays) == len(few.decays):
+        return None
+    unloaded = refit(bare, AS_STATED, box.unknowns(generic_vehicles()[0]), HOLD)
+    return _Few(few, unloaded, refit(few, AS_STATED, unloaded.fit.eta, steps=6))
 
 
-def _changes(box: GreyBox) -> Iterator[_Changed]:
+def _fitted_changes(few: _Few) -> list[tuple[Refit, _Change]]:
+    """Return the best changes of the likeliest weights, fitted, the best first."""
+    changes = {one.trial(): one for one in _changes(few.runs.box)}
+    likely: dict[str, tuple[Refit, _Change]] = {}
+    for after, trial in ranked(few.runs, changes, few.unloaded.fit.eta):
+        likely.setdefault(trial.name, (after, changes[trial]))
+    fitted = []
+    for rough, change in list(likely.values())[:_FITTED]:
+        after = refit(few.runs, change.trial(released=True), rough.fit.eta)
+        fitted.append((after, change.fitted(after)))
+    return sorted(fitted, key=lambda one: one[0].fit.cost)
+
+
+def _changes(box: GreyBox) -> Iterator[_Change]:
     """Yield every weight with another mass, its place mirrored, or on the other axle."""
     a, b = generic_vehicles()[0][11:13].tolist()
     for state in box.mass_states:
@@ -260,4 +258,4 @@ def _changes(box: GreyBox) -> Iterator[_Changed]:
             else:
                 places = ((-w.x_m, w.y_m), (w.x_m, -w.y_m), (-a - b - w.x_m, w.y_m))
                 others += [replace(w, x_m=x_m, y_m=y_m) for x_m, y_m in places]
-            yield from (_Changed(state.name, i, w, other) for other in others)
+            yield from (_Change(state.name, i, w, other) for other in others)

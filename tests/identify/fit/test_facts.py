@@ -66,7 +66,7 @@ def _found(result: Estimation) -> dict[str, Estimate]:
 
 def _right(result: Estimation, name: str = "linear") -> None:
     assert result.holds
-    assert not parameter_findings(result)
+    assert not list(parameter_findings(result))
     for parameter, e in _found(result).items():
         assert abs(e.value - true_value(name, parameter)) < 4.0 * e.std, parameter
 

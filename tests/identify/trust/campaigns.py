@@ -28,7 +28,7 @@ def campaign(name: str, seed: int) -> Session:
 
 @cache
 def estimated(name: str, seed: int) -> Estimation:
-    return _estimation(campaign(name, seed))
+    return fitted(campaign(name, seed))
 
 
 @cache
@@ -39,10 +39,10 @@ def short_campaign(name: str, seed: int) -> Session:
 
 @cache
 def shortly_estimated(name: str, seed: int) -> Estimation:
-    return _estimation(short_campaign(name, seed))
+    return fitted(short_campaign(name, seed))
 
 
-def _estimation(session: Session) -> Estimation:
+def fitted(session: Session) -> Estimation:
     records = usable(session).records
     return estimate(grey_box(session, records), records, generic_vehicles())
 

@@ -9,14 +9,11 @@ import pytest
 
 from daq.vehicle import FORD_GRANADA, Structure, Vehicle
 from dbc.finding import Severity
-from identify.decays.usable import usable
-from identify.fit.estimation import Estimation, estimate
-from identify.fit.generic_vehicles import generic_vehicles
-from identify.pipeline import grey_box
+from identify.fit.estimation import Estimation
 from identify.trust.plausibility import parameter_findings, undetermined
 
 from ..stress import HUBS, stress_session
-from .campaigns import by_gate, estimated
+from .campaigns import by_gate, estimated, fitted
 
 
 def _with_std(result: Estimation, name: str, std: float) -> Estimation:
@@ -38,7 +35,7 @@ def linear() -> Estimation:
 
 
 def test_a_good_fit_passes(linear: Estimation) -> None:
-    assert parameter_findings(linear) == ()
+    assert not list(parameter_findings(linear))
     assert undetermined(linear) == ()
 
 
@@ -58,7 +55,7 @@ def test_no_roll_run_leaves_roll_undetermined() -> None:
 
 
 def test_an_interval_wider_than_5_per_cent_is_doubtful(linear: Estimation) -> None:
-    assert parameter_findings(_with_std(linear, "k_sf", 0.024)) == ()
+    assert not list(parameter_findings(_with_std(linear, "k_sf", 0.024)))
     (finding,) = parameter_findings(_with_std(linear, "k_sf", 0.03))
     assert finding.code == "wide"
     assert finding.severity is Severity.WARNING
@@ -110,9 +107,8 @@ def test_the_inertias_lie_by_those_of_measured_vehicles(
 
 def test_a_solid_axle_is_no_fault_and_an_axle_without_roll_stiffness_is() -> None:
     session = stress_session("bars", 1, vehicle=Vehicle("x", structure=Structure(True, True)))
-    records = usable(session).records
-    result = estimate(grey_box(session, records), records, generic_vehicles())
-    assert parameter_findings(result) == ()
+    result = fitted(session)
+    assert not list(parameter_findings(result))
     names = result.box.parameters
     i = names.index("k_af")
     std = float(np.sqrt(result.fit.covariance[i, i]))
@@ -140,8 +136,7 @@ def test_a_stated_delay_that_the_runs_contradict_is_named() -> None:
             replace(c, delay_sigma_s=1e-5) if c.name in HUBS else c for c in session.channels
         ),
     )
-    records = usable(sure).records
-    result = estimate(grey_box(sure, records), records, generic_vehicles())
+    result = fitted(sure)
     # They drag the fit along and stay a few of their sigmas from where they are.
     finding = by_gate(parameter_findings(result))["contradiction"]
     assert finding.severity is not Severity.NOTE

@@ -1,14 +1,15 @@
-"""An accelerometer or weight that is not where it is said to be: named, and spoils nothing."""
+"""Stated weights, loads and places that the runs contradict, and what the scale rests on."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
-from daq.channels import paper_channels
+from daq.bench.config import load_bench
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import Session
 from daq.sim.car import SimulatedCar
@@ -17,15 +18,137 @@ from daq.vehicle import (
     AddedMass,
     BodyWeight,
     Corner,
+    Fact,
     HubWeight,
     MassState,
+    Vehicle,
     VehicleParameters,
 )
-from identify.pipeline import identify_parameters
+from identify.fit.estimation import Estimation
+from identify.fit.grey_box import GreyBox
+from identify.fit.uncertainty import estimates
 from identify.result import Identification
+from identify.pipeline import identify_parameters
 from identify.trust.finding import Verdict
+from identify.trust.judge import judge
+from identify.trust.statements import contradictions, unseen_findings
 from tests.simulated.campaign import Plan, PlannedBump, simulate
 from tests.simulated.instruments import Fitting, channels
+
+from ...flow.coverage import simulated_session
+from ..stress import stress_session
+from .campaigns import by_gate, estimated, fitted
+
+CAR = FORD_GRANADA
+AXLES_KG = (
+    CAR.m_s * CAR.b / (CAR.a + CAR.b) + 2 * CAR.m_uf,
+    CAR.m_s * CAR.a / (CAR.a + CAR.b) + 2 * CAR.m_ur,
+)
+
+
+def _session(facts: tuple[Fact, ...], factor: float, sigma_kg: float) -> Session:
+    """Return runs of the linear car whose stated weights are `factor` times the true ones."""
+    session = stress_session("linear", 1, 100.0, vehicle=Vehicle("x", facts=facts))
+    states = []
+    for state in session.mass_states:
+        weights = tuple(
+            replace(w, mass_kg=factor * w.mass_kg, sigma_kg=sigma_kg) for w in state.added.weights
+        )
+        states.append(replace(state, added=replace(state.added, weights=weights)))
+    return replace(session, mass_states=tuple(states))
+
+
+def _with_facts(estimation: Estimation, *facts: Fact) -> Estimation:
+    box = estimation.box
+    made = type(box)(box.groups, box.mass_states, box.geometry, box.structure, facts)
+    return replace(estimation, box=made)
+
+
+def test_the_scale_rests_on_weights_unless_a_load_or_spring_is_stated() -> None:
+    linear = estimated("linear", 1)
+
+    def codes(box: GreyBox) -> list[str]:
+        return [note.code for note in unseen_findings(box, ())]
+
+    assert codes(linear.box) == ["scale", "gains"]
+    for quantity in ("total_mass_kg", "front_axle_kg", "corner_rr_kg", "k_sf"):
+        assert codes(_with_facts(linear, Fact(quantity, 500.0, 1.0)).box) == ["gains"]
+    for quantity in ("wheelbase_m", "rear_track_m", "a"):
+        assert "scale" in codes(_with_facts(linear, Fact(quantity, 1.0, 0.1)).box)
+
+
+@pytest.mark.parametrize("sigma_kg", [0.0, 0.1])
+def test_weights_that_are_all_ten_per_cent_off_are_named_where_scales_are_there(
+    sigma_kg: float,
+) -> None:
+    front, rear = AXLES_KG
+    facts = (Fact("front_axle_kg", front, 2.0), Fact("rear_axle_kg", rear, 2.0))
+    session = _session(facts, 1.1, sigma_kg)
+    result = fitted(session)
+    if sigma_kg:
+        (wrong,) = contradictions(result)
+        assert "all weights by a common factor" in wrong.name
+    quality = judge(session, result)
+    named = by_gate(quality.findings)
+    assert "scale" not in named
+    assert "contradiction" not in named  # the cause is named once, not each load beside it
+    finding = named["added_weights_off_by_a_common_factor"]
+    assert "front_axle_kg and rear_axle_kg" in finding.text
+    size = float(finding.text.split("all weights ")[1].split(" ")[0])
+    assert abs(size - -9.1) < 1.5  # per cent of what is stated: 1 / 1.1 - 1
+    assert quality.verdict is not Verdict.OK
+
+
+def test_one_weight_that_is_a_fifth_lighter_is_named_with_its_size() -> None:
+    """Through the simulated car, which is written from forces, without scales."""
+    bench = load_bench(None)
+    first, *others = bench.mass_states[1].added.weights
+    lighter = replace(first, mass_kg=0.8 * first.mass_kg)
+    true = replace(bench.mass_states[1], added=AddedMass((lighter, *others)))
+    session = simulated_session(replace(bench, mass_states=(bench.mass_states[0], true)), 500)
+    quality = identify_parameters(replace(session, mass_states=bench.mass_states)).quality
+    assert quality.verdict is not Verdict.OK
+    text = by_gate(quality.findings)["contradiction"].text
+    ((size, way),) = re.findall(r"weight 1 of state added by \S+ sigma, (\S+) kg (\w+)", text)
+    assert way == "lighter"
+    assert 0.7 < float(size) / (0.2 * first.mass_kg) < 1.3
+
+
+def test_scales_that_show_eight_per_cent_too_much_are_not_ok() -> None:
+    """The fit follows the scales, which are stated more exactly: all masses are 8 % too large."""
+    front, rear = AXLES_KG
+    session = _session((Fact("total_mass_kg", 1.08 * (front + rear), 1.0),), 1.0, 0.1)
+    result = fitted(session)
+    assert estimates(result.box, result.fit)["m_s"].value > 1.07 * CAR.m_s
+    quality = judge(session, result)
+    assert quality.verdict is Verdict.DOUBTFUL
+    assert "total_mass_kg: one of the two" in quality.reasons[0]
+    lost = quality.survival.lost["m_s"]
+    assert lost.cause == "scales off by a common factor"
+    assert abs(lost.shift - (1.0 / 1.08 - 1.0)) < 0.015
+
+
+def test_right_weights_beside_scales_are_no_finding() -> None:
+    front, rear = AXLES_KG
+    facts = (Fact("front_axle_kg", front, 2.0), Fact("rear_axle_kg", rear, 2.0))
+    session = _session(facts, 1.0, 0.1)
+    quality = judge(session, fitted(session))
+    assert quality.verdict is Verdict.OK
+    assert not quality.survival.lost
+
+
+def test_one_wrong_load_is_named_alone() -> None:
+    front, rear = AXLES_KG
+    facts = (
+        Fact("front_axle_kg", front, 0.5),
+        Fact("rear_axle_kg", rear + 60.0, 0.5),
+        Fact("total_mass_kg", front + rear, 0.5),
+    )
+    result = fitted(_session(facts, 1.0, 0.1))
+    assert estimates(result.box, result.fit)["m_s"].std < 3.0
+    (wrong,) = contradictions(result)
+    assert wrong.name.startswith("rear_axle_kg")
+
 
 CARS = {
     "granada": FORD_GRANADA,
@@ -107,7 +230,7 @@ def assert_right(result: Identification, car: VehicleParameters) -> None:
         assert abs(found.value - value) < 4.0 * found.std, name
 
 
-@pytest.mark.parametrize("case", EVERY[::7], ids=str)
+@pytest.mark.parametrize("case", EVERY[3::14], ids=str)
 def test_a_wrong_place_is_named_and_an_unknown_one_is_found(case: tuple[str, str, float]) -> None:
     assert checked(*case)
 
@@ -128,15 +251,6 @@ def test_a_place_that_is_right_is_no_cause_and_costs_no_precision() -> None:
     for name, found in tape.parameters.items():
         assert found.std < 1.25 * exact.parameters[name].std, name
     assert exact.quality.verdict is tape.quality.verdict is Verdict.OK
-
-
-def test_arrays_without_channels_do_not_state_where_the_body_sensor_is() -> None:
-    """Its z_s may be 0.2 m beside the CG, which nobody knows before the test."""
-    (z, *others) = paper_channels()
-    assert z.placed().position_sigma_m == pytest.approx(0.2)
-    assert [c.placed() for c in others] == others
-    assert replace(z, at_cg=False).placed().position_sigma_m == pytest.approx(0.01)
-    assert replace(z, position_sigma_m=0.003).placed().position_sigma_m == pytest.approx(0.003)
 
 
 def weighed(weights: Weights, rng: np.random.Generator) -> Weights:
@@ -169,7 +283,7 @@ def of_weights(car: str, seed: int, change: Change) -> Identification:
     return identify_parameters(stated(session, 1e-3))
 
 
-@pytest.mark.parametrize("car", ["granada", "suv"])
+@pytest.mark.parametrize("car", ["suv"])
 @pytest.mark.parametrize(
     "change",
     [further(0, 0.1), further(2, 0.1), further(None, 0.03), further(0, 0.0, 1.03)],

@@ -13,8 +13,8 @@ from identify.decays.decay import with_channels
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import fit, normal_blocks
-from identify.trust.causes import rank_causes
-from identify.trust.consistency import (
+from identify.trust.hypotheses import rank_causes
+from identify.trust.runs import (
     moves_without,
     pull_of,
     repeat_findings,

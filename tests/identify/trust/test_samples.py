@@ -1,3 +1,8 @@
+"""Samples that are missing, mistimed, held, cut flat or out of range."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -6,8 +11,11 @@ from numpy.typing import NDArray
 
 from daq.runs import Losses, RunStatus, SampleGroup
 from daq.sessions import Session
+from daq.sim.car import NOISE
 from dbc.finding import Finding, Severity
+from dbc.samples import Quality
 from identify.decays.decay import record_of
+from identify.decays.onset import GUARD_S, decay_start_s
 from identify.decays.usable import usable
 from identify.trust.samples import sample_findings
 
@@ -112,16 +120,6 @@ def test_unusable_samples_are_lost_ones() -> None:
     assert found(session)["lost_samples"].text.startswith("25% ")
 
 
-def test_random_sampling_is_legal() -> None:
-    rng = np.random.default_rng(6)
-
-    def random(group: SampleGroup) -> SampleGroup:
-        return retimed(group, np.sort(rng.uniform(0.0, 4.0, len(group.time_s))))
-
-    session = with_group(campaign("linear", 1), "baseline_bounce_1", HUBS_FRONT, random)
-    assert "lost_samples" not in found(session)
-
-
 def test_a_channel_that_some_runs_lack_is_named() -> None:
     def lacking(group: SampleGroup) -> SampleGroup:
         values = {name: v for name, v in group.values.items() if name != HUBS_FRONT}
@@ -182,3 +180,119 @@ def test_rejected_runs_do_not_count() -> None:
         lambda run: replace(run, status=RunStatus.REJECTED) if run.label == "added_roll_2" else run,
     )
     assert judged(session) == ()
+
+
+CHANNEL = "hub_acc_rl"
+
+
+def rear_left(session: Session, change: Callable[[Array, Array], Array]) -> Session:
+    """Change the values of a hub in the bounce runs of the baseline, by time and value."""
+
+    def changed(group: SampleGroup) -> SampleGroup:
+        values = change(group.time_s, group.values[CHANNEL])
+        return replace(group, values={**group.values, CHANNEL: values})
+
+    return with_group(session, "baseline_bounce", CHANNEL, changed)
+
+
+def quantised(session: Session, lsb: float) -> Session:
+    def coarse(group: SampleGroup) -> SampleGroup:
+        return replace(
+            group, values={name: lsb * np.rint(v / lsb) for name, v in group.values.items()}
+        )
+
+    for channel in ("body_acc_z", "hub_acc_fl", "hub_acc_rl"):  # one of each device
+        session = with_group(session, "", channel, coarse)
+    return session
+
+
+def test_a_hub_that_ends_at_2_g_is_doubtful() -> None:
+    (finding,) = judged(campaign("saturation", 1))
+    assert finding.severity is Severity.WARNING
+    assert "at 19.61 m/s2" in finding.text
+    assert "hub_acc_fl in added_bounce_1" in finding.text
+    assert "hub_acc_fr" not in finding.text
+
+
+def test_saturation_survives_the_steps_of_the_converter() -> None:
+    session = quantised(campaign("saturation", 1), 0.005)
+    assert doubtful(judged(session)) == ["saturation"]
+
+
+def test_on_the_bump_it_is_harmless() -> None:
+    """A steeper bump than the simulated one: the sensor ends at 60 m/s2, the decay at 46."""
+
+    def steep(t_s: Array, values: Array) -> Array:
+        on_bump = (t_s > REST_S) & (t_s < AFTER_BUMP_S - 0.02)
+        return np.where(on_bump, np.minimum(3.0 * values, 60.0), values)
+
+    assert judged(rear_left(campaign("linear", 1), steep)) == ()
+
+
+@pytest.mark.parametrize(
+    ("before_s", "found"), [(0.5 * GUARD_S, ["saturation"]), (2.5 * GUARD_S, [])]
+)
+def test_a_top_within_the_guard_before_the_decay_may_be_of_it(
+    before_s: float, found: list[str]
+) -> None:
+    session = campaign("linear", 1)
+    (record,) = (r for r in usable(session).records if r.label == "baseline_bounce_1")
+    start_s = decay_start_s(record)
+
+    def cut(t_s: Array, values: Array) -> Array:
+        last = np.searchsorted(t_s, start_s - before_s)
+        top = (np.arange(len(t_s)) <= last) & (np.arange(len(t_s)) > last - 5)
+        return np.where(top, 3.0 * values.max(), values)
+
+    said = [f for f in judged(rear_left(session, cut)) if "baseline_bounce_1" in f.text]
+    assert [f.code for f in said] == found
+
+
+@pytest.mark.parametrize(("lsb", "seed"), [(1e-4, 1), (1e-2, 2), (0.1, 1), (1.0, 2)])
+def test_quantisation_is_no_saturation(lsb: float, seed: int) -> None:
+    """From a fine converter to one whose step hides all the noise."""
+    assert judged(quantised(campaign("linear", seed), lsb)) == ()
+
+
+def test_noise_may_repeat_the_highest_value_of_a_run() -> None:
+    """A travel sensor with noise of 20 converter steps: one run in some thousand has such a top."""
+    lsb = NOISE.hub_acceleration_m_s2 / 20.0
+
+    def repeated(_: Array, values: Array) -> Array:
+        values = lsb * np.rint(values / lsb)
+        top = int(values.argmax())
+        return np.where(np.abs(np.arange(len(values)) - top) <= 1, values[top], values)
+
+    session = rear_left(quantised(campaign("linear", 1), lsb), repeated)
+    assert judged(session) == ()
+
+
+@pytest.mark.parametrize("lsb", [0.003, 0.01, 0.03, 0.1, 0.3])
+def test_a_rounded_top_is_not_a_flat_one(lsb: float) -> None:
+    """A slow wave without noise stays on the converter's highest step for a while."""
+
+    def wave(group: SampleGroup) -> SampleGroup:
+        t = group.time_s - AFTER_BUMP_S
+        motion = np.where(t > 0, 10 * np.exp(-t) * np.sin(5.0 * t), 0.0)
+        values: Array = lsb * np.rint(motion / lsb)
+        if lsb == 0.3:
+            assert (values == values.max()).sum() >= 3
+        return replace(group, values={**group.values, CHANNEL: values})
+
+    session = with_group(campaign("linear", 1), "", CHANNEL, wave)
+    assert judged(session) == ()
+
+
+@pytest.mark.parametrize(
+    ("at_s", "found"), [(REST_S + 0.05, []), (AFTER_BUMP_S + 0.05, ["out_of_range"])]
+)
+def test_samples_out_of_range_are_reported(at_s: float, found: list[str]) -> None:
+    def flagged(group: SampleGroup) -> SampleGroup:
+        quality = group.quality.copy()
+        quality[np.searchsorted(group.time_s, at_s)] |= Quality.OUT_OF_RANGE
+        return replace(group, quality=quality)
+
+    session = with_group(campaign("linear", 1), "added_roll_1", CHANNEL, flagged)
+    said = judged(session)
+    assert [finding.code for finding in said] == found
+    assert all(f"{CHANNEL} in added_roll_1" in finding.text for finding in said)
