@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from daq.vehicle import MassState
 
 from ..decays.decay import FreeDecay
-from ..elements.laws import knee
 from ..fit.grey_box import CROSS_SCALE_KG, SIGNED, GreyBox
 from ..fit.varpro import evaluate as linear_point
 from ..fit.varpro import linear_part
 from ..model.matrices import SYMMETRIC, full_matrices
 from .car import PULL, Model, car
+from .laws import knee
 from .path import InitialState, travel_speeds
 from .problem import Problem
 

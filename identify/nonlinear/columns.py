@@ -9,108 +9,102 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..elements import laws as friction
-from ..elements import laws as hinge
-from ..elements import laws as mount
-from ..elements import laws as spring
-from ..elements import laws as stop
-from ..elements import laws as tyre
-from .car import (
-    BETA,
-    C_T,
-    F_C,
-    FALL,
-    GAP,
-    K_2,
-    K_3,
-    K_A,
-    K_B,
-    K_S,
-    K_T,
-    KNEES,
-    LENGTH,
-    MASS,
-    MOUNT,
-    PULL,
-    RATIO,
-    STATIC,
-    SURPLUS,
-    C,
-    X,
-    Y,
-)
-from .kernels import (
-    LANES,
-    bends,
-    curve,
-    curve_slope,
-    kernel,
-    knee,
-    mean4,
-    mean7,
-    node_slopes,
-    plus4,
-    plus7,
-    read4,
-    read7,
-    write4,
-    write7,
-)
+from . import car, laws
+from .kernels import bends, curve, curve_slope, kernel
 
-# Slopes and forcing of the tangents at a node of the path, as machine code (Numba) ----------------
+# Columns side by side: reading, summing, writing --------------------------------------------------
 #
-# The slopes of the four corners, by which the Jacobian acts, and the forcing by each unknown.
+# Columns are stored in blocks of `LANES`, one row of the state after the other: the distances
+# between rows are then constants, from which the compiler knows that rows do not overlap.
 
-hinge_ = hinge.hinge
-spring_force, spring_stiffness = spring.spring_force, spring.spring_stiffness
-stop_force, stop_stiffness = stop.stop_force, stop.stop_stiffness
-friction_rate_by_speed = friction.friction_rate_by_speed
-friction_rate_by_share = friction.friction_rate_by_share
-friction_rate_by_length = friction.friction_rate_by_length
-friction_rate_by_limit = friction.friction_rate_by_limit
-sliding_share, sliding_share_by_speed = friction.sliding_share, friction.sliding_share_by_speed
-sliding_share_by_surplus = friction.sliding_share_by_surplus
-sliding_share_by_fall = friction.sliding_share_by_fall
-tyre_load, tyre_load_by_heave = tyre.tyre_load, tyre.tyre_load_by_heave
-tyre_push, tyre_push_by_load = tyre.tyre_push, tyre.tyre_push_by_load
-tyre_contact, tyre_grip = tyre.tyre_contact, tyre.tyre_grip
-mount_slope = mount.mount_slope
+LANES = 88
+"""Columns in a block: an odd number of cache lines, so that rows do not evict each other."""
 
 
-@kernel
-def _tyre_slopes(one, z, v, width):
-    """Return the derivatives of the road's force by the tyre's load and by its damping."""
-    load = tyre_load(z, one[K_T], one[BETA], one[STATIC])
-    contact = tyre_contact(tyre_push(load, v, one[C_T], width), width)
-    by_load = contact * tyre_push_by_load(load, v, one[C_T], width)
-    return by_load, contact * tyre_grip(load, width)
+@njit(forceinline=True)
+def read7(block, row, j):
+    """Return seven rows of a column."""
+    k = row * LANES + j
+    return (
+        block[k], block[k + LANES], block[k + 2 * LANES], block[k + 3 * LANES],
+        block[k + 4 * LANES], block[k + 5 * LANES], block[k + 6 * LANES],
+    )  # fmt: skip
 
 
-@kernel
-def _partials(one, knots, level, x, rate, r, u, across, i, by_force, by_speed, by_road):
-    """Write the derivatives by each coefficient: of force, mount's equation and wheel's push."""
-    width = level[0]
-    force = one[C] * r
-    ratio, sigma, z = one[RATIO], one[MOUNT], x[3 + i]
-    for j in range(len(knots)):
-        bent = knee(r, knots[j], width)
-        force += one[KNEES + j] * bent
-        by_force[KNEES + j] = ratio * bent
-        by_speed[KNEES + j] = -sigma * ratio * bent
-    by_force[K_S], by_force[K_2], by_force[K_3] = u, u * u, u * u * u
-    by_force[K_B] = hinge_(u - one[GAP], level[4])
-    by_force[GAP] = -stop_stiffness(u, one[K_B], one[GAP], level[4])
-    by_force[K_A] = u - across
-    by_force[F_C] = x[14 + i]
-    by_force[RATIO], by_force[C] = force, ratio * r
-    by_speed[MOUNT] = -ratio * force
-    by_speed[RATIO], by_speed[C] = -sigma * force, -sigma * ratio * r
-    by_load, damped = _tyre_slopes(one, z, x[10 + i], level[5])
-    by_road[K_T] = -by_load * z * (1.0 - one[BETA] * z)
-    by_road[BETA] = by_load * one[K_T] * z * z
-    by_road[C_T] = -damped * x[10 + i]
-    by_road[STATIC] = by_load - 1.0
-    by_road[MASS], by_road[PULL] = -rate[10 + i], 1.0
+@njit(forceinline=True)
+def read4(block, row, j):
+    """Return four rows of a column."""
+    k = row * LANES + j
+    return block[k], block[k + LANES], block[k + 2 * LANES], block[k + 3 * LANES]
+
+
+@njit(forceinline=True)
+def plus7(a, h, b):
+    """Return `a + h b`."""
+    return (
+        a[0] + h * b[0], a[1] + h * b[1], a[2] + h * b[2], a[3] + h * b[3],
+        a[4] + h * b[4], a[5] + h * b[5], a[6] + h * b[6],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def plus4(a, h, b):
+    """Return `a + h b`."""
+    return a[0] + h * b[0], a[1] + h * b[1], a[2] + h * b[2], a[3] + h * b[3]
+
+
+@njit(forceinline=True)
+def corner_slopes(s, i):
+    """Return the slopes that act at a corner."""
+    return (
+        s[i, 0], s[i, 1], s[i, 2], s[i, 3], s[i, 4], s[i, 5], s[i, 6],
+        s[i, 7], s[i, 8], s[i, 9], s[i, 10], s[i, 11], s[i, 12],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def node_slopes(s):
+    """Return the slopes at the four corners, and the inverse of the body's mass."""
+    body = s[4, 0], s[4, 1], s[4, 2], s[4, 3], s[4, 4], s[4, 5]
+    return corner_slopes(s, 0), corner_slopes(s, 1), corner_slopes(s, 2), corner_slopes(s, 3), body
+
+
+@njit(forceinline=True)
+def mean7(a, b, c, d):
+    """Return six times the mean of the four stages."""
+    return (
+        a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1],
+        a[2] + 2.0 * (b[2] + c[2]) + d[2], a[3] + 2.0 * (b[3] + c[3]) + d[3],
+        a[4] + 2.0 * (b[4] + c[4]) + d[4], a[5] + 2.0 * (b[5] + c[5]) + d[5],
+        a[6] + 2.0 * (b[6] + c[6]) + d[6],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def mean4(a, b, c, d):
+    """Return six times the mean of the four stages."""
+    return (
+        a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1],
+        a[2] + 2.0 * (b[2] + c[2]) + d[2], a[3] + 2.0 * (b[3] + c[3]) + d[3],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def write7(out, row, j, a):
+    """Write seven rows of a column."""
+    k = row * LANES + j
+    out[k], out[k + LANES], out[k + 2 * LANES], out[k + 3 * LANES] = a[0], a[1], a[2], a[3]
+    out[k + 4 * LANES], out[k + 5 * LANES], out[k + 6 * LANES] = a[4], a[5], a[6]
+
+
+@njit(forceinline=True)
+def write4(out, row, j, a):
+    """Write four rows of a column."""
+    k = row * LANES + j
+    out[k], out[k + LANES], out[k + 2 * LANES], out[k + 3 * LANES] = a[0], a[1], a[2], a[3]
+
+
+# Slopes of the four corners, by which the Jacobian acts, and the forcing by each unknown ----------
 
 
 @kernel
@@ -125,48 +119,70 @@ def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body
     forcing[:] = 0.0
     for i in range(4):
         one, k = p[i], i ^ 1
-        u = x[3 + i] - x[0] + one[X] * x[1] - one[Y] * x[2]
-        w = x[10 + i] - x[7] + one[X] * x[8] - one[Y] * x[9]
-        across = x[3 + k] - x[0] + p[k, X] * x[1] - p[k, Y] * x[2]
-        by_load, damped = _tyre_slopes(one, x[3 + i], x[10 + i], level[5])
-        over = 1.0 / one[MASS]
-        damping = one[RATIO] * curve_slope(one, knots, r[i], width)
-        stiff = spring_stiffness(u, one[K_S], one[K_2], one[K_3]) + one[K_A]
-        stiff += stop_stiffness(u, one[K_B], one[GAP], level[4])
-        zeta, length, limit = x[14 + i], one[LENGTH], sliding_share(w, one[SURPLUS], one[FALL])
-        by_limit = friction_rate_by_limit(w, zeta, length, limit, level[1], level[2])
-        by_w = friction_rate_by_speed(w, zeta, length, limit, level[1], level[2])
-        by_w += by_limit * sliding_share_by_speed(w, one[SURPLUS], one[FALL])
-        by_turn[LENGTH] = friction_rate_by_length(w, zeta, length, limit, level[1], level[2])
-        by_turn[SURPLUS] = by_limit * sliding_share_by_surplus(w, one[FALL])
-        by_turn[FALL] = by_limit * sliding_share_by_fall(w, one[SURPLUS], one[FALL])
-        force = (
-            one[RATIO] * curve(lines[i], knots, r[i], width)
-            + spring_force(u, one[K_S], one[K_2], one[K_3])
-            + stop_force(u, one[K_B], one[GAP], level[4])
-            + one[K_A] * (u - across)
-            + one[F_C] * zeta
+        u = x[3 + i] - x[0] + one[car.X] * x[1] - one[car.Y] * x[2]
+        w = x[10 + i] - x[7] + one[car.X] * x[8] - one[car.Y] * x[9]
+        across = x[3 + k] - x[0] + p[k, car.X] * x[1] - p[k, car.Y] * x[2]
+        load = laws.tyre_load(x[3 + i], one[car.K_T], one[car.BETA], one[car.STATIC])
+        by_load, damped = laws.tyre_slopes(load, x[10 + i], one[car.C_T], level[5])
+        over = 1.0 / one[car.MASS]
+        damping = one[car.RATIO] * curve_slope(one, knots, r[i], width)
+        stop = laws.stop_slopes(u, one[car.K_B], one[car.GAP], level[4])
+        stiff = laws.spring_stiffness(u, one[car.K_S], one[car.K_2], one[car.K_3])
+        stiff += one[car.K_A] + stop[0]
+        zeta, length, surplus, fall = x[14 + i], one[car.LENGTH], one[car.SURPLUS], one[car.FALL]
+        limit = laws.sliding_share(w, surplus, fall)
+        share_by_w, share_by_surplus, share_by_fall = laws.sliding_slopes(w, surplus, fall)
+        by_w, by_zeta, by_length, by_limit = laws.friction_slopes(
+            w, zeta, length, limit, level[1], level[2]
         )
-        turn = 1.0 / mount_slope(damping, one[MOUNT], level[3]) if mounted else 0.0
+        by_w += by_limit * share_by_w
+        by_turn[car.LENGTH] = by_length
+        by_turn[car.SURPLUS] = by_limit * share_by_surplus
+        by_turn[car.FALL] = by_limit * share_by_fall
+        force = (
+            one[car.RATIO] * curve(lines[i], knots, r[i], width)
+            + laws.spring_force(u, one[car.K_S], one[car.K_2], one[car.K_3])
+            + laws.stop_force(u, one[car.K_B], one[car.GAP], level[4])
+            + one[car.K_A] * (u - across)
+            + one[car.F_C] * zeta
+        )
+        turn = 1.0 / laws.mount_slope(damping, one[car.MOUNT], level[3]) if mounted else 0.0
         through = level[3] * turn if mounted else 1.0
         s = slopes[i]
-        s[0], s[1], s[2], s[3], s[4] = one[X], one[Y], stiff, one[K_A], one[F_C]
+        s[0], s[1], s[2], s[3], s[4] = one[car.X], one[car.Y], stiff, one[car.K_A], one[car.F_C]
         s[5], s[6], s[7] = through, turn, damping
-        s[8] = by_load * tyre_load_by_heave(x[3 + i], one[K_T], one[BETA]) * over
-        s[9], s[10], s[11] = -damped * one[C_T] * over, over, by_w
-        s[12] = friction_rate_by_share(w, length, limit, level[1], level[2])
-        _partials(one, knots, level, x, rate, r[i], u, across, i, by_force, by_speed, by_road)
+        s[8] = -by_load * one[car.K_T] * (1.0 - 2.0 * one[car.BETA] * x[3 + i]) * over
+        s[9], s[10], s[11] = -damped * one[car.C_T] * over, over, by_w
+        s[12] = by_zeta
+        # By each coefficient: of the force, of the mount's equation, and of the wheel's push.
+        ratio, sigma, z, curved = one[car.RATIO], one[car.MOUNT], x[3 + i], one[car.C] * r[i]
+        for j in range(len(knots)):
+            bent = laws.knee(r[i], knots[j], width)
+            curved += one[car.KNEES + j] * bent
+            by_force[car.KNEES + j] = ratio * bent
+            by_speed[car.KNEES + j] = -sigma * ratio * bent
+        by_force[car.K_S], by_force[car.K_2], by_force[car.K_3] = u, u * u, u * u * u
+        by_force[car.K_B], by_force[car.GAP] = stop[1], -stop[0]
+        by_force[car.K_A], by_force[car.F_C] = u - across, zeta
+        by_force[car.RATIO], by_force[car.C] = curved, ratio * r[i]
+        by_speed[car.MOUNT] = -ratio * curved
+        by_speed[car.RATIO], by_speed[car.C] = -sigma * curved, -sigma * ratio * r[i]
+        by_road[car.K_T] = -by_load * z * (1.0 - one[car.BETA] * z)
+        by_road[car.BETA] = by_load * one[car.K_T] * z * z
+        by_road[car.C_T] = -damped * x[10 + i]
+        by_road[car.STATIC] = by_load - 1.0
+        by_road[car.MASS], by_road[car.PULL] = -rate[10 + i], 1.0
         for n in range(first[i], first[i + 1]):
             kind, value = kinds[n], values[n]
             b, j = columns[n] // LANES, columns[n] % LANES
-            if kind in (X, Y):
-                du = x[1] * value if kind == X else -x[2] * value
-                dw = x[8] * value if kind == X else -x[9] * value
+            if kind in (car.X, car.Y):
+                du = x[1] * value if kind == car.X else -x[2] * value
+                dw = x[8] * value if kind == car.X else -x[9] * value
                 push[b, i * LANES + j] += stiff * du + damping * through * dw
-                push[b, k * LANES + j] -= p[k, K_A] * du
+                push[b, k * LANES + j] -= p[k, car.K_A] * du
                 forcing[b, (7 + i) * LANES + j] += by_w * dw
                 forcing[b, (11 + i) * LANES + j] += (1.0 - through) * dw
-                if kind == X:
+                if kind == car.X:
                     push[b, 4 * LANES + j] -= force * value
                 else:
                     push[b, 5 * LANES + j] += force * value

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from dbc.frames import freeze_arrays
 
-from ..elements.laws import knee, sliding_share, sliding_share_by_fall, sliding_share_by_surplus
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, Estimate
 from .car import F_C, FALL, GAP, KNEE_M_S, KNEES, SURPLUS, C, Car
+from .laws import knee, sliding_share, sliding_slopes
 from .path import travel_speeds
 
 if TYPE_CHECKING:
@@ -228,8 +228,8 @@ def _curve(
     friction = 0.5 * (p[F_C] + one.corner[other, F_C])
     d_friction = 0.5 * (d[F_C] + one.d_corner[other, F_C])
     share = np.sign(speed) * sliding_share(speed, p[SURPLUS], p[FALL])
-    d_share = sliding_share_by_surplus(speed, p[FALL])[:, None] * d[SURPLUS]
-    d_share += sliding_share_by_fall(speed, p[SURPLUS], p[FALL])[:, None] * d[FALL]
+    _, by_surplus, by_fall = sliding_slopes(speed, p[SURPLUS], p[FALL])
+    d_share = by_surplus[:, None] * d[SURPLUS] + by_fall[:, None] * d[FALL]
     both = slope + share[:, None] * d_friction + np.sign(speed)[:, None] * friction * d_share
     total_std = np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", both, covariance, both), 0.0))
     return DamperCurve(speed, force, std, force + share * friction, total_std)

@@ -12,12 +12,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..elements.laws import knee, tyre_load
 from ..model.low_pass import LowPass
-from . import columns as columns
-from . import kernels as kernels
+from . import columns, kernels
 from .car import BETA, GAP, K_B, K_T, KNEES, MOUNT, RATIO, STATIC, C, Car, X, Y
-from .kernels import LANES
+from .columns import LANES
+from .laws import knee, tyre_load
 from .path import (
     STATES,
     Grade,

@@ -1,7 +1,4 @@
-"""The path as machine code (Numba), one run at a time, and a sensor's low-pass on it.
-
-The formulas are those of `identify.elements`.
-"""
+"""The path as machine code (Numba), one run at a time, and a sensor's low-pass on it."""
 
 from __future__ import annotations
 
@@ -10,44 +7,14 @@ from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ..elements import laws as bar
-from ..elements import laws as damper
-from ..elements import laws as friction
-from ..elements import laws as hinge
-from ..elements import laws as mount
-from ..elements import laws as spring
-from ..elements import laws as stop
-from ..elements import laws as tyre
-from .car import (
-    BETA,
-    C_T,
-    F_C,
-    FALL,
-    GAP,
-    K_2,
-    K_3,
-    K_A,
-    K_B,
-    K_S,
-    K_T,
-    KNEES,
-    LENGTH,
-    MASS,
-    MOUNT,
-    PULL,
-    RATIO,
-    STATIC,
-    SURPLUS,
-    C,
-    X,
-    Y,
-)
+from . import car, laws
 
 # Makes machine code of the kernels (Numba), and keeps it for the processes to come ----------------
 #
@@ -58,11 +25,8 @@ from .car import (
 LOOSE = {"reassoc", "contract", "arcp", "nsz"}
 """Rearrangements that the compiler may make; NaN must stay NaN."""
 
-_HERE = Path(__file__).parent
-_FILES = ("car", "columns", "kernels")
-SOURCES = (
-    *sorted((_HERE.parent / "elements").glob("*.py")),
-    *(_HERE / f"{name}.py" for name in _FILES),
+SOURCES = tuple(
+    Path(__file__).with_name(f"{name}.py") for name in ("car", "laws", "columns", "kernels")
 )
 """All files of which the machine code of a kernel may contain something."""
 _HASH = sha256(b"".join(source.read_bytes() for source in SOURCES)).hexdigest()[:16]
@@ -92,16 +56,9 @@ def _forget_others(folder: str) -> None:
 
 # The kernels --------------------------------------------------------------------------------------
 
-for _module in (hinge, spring, stop, bar, damper, friction, tyre, mount):
-    for _name, _formula in vars(_module).items():
-        if callable(_formula) and getattr(_formula, "__module__", "") == _module.__name__:
-            register_jitable(error_model="numpy", fastmath=LOOSE)(_formula)
-
-knee, knee_slope, hinge_ = damper.knee, damper.knee_slope, hinge.hinge
-spring_force, stop_force, bar_force = spring.spring_force, stop.stop_force, bar.bar_force
-friction_rate, sliding_share = friction.friction_rate, friction.sliding_share
-tyre_load, tyre_push, tyre_force = tyre.tyre_load, tyre.tyre_push, tyre.tyre_force
-mount_misfit, mount_slope = mount.mount_misfit, mount.mount_slope
+for _law in vars(laws).values():
+    if isinstance(_law, FunctionType):
+        register_jitable(error_model="numpy", fastmath=LOOSE)(_law)
 
 _TIGHT = 1e-11  # m/s, of the speed in a damper on a mount
 _LARGEST = 100.0
@@ -116,15 +73,15 @@ def bends(p, knots, width):
     """
     lines = np.empty((4, 2 + len(knots)))
     for i in range(4):
-        lines[i, 0], lines[i, 1] = 0.0, p[i, C]
+        lines[i, 0], lines[i, 1] = 0.0, p[i, car.C]
         for j in range(len(knots)):
-            h = p[i, KNEES + j]
+            h = p[i, car.KNEES + j]
             if knots[j] < 0.0:
-                lines[i, 0] += h * (hinge_(knots[j], width) - knots[j])
+                lines[i, 0] += h * (laws.hinge(knots[j], width) - knots[j])
                 lines[i, 1] += h
                 lines[i, 2 + j] = -h
             else:
-                lines[i, 0] -= h * hinge_(-knots[j], width)
+                lines[i, 0] -= h * laws.hinge(-knots[j], width)
                 lines[i, 2 + j] = h
     return lines
 
@@ -140,26 +97,26 @@ def curve(line, knots, r, width):
         if beyond >= width:
             force += line[2 + j] * beyond
         else:
-            force += line[2 + j] * hinge_(beyond, width)
+            force += line[2 + j] * laws.hinge(beyond, width)
     return force
 
 
 @kernel
 def curve_slope(p, knots, r, width):
     """Return the slope of that force."""
-    slope = p[C]
+    slope = p[car.C]
     for j in range(len(knots)):
-        slope += p[KNEES + j] * knee_slope(r, knots[j], width)
+        slope += p[car.KNEES + j] * laws.knee_slope(r, knots[j], width)
     return slope
 
 
 @kernel
 def _damper_speed(p, line, knots, level, e, w, r):
     for _ in range(25):
-        force = p[RATIO] * curve(line, knots, r, level[0])
-        slope = p[RATIO] * curve_slope(p, knots, r, level[0])
-        left = mount_misfit(r, force, e, w, p[MOUNT], level[3])
-        step = left / mount_slope(slope, p[MOUNT], level[3])
+        force = p[car.RATIO] * curve(line, knots, r, level[0])
+        slope = p[car.RATIO] * curve_slope(p, knots, r, level[0])
+        left = laws.mount_misfit(r, force, e, w, p[car.MOUNT], level[3])
+        step = left / laws.mount_slope(slope, p[car.MOUNT], level[3])
         r -= step
         if abs(step) < _TIGHT:
             break
@@ -172,28 +129,37 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
     f0, f1, f2 = pull[0], pull[1], pull[2]
     for i in range(4):
         one = p[i]
-        u = x[3 + i] - x[0] + one[X] * x[1] - one[Y] * x[2]
-        w = x[10 + i] - x[7] + one[X] * x[8] - one[Y] * x[9]
+        u = x[3 + i] - x[0] + one[car.X] * x[1] - one[car.Y] * x[2]
+        w = x[10 + i] - x[7] + one[car.X] * x[8] - one[car.Y] * x[9]
         if mounted:
             r[i] = _damper_speed(one, lines[i], knots, level, x[18 + i], w, r[i])
         else:
             r[i] = w
-        force = one[RATIO] * curve(lines[i], knots, r[i], level[0])
-        force += spring_force(u, one[K_S], one[K_2], one[K_3]) + one[F_C] * x[14 + i]
-        if u > one[GAP] - level[4]:
-            force += stop_force(u, one[K_B], one[GAP], level[4])
-        if one[K_A] != 0.0:
+        force = one[car.RATIO] * curve(lines[i], knots, r[i], level[0])
+        force += (
+            laws.spring_force(u, one[car.K_S], one[car.K_2], one[car.K_3])
+            + one[car.F_C] * x[14 + i]
+        )
+        if u > one[car.GAP] - level[4]:
+            force += laws.stop_force(u, one[car.K_B], one[car.GAP], level[4])
+        if one[car.K_A] != 0.0:
             k = i ^ 1
-            across = x[3 + k] - x[0] + p[k, X] * x[1] - p[k, Y] * x[2]
-            force += bar_force(u, across, one[K_A])
+            across = x[3 + k] - x[0] + p[k, car.X] * x[1] - p[k, car.Y] * x[2]
+            force += one[car.K_A] * (u - across)
         f0 += force
-        f1 -= one[X] * force
-        f2 += one[Y] * force
-        load = tyre_load(x[3 + i], one[K_T], one[BETA], one[STATIC])
-        road = tyre_force(tyre_push(load, x[10 + i], one[C_T], level[5]), one[STATIC], level[5])
-        out[10 + i] = (road - force + one[PULL]) / one[MASS]
-        limit = sliding_share(w, one[SURPLUS], one[FALL]) if one[SURPLUS] != 0.0 else 1.0
-        out[14 + i] = friction_rate(w, x[14 + i], one[LENGTH], limit, level[1], level[2])
+        f1 -= one[car.X] * force
+        f2 += one[car.Y] * force
+        load = laws.tyre_load(x[3 + i], one[car.K_T], one[car.BETA], one[car.STATIC])
+        road = laws.tyre_force(
+            laws.tyre_push(load, x[10 + i], one[car.C_T], level[5]), one[car.STATIC], level[5]
+        )
+        out[10 + i] = (road - force + one[car.PULL]) / one[car.MASS]
+        limit = (
+            laws.sliding_share(w, one[car.SURPLUS], one[car.FALL])
+            if one[car.SURPLUS] != 0.0
+            else 1.0
+        )
+        out[14 + i] = laws.friction_rate(w, x[14 + i], one[car.LENGTH], limit, level[1], level[2])
         out[18 + i] = w - r[i] if mounted else 0.0
     for k in range(3):
         out[7 + k] = inverse[k, 0] * f0 + inverse[k, 1] * f1 + inverse[k, 2] * f2
@@ -294,95 +260,3 @@ def filter_pole(values, h, times, pole, residue, weights, out):
                     + c * first[j] + d * end[j]
                 )  # fmt: skip
             n += 1
-
-
-# Columns of the tangents side by side, for machine code (Numba): reading, summing, writing --------
-#
-# Columns are stored in blocks of `LANES`, one row of the state after the other: the distances
-# between rows are then constants, from which the compiler knows that rows do not overlap.
-
-LANES = 88
-"""Columns in a block: an odd number of cache lines, so that rows do not evict each other."""
-
-
-@njit(forceinline=True)
-def read7(block, row, j):
-    """Return seven rows of a column."""
-    k = row * LANES + j
-    return (
-        block[k], block[k + LANES], block[k + 2 * LANES], block[k + 3 * LANES],
-        block[k + 4 * LANES], block[k + 5 * LANES], block[k + 6 * LANES],
-    )  # fmt: skip
-
-
-@njit(forceinline=True)
-def read4(block, row, j):
-    """Return four rows of a column."""
-    k = row * LANES + j
-    return block[k], block[k + LANES], block[k + 2 * LANES], block[k + 3 * LANES]
-
-
-@njit(forceinline=True)
-def plus7(a, h, b):
-    """Return `a + h b`."""
-    return (
-        a[0] + h * b[0], a[1] + h * b[1], a[2] + h * b[2], a[3] + h * b[3],
-        a[4] + h * b[4], a[5] + h * b[5], a[6] + h * b[6],
-    )  # fmt: skip
-
-
-@njit(forceinline=True)
-def plus4(a, h, b):
-    """Return `a + h b`."""
-    return a[0] + h * b[0], a[1] + h * b[1], a[2] + h * b[2], a[3] + h * b[3]
-
-
-@njit(forceinline=True)
-def corner_slopes(s, i):
-    """Return the slopes that act at a corner."""
-    return (
-        s[i, 0], s[i, 1], s[i, 2], s[i, 3], s[i, 4], s[i, 5], s[i, 6],
-        s[i, 7], s[i, 8], s[i, 9], s[i, 10], s[i, 11], s[i, 12],
-    )  # fmt: skip
-
-
-@njit(forceinline=True)
-def node_slopes(s):
-    """Return the slopes at the four corners, and the inverse of the body's mass."""
-    body = s[4, 0], s[4, 1], s[4, 2], s[4, 3], s[4, 4], s[4, 5]
-    return corner_slopes(s, 0), corner_slopes(s, 1), corner_slopes(s, 2), corner_slopes(s, 3), body
-
-
-@njit(forceinline=True)
-def mean7(a, b, c, d):
-    """Return six times the mean of the four stages."""
-    return (
-        a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1],
-        a[2] + 2.0 * (b[2] + c[2]) + d[2], a[3] + 2.0 * (b[3] + c[3]) + d[3],
-        a[4] + 2.0 * (b[4] + c[4]) + d[4], a[5] + 2.0 * (b[5] + c[5]) + d[5],
-        a[6] + 2.0 * (b[6] + c[6]) + d[6],
-    )  # fmt: skip
-
-
-@njit(forceinline=True)
-def mean4(a, b, c, d):
-    """Return six times the mean of the four stages."""
-    return (
-        a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1],
-        a[2] + 2.0 * (b[2] + c[2]) + d[2], a[3] + 2.0 * (b[3] + c[3]) + d[3],
-    )  # fmt: skip
-
-
-@njit(forceinline=True)
-def write7(out, row, j, a):
-    """Write seven rows of a column."""
-    k = row * LANES + j
-    out[k], out[k + LANES], out[k + 2 * LANES], out[k + 3 * LANES] = a[0], a[1], a[2], a[3]
-    out[k + 4 * LANES], out[k + 5 * LANES], out[k + 6 * LANES] = a[4], a[5], a[6]
-
-
-@njit(forceinline=True)
-def write4(out, row, j, a):
-    """Write four rows of a column."""
-    k = row * LANES + j
-    out[k], out[k + LANES], out[k + 2 * LANES], out[k + 3 * LANES] = a[0], a[1], a[2], a[3]

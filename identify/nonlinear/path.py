@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..elements.laws import knee, knee_slope
 from .car import KNEES, LENGTH, MOUNT, RATIO, C, Car, X, Y
+from .laws import knee, knee_slope
 
 # Step sizes of the integration, and rounding of the corners of the force laws ---------------------
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..nonlinear.car import BETA, C_T, K_T, MASS, STATIC, Car
-from ..nonlinear.kernels import bends, kernel, rates, tyre_force, tyre_load, tyre_push
+from ..nonlinear.kernels import bends, kernel, rates
+from ..nonlinear.laws import tyre_force, tyre_load, tyre_push
 from ..nonlinear.path import PATH, STATES, USUAL, InitialState, first_state, step_of
 
 _STAGES = (0.0, 0.5, 0.5, 1.0)

@@ -15,11 +15,11 @@ from daq.vehicle import Fact, MassState, Structure, VehicleGeometry
 from dbc.errors import InputError
 from dbc.frames import read_only
 
-from ..elements.laws import knee, secant_share
 from ..model.matrices import FULL_NAMES, SYMMETRIC
 from ..model.response import Bump
 from ..nonlinear.car import KNEE_M_S, Model
 from ..nonlinear.forces import KINDS, MOUNT_LABEL, Forces
+from ..nonlinear.laws import knee, secant_share
 from ..nonlinear.release import BY_NAME
 
 # The nonlinear elements that a planner expects: friction, damper curves, mounts, stops ------------

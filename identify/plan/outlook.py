@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from daq.vehicle import parameter_unit
 
-from ..elements.laws import knee, secant_share
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate
 from ..fit.varpro import pseudo_inverse
 from ..nonlinear.car import KNEE_M_S
+from ..nonlinear.laws import knee, secant_share
 from .candidates import Candidate, campaigns, candidates
 from .design import Plan
 from .information import Fisher, KnownRuns

@@ -57,7 +57,7 @@ def test_a_changed_formula_in_another_file_changes_what_a_kernel_returns(copy: P
     before = stored(copy)
     assert force_of(copy) == (102.5, True)
 
-    hinge = copy / "identify" / "elements" / "laws.py"
+    hinge = copy / "identify" / "nonlinear" / "laws.py"
     sharper = hinge.read_text("utf-8").replace("inside / (4.0 * width)", "inside / (8.0 * width)")
     hinge.write_text(sharper, "utf-8")
     assert force_of(copy) == (101.25, False)

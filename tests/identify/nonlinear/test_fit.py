@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from daq.vehicle import AddedMass, MassState
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
-from identify.elements.laws import knee
 from identify.fit.grey_box import GreyBox
 from identify.nonlinear.begin import (
     all_scaled,
@@ -26,6 +25,7 @@ from identify.nonlinear.begin import (
 from identify.nonlinear.car import KNOTS as KNOTS_OF_CAR
 from identify.nonlinear.car import Model
 from identify.nonlinear.fit import _is_settled, _Step, _step, inverse, unit_size
+from identify.nonlinear.laws import knee
 from identify.nonlinear.path import USUAL, InitialState
 from identify.nonlinear.problem import Block, Normal, Problem, point, run_of, too_flat
 
