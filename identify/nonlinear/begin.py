@@ -24,9 +24,7 @@ from .problem import Problem
 #
 # If all masses, inertias, springs, dampers and friction of a car and of the weights on it are
 # larger by one factor, it moves as before: only stated weights and facts determine the factor.  A
-# search creeps along this curved valley in steps of 0.1 % (a formula car stayed 10 % too light,
-# with weights 36 standard deviations off, and 25 steps in a row promised to lower the cost by
-# 3600).  Because the valley is known, the functions here go to its lowest point at once.
+# search creeps along this curved valley; because it is known, its lowest point is found at once.
 
 LENGTHS = ("a", "b", "t_f", "t_r", "y_s")
 """Parameters that a common factor of masses and forces does not change."""
@@ -83,17 +81,12 @@ def at_likely_scale(problem: Problem, eta: NDArray[np.float64]) -> NDArray[np.fl
         return sum(float(misfits @ misfits) for misfits in terms)
 
     low, high = -_WIDEST, _WIDEST
-    inner = [high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)]
-    costs = [cost(s) for s in inner]
-    while high - low > _FINE:
-        if costs[0] < costs[1]:
-            high, inner[1], costs[1] = inner[1], inner[0], costs[0]
-            inner[0] = high - _GOLDEN * (high - low)
-            costs[0] = cost(inner[0])
+    while high - low > _FINE:  # golden section
+        inner = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        if cost(inner[0]) < cost(inner[1]):
+            high = inner[1]
         else:
-            low, inner[0], costs[0] = inner[0], inner[1], costs[1]
-            inner[1] = low + _GOLDEN * (high - low)
-            costs[1] = cost(inner[1])
+            low = inner[0]
     best = 0.5 * (low + high)
     return all_scaled(problem, eta, float(np.exp(best))) if cost(best) < cost(0.0) else eta
 
@@ -175,11 +168,9 @@ def initial_states_of(
     return tuple(result)
 
 
-# --------------------------------------------------------------------------------------------------
-# Weak priors of the elements, which keep them near zero where a test is poor: no car exceeds them
-#
-# For the numbers, they replace the choice of terms: a term that is dropped because it does not
-# show yet biases the others, whereas a term under a weak prior only widens their intervals.
+# Weak priors of the elements, which keep them near zero where a test is poor: no car exceeds them.
+# They replace the choice of terms: a term that is dropped because it does not show yet biases the
+# others, whereas a term under a weak prior only widens their intervals.
 
 _PROGRESSION_1_M = 2.5
 """Standard deviation of k_2/k_s and of the tyre's beta, 1/m: 25 % more stiffness after 5 and 10

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,30 +79,32 @@ class Element:
 
 _INF = np.inf
 _LOG = np.nan
-_KINDS = (
-    # name, unit, scale, rest, low, high, prior, reach
-    ("F_c", "N", 50.0, 0.0, -100.0, 1000.0, _INF),
-    ("d_c", "m", _LOG, 0.5e-3, 0.05e-3, 5e-3, 1.0),
-    ("r_c", "1", 1.0, 0.0, -0.5, 2.0, 0.5),
-    ("v_c", "m/s", _LOG, 0.01, 1e-3, 0.1, 0.7),
-    ("dF_c", "N", 50.0, 0.0, -300.0, 300.0, _INF),
-    ("s_c", "1", 1.0, 0.0, -0.9, 0.9, _INF),
-    ("k_2", "N/m2", 1e5, 0.0, -1e6, 1e6, _INF),
-    ("k_3", "N/m3", 1e6, 0.0, -1e8, 1e8, _INF),
-    ("k_b", "N/m", 1e5, 0.0, -1e6, 1e6, _INF),
-    ("g_b", "m", _LOG, 25e-3, 5e-3, 100e-3, 0.7, 0.05),
-    ("s_m", "m/N", 1e-6, 0.0, 0.0, 2e-5, _INF),
-    ("dk_s", "1", 0.1, 0.0, -0.5, 0.5, _INF),
-    ("dk_t", "1", 0.1, 0.0, -0.5, 0.5, _INF),
-    ("dm_u", "1", 0.1, 0.0, -0.5, 0.5, _INF),
-    ("b_t", "1/m", 10.0, 0.0, -50.0, 50.0, _INF),
+_ROWS: tuple[tuple[Any, ...], ...] = (
+    # kind, reported name, unit, scale, rest, low, high, prior, reach
+    ("F_c", "friction", "N", 50.0, 0.0, -100.0, 1000.0),
+    ("d_c", "pre_sliding_length", "m", _LOG, 0.5e-3, 0.05e-3, 5e-3, 1.0),
+    ("r_c", "static_surplus", "1", 1.0, 0.0, -0.5, 2.0, 0.5),
+    ("v_c", "stribeck_speed", "m/s", _LOG, 0.01, 1e-3, 0.1, 0.7),
+    ("dF_c", "friction_left_right", "N", 50.0, 0.0, -300.0, 300.0),
+    ("s_c", "dampers_left_right", "1", 1.0, 0.0, -0.9, 0.9),
+    ("k_2", "progressive", "N/m2", 1e5, 0.0, -1e6, 1e6),
+    ("k_3", "cubic", "N/m3", 1e6, 0.0, -1e8, 1e8),
+    ("k_b", "bump_stop", "N/m", 1e5, 0.0, -1e6, 1e6),
+    ("g_b", "bump_stop_gap", "m", _LOG, 25e-3, 5e-3, 100e-3, 0.7, 0.05),
+    ("s_m", "mount", "m/N", 1e-6, 0.0, 0.0, 2e-5),
+    ("dk_s", "springs_left_right", "1", 0.1, 0.0, -0.5, 0.5),
+    ("dk_t", "tyres_left_right", "1", 0.1, 0.0, -0.5, 0.5),
+    ("dm_u", "wheels_left_right", "1", 0.1, 0.0, -0.5, 0.5),
+    ("b_t", "tyre_progressive", "1/m", 10.0, 0.0, -50.0, 50.0),
 )
+KINDS = {label: kind for kind, label, *_ in _ROWS}
+"""Unknown, without its axle, by its reported name."""
 
 
 @cache
 def elements(knots: tuple[float, ...]) -> tuple[Element, ...]:
     """Return the unknowns of all elements of both axles, for damper knees at `knots`, m/s."""
-    named = [Element(f"{kind[0]}{axle}", *kind[1:]) for kind in _KINDS for axle in "fr"]
+    named = [Element(f"{kind}{axle}", *row) for kind, _, *row in _ROWS for axle in "fr"]
     slopes = [
         Element(f"h_{axle}{j + 1}", "N s/m", 1000.0, 0.0, -2e4, 2e4)
         for axle in "fr"
@@ -126,6 +129,11 @@ step."""
 X, Y: place from the CG, m.  SURPLUS: of static over sliding friction, FALL: the speed over which it
 falls off, m/s.  RATIO: this corner's damper over the axle's.  STATIC: load of the bare car, N.
 MASS: of the wheel with its load, kg.  PULL: weight added to the wheel, N."""
+_COLUMN_OF = {
+    K_2: "k_2", K_3: "k_3", K_B: "k_b", GAP: "g_b", F_C: "F_c", LENGTH: "d_c", SURPLUS: "r_c",
+    FALL: "v_c", MOUNT: "s_m", BETA: "b_t",
+}  # fmt: skip
+"""Columns that are an element's value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,24 +251,15 @@ def _coefficients(
     for place in Corner:
         i, axle = place.position, "f" if place.front else "r"
         one = corner[:, i]
+        for column, kind in _COLUMN_OF.items():
+            one[:, column] = value[f"{kind}{axle}"]
         one[:, X] = full[:, 19] if place.front else -full[:, 20]
         one[:, Y] = place.side * full[:, 21 if place.front else 22] - full[:, 27]
-        one[:, K_S] = full[:, 7 + i]
-        one[:, K_2] = value[f"k_2{axle}"]
-        one[:, K_3] = value[f"k_3{axle}"]
-        one[:, K_B] = value[f"k_b{axle}"]
-        one[:, GAP] = value[f"g_b{axle}"]
+        one[:, K_S], one[:, K_T], one[:, C] = full[:, 7 + i], full[:, 11 + i], full[:, 15 + i]
         one[:, K_A] = full[:, 23 if place.front else 24]
-        one[:, F_C] = value[f"F_c{axle}"] + place.side * value[f"dF_c{axle}"]
-        one[:, LENGTH] = value[f"d_c{axle}"]
-        one[:, SURPLUS] = value[f"r_c{axle}"]
-        one[:, FALL] = value[f"v_c{axle}"]
-        one[:, RATIO] = 1.0 + place.side * value[f"s_c{axle}"]
-        one[:, C] = full[:, 15 + i]
-        one[:, MOUNT] = value[f"s_m{axle}"]
-        one[:, K_T] = full[:, 11 + i]
-        one[:, BETA] = value[f"b_t{axle}"]
         one[:, C_T] = full[:, 25 if place.front else 26]
+        one[:, F_C] += place.side * value[f"dF_c{axle}"]
+        one[:, RATIO] = 1.0 + place.side * value[f"s_c{axle}"]
         one[:, STATIC] = GRAVITY_M_S2 * corner_load(place, full, cross)
         one[:, MASS] = full[:, 3 + i] + added[:, 3 + i, 3 + i]
         one[:, PULL] = pull[:, 3 + i]

@@ -13,7 +13,7 @@ from dbc.frames import freeze_arrays
 
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, Estimate
-from .car import F_C, FALL, GAP, KNEE_M_S, KNEES, SURPLUS, C, Car
+from .car import F_C, FALL, GAP, KINDS, KNEE_M_S, KNEES, SURPLUS, C, Car
 from .laws import knee, sliding_share, sliding_slopes
 from .path import travel_speeds
 
@@ -28,24 +28,6 @@ _SHOWN_SIGMAS = 2.0
 """Standard deviations below which a mount counts as rigid."""
 MOUNT_LABEL = "mount"
 """Name of a mount in the result, which gives its stiffness; the unknown is its compliance."""
-KINDS = {
-    "friction": "F_c",
-    "pre_sliding_length": "d_c",
-    "static_surplus": "r_c",
-    "stribeck_speed": "v_c",
-    "bump_stop": "k_b",
-    "bump_stop_gap": "g_b",
-    "progressive": "k_2",
-    "cubic": "k_3",
-    "tyre_progressive": "b_t",
-    "friction_left_right": "dF_c",
-    "dampers_left_right": "s_c",
-    "springs_left_right": "dk_s",
-    "tyres_left_right": "dk_t",
-    "wheels_left_right": "dm_u",
-    MOUNT_LABEL: "s_m",
-}
-"""Unknown, without its axle, by its reported name."""
 
 
 def element_in_words(name: str) -> str:

@@ -79,22 +79,15 @@ AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
 
 STAGES = (
     (
-        "anti_roll_bars",
-        "cg_offset",
-        "progressive_springs",
-        "friction",
-        "one_sided_dampers",
+        "anti_roll_bars", "cg_offset", "progressive_springs", "friction", "one_sided_dampers",
         "damper_knees",
     ),
     (
-        "tyre_damping",
-        "progressive_tyres",
-        "friction_left_right",
-        "dampers_left_right",
+        "tyre_damping", "progressive_tyres", "friction_left_right", "dampers_left_right",
         "corners_left_right",
     ),
     ("bump_stops",),
-)
+)  # fmt: skip
 """Order of release: large effects first, then effects that imitate them.  If all were released
 together from a far start, each would fit the effects of others.  Mounts and static friction join
 when their gain is large enough."""
@@ -124,36 +117,30 @@ _LATE = {"damper_mounts": 0.3, "static_friction": 0.2}
 """Groups that join where their gain is large enough, with the start of their sizes: a compliance of
 0.3e-6 m/N, beyond the local minimum at zero; static friction a fifth above the sliding one."""
 _LAST_KNOTS, _POLISHED_KNOTS = "K21", "K37"
-"""Knees of the last stage and of the polish: real curves bend between those of the stages before.
-What 21 knees leave moves tyres and wheels by up to 0.7 standard deviations where scales and a tape
-measure narrow the intervals; 33 leave a sixth to a fourteenth of it in chi2.  Four more lie beyond
-0.3 m/s: a wheel closes with 0.9 m/s as its decay begins after a bump of 50 mm, and without them
-I_xx of a car with solid axles was up to 3 standard deviations off."""
+"""Knees of the last stage and of the polish: what 21 knees leave moves tyres and wheels by up to
+0.7 standard deviations where scales narrow the intervals, and without the four beyond 0.3 m/s I_xx
+of a car with solid axles was up to 3 off."""
 _MOUNTS_PAY = 4.0
 """Least gain of the mounts, in logarithms of the number of samples: twice the criterion's limit."""
 _STATIC_PAYS = 4.0
-"""Gain above which static friction joins, in units of chi2: two standard deviations.  It is far
-below the gain for which it is named: without it the sliding friction reads up to 20 % high and
-wheels 1 % light.  Released without need, it leads the search astray."""
+"""Gain above which static friction joins, in units of chi2, far below that for which it is named:
+without it the sliding friction reads up to 20 % high and wheels 1 % light."""
 _STAGE_STEPS = 25
 _FOLLOWED = 10.0
 """Largest chi2/n of a first stage from which later stages come down to the noise (8.2 became 0.99,
-17.6 did not; from good starts it is 1 to 4): where no attempt ends below, the next one is made."""
+17.6 did not): where no attempt ends below, the next one is made."""
 _EXPLAINED = 5.0
 """Largest chi2/n of a run from its beginning, by a vehicle that was found without that beginning,
 at which the beginning is fitted, too."""
 _EASIER = 3.0
 """Factor by which a first stage that leaves out the beginnings ends lower from any start, because
-stops and lift-off are not in it (7.3 instead of 16.9, although the latter was near the true
-car)."""
+stops and lift-off are not in it."""
 _WORSE = 1.1
 """Factor on chi2/n above which the beginnings stay left out: the model does not hold there."""
 _FOUND, _HOPELESS = 1.2, 10.0
 """chi2/n of the last stage between which the next best attempt is followed as well: a first stage
-that ends lower is not always nearer (10.6 of a late start ended at 2.1, 41 of the first at 1.0; 7.9
-of a late start at 5.9, 19 of the first at 1.0).  Where the best attempt ends higher, a sensor is
-wrong and not the start, unless the attempt ends higher than its own first stage: then it has gone
-astray (8.2 of a late start ended at 17, 17 of the first at 1.0)."""
+that ends lower is not always nearer.  Where the best attempt ends higher, a sensor is wrong and not
+the start, unless it ends higher than its own first stage: then it has gone astray."""
 _FOLLOWED_MOST = 3
 """Largest number of attempts that are followed through the later stages."""
 _LAST_STEPS = 40

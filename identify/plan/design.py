@@ -17,8 +17,8 @@ from dbc.frames import read_only
 
 from ..model.matrices import FULL_NAMES, SYMMETRIC
 from ..model.response import Bump
-from ..nonlinear.car import KNEE_M_S, Model
-from ..nonlinear.forces import KINDS, MOUNT_LABEL, Forces
+from ..nonlinear.car import KINDS, KNEE_M_S, Model
+from ..nonlinear.forces import MOUNT_LABEL, Forces
 from ..nonlinear.laws import knee, secant_share
 from ..nonlinear.release import BY_NAME
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -24,7 +22,7 @@ from identify.nonlinear.begin import (
 )
 from identify.nonlinear.car import KNOTS as KNOTS_OF_CAR
 from identify.nonlinear.car import Model
-from identify.nonlinear.fit import _is_settled, _Step, _step, inverse, unit_size
+from identify.nonlinear.fit import _step
 from identify.nonlinear.laws import knee
 from identify.nonlinear.path import USUAL, InitialState
 from identify.nonlinear.problem import Block, Normal, Problem, point, run_of, too_flat
@@ -117,33 +115,6 @@ def test_a_damper_curve_is_held_up_where_the_step_would_make_it_too_flat(
     assert found.fall == pytest.approx(-cost)
 
 
-def test_a_damper_curve_that_the_step_lifts_by_itself_is_not_held() -> None:
-    given, H, g = equations(1.0)
-    whole = np.linalg.solve(H, g)
-    lifts = np.array([[0.0, 300.0, 0.0]]) * np.sign(whole[N_OWN + 1])
-    lacks = 0.5 * np.abs(lifts @ whole[N_OWN:])
-    found = _step(with_segments(given, lacks, lifts), (at_rest(0.0),), 0.0, -FREE, FREE)
-    assert found.shared == pytest.approx(whole[N_OWN:])
-    assert found.fall == pytest.approx(float(g @ whole) + float(lacks[0]) ** 2)
-
-
-@pytest.mark.parametrize("left_over", [0.0, -1e-18])
-def test_an_unknown_without_information_stays_and_spoils_nothing(left_over: float) -> None:
-    """What elimination leaves of it is rounding, also below zero and beside larger rounding."""
-    information = np.array([[4.0, 1e-9], [1e-9, left_over]])
-    np.testing.assert_allclose(inverse(information), [[0.25, 0.0], [0.0, 0.0]], atol=1e-6)
-    np.testing.assert_array_equal(unit_size(information), [2.0, 1.0])
-
-
-@pytest.mark.parametrize(("mass", "still"), [(0.019, True), (-0.021, False)])
-def test_a_fit_stands_still_if_only_elements_would_move(mass: float, still: bool) -> None:
-    """The mass has a standard deviation of 0.1; the gap beside it would move by 5 of its own."""
-    model = SimpleNamespace(box=SimpleNamespace(parameters=("m_s",)))
-    problem = cast(Any, SimpleNamespace(free=np.array([0, 40]), model=model))
-    full = _Step(np.array([mass, 5.0]), (), 9.0)
-    assert _is_settled(problem, full, np.diag([100.0, 1.0])) is still
-
-
 # No damper's force falls as the speed grows -------------------------------------------------------
 
 MODEL = model_of(knots="K3")
@@ -168,10 +139,6 @@ def _slopes_beside_the_coefficient(h: tuple[float, float, float]) -> NDArray[np.
 
 
 KNOTS = (-0.15, 0.0, 0.15)
-
-
-def test_a_straight_damper_costs_nothing() -> None:
-    assert not _flat(START).any()
 
 
 @pytest.mark.parametrize("h", [(-1.4, 0.3, -1.0), (0.0, -0.6, -1.3), (-1.9, 0.0, -2.2)])
@@ -241,10 +208,6 @@ def test_a_parameter_four_times_beyond_all_vehicles_is_that_of_none(
     theta = TRUTH.copy()
     theta[index] *= factor
     assert is_impossible(BOX, BOX.unknowns(theta), wide) is no_vehicle
-
-
-def test_no_bar_and_no_offset_are_those_of_a_vehicle() -> None:
-    assert not is_impossible(BOX, BOX.unknowns(TRUTH), VEHICLES)
 
 
 # One factor of all masses and forces leaves the motion as it is; weights as stated know it --------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,12 +21,10 @@ from identify.nonlinear.forces import (
     Forces,
     axle_forces,
     element_estimates,
-    element_in_words,
     force_quantities,
     forces_at_speeds,
 )
-from identify.nonlinear.path import PATH, POLISH, ROUGH, USUAL, Grade, Level
-from identify.nonlinear.release import BY_NAME, GROUPS, STAGES
+from identify.nonlinear.release import GROUPS, STAGES
 
 from .cars import RICH, bent, granada, model_of
 from .truth import BASELINE
@@ -42,21 +39,6 @@ def places(*names: str, model: Model = MODEL) -> NDArray[np.intp]:
 def optimum(eta: NDArray[np.float64], free: NDArray[np.intp]) -> Any:
     problem = SimpleNamespace(model=MODEL, free=free)
     return SimpleNamespace(eta=eta, point=SimpleNamespace(problem=problem))
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("F_cf", "front friction"),
-        ("dF_cr", "rear friction left right"),
-        ("s_mr", "rear mount compliance"),
-        ("g_bf", "front bump stop gap"),
-        ("d_cr", "rear pre sliding length"),
-        ("dm_uf", "front wheels left right"),
-    ],
-)
-def test_an_unknown_of_an_element_in_words(name: str, words: str) -> None:
-    assert element_in_words(name) == words
 
 
 @pytest.mark.parametrize(
@@ -179,14 +161,6 @@ def test_a_curve_ends_where_the_damper_spent_a_hundredth_of_its_time() -> None:
     assert (slow[-1], len(slow)) == (0.0, 61)
 
 
-def test_on_mounts_the_speeds_are_those_of_the_dampers() -> None:
-    one = car(MODEL, bent(MODEL, s_mf=1.0), BASELINE, places("c_sf"))
-    assert one.has_mount
-    own = np.repeat(np.linspace(-0.25, 0.25, 1001)[:, None], 4, axis=1)
-    front, _ = forces(one, {}, np.eye(1), np.linspace(-1.0, 1.0, 1001), of_dampers=own)
-    assert front.damper.speed_m_s[[0, -1]] == pytest.approx([-0.245, 0.245], abs=1e-3)
-
-
 STOP = {
     "k_bf": Estimate(1e5, 1e4, 8e4, 1.2e5, "N/m"),
     "g_bf": Estimate(0.015, 1e-3, 0.013, 0.017, "m"),
@@ -225,12 +199,6 @@ def test_a_mount_is_rigid_below_two_standard_deviations(
     assert any("rigid" in note for note in rear.notes) is rigid
 
 
-def test_a_rigid_mount_is_as_stiff_as_the_interval_of_its_compliance_says() -> None:
-    one = car(MODEL, bent(MODEL), BASELINE, places("c_sf"))
-    front, _ = forces(one, {"s_mf": mount(1e-7, 2e-7)}, np.eye(1), SPEEDS)
-    assert front.notes == ("damper mount rigid: at least 2.0e+06 N/m",)  # 1 / 4.92e-7
-
-
 def test_the_stiffness_of_a_mount_has_the_interval_of_its_compliance_turned_over() -> None:
     one = car(MODEL, bent(MODEL), BASELINE, places("c_sf"))
     front, _ = forces(one, {"s_mf": mount(1e-6, 1e-7)}, np.eye(1), SPEEDS)
@@ -239,17 +207,6 @@ def test_the_stiffness_of_a_mount_has_the_interval_of_its_compliance_turned_over
     assert [found.low, found.high] == pytest.approx([1e6 / 1.196, 1e6 / 0.804])
     assert found.unit == "N/m"
     assert front.notes == ()
-
-
-def test_a_mount_that_is_hardly_seen_is_at_least_so_stiff() -> None:
-    """A compliance of 1e-6 +- 0.45e-6 m/N is above two deviations, and may be 1.9e-6 or 0.1e-6."""
-    one = car(MODEL, bent(MODEL), BASELINE, places("c_sf"))
-    seen = mount(1e-6, 0.45e-6)
-    front, _ = forces(one, {"s_mf": seen}, np.eye(1), SPEEDS)
-    assert front.notes == (f"damper mount: at least {1.0 / 1.882e-6:.1e} N/m",)
-    open_end = replace(seen, low=-1e-9)
-    front, _ = forces(one, {"s_mf": open_end}, np.eye(1), SPEEDS)
-    assert front.values["mount"].high == np.inf
 
 
 # The elements that a bench may force or forbid are those that the fit knows -----------------------
@@ -312,84 +269,7 @@ def test_wheels_that_lift_show_the_cross_weight_without_scales() -> None:
     assert "cross weight" not in model_of().names
 
 
-def test_an_element_may_show_on_one_axle_alone() -> None:
-    parts = BY_NAME["tyre_damping"].parts(("c_tf", "c_tr"))
-    assert parts == (("c_tf", "c_tr"), ("c_tf",), ("c_tr",))
-    knees = BY_NAME["damper_knees"].parts(("h_f1", "h_f3", "h_r1"))
-    assert knees == (("h_f1", "h_f3", "h_r1"),)
-    assert BY_NAME["cg_offset"].members(model_of()) == ("y_s",)
-
-
-def test_what_cannot_be_negative_is_absent_below_zero() -> None:
-    """Bars of a solid axle, a spring that softens and differences of sides may be negative."""
-    assert {group.name for group in GROUPS if group.positive} == {
-        "friction", "static_friction", "damper_mounts", "tyre_damping", "progressive_tyres",
-        "bump_stops",
-    }  # fmt: skip
-
-
 # Steps and roundings of each stage of a fit, and forces at the speeds of tables -------------------
-
-
-@pytest.mark.parametrize(
-    ("grade", "path_ms", "between_ms", "mounted_ms", "fine_ms", "filter_ms"),
-    [
-        (ROUGH, 0.625, 2.5, 1.25, 1.25, 2.5),
-        (USUAL, 0.3125, 2.5, 1.25, 0.625, 2.5),
-        (POLISH, 0.25, 0.5, 0.5, 0.5, 1.0),
-    ],
-)
-def test_steps_of_path_and_tangents(
-    grade: Grade,
-    path_ms: float,
-    between_ms: float,
-    mounted_ms: float,
-    fine_ms: float,
-    filter_ms: float,
-) -> None:
-    """The fastest wheels turn once in 80 ms; the middle of a tangent's step is a node of a path."""
-    assert 1e3 * grade.step_s == pytest.approx(path_ms)
-    for steps, step_ms in (
-        (grade.tangent_steps, between_ms),
-        (grade.mounted_steps, mounted_ms),
-        (grade.fine_steps, fine_ms),
-    ):
-        assert 1e3 * steps * grade.step_s == pytest.approx(step_ms)
-        assert steps % 2 == 0
-    assert grade.tangent_steps % grade.fine_steps == grade.mounted_steps % grade.fine_steps == 0
-    assert 1e3 * grade.filter_s == pytest.approx(filter_ms)
-
-
-@pytest.mark.parametrize(
-    ("level", "knee_mm_s", "turn_mm_s", "lag_ms", "loss_ms", "stop_mm", "load_n"),
-    [
-        (PATH, 0.5, 0.01, 0.02, 0.12, 0.05, 20.0),  # beside 1 m/s, 0.5 mm, 25 mm and 3 kN
-        (ROUGH.path, 4.0, 0.5, 0.25, 0.25, 0.1, 60.0),
-        (ROUGH.coarse, 10.0, 3.0, 1.2, 0.5, 0.5, 200.0),
-        (ROUGH.fine, 5.0, 1.0, 0.5, 0.5, 0.2, 100.0),
-        (USUAL.coarse, 10.0, 3.0, 1.2, 0.5, 0.5, 200.0),
-        (USUAL.fine, 2.0, 0.5, 0.02, 0.25, 0.1, 60.0),
-        (POLISH.coarse, 2.0, 0.3, 0.1, 0.2, 0.1, 60.0),
-    ],
-)
-def test_corners_of_the_laws_are_rounded_no_more_than_the_stage_may(
-    level: Level,
-    knee_mm_s: float,
-    turn_mm_s: float,
-    lag_ms: float,
-    loss_ms: float,
-    stop_mm: float,
-    load_n: float,
-) -> None:
-    found = [1e3 * level.knee_m_s, 1e3 * level.turn_m_s, 1e3 * level.lag_s, 1e3 * level.loss_s]
-    assert found == pytest.approx([knee_mm_s, turn_mm_s, lag_ms, loss_ms])
-    assert 1e3 * level.stop_m == pytest.approx(stop_mm)
-    assert level.load_n == load_n
-
-
-def test_a_path_is_exact_from_the_usual_fit_on_and_a_polish_knows_one_rounding() -> None:
-    assert (USUAL.path, POLISH.path) == (PATH, PATH)
-    assert POLISH.fine == POLISH.coarse
 
 
 def curve(low: float, high: float) -> DamperCurve:

@@ -15,7 +15,7 @@ from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState, Str
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
 from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.begin import position_at_rest, weak_priors
+from identify.nonlinear.begin import position_at_rest
 from identify.nonlinear.car import (
     BETA,
     C_T,
@@ -40,11 +40,10 @@ from identify.nonlinear.car import (
     X,
     Y,
     car,
-    elements,
 )
-from identify.nonlinear.path import POLISH, InitialState, Sampled, hermite, travel_speeds
+from identify.nonlinear.path import POLISH
 from identify.nonlinear.problem import Point, Problem, normal, point, run_of
-from identify.nonlinear.release import BY_NAME, Attempt, positions, release
+from identify.nonlinear.release import Attempt, release
 from identify.pipeline import identify
 from identify.trust.finding import Verdict
 from tests.simulated.fleet import fleet_car
@@ -57,56 +56,6 @@ MODEL = model_of(knots="K5")
 NONE = np.zeros(0, dtype=np.intp)
 K_S = np.sqrt(17e3 * 22e3)
 """Geometric mean of the springs; all dampers have 1500 N s/m."""
-
-
-@pytest.mark.parametrize(
-    ("name", "size"),
-    [
-        ("k_2f", 2.5 * K_S / 1e5),  # a quarter more stiffness after 10 cm
-        ("k_3r", 60.0 * K_S / 1e6),
-        ("b_tf", 2.5 / 10.0),
-        ("s_cr", 0.3),
-        ("dF_cf", 30.0 / 50.0),
-        ("dk_sf", 0.03 / 0.1),
-        ("dk_tr", 0.03 / 0.1),
-        ("dm_uf", 0.03 / 0.1),
-        ("s_mr", 3.0),
-        ("k_bf", 6.0 * K_S / 1e5),
-        ("h_f3", 2.0 * 1.5),  # at rest
-        ("h_r4", 0.7 * 1.5),  # at 0.1 m/s
-        ("h_f2", 0.7 * 1.5),
-        ("h_f5", 0.25 * 1.5),  # at 0.3 m/s
-        ("h_r1", 0.25 * 1.5),
-        ("c_tf", 0.2 * 1500.0 / 100.0),
-        ("y_s", 0.03 / 0.1),
-        ("d_cf", 1.0),
-        ("r_cr", 0.5),
-        ("v_cf", 0.7),
-        ("g_br", 0.7),
-        ("F_cf", np.inf),
-    ],
-)
-def test_what_no_car_exceeds(name: str, size: float) -> None:
-    centre, sigma = weak_priors(MODEL, bent(MODEL, F_cf=3.0))
-    at = MODEL.names.index(name)
-    assert sigma[at] == pytest.approx(size)
-    rest = {"d_cf": np.log(0.5e-3), "v_cf": np.log(0.01), "g_br": np.log(0.025)}
-    assert centre[at] == pytest.approx(rest.get(name, 0.0))
-
-
-@pytest.mark.parametrize(("knot", "share"), [(0.19, 0.7), (0.21, 0.25), (-0.19, 0.7)])
-def test_a_knee_counts_as_fast_from_a_fifth_of_a_metre_per_second(
-    knot: float, share: float
-) -> None:
-    model = Model(GreyBox((), (BASELINE,), None, RICH), (knot,))
-    _, sigma = weak_priors(model, bent(model))
-    assert sigma[model.names.index("h_f1")] == pytest.approx(1.5 * share)
-
-
-def test_the_cross_weight_is_a_tenth_of_a_wheels_share_of_the_body() -> None:
-    model = Model(GreyBox((), (BASELINE,), None, RICH, lifts=True), KNOTS["K3"])
-    _, sigma = weak_priors(model, bent(model))
-    assert sigma[model.names.index("cross weight")] == pytest.approx(0.1 * 1380.0 / 4.0 / 10.0)
 
 
 def test_a_corner_has_the_elements_of_its_axle_and_half_the_difference_of_its_side() -> None:
@@ -172,84 +121,6 @@ def test_what_is_added_pulls_the_car_down_and_moves_with_it() -> None:
     # Each tyre carries what the ground gives: together all that was added.
     assert rest[3:] @ np.full(4, 192e3) == pytest.approx(-85.0 * 9.80665)
     assert rest[0] < rest[3:].max()
-
-
-def test_which_unknowns_a_choice_of_groups_frees() -> None:
-    def free(*groups: str) -> set[str]:
-        return {MODEL.names[i] for i in positions(MODEL, groups, False)}
-
-    parameters = {
-        n for n in MODEL.box.parameters if n not in ("k_af", "k_ar", "c_tf", "c_tr", "y_s")
-    }
-    assert free() == parameters
-    assert free("friction", "cg_offset") - parameters == {"F_cf", "F_cr", "d_cf", "d_cr", "y_s"}
-    assert free("one_sided_dampers") - parameters == {"h_f3", "h_r3"}
-    assert len(free("damper_knees") - parameters) == 8
-    assert BY_NAME["one_sided_dampers"].members(MODEL) == ("h_f3", "h_r3")
-    assert BY_NAME["bump_stops"].members(MODEL) == ("k_bf", "k_br", "g_bf", "g_br")
-    assert BY_NAME["cg_offset"].parts(("y_s",)) == (("y_s",),)
-    assert BY_NAME["friction"].parts(("F_cf",)) == (("F_cf",), ("F_cf",))
-
-
-def test_an_element_is_a_number_or_a_logarithm() -> None:
-    by_name = {e.name: e for e in elements(KNOTS["K1"])}
-    assert len(by_name) == 32
-    friction, gap, knee = by_name["F_cr"], by_name["g_bf"], by_name["h_f1"]
-    assert [friction.value(1.5), friction.unknown(-25.0)] == [75.0, -0.5]
-    assert [gap.value(np.log(0.02)), gap.unknown(0.03)] == pytest.approx([0.02, np.log(0.03)])
-    assert [knee.value(0.4), knee.unknown(-100.0)] == pytest.approx([400.0, -0.1])
-    assert (friction.logarithmic, gap.logarithmic) == (False, True)
-    assert [gap.reach, friction.reach] == [0.05, 0.5]
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_between_nodes_a_path_is_the_cubic_of_values_and_slopes(share: float) -> None:
-    """Of 1 - 2 t + 3 t2 + 4 t3 on a step of half a second."""
-
-    def value(t: float) -> float:
-        return 1.0 - 2.0 * t + 3.0 * t**2 + 4.0 * t**3
-
-    def slope(t: float) -> float:
-        return -2.0 + 6.0 * t + 12.0 * t**2
-
-    weights = hermite(np.array([share]), 0.5)
-    known = (value(0.0), value(0.5), slope(0.0), slope(0.5))
-    found = sum(float(w[0]) * k for w, k in zip(weights, known, strict=True))
-    assert found == pytest.approx(value(0.5 * share))
-
-
-def test_travel_is_the_wheel_less_the_body_above_it() -> None:
-    """Heave 0.01, pitch 0.02 and roll 0.03 of the body at (1.25, 0.74) from the CG."""
-    one = car(MODEL, bent(MODEL), BASELINE, NONE)
-    motion: NDArray[np.float64] = np.zeros(14)
-    motion[:3], motion[3:7] = (0.01, 0.02, 0.03), (0.1, 0.2, 0.3, 0.4)
-    motion[7:] = -motion[:7]
-    body = [
-        0.01 - 0.02 * x + 0.03 * y
-        for x, y in ((1.25, 0.74), (1.25, -0.74), (-1.51, 0.74), (-1.51, -0.74))
-    ]
-    travel = np.array([0.1, 0.2, 0.3, 0.4]) - body
-    assert travel_speeds(one, motion, 0) == pytest.approx(travel)
-    assert travel_speeds(one, motion) == pytest.approx(-travel)
-
-
-def test_motions_are_displacement_speed_and_acceleration() -> None:
-    states, slopes = np.arange(44.0).reshape(2, 22), 100.0 + np.arange(44.0).reshape(2, 22)
-    sampled = Sampled(np.zeros(2), states, slopes, np.zeros((2, 4)))
-    assert sampled.motion(0)[1].tolist() == list(range(22, 29))
-    assert sampled.motion(1)[1].tolist() == list(range(29, 36))
-    assert sampled.motion(2)[0].tolist() == list(range(107, 114))
-
-
-def test_friction_stays_within_its_limits_in_a_step_of_the_first_state() -> None:
-    own = InitialState(np.zeros(14), np.array([0.9, -0.9, 0.0, 0.5]), np.full(4, 1e-3))
-    step = np.concatenate([np.ones(14), [0.3, -0.3, 0.1, -0.2]])
-    moved = own.moved(step)
-    assert moved.motion.tolist() == [1.0] * 14
-    assert moved.friction == pytest.approx([1.0, -1.0, 0.1, 0.3])
-    assert moved.mount.tolist() == [1e-3] * 4
-    mounted = own.moved(np.concatenate([step, np.full(4, 2e-3)]))
-    assert mounted.mount == pytest.approx([3e-3] * 4)
 
 
 # Where the search begins: a second start is tried where the first leads nowhere -------------------

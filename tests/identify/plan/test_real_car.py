@@ -14,8 +14,8 @@ from daq.bumps import BUMPS
 from daq.runs import BASELINE, Excitation
 from dbc.errors import InputError
 from identify import Estimate
-from identify.nonlinear.car import PULL, car
-from identify.nonlinear.forces import KINDS, AxleForces, DamperCurve, ElementChoice, Forces
+from identify.nonlinear.car import KINDS, PULL, car
+from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
 from identify.plan import (
     USUAL_ELEMENTS,
     Runs,

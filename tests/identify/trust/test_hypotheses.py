@@ -155,7 +155,7 @@ LONG = {
     "friction", "damper", "tyre_damping", "hubs_late_5ms", "polarity", "unit", "lift_off",
     "second_bump", "sides", "cg_offset", "low_pass", "early",
 }  # fmt: skip
-"""Stresses whose milder or like form stands beside them, or that `test_score_test` names."""
+"""Stresses whose milder or like form stands beside them, or that a test above names."""
 RIVALS = set(CAUSES.values()) - {"amplitude", "late_start", "undetermined"}
 """Gates that name a cause; a stress may set off only its own."""
 

@@ -27,8 +27,8 @@ from daq.vehicle import (
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import estimates
-from identify.result import Identification
 from identify.pipeline import identify_parameters
+from identify.result import Identification
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
 from identify.trust.statements import contradictions, unseen_findings

@@ -1,0 +1,345 @@
+"""Paths and tangents as machine code, which is stored as long as it is current."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.channels import Channel, Quantity
+from identify.model.low_pass import low_pass_of
+from identify.nonlinear import integrator
+from identify.nonlinear import kernels as compiled
+from identify.nonlinear.car import MOUNT, RATIO, Car, car
+from identify.nonlinear.forces import DamperCurve, forces_at_speeds
+from identify.nonlinear.integrator import (
+    Plan,
+    SampledChannels,
+    acting,
+    filtered,
+    plan_of,
+    sampled_channels,
+    start_of,
+)
+from identify.nonlinear.path import (
+    PATH,
+    POLISH,
+    USUAL,
+    InitialState,
+    damper_curve,
+    travel_speeds,
+)
+from identify.nonlinear.path import Path as Motion
+from identify.nonlinear.score import scatter, widened
+
+from .cars import model_of, moving, rich
+from .truth import BASELINE
+
+END_S = 0.2
+STEP = 1e-6
+
+CORNERS = PATH._replace(load_n=60.0)
+"""A tyre that meets the road within 20 N does so between two nodes of the tangents."""
+
+
+def made(mounted: bool, knots: str = "K3") -> Car:
+    model = model_of(knots=knots)
+    names = model.names
+    free = [i for i, name in enumerate(names) if mounted or not name.startswith("s_m")]
+    return car(model, rich(model, mounted), BASELINE, np.array(free))
+
+
+def whole(path: Motion | None) -> Motion:
+    assert path is not None
+    return path
+
+
+def everything(plan: Plan, path: Motion, times: np.ndarray) -> SampledChannels:
+    """Return channels for displacement, speed and acceleration of each degree of freedom."""
+    return sampled_channels(
+        plan, path.step_s, times, np.repeat([0, 1, 2], 7), np.tile(np.eye(7), (3, 1))
+    )
+
+
+def motion(one: Car, own: InitialState, times: np.ndarray) -> np.ndarray:
+    path = whole(integrator.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
+    seen = integrator.sample(one, path, times)
+    return np.concatenate([seen.motion(k) for k in range(3)], axis=1)
+
+
+@pytest.mark.parametrize("mounted", [False, True])
+def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
+    model = model_of()
+    eta = rich(model, mounted)
+    names = model.names
+    free = np.array([i for i, n in enumerate(names) if mounted or not n.startswith("s_m")])
+    one, own = car(model, eta, BASELINE, free), moving()
+    times = 2.0 * USUAL.step_s * np.arange(5, 305, 8)  # at nodes: between two, a corner is cut
+    path = whole(integrator.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
+    acts = acting([one])
+    start = start_of(one, own, acts, CORNERS)
+    polish = plan_of(one, path, POLISH)
+    plan = Plan(polish.starts, polish.lengths, polish.fine, (CORNERS, CORNERS))
+    found = np.zeros((len(times), 21, start.matrix.shape[1]))
+    integrator.add_sampled(
+        integrator.tangents(one, acts, path, start, plan), everything(plan, path, times), found
+    )
+    n_own = start.matrix.shape[1] - len(acts)
+    for column in (0, 4, 9, 12, 15):
+        step = np.zeros(n_own)
+        step[column] = STEP
+        number = (motion(one, own.moved(step), times) - motion(one, own.moved(-step), times)) / (
+            2 * STEP
+        )
+        check(found[:, :, column], number)
+    for name in (
+        "m_s", "I_xx", "k_tf", "c_sf", "a", "t_f", "F_cf", "d_cr", "r_cf", "v_cf", "h_f2", "k_bf",
+        "y_s",
+    ):  # fmt: skip
+        k = names.index(name)
+        high, low = eta.copy(), eta.copy()
+        high[k] += STEP
+        low[k] -= STEP
+        number = (
+            motion(car(model, high, BASELINE, free), own, times)
+            - motion(car(model, low, BASELINE, free), own, times)
+        ) / (2 * STEP)
+        # Static friction acts for a few milliseconds, some steps of the tangents.
+        most = 0.08 if name in ("r_cf", "v_cf") else 0.02
+        check(found[:, :, n_own + np.flatnonzero(free[acts] == k)[0]], number, most)
+
+
+def test_the_mounts_give_at_first_by_the_force_of_their_dampers() -> None:
+    """Compliance times damper force over the ratio, of a car whose dampers differ by 10 %."""
+    model = model_of()
+    eta, free, own = rich(model, True), np.arange(len(model.names)), moving()
+
+    def deflected(at: np.ndarray) -> np.ndarray:
+        one = car(model, at, BASELINE, free)
+        force, _ = damper_curve(one, travel_speeds(one, own.motion), PATH.knee_m_s)
+        return np.asarray(one.corner[:, MOUNT] * one.corner[:, RATIO] * force)
+
+    one = car(model, eta, BASELINE, free)
+    acts = acting([one])
+    found = start_of(one, own, acts, PATH).matrix[18:, 22:]
+    for column, k in enumerate(free[acts].tolist()):
+        step = STEP * np.eye(len(eta))[k]
+        number = (deflected(eta + step) - deflected(eta - step)) / (2 * STEP)
+        np.testing.assert_allclose(
+            found[:, column], number, rtol=1e-5, atol=1e-12, err_msg=model.names[k]
+        )
+
+
+def check(tangent: np.ndarray, number: np.ndarray, most: float = 0.02) -> None:
+    # The laws have corners: at a finite step a few samples see the other side of one.
+    for order in range(3):
+        part = slice(7 * order, 7 * order + 7)
+        error = np.linalg.norm(tangent[:, part] - number[:, part])
+        assert error < most * np.linalg.norm(number[:, part])
+
+
+def scores(times_s: list[float], sizes: list[float]) -> tuple[Any, Any]:
+    """Return one run with the scores of two unknowns: of so much, and of twice as much.
+
+    Beside them each sample shows the run's own unknown, whose share is taken off: its slope is 3,
+    and through it go 1 / 2 of the first unknown and none of the second.
+    """
+    n = len(times_s)
+    left = np.array(sizes)[:, None]
+    jacobian = np.empty((n, 1, 3))
+    jacobian[:, 0] = [3.0, 1.0 + 3.0 / 2.0, 2.0]
+    recording = SimpleNamespace(time_s=np.array(times_s))
+    run = SimpleNamespace(end_s=1.0, decay=SimpleNamespace(recordings=(recording,)))
+    problem = SimpleNamespace(free=np.arange(2), runs=(run,))
+    at = SimpleNamespace(problem=problem, predicted=(SimpleNamespace(left=(left,)),))
+    block = SimpleNamespace(A=np.array([[4.0]]), B=np.array([[2.0, 0.0]]), jacobian=(jacobian,))
+    return at, SimpleNamespace(blocks=(block,))
+
+
+@pytest.mark.parametrize(
+    ("times_s", "sizes", "expected"),
+    [
+        ([0.001], [5.0], 25.0),
+        ([0.001, 0.004], [5.0, 2.0], 49.0),  # within 5 ms they add up
+        ([0.001, 0.006], [5.0, 2.0], 29.0 + 2 * 10.0 * (1 - 1 / 41)),
+        ([0.001, 0.106], [5.0, 2.0], 29.0 + 2 * 10.0 * (1 - 21 / 41)),
+        ([0.001, 0.201], [5.0, 2.0], 29.0 + 2 * 10.0 * (1 - 40 / 41)),
+        ([0.001, 0.207], [5.0, 2.0], 29.0),  # 0.2 s apart they are independent
+        ([0.001, 0.051, 0.101], [1.0, -1.0, 1.0], 3.0 - 4 * (1 - 10 / 41) + 2 * (1 - 20 / 41)),
+    ],
+)
+def test_what_is_left_within_a_fifth_of_a_second_scatters_together(
+    times_s: list[float], sizes: list[float], expected: float
+) -> None:
+    at, equations = scores(times_s, sizes)
+    assert scatter(at, equations) == pytest.approx(expected * np.array([[1.0, 2.0], [2.0, 4.0]]))
+
+
+def test_deviations_are_raised_to_the_scatter_and_never_lowered() -> None:
+    """C S C has 16 and 0.5 on its diagonal, of 4 and 1: deviations of 2 and 1 become 4 and 1."""
+    covariance = np.array([[4.0, 0.6], [0.6, 1.0]])
+    found = widened(np.diag([4.0, 1.0]), np.diag([1.0, 0.5]))
+    assert found == pytest.approx(np.diag([16.0, 1.0]))
+    both = widened(covariance, np.linalg.inv(covariance))
+    assert both == pytest.approx(covariance)
+    four = widened(covariance, 4.0 * np.linalg.inv(covariance))
+    assert four == pytest.approx(4.0 * covariance)  # correlations stay
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_a_sensor_that_was_at_rest_filters_a_path_as_scipy_does(order: int) -> None:
+    """Two columns at once; a fine simulation beside steps of 2 ms."""
+    channel = Channel(
+        "a", Quantity.BODY_ACCELERATION, "m/s2", low_pass_hz=20.0, low_pass_order=order
+    )
+
+    def motion(t: NDArray[np.floating]) -> NDArray[np.float64]:
+        wave = np.exp(-3.0 * t) * np.sin(2 * np.pi * 9.0 * t)
+        return np.column_stack([wave, np.cos(2 * np.pi * 1.3 * t) - 1.0])
+
+    from scipy import signal  # a second to import, in every process that collects
+
+    fine = np.arange(5001) * 1e-4
+    system = signal.butter(order, 2.0 * np.pi * 20.0, analog=True)
+    expected = np.column_stack([signal.lsim(system, u, fine)[1] for u in motion(fine).T])
+    times = np.array([0.0, 0.0123, 0.1, 0.2501, 0.4999, 0.5])
+    found = filtered(low_pass_of(channel), motion(np.arange(251) * 2e-3), 2e-3, times)
+    assert found == pytest.approx(expected[np.rint(times * 1e4).astype(int)], abs=2e-4)
+
+
+def test_a_curve_is_read_at_the_speeds_of_tables_as_far_as_it_goes() -> None:
+    speed = np.linspace(-0.25, 0.12, 75)
+    curve = DamperCurve(
+        speed, 1000.0 * speed, 5.0 + 10.0 * np.abs(speed), 1200.0 * speed, np.full(75, 8.0)
+    )
+    found = {one.speed_m_s: one for one in forces_at_speeds(curve)}
+    assert list(found) == [-0.2, -0.1, -0.05, 0.05, 0.1]
+    slow = found[-0.2]
+    assert [slow.damper.value, slow.damper.std] == pytest.approx([-200.0, 7.0])
+    assert [slow.total.value, slow.total.std] == pytest.approx([-240.0, 8.0])
+    assert slow.damper.high - slow.damper.low == pytest.approx(2 * 1.96 * 7.0, rel=1e-4)
+    assert slow.damper.low + slow.damper.high == pytest.approx(-400.0)
+    assert (slow.damper.unit, slow.damper.determined) == ("N", True)
+
+
+ROOT = Path(__file__).parents[3]
+
+_FORCE = """
+import numpy as np
+from identify.nonlinear import kernels
+
+line, knots = np.array([0.0, 1000.0, 500.0]), np.array([0.1])
+force = kernels.curve(line, knots, 0.1, 0.02)
+print(force, sum(kernels.curve.stats.cache_hits.values()), sep=chr(10))
+"""
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """Return a folder with the packages, whose sources can be changed."""
+    shutil.copytree(ROOT / "identify", tmp_path / "identify", ignore=lambda *_: ["__pycache__"])
+    for name in ("daq", "dbc"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    return tmp_path
+
+
+def force_of(copy: Path, before: str = "") -> tuple[float, bool]:
+    """Return the force of a damper in the middle of a knee, and whether its code was stored.
+
+    `before`: runs in the same process before.
+    """
+    kept = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}  # Python's own looks at times alone
+    command = [sys.executable, "-c", before + _FORCE]
+    done = subprocess.run(command, cwd=copy, env=kept, check=True, capture_output=True)
+    force, hits = done.stdout.split()
+    return round(float(force), 9), hits == b"1"
+
+
+def stored(copy: Path) -> set[str]:
+    folder = copy / "identify" / "nonlinear" / "__pycache__"
+    return {path.name for path in folder.glob("kernels.curve_*.nb[ic]")}
+
+
+def test_a_changed_formula_in_another_file_changes_what_a_kernel_returns(copy: Path) -> None:
+    """The kernel takes the rounded knee, (width / 4) in its middle, from the elements."""
+    assert force_of(copy) == (100.0 + 500.0 * 0.02 / 4.0, False)
+    before = stored(copy)
+    assert force_of(copy) == (102.5, True)
+
+    hinge = copy / "identify" / "nonlinear" / "laws.py"
+    sharper = hinge.read_text("utf-8").replace("inside / (4.0 * width)", "inside / (8.0 * width)")
+    hinge.write_text(sharper, "utf-8")
+    assert force_of(copy) == (101.25, False)
+    assert len(stored(copy)) == len(before) == 2
+    assert not stored(copy) & before, "what the old formulas gave is removed"
+    assert force_of(copy) == (101.25, True)
+
+
+_NOWHERE = """
+import numba.core.caching
+
+def read_only(self): raise OSError("read-only file system")
+
+numba.core.caching._CacheLocator.ensure_cache_path = read_only
+"""
+
+
+def test_where_no_folder_can_be_written_it_is_compiled_anew(copy: Path) -> None:
+    assert force_of(copy, _NOWHERE) == (102.5, False)
+    assert stored(copy) == set()
+
+
+def _imported(source: Path) -> dict[Path, set[str]]:
+    """Return the files of this project from which a file imports, and what."""
+    found: dict[Path, set[str]] = {}
+    for node in ast.walk(ast.parse(source.read_text("utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.level or _is_ours(str(node.module))):
+            base = source.parents[node.level - 1] if node.level else ROOT
+            folder = base.joinpath(*(node.module or "").split("."))
+            for alias in node.names:
+                file = folder / f"{alias.name}.py"
+                if file.exists():
+                    found.setdefault(file, set())
+                else:
+                    found.setdefault(folder.with_suffix(".py"), set()).add(alias.name)
+    return found
+
+
+def _is_ours(module: str) -> bool:
+    return module.partition(".")[0] in ("daq", "dbc", "identify")
+
+
+def _assigned(source: Path) -> set[str]:
+    """Return the names that a file itself gives to numbers and the like."""
+    tree = ast.parse(source.read_text("utf-8"))
+    return {
+        name.id
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+        for name in ast.walk(node.targets[0])
+        if isinstance(name, ast.Name)
+    }
+
+
+def test_all_that_a_kernel_takes_in_counts() -> None:
+    """Of the car, kernels take its own constants; what else they import is followed to its end."""
+    room = ROOT / "identify" / "nonlinear"
+    car = room / "car.py"
+    for source in compiled.SOURCES:
+        if source != car:
+            for file, names in _imported(source).items():
+                assert file in compiled.SOURCES, f"{source.name} takes {names} from {file}"
+                assert file != car or names <= _assigned(car)
+    texts = {path: path.read_text("utf-8") for path in room.glob("*.py")}
+    made = {path for path, text in texts.items() if "@kernel" in text or "@njit" in text}
+    assert len(made) == 2
+    assert made < set(compiled.SOURCES)
