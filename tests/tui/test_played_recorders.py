@@ -16,8 +16,8 @@ from daq.journal.writer import JournalWriter
 from tui.cli import run
 from tui.commands.demo import begun_anew
 from tui.invocation import invoke
-from tui.recorders import demo, replay
 from tui.recorders.daemon import Lifetime
+from tui.recorders.played import commands
 
 from ..daq.crash_derive import journal_of_runs
 from ..daq.crash_disk import QuickFile
@@ -50,13 +50,8 @@ def test_a_replay_is_armed_goes_on_and_stays_for_its_terminal(
 ) -> None:
     journal_of_runs(tmp_path / "journal", 8_000)
     assert run(["recover", str(tmp_path)]) == 0
-    words = [
-        str(tmp_path / "replay"),
-        str(tmp_path / "session_0001.h5"),
-        "--log",
-        str(tmp_path / "a.log"),
-    ]
-    assert invoke(words, replay.commands) == 0
+    paths = (tmp_path / "replay", tmp_path / "session_0001.h5", "--log", tmp_path / "a.log")
+    assert invoke(["replay", *map(str, paths)], commands) == 0
     ((bench, open_source, folder, lifetime),) = recorded
     assert folder == tmp_path / "replay"
     assert bench.origin is Origin.REPLAYED
@@ -83,7 +78,7 @@ def test_a_demonstration_refuses_what_it_does_not_know(
     recorded: Recorded,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert invoke([str(tmp_path), *options], demo.commands) == 2
+    assert invoke(["demo", str(tmp_path), *options], commands) == 2
     assert said in capsys.readouterr().err
     assert recorded == []
 
@@ -93,11 +88,12 @@ def test_a_session_that_no_recorder_made_is_not_replayed(
 ) -> None:
     session = tmp_path / "s.h5"
     write_session(session, refused_session(1))
-    assert invoke([str(tmp_path), str(session)], replay.commands) == 2
+    assert invoke(["replay", str(tmp_path), str(session)], commands) == 2
     said = capsys.readouterr().err
     assert f"{session}: does not hold its bench.toml and DBC" in said
     for speed in ("0.09", "20.1"):
-        assert invoke([str(tmp_path), str(session), "--speed", speed], replay.commands) == 2
+        words = ["replay", str(tmp_path), str(session), "--speed", speed]
+        assert invoke(words, commands) == 2
         assert "--speed" in capsys.readouterr().err
     assert recorded == []
 

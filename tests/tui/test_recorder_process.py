@@ -112,12 +112,12 @@ def test_the_terminal_starts_the_recorder_that_was_asked_for(
     _starter(tmp_path, bench, udp, False, None, 1.0, None)()
     _starter(tmp_path, bench, (None, None), True, "weak", 3.0, None)()
     _starter(tmp_path, None, (None, None), False, None, 2.0, tmp_path / "car.h5")()
-    assert [command[2:4] for command in started.commands] == [
-        ["tui", "record"], ["tui.recorders.demo", str(tmp_path)],
-        ["tui.recorders.replay", str(tmp_path)],
+    assert [command[2:5] for command in started.commands] == [
+        ["tui", "record", str(bench)], ["tui.recorders.played", "demo", str(tmp_path)],
+        ["tui.recorders.played", "replay", str(tmp_path)],
     ]  # fmt: skip
     assert started.commands[0][-4:] == ["--interface", udp[0], "--channel", udp[1]]
-    assert started.commands[1][4:8] == ["--speed", "3", "--fault", "weak"]
+    assert started.commands[1][5:9] == ["--speed", "3", "--fault", "weak"]
     assert started.commands[2][-2:] == ["--speed", "2"]
     bench.write_text("[bus]\nspeed = 1\n")
     with pytest.raises(InputError, match=r"b\.toml:2"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import re
-import stat
 import sys
 import threading
 import time
@@ -21,12 +20,8 @@ MOST_WAITING = 1000
 """Lines that wait for a slow reader; further ones are left out."""
 MOST_BYTES = 1_000_000
 _FLUSH_S = 0.5
-_BEGINNINGS = (
-    b"0000-00-00T00:00:00.000Z bumpbench: ",
-    b"bumpbench: ",
-    b"Traceback (most recent call last):",
-)
-"""First bytes of a log, each digit as 0; the last two in stderr of a recorder of a terminal."""
+_BEGINNING = re.compile(rb"([\d:.TZ-]{24} )?bumpbench: |Traceback \(most recent call last\):")
+"""First bytes of a log; the stamp is absent in stderr of a recorder of a terminal."""
 
 
 def require_log(path: Path) -> None:
@@ -41,11 +36,11 @@ def require_log(path: Path) -> None:
         try:
             if not file.exists():
                 continue
-            if not stat.S_ISREG(file.lstat().st_mode):  # a link may lead anywhere
+            if file.is_symlink() or not file.is_file():  # a link may lead anywhere
                 raise OSError("is not an ordinary file")
             with file.open("rb") as stream:
-                first = re.sub(rb"[1-9]", b"0", stream.read(len(_BEGINNINGS[0])))
-            if not any(known.startswith(first[: len(known)]) for known in _BEGINNINGS):
+                first = stream.read(40)
+            if first and not _BEGINNING.match(first):
                 raise OSError("is there already and is not a log of bumpbench")
         except OSError as error:
             what = error.strerror or str(error)
@@ -71,7 +66,10 @@ class Log:
 
     def __enter__(self) -> Log:
         self._handler = _Libraries(self)
-        self._hook, threading.excepthook = threading.excepthook, self._thread_died
+        self._hook = threading.excepthook
+        threading.excepthook = lambda died: self.line(
+            f"{died.thread.name if died.thread else 'a thread'} ended: {died.exc_value!r}", "thread"
+        )
         # A handler that cannot write must not report that to the same stderr.
         logging.raiseExceptions = False
         logging.captureWarnings(True)
@@ -114,15 +112,10 @@ class Log:
                 self._seen[key] = began_s, count + 1
             if count >= BURST:
                 return
-        record = logging.LogRecord(
-            "bumpbench", logging.WARNING, "", 0, printable(text, 600), None, None
-        )
+        line = printable(text, 600)
+        record = logging.LogRecord("bumpbench", logging.WARNING, "", 0, line, None, None)
         with suppress(Full):
             self._waiting.put_nowait(record)
-
-    def _thread_died(self, died: threading.ExceptHookArgs) -> None:
-        name = died.thread.name if died.thread else "a thread"
-        self.line(f"{name} ended: {died.exc_value!r}", "thread")
 
 
 class _Libraries(logging.Handler):
@@ -152,21 +145,13 @@ class _Stderr(logging.Handler):
             os.write(self._stream, f"{self._before}bumpbench: {record.msg}\n".encode())
 
 
-def open_log(path: Path) -> int:
-    """Return the descriptor of a log, created or to be continued."""
-    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o640)
-
-
 def _file_handler(path: Path) -> logging.Handler:
     from daq import InputError
 
     require_log(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        os.close(open_log(path))
-        handler = RotatingFileHandler(
-            path, maxBytes=MOST_BYTES, backupCount=1, encoding="utf-8", delay=True
-        )
+        handler = RotatingFileHandler(path, "a", MOST_BYTES, backupCount=1, encoding="utf-8")
     except OSError as error:
         what = error.strerror or str(error)
         raise InputError(str(path), what, "name another file for the log") from error

@@ -10,10 +10,12 @@ from pathlib import Path
 
 LOG = "recorder.log"
 
+Process = subprocess.Popen[bytes]
+
 
 def start_recorder(
     bench: Path | None, folder: Path, interface: str | None = None, channel: str | None = None
-) -> subprocess.Popen[bytes]:
+) -> Process:
     """Start the recorder of a folder, idle; it runs until a client shuts it down.
 
     `bench`: bench.toml; the shipped one if None.  `folder`: for journal, sessions and the log.
@@ -27,28 +29,25 @@ def start_recorder(
     return _start(arguments, folder)
 
 
-def start_demo_recorder(
-    folder: Path, speed: float, fault: str, bench: Path | None
-) -> subprocess.Popen[bytes]:
+def start_demo_recorder(folder: Path, speed: float, fault: str, bench: Path | None) -> Process:
     """Start a recorder on a simulated bench, which bumps its car whenever a run is armed.
 
-    `speed`: simulated seconds per second.  `fault`: fault that spoils a run (`tui.recorders.demo`);
+    `speed`: simulated seconds per second.  `fault`: fault that spoils a run (`daq.sim.bench`);
     empty for nothing.  `bench`: the shipped one if None.
     """
-    arguments = ["tui.recorders.demo", str(folder.resolve()), "--speed", f"{speed:g}"]
+    arguments = ["tui.recorders.played", "demo", str(folder.resolve()), "--speed", f"{speed:g}"]
     arguments += ["--fault", fault] if fault else []
     arguments += ["--bench", str(bench.resolve())] if bench else []
-    arguments += ["--log", str(folder.resolve() / LOG)]
-    return _start(arguments, folder)
+    return _start([*arguments, "--log", str(folder.resolve() / LOG)], folder)
 
 
-def start_replay_recorder(folder: Path, session: Path, speed: float) -> subprocess.Popen[bytes]:
+def start_replay_recorder(folder: Path, session: Path, speed: float) -> Process:
     """Start a recorder on the frames of a recorded session."""
-    arguments = ["tui.recorders.replay", str(folder.resolve()), str(session.resolve())]
+    arguments = ["tui.recorders.played", "replay", str(folder.resolve()), str(session.resolve())]
     return _start([*arguments, "--speed", f"{speed:g}"], folder)
 
 
-def failure(process: subprocess.Popen[bytes], folder: Path) -> str:
+def failure(process: Process, folder: Path) -> str:
     """Return why a started recorder has failed, in words; empty while it runs or after its end."""
     code = process.poll()
     if not code:
@@ -61,30 +60,28 @@ def failure(process: subprocess.Popen[bytes], folder: Path) -> str:
 def last_line(folder: Path) -> str:
     """Return the last line of a recorder's log; it says why the recorder ended."""
     try:
-        with (folder / LOG).open("rb") as file:
-            file.seek(max(0, file.seek(0, os.SEEK_END) - 2000))
-            lines = file.read().decode("utf-8", "replace").split("\n")
+        text = (folder / LOG).read_text("utf-8", "replace")
     except OSError:
         return "no log"
-    words = [line for line in lines if line.strip()]
-    if not words:
+    lines = [line for line in text.split("\n") if line.strip()]
+    if not lines:
         return "its log is empty"
-    stamped = words[-1].partition("bumpbench: ")
-    return (stamped[2] or stamped[0]).removeprefix("error: ")
+    stamp, _, line = lines[-1].partition("bumpbench: ")
+    return (line or stamp).removeprefix("error: ")
 
 
-def _start(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:
+def _start(arguments: list[str], folder: Path) -> Process:
     from daq import InputError
     from daq.control.lock import group_readable
 
-    from .log import open_log, require_log
+    from .log import require_log
 
     require_log(folder / LOG)
     try:
         with group_readable():
             folder.mkdir(parents=True, exist_ok=True)
-            log = os.fdopen(open_log(folder / LOG), "ab")
-        with log:
+            descriptor = os.open(folder / LOG, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o640)
+        with os.fdopen(descriptor, "ab") as log:
             # Its own session: a signal that ends the terminal's processes does not reach it.
             return subprocess.Popen(
                 [sys.executable, "-m", *arguments],

@@ -122,7 +122,7 @@ def test_a_sensor_that_never_comes_is_named_and_a_bus_without_the_bench_is_one_a
 def test_a_loose_contact_is_shown_each_time_and_does_not_fill_the_journal() -> None:
     bench = WatchedBench(["can0"])
     shown = 0
-    for _ in range(60):  # five minutes of 2 s with and 3 s without
+    for _ in range(18):  # a minute and a half of 2 s with and 3 s without
         bench.link(0, connected=False, error="gone")
         for _ in range(20):
             bench.turn(FrameBatch.empty())
@@ -131,15 +131,15 @@ def test_a_loose_contact_is_shown_each_time_and_does_not_fill_the_journal() -> N
         for _ in range(30):
             bench.turn(frames(FOREIGN_ID, [bytes(8)], bench.t_ns))
         shown -= bench.alarm("disconnected", "can0") is not None
-    assert shown == 60
+    assert shown == 18
     began = bench.logged(ALARM).count("disconnected can0")
-    assert 5 <= began <= 300 / REPORT_AGAIN_S + 1
+    assert 3 <= began <= 90 / REPORT_AGAIN_S + 1
     assert bench.logged(ALARM_END).count("disconnected can0") == began
 
 
 def test_a_fault_that_hovers_at_its_threshold_does_not_flap() -> None:
     bench = WatchedBench(["can0"])
-    for k in range(300):  # some seconds have five, others four or six
+    for k in range(150):  # some seconds have five, others four or six
         bad = error_frames(PROT, b"", bench.t_ns + 99_500_000, bus=0, n=k * 7 % 2)
         bench.turn(bench.healthy(), *[bad] * (k % 20 != 3))
     assert bench.logged(ALARM) == ["error_frames can0"]
