@@ -56,8 +56,8 @@ mutate: .venv/test
 
 # Mutated databases, session files, logs and files of channels: no traceback, no hang, bounded memory.
 fuzz: .venv/test
-	$(BIN)/python -m tests.dbc.mutations $(or $(FILES),5000)
-	$(BIN)/python -m tests.daq.mutations $(or $(FILES),2000)
+	$(BIN)/python -m pytest -q -m long tests/dbc
+	$(BIN)/python -m tests.daq.test_mutations $(or $(FILES),2000)
 
 # Kills, crash images, failing writes, full disks: no acknowledged frame may be lost.  The parts run
 # side by side, one more than processors.

@@ -29,7 +29,7 @@ from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch
 
-from ..daq.crash_disk import QuickFile
+from ..daq.crash_frames import QuickFile
 
 SECONDS = 3375
 """13.5 million frames."""

@@ -21,18 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from .crash_broken import Full, failure, fill
-from .crash_daemon import daemon
-from .crash_derive import journal_of_runs, kill_derive, rates
-from .crash_faults import faults
-from .crash_full import disks_full
-from .crash_images import images
-from .crash_jobs import Jobs, Part, done
-from .crash_kills import KILLS_A_FOLDER, Kills, kills
-from .crash_power import cut
-from .crash_sender import RATE_HZ
-from .crash_slow import slow_disk
-from .crash_taken import TAKINGS, read_only, take_away, unmounted
+from .crash_broken import Full, daemon, failure, fill
+from .crash_derive import journal_of_runs, kill_derive, rates, slow_disk
+from .crash_process import KILLS_A_FOLDER, RATE_HZ, Kills, cut, kills
+from .crash_recorder import Jobs, Part, done
+from .crash_writer import TAKINGS, disks_full, faults, images, read_only, take_away, unmounted
 
 
 @dataclass(frozen=True, slots=True)

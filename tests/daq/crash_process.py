@@ -1,4 +1,8 @@
-"""A whole `bumpbench record` under a sender, and its recording compared with what was sent."""
+"""A sender on a serial line whose frames carry their number, and what was stored compared with it.
+
+It behaves as an slcan adapter: frames come from the command `O` on, at the rate of a bus or as fast
+as the line takes them.  Every 16th frame is one of a hub that is bumped every 1.2 s.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,19 @@ import io
 import json
 import os
 import re
+import select
+import shutil
 import signal
 import subprocess
 import sys
+import termios
+import threading
 import time
-from collections.abc import Callable, Sequence
+import tty
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -28,10 +39,178 @@ from daq.control.orders import AskStatus
 from daq.journal.contents import JournalLoss
 from daq.journal.folder import segments_in
 from daq.journal.reader import read_journal
+from dbc.frames import FrameBatch
 from tui.commands.recover import recover
 
-from .crash_sender import Sender, numbers_of
-from .small_campaign import small_bench
+from .small_campaign import bumps, small_bench, small_codec
+
+RATE_HZ = 16_000
+"""Frames a second of a paced sender: four full buses of 500 kbit/s."""
+NUMBERED_ID = 0x7A0
+"""A message that no DBC has; its payload is the number of the frame."""
+HUB_EVERY = 16
+LENGTH = 6
+"""Payload of every frame, bytes: that of the hub's message."""
+_CHUNK = 800
+_DIGITS = np.frombuffer(b"0123456789ABCDEF", np.uint8)
+
+
+@cache
+def _hub() -> tuple[int, NDArray[np.uint8]]:
+    """Return identifier and payloads of the hub's message over 1.2 s at 1 kHz."""
+    frames = bumps(small_codec(), 1)
+    assert np.all(frames.length == LENGTH)
+    return int(frames.can_id[0]), frames.data[:, :LENGTH]
+
+
+def frames_of(n: NDArray[np.int64]) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
+    """Return identifiers and payloads of the frames of these numbers."""
+    hub_id, hub_data = _hub()
+    hub = n % HUB_EVERY == 0
+    data = n.astype(">u8").view(np.uint8).reshape(-1, 8)[:, 8 - LENGTH :].copy()
+    data[hub] = hub_data[n[hub] // HUB_EVERY % len(hub_data)]
+    return np.where(hub, hub_id, NUMBERED_ID).astype(np.uint32), data
+
+
+def lines_of(n: NDArray[np.int64]) -> bytes:
+    """Return the frames of these numbers as an slcan adapter sends them."""
+    can_id, data = frames_of(n)
+    line = np.empty((len(n), 6 + 2 * LENGTH), np.uint8)
+    line[:, 0] = ord("t")
+    for k, shift in enumerate((8, 4, 0)):
+        line[:, 1 + k] = _DIGITS[can_id >> shift & 15]
+    line[:, 4] = _DIGITS[LENGTH]
+    line[:, 5:-1:2], line[:, 6:-1:2] = _DIGITS[data >> 4], _DIGITS[data & 15]
+    line[:, -1] = ord("\r")
+    return line.tobytes()
+
+
+def numbers_of(frames: FrameBatch) -> NDArray[np.int64]:
+    """Return the sender's numbers of stored frames; each recorder's first frame is a numbered one.
+
+    Raises
+    ------
+    AssertionError
+        If a bit of any frame is not as it was sent.
+    """
+    assert np.all(frames.length == LENGTH)
+    padded = np.zeros((len(frames), 8), np.uint8)
+    padded[:, 8 - LENGTH :] = frames.data[:, :LENGTH]
+    n = padded.view(">u8").reshape(-1).astype(np.int64)
+    (hub,) = np.nonzero(frames.can_id != NUMBERED_ID)
+    assert not len(hub) or hub[0] > 0, "a frame of the hub is the first"
+    n[hub] = n[hub - 1] + 1
+    # Where frames were dropped just before it, the one behind it shows the number.
+    astray = hub[(n[hub] % HUB_EVERY != 0) & (hub + 1 < len(n))]
+    n[astray] = n[astray + 1] - 1
+    can_id, data = frames_of(n)
+    assert np.array_equal(frames.can_id, can_id), "an identifier is not what was sent"
+    assert np.array_equal(frames.data[:, :LENGTH], data), "a payload is not what was sent"
+    assert not frames.flags.any()
+    return n
+
+
+class Sender:
+    """Sends for as long as a `with` lasts.
+
+    Parameters
+    ----------
+    hot : bool
+        As fast as the line takes it, in place of `RATE_HZ`.
+
+    Attributes
+    ----------
+    device : str
+        The recorder's end of the line.
+    openings : list of int
+        Number of the first frame after each time a recorder has opened the line.
+    sent : int
+        Number of the frame after the last one that was begun.
+    """
+
+    def __init__(self, *, hot: bool) -> None:
+        self._hot = hot
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._master)
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.device = os.ttyname(self._slave)
+        self.openings: list[int] = []
+        self.sent = 1
+        self._open = self._pausing = False
+        self._rest = b""
+        self._first, self._first_s = 1, 0.0
+        self._lock = threading.Lock()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="sender")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._over.set()
+        self._thread.join()
+        os.close(self._master)
+        os.close(self._slave)
+
+    def cut(self) -> None:
+        """Send nothing more, and forget what is in the line: its recorder was killed."""
+        with self._lock:
+            self._read_commands()  # of the killed one
+            self._open, self._rest = False, b""
+            termios.tcflush(self._slave, termios.TCIFLUSH)
+
+    def pause(self) -> int:
+        """Stop behind a whole frame; return the number of the next one."""
+        self._pausing = True
+        while self._rest:
+            time.sleep(0.005)
+        with self._lock:
+            self._open = self._pausing = False
+            return self.sent
+
+    def _run(self) -> None:
+        while not self._over.is_set():
+            writing = [self._master] if self._rest else []
+            select.select([self._master], writing, [], 0.01)
+            with self._lock:
+                self._read_commands()
+                if self._open:
+                    self._send()
+
+    def _read_commands(self) -> None:
+        try:
+            commands = os.read(self._master, 4096)
+        except BlockingIOError:
+            return
+        if b"O\r" in commands and not self._open:
+            self.sent += -self.sent % HUB_EVERY + 1  # the first one is no frame of the hub
+            self.openings.append(self.sent)
+            self._open, self._first, self._first_s = True, self.sent, time.monotonic()
+        elif b"C\r" in commands and b"O\r" not in commands:
+            self._open, self._rest = False, b""
+
+    def _send(self) -> None:
+        if not self._rest and not self._pausing:
+            due = self._first + round((time.monotonic() - self._first_s) * RATE_HZ) - self.sent
+            count = _CHUNK if self._hot else min(due, 10 * _CHUNK)
+            self._rest = lines_of(np.arange(self.sent, self.sent + count))
+            self.sent += count
+        try:
+            while self._rest:
+                self._rest = self._rest[os.write(self._master, self._rest) :]
+        except BlockingIOError:
+            return
+
+
+# A whole `bumpbench record` under a sender, and its recording compared with what was sent -------
+
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 150.0
@@ -228,3 +407,151 @@ def assert_gapless(n: NDArray[np.int64], sender: Sender) -> None:
     (before,) = np.nonzero(np.diff(n) != 1)
     starts = [int(n[0]), *map(int, n[before + 1])] if len(n) else []
     assert set(starts) <= set(sender.openings), "a frame is missing between two of one recorder"
+
+
+# R1: the whole `bumpbench record` under SIGKILL at random moments, paced and unthrottled --------
+
+
+KILLS_A_FOLDER = 10
+"""Kills of recorders that take up each other's recording, before the next folder is begun."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kills:
+    """Kills in one folder: how many, frames acknowledged and read at the end, runs recovered."""
+
+    kills: int
+    acknowledged: int
+    read: int
+    runs: int
+    in_flight: tuple[int, ...]
+    """Frames that a paced sender had sent and that were not stored, one for each kill."""
+
+
+def kill_series(folder: Path, count: int, rng: np.random.Generator, *, hot: bool) -> Kills:
+    """Kill `count` recorders that take up one recording, recover after each, and end the last.
+
+    Raises
+    ------
+    AssertionError
+        If a frame that was acknowledged before any kill is lost, or any is doubled or altered.
+    """
+    before = np.empty(0, np.int64)
+    acknowledged, in_flight = 0, []
+    folder.mkdir(parents=True)
+    with Sender(hot=hot) as sender:
+        for _ in range(count):
+            with RecorderProcess(folder / "out", sender) as recorder:
+                if rng.random() < 0.1:  # while it starts
+                    time.sleep(rng.uniform(0.2, 2.0))
+                else:
+                    recorder.wait_open()
+                    deadline_s = time.monotonic() + rng.uniform(0.05, 2.0)
+                    while time.monotonic() < deadline_s:
+                        acknowledged = max(acknowledged, recorder.status().disk.recorded_frames)
+                sent = sender.sent
+            found = recovered(folder / "out", sender)
+            n = found.numbers
+            assert len(n) >= acknowledged, f"{acknowledged - len(n)} acknowledged frames lost"
+            assert np.array_equal(n[: len(before)], before), "earlier frames are gone"
+            assert_gapless(n, sender)
+            lost = found.lost
+            assert lost.blocks_missing == lost.blocks_corrupt == lost.frames_dropped == 0
+            if not hot and len(n) > len(before):
+                in_flight.append(sent - 1 - int(n[-1]))
+            before = n
+        with RecorderProcess(folder / "out", sender) as last:
+            last.wait_open()
+            time.sleep(0.3)
+            stop = sender.pause()
+            expected = len(before) + stop - sender.openings[-1]
+            last.until(lambda status: status.disk.recorded_frames == expected)
+            last.end()
+        found = recovered(folder / "out", sender)
+        assert_gapless(found.numbers, sender)
+        assert len(found.numbers) == expected
+        assert found.numbers[-1] == stop - 1
+        lost = found.lost  # a write that a kill cut off is no frame that was acknowledged
+        assert lost.blocks_missing == lost.blocks_corrupt == lost.frames_dropped == 0, lost.text
+    return Kills(count, acknowledged, expected, found.runs, tuple(in_flight))
+
+
+def kills(folder: Path, first: int, count: int, seed: int = 1) -> Kills:
+    """Kill the `first` and following of a campaign's recorders, every other folder unthrottled."""
+    rng = np.random.default_rng([seed, first])
+    place = folder / f"kills{first}"
+    done = kill_series(place, count, rng, hot=first // KILLS_A_FOLDER % 2 == 1)
+    shutil.rmtree(place)
+    return done
+
+
+# R5: the disk of a `bumpbench record` as a power cut leaves it, without what the kernel held ----
+
+
+_IMAGE_BYTES = 256_000_000
+
+
+@contextmanager
+def mounted(image: Path, folder: Path) -> Iterator[bool]:
+    """Mount an image; False where that is not allowed."""
+    folder.mkdir()
+    mount = ["mount", "-o", "loop", str(image), str(folder)]
+    allowed = not subprocess.run(mount, capture_output=True, check=False).returncode
+    try:
+        yield allowed
+    finally:
+        if allowed:
+            subprocess.run(["umount", str(folder)], check=True)
+
+
+def cut_once(folder: Path, after_s: float, *, hot: bool) -> tuple[int, int] | None:
+    """Copy a disk in mid-write and recover what is on it; None where that is not possible.
+
+    The recorder is halted for the copy, so that the image is of one moment: all that had only
+    reached the kernel's cache is not on it.
+
+    Returns
+    -------
+    (int, int)
+        Frames acknowledged, and read from the copy after the file system's own recovery.
+
+    Raises
+    ------
+    AssertionError
+        If an acknowledged frame is lost, or a frame is not what was sent.
+    """
+    folder.mkdir()
+    image, copy = folder / "disk", folder / "copy"
+    with image.open("wb") as file:
+        file.truncate(_IMAGE_BYTES)
+    made = subprocess.run(["mkfs.ext4", "-q", str(image)], capture_output=True, check=False)
+    if made.returncode:
+        return None
+    with mounted(image, folder / "live") as allowed, Sender(hot=hot) as sender:
+        if not allowed:
+            return None
+        with RecorderProcess(folder / "live" / "out", sender, beside=folder) as recorder:
+            recorder.wait_open()
+            acknowledged, deadline_s = 0, time.monotonic() + after_s
+            while time.monotonic() < deadline_s:
+                acknowledged = recorder.status().disk.recorded_frames
+            recorder.process.send_signal(signal.SIGSTOP)
+            os.waitpid(recorder.process.pid, os.WUNTRACED)
+            shutil.copyfile(image, copy)
+        recorder.wait_builders()
+        with mounted(copy, folder / "after") as again:
+            assert again, "the copy cannot be mounted"
+            found = recovered(folder / "after" / "out", sender)
+    n, lost = found.numbers, found.lost
+    assert len(n) >= acknowledged, f"{acknowledged - len(n)} acknowledged frames lost"
+    assert_gapless(n, sender)
+    assert lost.blocks_missing == lost.blocks_corrupt == lost.frames_dropped == 0, lost.text
+    return acknowledged, len(n)
+
+
+def cut(folder: Path, i: int, seed: int = 5) -> tuple[int, int] | None:
+    """Cut the power, every other time of an unthrottled one; None where nothing can be mounted."""
+    place = folder / f"cut{i}"
+    done = cut_once(place, np.random.default_rng([seed, i]).uniform(0.5, 3.0), hot=i % 2 == 1)
+    shutil.rmtree(place)
+    return done

@@ -11,16 +11,16 @@ import pytest
 
 @pytest.mark.long  # half a minute; `make soak` has the whole of it
 def test_a_recorder_holds_no_more_after_many_bumps_than_after_few() -> None:
-    command = [sys.executable, "-m", "tests.daq.soak", "60000", "2"]
+    command = [sys.executable, "-m", "tests.daq.soak", "30000", "2"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     reported = re.search(
-        r"60,000 frames, (\d+) recordings, (\d+) bumps, (\d+) notes, (\d+) segments: 0 lost",
+        r"30,000 frames, (\d+) recordings, (\d+) bumps, (\d+) notes, (\d+) segments: 0 lost",
         done.stdout,
     )
     assert reported, done.stdout
     recordings, bumps, notes, segments = map(int, reported.groups())
     assert recordings >= 2  # one was stopped
-    assert bumps >= 7
-    assert notes >= 7
+    assert bumps >= 3
+    assert notes >= 3
     assert segments > recordings

@@ -1,16 +1,21 @@
-"""KCD, SYM and ARXML against what they say; databases of several buses; J1939."""
+"""Databases of other kinds than DBC: KCD, SYM and ARXML."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from time import process_time
 
 import cantools.database
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from dbc import InputError, load_codec, parse_codec
+from dbc import InputError, load_codec, parse_codec, shipped_dbc
 
-from .foreign_texts import FRAME, SYM_TEXT, TWO_BUSES, arxml, kcd, kcd_text, message
-from .frames import block
+from .databases import FRAME, SYM_TEXT, TWO_BUSES, arxml, block, kcd, kcd_message, kcd_text
+
+# KCD, SYM and ARXML against what they say; databases of several buses; J1939 --------------------
 
 
 @pytest.mark.parametrize("name", ["a.arxml", "a.xml", "a.dbc"])
@@ -83,10 +88,11 @@ def test_an_identifier_of_two_buses_is_left_out_and_said_how_to_name_it() -> Non
     codec = parse_codec(TWO_BUSES, "car.kcd")
     assert [m.name for m in codec.messages] == ["Own"]
     assert ["name car.kcd#Front & é" in codec.left_out[0].text, len(codec.left_out)] == [True, 2]
-    passed = [f'<Bus name="{n}">{message("Hub", 0.5, producer=n)}</Bus>' for n in "12"]
+    passed = [f'<Bus name="{n}">{kcd_message("Hub", 0.5, producer=n)}</Bus>' for n in "12"]
     gateway = parse_codec(kcd(*passed), "car.kcd")
     assert [m.name for m in gateway.messages] == ["Hub"]
-    twice = f'<Bus name="B">{message("Hub", 0.5)}{message("Other", 1)}{message("C", 1, 1)}</Bus>'
+    hubs = kcd_message("Hub", 0.5) + kcd_message("Other", 1)
+    twice = f'<Bus name="B">{hubs}{kcd_message("C", 1, 1)}</Bus>'
     assert [m.name for m in parse_codec(kcd(twice), "car.kcd").messages] == ["C"]
 
 
@@ -120,3 +126,60 @@ def test_marked_messages_are_matched_by_their_parameter_group(
     assert list(decoded.samples) == ([signal] if signal else [])
     every = parse_codec(J1939, "x.dbc").by_parameter_group()
     assert len(every.decode(block([payload], 0x0CF004AA, extended=True)).samples) == 1
+
+
+# Databases with random faults: each is read, repaired or refused in one line --------------------
+
+TEXTS = {"dbc": shipped_dbc(), "kcd": TWO_BUSES, "sym": SYM_TEXT, "arxml": arxml()}
+PIECES = (
+    '"',
+    ";",
+    "\n",
+    "BO_ ",
+    " SG_ ",
+    "VAL_ ",
+    "SG_MUL_VAL_ ",
+    "-",
+    "99999",
+    "ü",
+    "<",
+    ">",
+)
+
+
+def outcome(rng: np.random.Generator, kind: str) -> str:
+    """Return what becomes of a text with one to four faults: read, repaired or refused."""
+    text = TEXTS[kind]
+    for _ in range(rng.integers(1, 5)):
+        at, width = int(rng.integers(len(text) + 1)), int(rng.integers(1, 40))
+        piece = PIECES[rng.integers(len(PIECES))]
+        change = rng.integers(4)
+        if change == 0:  # cut off
+            text = text[: max(at, 1)]
+        elif change == 1:  # a part is lost
+            text = text[:at] + text[at + width :]
+        elif change == 2:  # a part comes twice
+            text = text[: at + width] + text[at:]
+        else:
+            text = text[:at] + piece + text[at + (width % 2) :]
+    try:
+        codec = parse_codec(text, f"x.{kind}")
+    except InputError as error:
+        return "refused" if str(error).isprintable() else "garbled"
+    return "repaired" if codec.left_out or codec.notes else "read"
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@given(st.integers(0, 1 << 32), st.sampled_from(["dbc", "kcd", "sym", "arxml"]))
+def test_a_changed_database_is_read_or_refused_and_nothing_else(seed: int, kind: str) -> None:
+    assert outcome(np.random.default_rng(seed), kind) in ("read", "repaired", "refused")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", TEXTS)
+def test_thousands_of_changed_databases_hold_up_nobody(kind: str) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(1250):
+        began_s = process_time()
+        assert outcome(rng, kind) != "garbled"
+        assert process_time() - began_s < 30.0

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from dbc import Quality, parse_codec, shipped_dbc
-from dbc.crc import CRC_RULES
+from dbc import Codec, FrameBatch, Quality, parse_codec, shipped_dbc
+from dbc.crc import CRC_RULES, covered
 
-from .frames import block
-from .polynomial import crc8_by_division
+from .databases import block, crc8_by_division
 
 SHIPPED = parse_codec(shipped_dbc(), "bumpbench.dbc")
 
@@ -91,3 +94,125 @@ def test_a_frame_too_short_for_its_checksum_is_missing_it_and_not_wrong() -> Non
     assert decoded.counts.wrong_length == 1
     assert decoded["IMU_Accel.acc_x"].quality.tolist() == [0]
     assert decoded["IMU_Accel.crc"].quality.tolist() == [Quality.MISSING]
+
+
+# A message that belongs to one bus is decoded from that bus alone -------------------------------
+
+
+TEXT = """VERSION ""
+BU_: A
+BO_ 256 M: 8 A
+ SG_ s : 0|8@1+ (1,0) [0|0] "" A
+BO_ 2147745791 X: 8 A
+ SG_ s : 0|8@1+ (1,0) [0|0] "" A
+BO_ 300 N: 8 A
+ SG_ s : 0|8@1+ (1,0) [0|0] "" A
+"""
+M, X, N = parse_codec(TEXT, "x.dbc").messages
+
+
+def two_buses() -> Codec:
+    """Return a codec with M and X on the buses 0 and 3, and N on any."""
+    own = [
+        replace(message, name=f"{sensor}.{message.name}", bus=bus)
+        for sensor, bus in (("a", 0), ("b", 3))
+        for message in (M, X)
+    ]
+    return Codec((*own, N))
+
+
+@pytest.mark.parametrize(("message", "can_id"), [("M", 256), ("X", 262143)])
+def test_one_identifier_on_two_buses_is_two_messages(message: str, can_id: int) -> None:
+    frames = block([bytes([k, *[0] * 7]) for k in range(6)], can_id, extended=message == "X")
+    frames = replace(frames, bus=np.array([0, 3, 0, 3, 3, 7], np.uint8))
+    decoded = two_buses().decode(frames)
+    assert decoded[f"a.{message}.s"].value.tolist() == [0, 2]
+    assert decoded[f"b.{message}.s"].value.tolist() == [1, 3, 4]
+    assert decoded.counts.unknown_id == 1  # no sensor is on bus 7
+
+
+def test_a_message_of_no_bus_is_decoded_from_each() -> None:
+    frames = block([bytes([k, *[0] * 7]) for k in range(4)], 300)
+    frames = replace(frames, bus=np.array([0, 3, 7, 255], np.uint8))
+    assert two_buses().decode(frames)["N.s"].value.tolist() == [0, 1, 2, 3]
+
+
+def test_a_message_of_the_bus_goes_before_one_of_any_bus() -> None:
+    codec = Codec((replace(M, name="any"), replace(M, name="own", bus=2)))
+    frames = block([b"\1" + bytes(7), b"\2" + bytes(7)], 256)
+    decoded = codec.decode(replace(frames, bus=np.array([1, 2], np.uint8)))
+    assert decoded["any.s"].value.tolist() == [1]
+    assert decoded["own.s"].value.tolist() == [2]
+
+
+def _frames(t_ns: list[int], bus: list[int]) -> FrameBatch:
+    n = len(t_ns)
+    return FrameBatch(
+        np.array(t_ns, np.int64),
+        np.arange(n, dtype=np.uint32),
+        np.zeros(n, np.uint16),
+        np.array(bus, np.uint8),
+        np.full(n, 8, np.uint8),
+        np.zeros((n, 8), np.uint8),
+    )
+
+
+FRAMES = _frames([30, 10, 20, 10, 40], [0, 1, 2, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("spans", "kept"),
+    [
+        ([(10, 30)], [1, 2, 3]),  # from the first stamp, until before the last
+        ([(11, 31)], [0, 2]),
+        ([(0, 11), (40, 41)], [1, 3, 4]),
+        ([(0, 10), (41, 50)], []),
+        ([(10, 30), (20, 40)], [0, 1, 2, 3]),  # each frame once
+        ([], []),
+    ],
+)
+def test_frames_within_spans(spans: list[tuple[int, int]], kept: list[int]) -> None:
+    assert FRAMES.within(spans).can_id.tolist() == kept
+
+
+def test_frames_on_buses() -> None:
+    assert FRAMES.on_buses({1, 2}).can_id.tolist() == [1, 2, 4]
+    assert FRAMES.on_buses({3}).can_id.tolist() == []
+    assert FRAMES.on_buses(frozenset()) is FRAMES
+
+
+def test_frames_of_one_time_keep_their_order() -> None:
+    frames = _frames([1, 0] * 500, [0] * 1000)
+    assert frames.by_time().can_id.tolist() == [*range(1, 1000, 2), *range(0, 1000, 2)]
+
+
+# The checksum rules against the check values of published tables, and by long division ----------
+
+
+CHECK = b"123456789"
+
+# The catalogue of parametrised CRC algorithms lists these as check values; the sums by hand.
+PUBLISHED = {
+    "crc8_j1850": 0x4B,
+    "crc8_j1850_zero": 0x37,
+    "crc8_j1850_noxor": 0xB4,
+    "crc8_8h2f": 0xDF,
+    "crc8_smbus": 0xF4,
+    "xor8": 0x31,
+    "sum8": 0xDD,
+}
+
+
+def _row(data: bytes) -> NDArray[np.uint8]:
+    return np.frombuffer(data, np.uint8)[None, :]
+
+
+@pytest.mark.parametrize("name", CRC_RULES)
+def test_the_published_check_value(name: str) -> None:
+    assert CRC_RULES[name](_row(CHECK)).tolist() == [PUBLISHED[name]]
+
+
+def test_a_checksum_at_the_head_covers_what_follows_another_what_is_before() -> None:
+    payload = np.arange(16, dtype=np.uint8).reshape(2, 8)
+    assert covered(payload, 0, 6).tolist() == [[1, 2, 3, 4, 5], [9, 10, 11, 12, 13]]
+    assert covered(payload, 3, 6).tolist() == [[0, 1, 2], [8, 9, 10]]

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from dbc import Codec, InputError, load_codec, parse_codec
 from tui.cli import run
 
-from .frames import block
-from .mutations import outcome
+from .databases import block
 
 HEAD = 'VERSION ""\n\nNS_ :\n\tCM_\n\tVAL_\n\nBS_:\n\nBU_: A B\n\n'
 M = 'BO_ 256 M: 8 A\n SG_ s : 0|16@1- (0.5,0) [0|0] "g" B\n SG_ t : 16|8@1+ (1,0) [0|0] "" A,B\n\n'
@@ -238,9 +234,3 @@ def test_decode_ends_with_one_line_for_a_broken_database(
     out, err = capsys.readouterr()
     assert "1.000000000,M,s,1,g" in out
     assert "x.dbc:16: N.s is not valid DBC" in err
-
-
-@settings(max_examples=60, deadline=None, derandomize=True, database=None)
-@given(st.integers(0, 1 << 32), st.sampled_from(["dbc", "kcd", "sym", "arxml"]))
-def test_a_changed_database_is_read_or_refused_and_nothing_else(seed: int, kind: str) -> None:
-    assert outcome(np.random.default_rng(seed), kind) in ("read", "repaired", "refused")

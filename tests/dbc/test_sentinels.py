@@ -11,7 +11,7 @@ from dbc import UNUSABLE, Quality, parse_codec
 from dbc.value_tables import names_no_value
 from tui.cli import run
 
-from .frames import block
+from .databases import block
 
 NO_VALUE = """error|Error|ERROR|Error indicator|Error Indicator|SNA|DI_GEAR_SNA|AEB_SNA|sna|N/A|n.a.
 |not available|Not Available|NotAvailable|not_available|Signal not available|TemporarilyNotAvailable

@@ -17,7 +17,7 @@ from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
 from tui.cli import run
 
-from ..daq.crash_disk import QuickFile
+from ..daq.crash_frames import QuickFile
 from ..daq.small_campaign import START_NS, blocks, bumps, small_codec
 from .test_import import BENCH, write_log
 

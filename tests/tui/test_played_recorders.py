@@ -20,7 +20,7 @@ from tui.recorders.daemon import Lifetime
 from tui.recorders.played import commands
 
 from ..daq.crash_derive import journal_of_runs
-from ..daq.crash_disk import QuickFile
+from ..daq.crash_frames import QuickFile
 from ..daq.small_campaign import bumps, small_bench, small_codec
 from .batches import refused_session
 

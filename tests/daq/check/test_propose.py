@@ -24,7 +24,8 @@ from dbc.crc import CRC_RULES
 from dbc.layout import MessageLayout
 from dbc.samples import DecodeCounts, Decoded, Samples
 
-from ...dbc.foreign_texts import FRONT, REAR, kcd, message
+from ...dbc.databases import FRONT, REAR, kcd
+from ...dbc.databases import kcd_message as message
 from ..sensor_frames import START_NS, Row, frame_batch
 from ..wild_bench import POT
 from .test_frame_limits import sent

@@ -23,8 +23,7 @@ from daq.journal.writer import JournalWriter
 from daq.runs import Event
 from dbc.frames import FrameBatch
 
-from ..crash_disk import QuickFile
-from ..crash_frames import HEAD, START_NS, block, numbers
+from ..crash_frames import HEAD, START_NS, QuickFile, block, numbers
 
 LIMITS = RecorderConfig(reserve_bytes=0.0)
 

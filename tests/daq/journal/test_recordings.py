@@ -24,8 +24,7 @@ from daq.journal.segment_reader import SegmentFile
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 
-from ..crash_disk import FailingDisk, QuickFile
-from ..crash_frames import HEAD, START_NS, block, numbers
+from ..crash_frames import HEAD, START_NS, FailingDisk, QuickFile, block, numbers
 
 LIMITS = RecorderConfig(segment_bytes=20_000.0, reserve_bytes=0.0)
 BUMP = Event(START_NS, "bump", 1.5, "baseline_bounce_1")

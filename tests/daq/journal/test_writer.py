@@ -21,12 +21,18 @@ from daq.journal.writer import JournalError, JournalWriter
 from daq.runs import Event
 
 from ..crash_derive import journal_of_runs, kill_derive
-from ..crash_disk import FailingDisk, QuickFile
-from ..crash_faults import KINDS, faults
-from ..crash_frames import HEAD, block, numbers
-from ..crash_full import mounted_disk, run_full, small_disk
-from ..crash_images import images
-from ..crash_taken import TAKINGS, read_only, take_away
+from ..crash_frames import HEAD, FailingDisk, QuickFile, block, numbers
+from ..crash_writer import (
+    KINDS,
+    TAKINGS,
+    faults,
+    images,
+    mounted_disk,
+    read_only,
+    run_full,
+    small_disk,
+    take_away,
+)
 
 GB = 1_000_000_000
 LIMITS = RecorderConfig(reserve_bytes=200e6)

@@ -33,7 +33,7 @@ from daq.session import read_session
 from dbc import Codec, FrameBatch, FrameFlag
 from identify.report.content import title_of
 
-from ..crash_disk import QuickFile
+from ..crash_frames import QuickFile
 from ..small_campaign import (
     CAMPAIGN,
     LABELS,

@@ -1,4 +1,4 @@
-"""The verdict on simulated runs, good and spoilt; the long form is `tests.daq.verdicts`."""
+"""The verdict on simulated runs, good and spoilt; the long form is `tests.daq.verdict_runs`."""
 
 from __future__ import annotations
 
@@ -11,8 +11,18 @@ from daq.bench.campaign import Step
 from daq.runs import BASELINE, Excitation, Losses
 from daq.verdict import WORDS, RunMeasure, RunWindow, judge, peak_left
 
-from ..verdict_runs import Setting, benches, first_failed, good, judged, motion, windowed
-from ..verdicts import confusion, rejected, settings
+from ..verdict_runs import (
+    Setting,
+    benches,
+    confusion,
+    first_failed,
+    good,
+    judged,
+    motion,
+    rejected,
+    settings,
+    windowed,
+)
 
 BOUNCE = Step(BASELINE, Excitation.BOUNCE, 1)
 PITCH = Step(BASELINE, Excitation.PITCH, 1)

@@ -11,8 +11,8 @@ import pytest
 from daq.control.messages import Live, Status
 from daq.recorder.recorder import Recorder, loaded_is_kept
 
-from .recorder_run import Script, sources
-from .small_campaign import small_bench
+from ..recorder_run import Script, sources
+from ..small_campaign import small_bench
 
 
 def test_what_is_loaded_is_kept_within_and_searched_again_after_an_error() -> None:

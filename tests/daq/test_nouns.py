@@ -1,0 +1,296 @@
+"""A channel knows its unit, and refuses what does not fit."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.arrays import session_from_arrays
+from daq.bumps import BUMPS, kinds_of
+from daq.channels import SI_UNITS, TIME_DERIVATIVE, Channel, Quantity
+from daq.derive.from_logs import parse_runs
+from daq.runlog.run_log import Override, Remark
+from daq.runs import Excitation, RunStatus, SampleGroup
+from daq.session import read_session, write_session
+from daq.sessions import notes_of, overrides_of
+from daq.silence import Silence, longest_gap_s, longest_silence
+from daq.vehicle import (
+    PARAMETER_NAMES,
+    AddedMass,
+    Corner,
+    Structure,
+    parameter_names,
+    parameter_unit,
+)
+
+from .small_session import small_session
+
+TEXT: dict[str, Any] = {"name": "fl", "quantity": "hub_acceleration", "corner": "FL"}
+
+
+def test_the_unit_is_that_of_the_quantity() -> None:
+    assert Channel("r", Quantity.ROLL_RATE).unit == "rad/s"
+    assert Channel("r", Quantity.ROLL_RATE, "rad/s").unit == "rad/s"
+    assert Channel("yaw", Quantity.UNUSED, "deg/s").unit == "deg/s"
+    assert Channel("yaw", Quantity.UNUSED).unit == ""
+
+
+def test_the_unit_shows_how_often_a_displacement_is_derived() -> None:
+    order = {"m/s2": 2, "rad/s2": 2, "rad/s": 1, "m": 0}
+    assert set(Quantity) - set(TIME_DERIVATIVE) == {Quantity.UNUSED}
+    for quantity, derivative in TIME_DERIVATIVE.items():
+        assert derivative == order[SI_UNITS[quantity]], quantity
+
+
+def test_another_unit_is_refused() -> None:
+    with pytest.raises(ValueError, match="channel r: roll_rate is in rad/s, not deg/s"):
+        Channel("r", Quantity.ROLL_RATE, "deg/s")
+
+
+def test_corners_and_quantities_may_be_texts() -> None:
+    hub = Channel("fl", Quantity("hub_acceleration"), corner=Corner("FL"))
+    assert Channel(**TEXT) == hub
+    assert Channel(**TEXT).corner is Corner.FRONT_LEFT
+
+
+def test_a_corner_that_does_not_fit_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"channel fl: no corner is 'FM' .* FL, FR, RL, RR"):
+        Channel(**TEXT | {"corner": "FM"})
+    with pytest.raises(ValueError, match=r"channel fl: no quantity is 'speed' .*hub_acceleration"):
+        Channel(**TEXT | {"quantity": "speed"})
+    with pytest.raises(ValueError, match="channel fl: hub_acceleration needs a corner"):
+        Channel("fl", Quantity.HUB_ACCELERATION)
+    with pytest.raises(ValueError, match="channel p: pitch_rate has no corner"):
+        Channel("p", Quantity.PITCH_RATE, corner=Corner.FRONT_LEFT)
+
+
+# Samples of a run, which cannot be changed afterwards, and what of a session is used ------------
+
+
+def test_the_columns_of_a_group_cannot_be_changed_or_added_to() -> None:
+    given = {"az": np.zeros(3)}
+    group = SampleGroup("imu", np.arange(3.0), np.arange(3), given, np.zeros(3, np.uint8))
+    values: Any = group.values
+    with pytest.raises(TypeError, match="item assignment"):
+        values["other"] = np.zeros(3)
+    columns = (group.time_s, group.t_ns, group.quality, group.values["az"])
+    assert not any(column.flags.writeable for column in columns)
+    given["later"] = np.zeros(7)
+    assert list(group.values) == ["az"]
+
+
+def test_a_session_knows_its_accepted_runs_and_its_used_channels() -> None:
+    session = small_session()
+    first, second, third = session.runs
+    assert not session.accepted
+    second = replace(second, status=RunStatus.ACCEPTED)
+    session = replace(session, runs=(first, second, third))
+    assert [run.is_accepted for run in session.runs] == [False, True, False]
+    assert session.accepted == (second,)
+    az = replace(session.channels[2], quantity=Quantity.UNUSED)
+    session = replace(session, channels=(*session.channels[:2], az, session.channels[3]))
+    assert [c.name for c in session.used_channels] == ["hub_fl", "hub_fr", "pitch"]
+
+
+# A sensor may be silent equally long at the bench and at the desk -------------------------------
+
+
+@pytest.mark.parametrize(
+    ("gap_s", "cycle_s", "stale"),
+    [
+        (0.24, 0.01, False),  # a quarter of a second
+        (0.26, 0.01, True),
+        (0.99, 0.1, False),  # ten cycles of a slow message
+        (1.01, 0.1, True),
+    ],
+)
+def test_a_quarter_of_a_second_or_ten_cycles_is_too_long(
+    gap_s: float, cycle_s: float, stale: bool
+) -> None:
+    before = np.arange(20) * cycle_s
+    after = before[-1] + gap_s + np.arange(20) * cycle_s
+    found = longest_silence(np.concatenate([after, before]), 0.0, float(after[-1]))
+    assert (found.begin_s, found.end_s) == pytest.approx((before[-1], after[0]))
+    assert found.length_s == pytest.approx(gap_s)
+    assert found.limit_s == pytest.approx(max(0.25, 10.0 * cycle_s))
+    assert found.is_stale is stale
+
+
+def test_silence_counts_from_the_begin_of_the_run_to_its_end() -> None:
+    time_s = np.arange(101) / 100.0
+    assert longest_silence(time_s, -0.5, 1.2)[:2] == (-0.5, 0.0)
+    assert longest_silence(time_s, -0.1, 1.4)[:2] == (1.0, 1.4)
+    assert longest_silence(time_s, 0.5, 0.9).length_s == pytest.approx(0.01)
+    assert longest_silence(np.empty(0), 0.0, 2.0) == Silence(0.0, 2.0, 0.25)
+
+
+@pytest.mark.parametrize(("period_s", "limit_s"), [(0.005, 0.02), (0.01, 0.035)])
+def test_a_gap_in_the_wheels_motion_is_20_ms_or_three_and_a_half_samples(
+    period_s: float, limit_s: float
+) -> None:
+    assert longest_gap_s(period_s) == pytest.approx(limit_s)
+
+
+# The names and units of a vehicle's parameters, and where its corners are -----------------------
+
+
+BODY = ("m_s", "I_yy", "I_xx")
+AXLES = ("m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "c_sf", "c_sr")
+PLACES = ("a", "b", "t_f", "t_r")
+
+
+@pytest.mark.parametrize(
+    ("structure", "more"),
+    [
+        (Structure(), ()),
+        (Structure(anti_roll_bars=True), ("k_af", "k_ar")),
+        (Structure(tyre_damping=True), ("c_tf", "c_tr")),
+        (Structure(cg_offset=True), ("y_s",)),
+        (Structure(True, True, True, True), ("k_af", "k_ar", "c_tf", "c_tr", "y_s")),
+    ],
+)
+def test_a_model_has_fifteen_parameters_and_those_of_what_it_has_more(
+    structure: Structure, more: tuple[str, ...]
+) -> None:
+    assert parameter_names(structure) == (*BODY, *AXLES, *PLACES, *more)
+
+
+def test_a_model_with_unlike_corners_has_each_of_them() -> None:
+    corners = [f"{name}{side}" for name in AXLES for side in "lr"]
+    assert parameter_names(Structure(symmetric=False)) == (*BODY, *corners, *PLACES)
+    assert len(corners) == 16  # with the other seven: 23
+
+
+def test_units_follow_from_the_first_letter() -> None:
+    units = [parameter_unit(name) for name in PARAMETER_NAMES]
+    assert units == [
+        "kg", "kg m2", "kg m2", "kg", "kg", "N/m", "N/m", "N/m", "N/m", "N s/m", "N s/m",
+        "m", "m", "m", "m",
+    ]  # fmt: skip
+    assert (parameter_unit("F_cf"), parameter_unit("y_s")) == ("N", "m")
+
+
+def test_corners_are_counted_from_the_front_left_and_left_is_positive() -> None:
+    assert [corner.position for corner in Corner] == [0, 1, 2, 3]
+    assert [corner.front for corner in Corner] == [True, True, False, False]
+    assert [corner.side for corner in Corner] == [1, -1, 1, -1]
+
+
+def test_added_mass_is_a_matrix_of_seven_that_nobody_changes() -> None:
+    assert AddedMass().matrix.shape == (7, 7)
+    assert not AddedMass().matrix.any()
+    assert not AddedMass().matrix.flags.writeable
+    with pytest.raises(ValueError, match=r"7 x 7, not \(7, 6\)"):
+        AddedMass(matrix=np.zeros((7, 6)))
+
+
+# Remarks on a session, from a provenance that may come from any program -------------------------
+
+
+def test_notes_and_overrides_are_given_with_their_names() -> None:
+    notes = [Remark(1, "step check done"), Remark(2, "tyre changed", "", "MK"),
+             Remark(3, "door slammed", "baseline_roll_1", "AB")]  # fmt: skip
+    overrides = [Override(4, "channel x", "noisy, but unused", "MK")]
+    provenance = {
+        "notes": json.dumps([asdict(note) for note in notes]),
+        "overrides": json.dumps([asdict(override) for override in overrides]),
+    }
+    assert notes_of(provenance) == ("tyre changed (MK)", "baseline_roll_1: door slammed (AB)")
+    assert overrides_of(provenance) == ("channel x: noisy, but unused (MK)",)
+
+
+@pytest.mark.parametrize("text", ["plain words", "[1]", '[{"by": 1}]', "{", "[" * 100_000, "7"])
+def test_what_is_not_as_we_write_it_is_returned_as_it_is(text: str) -> None:
+    assert notes_of({"notes": text}) == overrides_of({"overrides": text}) == (text,)
+
+
+def test_nothing_was_said() -> None:
+    assert notes_of({}) == overrides_of({"overrides": ""}) == ()
+
+
+# What the packages offer by name, and what they load for it -------------------------------------
+
+
+@pytest.mark.parametrize("face", ["dbc", "daq", "identify"])
+def test_every_public_name_is_there(face: str) -> None:
+    module = import_module(face)
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+
+
+def test_the_recorder_does_not_load_the_library_of_session_files() -> None:
+    code = "import sys, daq.recorder.recorder; assert 'h5py' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+# The table of the kinds of bump, and which struck wheels count as which kind --------------------
+
+
+FL, FR, RL, RR = Corner
+BOUNCE, PITCH, ROLL, WARP, REAR = Excitation
+USUAL = (BOUNCE, PITCH, ROLL)
+
+
+def test_every_kind_has_a_row_in_the_order_of_the_kinds() -> None:
+    assert tuple(BUMPS) == tuple(Excitation)
+    assert Excitation("rear_pitch").words == "rear pitch"
+
+
+@pytest.mark.parametrize(
+    ("kind", "shares", "hand"),
+    [
+        (BOUNCE, (1.0, 1.0, 1.0, 1.0), (0, 0)),
+        (PITCH, (1.0, 1.0, 0.0, 0.0), (1, 0)),
+        (ROLL, (1.0, 0.0, 1.0, 0.0), (0, 1)),
+        (WARP, (1.0, 0.0, 0.0, 1.0), None),
+        (REAR, (0.0, 0.0, 1.0, 1.0), (-1, 0)),
+    ],
+)
+def test_a_kind_lifts_its_wheels_and_a_hand_pushes_where_they_are(
+    kind: Excitation, shares: tuple[float, ...], hand: tuple[int, int] | None
+) -> None:
+    """Left is positive, as is ahead; no hand pushes two opposite corners."""
+    assert (BUMPS[kind].shares, BUMPS[kind].hand) == (shares, hand)
+
+
+@pytest.mark.parametrize(
+    ("wheels", "planned", "kinds"),
+    [
+        ({FL, FR, RL, RR}, USUAL, (BOUNCE,)),
+        ({FL, FR}, USUAL, (PITCH,)),
+        # Without rear pitch in the campaign a pitch at either axle will do ..
+        ({RL, RR}, USUAL, (PITCH, REAR)),
+        # .. with it the axles are two kinds, and without pitch the same holds the other way.
+        ({RL, RR}, (*USUAL, REAR), (REAR,)),
+        ({FL, FR}, (*USUAL, REAR), (PITCH,)),
+        ({FL, FR}, (BOUNCE, REAR, ROLL), (PITCH, REAR)),
+        ({FL, RL}, USUAL, (ROLL,)),
+        ({FR, RR}, USUAL, (ROLL,)),
+        ({FR, RL}, USUAL, (WARP,)),
+        ({FL, RR}, (*USUAL, WARP), (WARP,)),
+        ({FL}, USUAL, ()),
+        ({FL, FR, RL}, (*USUAL, REAR), ()),
+    ],
+)
+def test_struck_wheels_make_a_kind(
+    wheels: set[Corner], planned: tuple[Excitation, ...], kinds: tuple[Excitation, ...]
+) -> None:
+    assert kinds_of(frozenset(wheels), planned) == kinds
+
+
+def test_a_rear_pitch_keeps_its_name_from_import_to_session(tmp_path: Path) -> None:
+    first, second = parse_runs("baseline:rear_pitch, baseline:rear_pitch")
+    assert (first.label, second.label) == ("baseline_rear_pitch_1", "baseline_rear_pitch_2")
+    time_s = np.arange(10) / 100.0
+    runs = [("baseline", "rear_pitch", {"z_s": (time_s, time_s)})]
+    write_session(tmp_path / "car.h5", session_from_arrays(runs))
+    (run,) = read_session(tmp_path / "car.h5").runs
+    assert (run.excitation, run.label) == (Excitation.REAR_PITCH, "baseline_rear_pitch_1")
