@@ -19,7 +19,7 @@ from typing import TextIO
 
 from ..bench.config import bench_codec, parse_bench
 from ..errors import BumpbenchError, InputError, printable
-from ..journal.folder import scanned, state_of
+from ..journal.folder import recordings_of
 from ..journal.reader import read_windows
 from ..runlog.run_log import fold
 from ..sessions import Session
@@ -58,8 +58,7 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
         what = f"cannot be written: {os.strerror(errno.ENOENT)}"
         raise InputError(str(target), what, "check the folder; the journal still holds everything")
     with _only_builder(target.parent):
-        infos = scanned(segments)
-        recording = state_of(infos)
+        recording = recordings_of(segments)[0]  # the reader refuses a second one
         run_log = fold(recording.events)
         text = run_log.bench_text or recording.head.bench_text
         dbc_text = recording.head.dbc_text

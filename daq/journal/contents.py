@@ -14,7 +14,7 @@ from dbc.words import counted
 from ..bus.source import HopLosses
 from ..runlog.run_log import Code
 from ..runs import Event
-from .format import ENDED, FrameBlock, JournalHead, session_name, unpack_frames
+from .format import ENDED, JournalHead, StoredFrames, session_name
 
 _NOTES = 20
 """Largest number of notes that are given in full in one line."""
@@ -53,24 +53,19 @@ class JournalLoss:
 
 @dataclass(frozen=True, slots=True)
 class JournalBlock:
-    """Frames or events of a recording: some consecutive blocks."""
+    """A block of a recording: frames or events."""
 
     losses: HopLosses
-    """Cumulative losses, the same for all of these frames."""
-    stored: tuple[FrameBlock, ...] = ()
-    """Blocks of frames of one width; empty if it holds events."""
+    """Losses counted up to the block, over all processes that wrote the recording."""
+    stored: StoredFrames | None = None
+    """Its frames; None if it holds events."""
     events: tuple[Event, ...] = ()
-    """Events; empty if it holds frames."""
-
-    @property
-    def t_ns(self) -> NDArray[np.int64]:
-        """Time stamps of the frames, ns, shape (n,)."""
-        return np.concatenate([np.zeros(0, np.int64), *(each.t_ns for each in self.stored)])
+    """Its events; empty if it holds frames."""
 
     @property
     def frames(self) -> FrameBatch:
         """The frames, unpacked at each access."""
-        return unpack_frames(self.stored) if self.stored else FrameBatch.empty()
+        return self.stored.frames if self.stored else FrameBatch.empty()
 
 
 @dataclass(frozen=True, slots=True)

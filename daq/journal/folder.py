@@ -18,9 +18,9 @@ from .format import (
     JournalHead,
     Kind,
     Summary,
-    frame_block,
     sealed_path,
     segment_number,
+    stored_frames,
     unpack_events,
     unpack_head,
 )
@@ -80,9 +80,9 @@ def scan(path: Path) -> SegmentInfo | None:
             stop = block.number + 1
             if block.kind == Kind.EVENTS:
                 events += ((block.number, event) for event in unpack_events(block.content))
-            elif (stored := frame_block(block.content)).frames:
-                frames += stored.frames
-                blocks.append((block.number, stored.frames))
+            elif (stored := stored_frames(block.content)).size:
+                frames += stored.size
+                blocks.append((block.number, stored.size))
                 earliest_ns = int(stored.t_ns.min())
                 first_ns = min(first_ns or earliest_ns, earliest_ns)
                 last_ns = max(last_ns, int(stored.t_ns.max()))
@@ -91,24 +91,6 @@ def scan(path: Path) -> SegmentInfo | None:
         return SegmentInfo(
             path, file.size, first.recording, first.writer, found, summary, False, tuple(blocks)
         )
-
-
-def scanned(segments: Sequence[Path]) -> tuple[SegmentInfo, ...]:
-    """Return the content of segments, in order, without frames; what cannot be read is left out.
-
-    Raises InputError if none can be read.
-    """
-    infos: list[SegmentInfo] = []
-    refused: list[InputError] = []
-    for path in segments:
-        try:
-            infos += [info] if (info := scan(path)) else []
-        except InputError as error:
-            refused.append(error)
-    if not infos:
-        where = ", ".join(str(path) for path in segments) or "journal"
-        raise refused[0] if refused else InputError(where, "holds no recording", ADVICE)
-    return tuple(sorted(infos, key=lambda info: segment_number(info.path)))
 
 
 # The folder ---------------------------------------------------------------------------------------
@@ -142,31 +124,39 @@ def next_segment(folder: Path) -> int:
 
 def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
     """Return the recordings in a folder, the oldest first; what cannot be read is left out."""
-    groups: dict[str, list[SegmentInfo]] = {}
-    for path in segments_in(folder):
-        if info := _readable(path):
-            groups.setdefault(info.recording, []).append(info)
-    return tuple(state for infos in groups.values() if (state := _state(infos)))
+    return _recordings(info for path in segments_in(folder) if (info := _readable(path)))
 
 
 def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     """Return the recordings of these segments, the oldest first.
 
     A file that cannot be read, or whose recording has no head, is the last of the recording before
-    it, so that a reader counts what is lost with it.  Raises InputError as `state_of`.
+    it, so that a reader counts what is lost with it.  Raises InputError if none can be read.
     """
-    infos = scanned(segments)
-    groups: dict[str, list[SegmentInfo]] = {}
-    for info in infos:
-        groups.setdefault(info.recording, []).append(info)
-    states = [state for group in groups.values() if (state := _state(group))]
+    infos: list[SegmentInfo] = []
+    refused: list[InputError] = []
+    for path in sorted(segments, key=segment_number):
+        try:
+            infos += [info] if (info := scan(path)) else []
+        except InputError as error:
+            refused.append(error)
+    states = list(_recordings(infos))
     if not states:
-        return (state_of(infos),)  # says why
+        where = ", ".join(str(path) for path in segments) or "journal"
+        if infos:
+            refused = [no_head(infos[0].path)]
+        raise refused[0] if refused else InputError(where, "holds no recording", ADVICE)
     for path in set(segments).difference(*(state.segments for state in states)):
         firsts = [segment_number(each.segments[0]) for each in states]
         k = max(0, sum(number < segment_number(path) for number in firsts) - 1)
         states[k] = replace(states[k], segments=(*states[k].segments, path))
     return tuple(states)
+
+
+def no_head(path: Path) -> InputError:
+    """Return the error of a recording of which no segment has a head."""
+    what = "has lost every copy of its bench.toml and DBC"
+    return InputError(str(path), what, "name all segments of its recording")
 
 
 def last_recording(folder: Path) -> RecordingInfo | None:
@@ -187,19 +177,15 @@ def _newest_first(folder: Path) -> Iterator[RecordingInfo]:
             yield state
 
 
-def state_of(infos: Sequence[SegmentInfo]) -> RecordingInfo:
-    """Return the state of the recording of these segments, which must be in order.
-
-    Raises InputError if none has a head.
-    """
-    state = _state(infos)
-    if state is None:
-        what = "has lost every copy of its bench.toml and DBC"
-        raise InputError(str(infos[0].path), what, "name all segments of its recording")
-    return state
+def _recordings(infos: Iterable[SegmentInfo]) -> tuple[RecordingInfo, ...]:
+    groups: dict[str, list[SegmentInfo]] = {}
+    for info in infos:
+        groups.setdefault(info.recording, []).append(info)
+    return tuple(state for group in groups.values() if (state := _state(group)))
 
 
 def _state(infos: Sequence[SegmentInfo]) -> RecordingInfo | None:
+    """Return the recording of segments, which must be in order; None if none has a head."""
     head = next((info.head for info in infos if info.head), None)
     if head is None:
         return None

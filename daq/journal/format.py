@@ -186,42 +186,37 @@ def pack_frames(frames: FrameBatch, losses: HopLosses) -> bytes:
     )
 
 
-class FrameBlock(NamedTuple):
-    """A stored block of frames."""
+class StoredFrames(NamedTuple):
+    """The frames of a block, which are unpacked only on access."""
 
-    frames: int
+    size: int
     """Number of its frames."""
-    width: int
-    """Payload bytes of each frame, 8 or 64."""
-    counts: tuple[int, ...]
-    """The fields of `HopLosses`, counted by the process that wrote the block."""
+    losses: HopLosses
+    """Losses counted up to it by the process that wrote it."""
     content: bytes | memoryview
     """From `pack_frames`."""
 
     @property
     def t_ns(self) -> NDArray[np.int64]:
-        """Time stamps of the frames, ns, shape (frames,)."""
-        return np.frombuffer(self.content, "<i8", self.frames, _FRAMES.size)
+        """Time stamps of the frames, ns, shape (size,)."""
+        return np.frombuffer(self.content, "<i8", self.size, _FRAMES.size)
+
+    @property
+    def frames(self) -> FrameBatch:
+        """The frames."""
+        width = _FRAMES.unpack_from(self.content)[1]
+        columns, begin = {}, _FRAMES.size
+        for name, form in (*_COLUMNS, ("data", _PAYLOADS[width])):
+            # A copy is aligned, and does not keep the whole piece of the file in memory.
+            columns[name] = np.frombuffer(self.content, form, self.size, begin).copy()
+            begin += form.itemsize * self.size
+        return FrameBatch(**columns)
 
 
-def frame_block(content: bytes | memoryview) -> FrameBlock:
-    """Return the block of frames in a block of kind FRAMES, whose columns are not read yet."""
-    n, width, *counts = _FRAMES.unpack_from(content)
-    return FrameBlock(n, width, tuple(counts), content)
-
-
-def unpack_frames(blocks: Sequence[FrameBlock]) -> FrameBatch:
-    """Return the frames of blocks of one width, joined: column by column, not block by block."""
-    columns = {}
-    row = 0  # bytes of a frame in the columns before this one
-    for name, form in (*_COLUMNS, ("data", _PAYLOADS[blocks[0].width])):
-        parts = []
-        for block in blocks:
-            begin = _FRAMES.size + row * block.frames
-            parts.append(block.content[begin : begin + form.itemsize * block.frames])
-        columns[name] = np.frombuffer(b"".join(parts), form)
-        row += form.itemsize
-    return FrameBatch(**columns)
+def stored_frames(content: bytes | memoryview) -> StoredFrames:
+    """Return the frames in a block of kind FRAMES."""
+    size, _, *counts = _FRAMES.unpack_from(content)
+    return StoredFrames(size, HopLosses(*counts), content)
 
 
 # Events that report what is missing ---------------------------------------------------------------

@@ -16,26 +16,23 @@ from ..bus.source import HopLosses
 from ..errors import InputError
 from ..runs import Event
 from .contents import HopCounts, JournalBlock, JournalContents, JournalLoss
-from .folder import scan
+from .folder import no_head, scan
 from .format import (
     DISK_GAP,
     FILE_GONE,
     RETENTION,
     Block,
-    FrameBlock,
     Gap,
     JournalHead,
     Kind,
-    frame_block,
     parse_gap,
     segment_number,
+    stored_frames,
     unpack_events,
     unpack_head,
 )
 from .segment_reader import ADVICE, SegmentFile
 
-_GROUP_FRAMES = 4096
-"""Approximate number of frames that are unpacked together: the cost of a call is shared by them."""
 _GAP_TEXTS = {
     DISK_GAP: "found no room on the disk or in memory",
     FILE_GONE: "lost: the file was removed while it was written",
@@ -68,8 +65,8 @@ def read_windows(
     hops = _HopTable()
     starts_ns, stops_ns = np.array(windows, np.int64).reshape(-1, 2).T
     for block in reader:
-        t_ns = block.t_ns
-        hops.add(block, t_ns)
+        t_ns = block.stored.t_ns if block.stored else np.zeros(0, np.int64)
+        hops.add(t_ns, block.losses)
         events += block.events
         if not len(t_ns):
             continue
@@ -92,18 +89,16 @@ class _HopTable:
         self._rows: list[tuple[int, ...]] = []
         self._t_ns = 0
 
-    def add(self, block: JournalBlock, t_ns: NDArray[np.int64]) -> None:
-        first = block.stored[0].frames if block.stored else 0
-        for part in (t_ns[:first], t_ns[first:]) if len(t_ns) else (t_ns,):
-            if len(part):
-                self._t_ns = max(self._t_ns, int(part.max()))
-            row = (self._t_ns, *block.losses.counts)
-            # `HopCounts.between` uses the row before a span and the first one after it.  Because
-            # both ends of every level are kept, it returns the same losses.
-            if len(self._rows) >= 2 and self._rows[-1][1:] == row[1:] == self._rows[-2][1:]:
-                self._rows[-1] = row
-            else:
-                self._rows.append(row)
+    def add(self, t_ns: NDArray[np.int64], losses: HopLosses) -> None:
+        if len(t_ns):
+            self._t_ns = max(self._t_ns, int(t_ns.max()))
+        row = (self._t_ns, *losses.counts)
+        # `HopCounts.between` uses the row before a span and the first one after it.  Because both
+        # ends of every level are kept, it returns the same losses.
+        if len(self._rows) >= 2 and self._rows[-1][1:] == row[1:] == self._rows[-2][1:]:
+            self._rows[-1] = row
+        else:
+            self._rows.append(row)
 
     def counts(self) -> HopCounts:
         table = np.array(self._rows, np.int64).reshape(-1, 5)
@@ -151,8 +146,7 @@ class JournalReader:
             elif (info := scan(path)) and info.head:  # only its beginning is damaged
                 heads[path] = info.head
         if not heads:
-            what = "has lost every copy of its bench.toml and DBC"
-            raise InputError(str(next(iter(firsts))), what, "name all segments of its recording")
+            raise no_head(next(iter(firsts)))
         (one, head), *others = heads.items()
         for path, other in others:
             if other.recording != head.recording:
@@ -196,13 +190,9 @@ class JournalReader:
     def __iter__(self) -> Iterator[JournalBlock]:
         expected, writer = 0, self._writers[self._paths[0]]
         losses = before = HopLosses()
-        group: list[FrameBlock] = []
         for path in self._paths:
             if self._writers[path] != writer:  # another process, which repeats no block
                 self._settle()
-                if group:
-                    yield JournalBlock(losses, tuple(group))
-                    group = []
                 before, writer = losses, self._writers[path]
             for block in self._blocks(path):
                 if block.number < expected:
@@ -215,32 +205,20 @@ class JournalReader:
                     corrupt = sum(lost.blocks_corrupt for lost in self._open)
                     self._missing.append((path.name, expected + corrupt, block.number))
                     self._settle()
-                if block.kind == Kind.END:
-                    expected = block.number
-                    continue
-                expected = block.number + 1
+                expected = block.number + (block.kind != Kind.END)
                 if block.kind == Kind.FRAMES:
-                    stored = frame_block(block.content)
-                    if group and not _belongs(stored, group):
-                        yield JournalBlock(losses, tuple(group))
-                        group = []
-                    if not group:
-                        counts = zip(before.counts, stored.counts, strict=True)
-                        losses = HopLosses(*(x + y for x, y in counts))
-                    group.append(stored)
-                    continue
-                if group:
-                    yield JournalBlock(losses, tuple(group))
-                    group = []
-                events = unpack_events(block.content)
-                for event in events:
-                    if (gap := parse_gap(event)) and gap.recording == self.head.recording:
-                        # Reported again before the segment with this event was deleted: counts
-                        # once.
-                        self._gaps[event.code, gap] = None
-                yield JournalBlock(losses, events=events)
-        if group:
-            yield JournalBlock(losses, tuple(group))
+                    stored = stored_frames(block.content)
+                    counts = zip(before.counts, stored.losses.counts, strict=True)
+                    losses = HopLosses(*(x + y for x, y in counts))
+                    yield JournalBlock(losses, stored)
+                elif block.kind == Kind.EVENTS:
+                    events = unpack_events(block.content)
+                    for event in events:
+                        if (gap := parse_gap(event)) and gap.recording == self.head.recording:
+                            # Reported again before the segment with this event was deleted:
+                            # counts once.
+                            self._gaps[event.code, gap] = None
+                    yield JournalBlock(losses, events=events)
         self._settle()
 
     def _blocks(self, path: Path) -> Iterator[Block]:
@@ -262,10 +240,3 @@ class JournalReader:
         """Count the losses that no later block has cancelled."""
         self._lost += self._open
         self._open.clear()
-
-
-def _belongs(block: FrameBlock, group: Sequence[FrameBlock]) -> bool:
-    """Return whether a block of frames is unpacked together with the blocks before it."""
-    first = group[0]
-    alike = block.width == first.width and block.counts == first.counts
-    return alike and len(group) * max(block.frames, 1) < _GROUP_FRAMES
