@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,6 +14,8 @@ from dbc.finding import Severity
 from identify import Estimate, Identification
 from identify.change import Change
 from identify.compare import Compared, Comparison, Difference, Trend
+from tui.cli import run
+from tui.jobs import comparing
 from tui.jobs.comparing import comparison_lines
 from tui.result import print_identification
 
@@ -146,3 +149,40 @@ def test_a_comparison_says_once_whether_anything_differs() -> None:
     assert lines[4].startswith("Nothing differs beyond chance")
     assert len(lines) <= 10
     assert "differ:" not in " ".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("paths", "labels"),
+    [
+        (["one.h5", "day/two.h5"], ["one", "two"]),
+        (["mon/car.h5", "tue/car.h5"], ["mon/car", "tue/car"]),
+        (["a/mon/car.h5", "b/mon/car.h5"], ["a/mon/car.h5", "b/mon/car.h5"]),
+        (["mon/car.h5", "mon/car.h5"], ["mon/car.h5", "mon/car.h5"]),
+    ],
+)
+def test_sessions_are_named_as_shortly_as_tells_them_apart(
+    paths: list[str],
+    labels: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    given: list[Any] = []
+
+    def compare(names: list[str], results: list[Any]) -> Any:
+        given.extend((names, results))
+        return comparison(2)
+
+    monkeypatch.setattr("identify.compare.compare", compare)
+    monkeypatch.setattr(comparing, "identified", lambda files, _: files)
+    assert run(["compare", *paths, "--json"]) == 0
+    assert given == [labels, paths]
+    assert json.loads(capsys.readouterr().out)["verdicts"] == ["ok", "doubtful"]
+
+
+def test_a_comparison_with_a_session_that_is_refused_is_exit_1(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = comparison(2, verdicts=("ok", "refused"))
+    monkeypatch.setattr("identify.compare.compare", lambda *_: made)
+    monkeypatch.setattr(comparing, "identified", lambda *_: [])
+    assert run(["compare", "a.h5", "b.h5"]) == 1

@@ -151,7 +151,8 @@ def _file_handler(path: Path) -> logging.Handler:
     require_log(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handler = RotatingFileHandler(path, "a", MOST_BYTES, backupCount=1, encoding="utf-8")
+        path.open("ab").close()
+        handler = RotatingFileHandler(path, "a", MOST_BYTES, 1, encoding="utf-8", delay=True)
     except OSError as error:
         what = error.strerror or str(error)
         raise InputError(str(path), what, "name another file for the log") from error

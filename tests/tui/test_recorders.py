@@ -1,4 +1,4 @@
-"""How a terminal starts recorders, and what it says of one that does not come up."""
+"""How a terminal starts recorders, what they record, and what is told of the end."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,23 +14,31 @@ import pytest
 
 from daq import write_session
 from daq.bench.campaign import Origin
-from daq.bench.config import default_bench_text
+from daq.bench.config import RecorderConfig, default_bench_text, parse_bench
+from daq.bus.source import HopLosses
 from daq.control.messages import Alarm, SessionState, SessionStatus, Setup
 from daq.errors import InputError
+from daq.journal.format import JournalHead
+from daq.journal.writer import JournalWriter
 from daq.runs import Losses, RunStatus
+from dbc import shipped_dbc
 from tui.cli import run
+from tui.commands.demo import begun_anew
 from tui.commands.tui import _starter, _wanted
-from tui.recorders.daemon import Lifetime, _Daemon, _Signals
+from tui.invocation import invoke
+from tui.recorders import recording
+from tui.recorders.daemon import Lifetime
 from tui.recorders.log import Log
-from tui.recorders.process import (
-    failure,
-    last_line,
-    start_recorder,
-)
-from tui.recorders.recording import print_outcome, recorded_session
+from tui.recorders.played import commands
+from tui.recorders.process import failure, last_line, start_recorder
+from tui.recorders.recording import print_outcome, record_campaign, recorded_session
 
 from ..daq.a_status import a_status
+from ..daq.crash_derive import journal_of_runs
+from ..daq.crash_frames import QuickFile
+from ..daq.small_campaign import bumps, small_bench, small_codec
 from ..daq.small_session import small_session
+from .batches import refused_session
 
 
 class Started:
@@ -205,60 +214,161 @@ def test_what_was_recorded_is_printed_or_why_there_is_nothing(
     assert capsys.readouterr().out.startswith("{")
 
 
-# The log and the daemon -------------------------------------------------------------------------
+# Demonstrations and replays ------------------------------------------------------------
 
 
-def daemon(engine: Any, log: Log, lifetime: Lifetime) -> _Daemon:
-    return _Daemon(engine, engine, engine, lifetime, log)
+Recorded = list[tuple[Any, Any, Path, Lifetime]]
 
 
-def test_a_recorder_that_fails_ends_the_command_with_its_reason(tmp_path: Path) -> None:
-    class Failing:
-        def run(self, *_: object) -> None:
-            raise InputError("can0", "is gone", "plug it in")
+@pytest.fixture
+def recorded(monkeypatch: pytest.MonkeyPatch) -> Recorded:
+    """Return bench, opener of buses, folder and lifetime of what would be recorded."""
+    seen: Recorded = []
 
-        def stopping(self) -> None:
-            """Say nothing to systemd."""
+    def record_campaign(
+        bench: Any, open_source: Any, out: Path, lifetime: Lifetime, *_: object
+    ) -> None:
+        seen.append((bench, open_source, out, lifetime))
 
-    lifetime = Lifetime(False, True, None, lambda: cast(Any, None))
-    one = daemon(Failing(), Log(tmp_path / "a.log"), lifetime)
-    with pytest.raises(InputError, match="is gone"):
-        one.run(_Signals(threading.Event()), lambda *_: None)
+    monkeypatch.setattr("tui.recorders.recording.record_campaign", record_campaign)
+    return seen
 
 
-def test_figures_that_cannot_be_written_and_a_thread_that_hangs_are_logged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def lives(lifetime: Lifetime) -> tuple[bool, bool, bool, bool]:
+    return lifetime.arm, lifetime.keep_on, lifetime.stay, lifetime.attended
+
+
+def test_a_replay_is_armed_goes_on_and_stays_for_its_terminal(
+    tmp_path: Path, recorded: Recorded
 ) -> None:
-    clock = [100.0]
-    monkeypatch.setattr("tui.recorders.daemon.time.monotonic", lambda: clock[0])
-    notified: list[float] = []
+    journal_of_runs(tmp_path / "journal", 8_000)
+    assert run(["recover", str(tmp_path)]) == 0
+    paths = (tmp_path / "replay", tmp_path / "session_0001.h5", "--log", tmp_path / "a.log")
+    assert invoke(["replay", *map(str, paths)], commands) == 0
+    ((bench, open_source, folder, lifetime),) = recorded
+    assert folder == tmp_path / "replay"
+    assert bench.origin is Origin.REPLAYED
+    assert lifetime.reread() is bench
+    assert [(bus.interface, bus.channel) for bus in bench.buses] == [("virtual", "session0")]
+    assert lives(lifetime) == (True, True, True, True)
+    source = open_source(bench.buses[0], 0)
+    assert source.read(0.0) is not None
+    source.close()
 
-    class Hanging:
-        def heartbeats(self) -> None:
-            """None beats."""
 
-        def notify(self, _: object, __: object, now_s: float) -> str:
-            notified.append(now_s)
-            return "the writer hangs"
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--fault", "wheels-off"], "--fault wheels-off: is unknown"),
+        (["--speed", "0.09"], "--speed"),
+        (["--speed", "20.1"], "--speed"),
+    ],
+)
+def test_a_demonstration_refuses_what_it_does_not_know(
+    options: list[str],
+    said: str,
+    tmp_path: Path,
+    recorded: Recorded,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert invoke(["demo", str(tmp_path), *options], commands) == 2
+    assert said in capsys.readouterr().err
+    assert recorded == []
 
-    figures = tmp_path / "bumpbench.prom"
-    lifetime = Lifetime(False, True, figures, lambda: cast(Any, None))
-    path = tmp_path / "a.log"
-    with Log(path) as log:
-        one = daemon(Hanging(), log, lifetime)
-        one._report(a_status())
-        assert "bumpbench" in figures.read_text()
-        figures.unlink()
-        for now_s, written in ((100.9, False), (101.0, False), (104.9, False), (105.0, True)):
-            clock[0] = now_s
-            one._report(a_status())
-            assert figures.exists() is written
-        figures.unlink()
-        figures.mkdir()
-        clock[0] = 110.0
-        one._report(a_status())
-    assert notified == [100.0, 101.0, 104.9, 110.0]
-    text = path.read_text()
-    assert text.count("the writer hangs") == 4
-    assert text.count(f"{figures}: ") == 1
-    assert text.count("recording Granada into") == 1
+
+def test_a_session_that_no_recorder_made_is_not_replayed(
+    tmp_path: Path, recorded: Recorded, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = tmp_path / "s.h5"
+    write_session(session, refused_session(1))
+    assert invoke(["replay", str(tmp_path), str(session)], commands) == 2
+    said = capsys.readouterr().err
+    assert f"{session}: does not hold its bench.toml and DBC" in said
+    for speed in ("0.09", "20.1"):
+        words = ["replay", str(tmp_path), str(session), "--speed", speed]
+        assert invoke(words, commands) == 2
+        assert "--speed" in capsys.readouterr().err
+    assert recorded == []
+
+
+@pytest.mark.parametrize("ended", [True, False])
+def test_a_demonstration_does_not_go_on_with_one_that_was_interrupted(
+    ended: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench = small_bench()
+    head = JournalHead(bench.text, bench.dbc_text, "test", 1, 0, "ab" * 16)
+    folder = tmp_path / "demo"
+    writer = JournalWriter(folder / "journal", head, RecorderConfig(), QuickFile)
+    writer.append(bumps(small_codec(), 1), HopLosses())
+    writer.close(ended=ended)
+    again = tmp_path / "demo-2"
+    assert begun_anew(folder) == (folder if ended else again)
+    assert (str(again) in capsys.readouterr().err) is not ended
+
+
+# A recording ----------------------------------------------------------------------
+
+BENCH = parse_bench(default_bench_text(), "bench.toml", Path(), shipped_dbc())
+
+
+@pytest.mark.parametrize(("arm", "pause_s"), [(True, 0.0), (False, 3.0)])
+def test_runs_are_accepted_at_once_where_nobody_looks_at_them(
+    arm: bool, pause_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Any] = []
+    ran: list[Any] = []
+
+    def recorder(*given: Any, **options: Any) -> str:
+        made.extend((*given, options))
+        return "recorder"
+
+    def run_recorder(*given: Any) -> Any:
+        ran.extend(given)
+        return a_status()
+
+    monkeypatch.setattr("daq.recorder.recorder.Recorder", recorder)
+    monkeypatch.setattr(recording, "run_recorder", run_recorder)
+    lifetime = Lifetime(arm, False, tmp_path / "a.prom", lambda: BENCH, stay=True)
+    log = cast(Log, "log")
+
+    def stage(done: float, text: str = "") -> None:
+        """Show nothing."""
+
+    def open_source(*_: object) -> Any:
+        """Open nothing."""
+
+    assert record_campaign(BENCH, open_source, tmp_path, lifetime, log, stage) == a_status()
+    bench, folder, opener, options = made
+    assert BENCH.campaign.accept_after_s == 3.0
+    assert bench.campaign.accept_after_s == pause_s
+    assert (folder, opener) == (tmp_path, open_source)
+    assert options == {"software": f"bumpbench {version('bumpbench')}"}
+    assert ran[0] == "recorder"
+    assert ran[1] is bench
+    assert (ran[2], ran[4], ran[5]) == (tmp_path, "log", stage)
+    assert ran[3].reread().campaign.accept_after_s == pause_s
+    assert (ran[3].arm, ran[3].figures, ran[3].stay) == (arm, tmp_path / "a.prom", True)
+    assert isinstance(ran[3].end, threading.Event)
+
+
+def test_a_channel_without_a_signal_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    wrong = default_bench_text().replace("IMU_Accel.acc_z", "IMU_Accel.acc_zz")
+    bench = parse_bench(wrong, "bench.toml", Path(), shipped_dbc())
+    lifetime = Lifetime(False, False, None, lambda: bench)
+    with pytest.raises(InputError, match="acc_zz"):
+        record_campaign(
+            bench, cast(Any, None), tmp_path / "day", lifetime, cast(Any, None), cast(Any, None)
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_messages_of_the_dbc_that_cannot_be_used_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = '\nBO_ 1999 Broken: 8 X\n SG_ wide : 0|65@1+ (1,0) [0|0] "" X\n'
+    bench = parse_bench(default_bench_text(), "bench.toml", Path(), shipped_dbc() + broken)
+    monkeypatch.setattr("daq.recorder.recorder.Recorder", lambda *_, **__: None)
+    monkeypatch.setattr(recording, "run_recorder", lambda *_: a_status())
+    lifetime = Lifetime(False, False, None, lambda: bench)
+    record_campaign(bench, cast(Any, None), tmp_path, lifetime, cast(Any, None), cast(Any, None))
+    assert "left out: " in capsys.readouterr().err

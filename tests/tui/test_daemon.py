@@ -1,9 +1,10 @@
-"""A recorder that runs for weeks: signals, a bench that is read anew, and what it says."""
+"""A recorder that runs for weeks: its own orders, signals, a new bench, and what it reports."""
 
 from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
@@ -13,13 +14,174 @@ from typing import Any, cast
 import pytest
 
 from daq.bench.config import Bench, default_bench_text, parse_bench
-from daq.control.messages import Phase, Reply, Status, StorageStatus, setup_of
+from daq.control.messages import (
+    Phase,
+    Reply,
+    SessionState,
+    SessionStatus,
+    Status,
+    StorageStatus,
+    setup_of,
+)
+from daq.control.monitoring import Heartbeats, Systemd
+from daq.control.orders import Arm, Order, Stop, Until
 from daq.errors import InputError
 from daq.recorder.recorder import Publish
 from tui.recorders.daemon import Lifetime, _Daemon, _Signals
 from tui.recorders.log import Log
 
 from ..daq.a_status import a_status
+
+
+class Engine:
+    """Remembers its orders."""
+
+    def __init__(self) -> None:
+        self.orders: list[Order] = []
+        self.refuses = False
+
+    def submit(self, order: Order, by: str) -> Future[Reply]:
+        self.orders.append(order)
+        future: Future[Reply] = Future()
+        if self.refuses:
+            future.set_exception(ValueError("the disk refuses"))
+        else:
+            future.set_result(Reply())
+        return future
+
+
+def daemon(engine: Engine, arm: bool = True, keep_on: bool = True, stay: bool = False) -> _Daemon:
+    lifetime = Lifetime(arm, keep_on, None, lambda: cast(Bench, None), stay=stay)
+    return _Daemon(cast(Any, engine), cast(Any, None), cast(Any, None), lifetime, Log(None))
+
+
+def at(recording: str, phase: Phase, session: SessionState = SessionState.NONE) -> Status:
+    state = SessionStatus(session)
+    return replace(a_status(), recording=recording, phase=phase, session=state)
+
+
+def test_each_recording_of_a_daemon_is_armed_once_and_ended_when_complete() -> None:
+    engine = Engine()
+    one = daemon(engine)
+    for status in (
+        at("a", Phase.IDLE),
+        at("a", Phase.IDLE),
+        at("a", Phase.WAITING),
+        at("a", Phase.COMPLETE),
+        at("a", Phase.COMPLETE),
+        at("", Phase.IDLE, SessionState.BUILDING),
+        at("", Phase.IDLE, SessionState.READY),
+        at("b", Phase.IDLE),  # a terminal has begun another
+        at("b", Phase.ARMED),
+        at("b", Phase.PAUSED),
+        at("b", Phase.IDLE),
+    ):
+        one._lead(status, end=False)
+    arm = Arm(Until.COMPLETE)
+    assert engine.orders == [arm, Stop(), arm]
+    assert not one._stop.is_set()
+
+
+def test_a_complete_recording_is_left_to_the_terminal_that_looks_at_it() -> None:
+    engine = Engine()
+    one = daemon(engine, stay=True)
+    for phase in (Phase.IDLE, Phase.ARMED, Phase.COMPLETE, Phase.COMPLETE):
+        one._lead(at("a", phase), end=False)
+    assert engine.orders == [Arm(Until.COMPLETE)]
+
+
+def test_without_arming_nothing_is_ordered() -> None:
+    engine = Engine()
+    one = daemon(engine, arm=False)
+    for phase in Phase:
+        one._lead(at("a", phase), end=False)
+    assert engine.orders == []
+
+
+@pytest.mark.parametrize("end", [False, True])
+def test_a_campaign_ends_with_its_session_file(end: bool) -> None:
+    engine = Engine()
+    one = daemon(engine, keep_on=False)
+    one._lead(at("a", Phase.ARMED if end else Phase.COMPLETE), end)
+    one._lead(at("", Phase.IDLE, SessionState.BUILDING), end)
+    assert not one._stop.is_set()
+    one._lead(at("", Phase.IDLE, SessionState.READY), end)
+    assert one._stop.is_set()
+    assert engine.orders == [Stop()]
+
+
+def test_an_end_that_a_full_disk_refuses_is_tried_again_until_it_has_room() -> None:
+    """The frames that waited in memory were lost when the recorder went."""
+    engine = Engine()
+    engine.refuses = True
+    one = daemon(engine, keep_on=False)
+    for _ in range(4):
+        one._lead(at("a", Phase.COMPLETE), end=False)
+    assert engine.orders == [Stop(), Stop()]
+    assert not one._stop.is_set()
+    engine.refuses = False
+    one._lead(at("a", Phase.COMPLETE), end=False)
+    one._lead(at("", Phase.IDLE, SessionState.BUILDING), end=False)
+    assert not one._stop.is_set()
+    one._lead(at("", Phase.IDLE, SessionState.READY), end=False)
+    assert one._stop.is_set()
+    assert engine.orders == [Stop()] * 3
+
+
+def test_a_signal_ends_a_recorder_whose_disk_is_full_and_keeps_the_recording() -> None:
+    engine = Engine()
+    engine.refuses = True
+    one = daemon(engine, keep_on=False)
+    one._lead(at("a", Phase.COMPLETE), end=False)
+    one._lead(at("a", Phase.COMPLETE), end=True)
+    assert one._stop.is_set()
+
+
+class Deserted:
+    """A recorder and its server: for how long no client has been there, s, look by look."""
+
+    def __init__(self, *alone_s: float) -> None:
+        self.looks = list(alone_s)
+        self.stopped = False
+
+    def alone_s(self) -> float:
+        return self.looks.pop(0) if self.looks else 0.0
+
+    def run(self, stop: threading.Event, publish: Publish, _: object) -> None:
+        publish(a_status(), None)
+        self.stopped = stop.wait(0.8)
+
+    def publish(self, *_: object) -> None:
+        pass
+
+    def storage(self) -> StorageStatus:
+        return StorageStatus()
+
+    def heartbeats(self) -> Heartbeats:
+        return Heartbeats((), time.monotonic(), time.monotonic())
+
+
+@pytest.mark.parametrize(
+    ("attended", "alone_s", "left"),
+    [
+        (True, (0.0, 9.9, 9.9), None),
+        (True, (0.0, 9.9, 10.1, 0.0), [0.0]),  # it ends with the third look
+        (False, (10.1,), None),
+    ],
+)
+def test_a_demonstration_ends_ten_seconds_after_its_last_terminal(
+    attended: bool, alone_s: tuple[float, ...], left: list[float] | None
+) -> None:
+    both = Deserted(*alone_s)
+    lifetime = Lifetime(False, True, None, lambda: cast(Bench, None), attended=attended)
+    one = _Daemon(cast(Any, both), cast(Any, both), Systemd(), lifetime, Log(None))
+    one.run(_Signals(threading.Event()), lambda *_: None)
+    assert both.stopped == (left is not None)
+    if left is not None:
+        assert both.looks == left
+
+
+# Signals --------------------------------------------------------------------------------
 
 BENCH = parse_bench(default_bench_text(), "bench.toml", Path(), "")
 
@@ -83,10 +245,13 @@ class All:
         self.said.append("closed")
 
 
+def _of_one(all_: Any, log: Log, lifetime: Lifetime) -> _Daemon:
+    return _Daemon(all_, all_, all_, lifetime, log)
+
+
 def made(all_: All, log: Log, **changes: Any) -> _Daemon:
     plain = Lifetime(False, False, None, lambda: BENCH)
-    anyone = cast(Any, all_)
-    return _Daemon(anyone, anyone, anyone, replace(plain, **changes), log)
+    return _of_one(all_, log, replace(plain, **changes))
 
 
 def none(*_: object) -> None:
@@ -264,3 +429,55 @@ def test_a_hangup_reloads_once(tmp_path: Path) -> None:
         made(all_, log).run(signals, stage)
     assert turns[:3] == [1, 1, 1]
     assert not signals.reload.is_set()
+
+
+def test_a_recorder_that_fails_ends_the_command_with_its_reason(tmp_path: Path) -> None:
+    class Failing:
+        def run(self, *_: object) -> None:
+            raise InputError("can0", "is gone", "plug it in")
+
+        def stopping(self) -> None:
+            """Say nothing to systemd."""
+
+    lifetime = Lifetime(False, True, None, lambda: cast(Any, None))
+    one = _of_one(Failing(), Log(tmp_path / "a.log"), lifetime)
+    with pytest.raises(InputError, match="is gone"):
+        one.run(_Signals(threading.Event()), lambda *_: None)
+
+
+def test_figures_that_cannot_be_written_and_a_thread_that_hangs_are_logged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("tui.recorders.daemon.time.monotonic", lambda: clock[0])
+    notified: list[float] = []
+
+    class Hanging:
+        def heartbeats(self) -> None:
+            """None beats."""
+
+        def notify(self, _: object, __: object, now_s: float) -> str:
+            notified.append(now_s)
+            return "the writer hangs"
+
+    figures = tmp_path / "bumpbench.prom"
+    lifetime = Lifetime(False, True, figures, lambda: cast(Any, None))
+    path = tmp_path / "a.log"
+    with Log(path) as log:
+        one = _of_one(Hanging(), log, lifetime)
+        one._report(a_status())
+        assert "bumpbench" in figures.read_text()
+        figures.unlink()
+        for now_s, written in ((100.9, False), (101.0, False), (104.9, False), (105.0, True)):
+            clock[0] = now_s
+            one._report(a_status())
+            assert figures.exists() is written
+        figures.unlink()
+        figures.mkdir()
+        clock[0] = 110.0
+        one._report(a_status())
+    assert notified == [100.0, 101.0, 104.9, 110.0]
+    text = path.read_text()
+    assert text.count("the writer hangs") == 4
+    assert text.count(f"{figures}: ") == 1
+    assert text.count("recording Granada into") == 1
