@@ -1,30 +1,115 @@
-"""Simulates a complete campaign as a session, without frames and bus, for Monte Carlo studies.
-
-Everything except the wire is as on the simulated bench: the car is driven over its bumps; the
-sensors measure with delay, low-pass, bias and noise, each message at its own times.  The weights,
-positions and delays stated in the session differ from the truth by errors of the stated
-uncertainty.
-"""
+"""Defines sensors for any car: an inertial unit, hub accelerometers, suspension travels."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from math import inf
+from dataclasses import astuple, dataclass, field
+from math import inf, sqrt
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from daq.channels import Channel, message_of
-from daq.runs import BASELINE, Excitation, Run, RunStatus, SampleGroup
+from daq.channels import Channel, Quantity, message_of
+from daq.runs import ADDED, BASELINE, Excitation, Run, RunStatus, SampleGroup
 from daq.sessions import Session
-from daq.sim.car import SensorTruth, SimulatedCar, Truth, draw
+from daq.sim.car import NOISE, SensorTruth, SimulatedCar, Spread, Truth, draw
 from daq.sim.elements import Array
 from daq.sim.engine import Plant
 from daq.sim.motion import Bump, Kinematics, Motion, Moving, drive, standing
-from daq.sim.plant import load_car
+from daq.sim.plant import GRAVITY_M_S2, contact, load_car, static_pose
 from daq.sim.sensors import Installation, install, low_pass, measured, true_reading
-from daq.vehicle import MassState, Vehicle
+from daq.vehicle import (
+    AddedMass,
+    BodyWeight,
+    Corner,
+    Fact,
+    FactQuantity,
+    HubWeight,
+    MassState,
+    Vehicle,
+    VehicleParameters,
+)
+
+IMU = "IMU"
+"""The message of the inertial unit: acceleration of a body point, roll and pitch rate."""
+HUBS = ("HUB_Front", "HUB_Rear")
+"""The messages of the hub accelerometers, two hubs each."""
+TRAVELS = ("SUSP_Front", "SUSP_Rear")
+"""The messages of the suspension travels, two corners each."""
+MESSAGES = (IMU, *HUBS, *TRAVELS)
+"""All devices."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fitting:
+    """The fitting of sensors, as known from data sheets and a tape measure."""
+
+    messages: tuple[str, ...] = MESSAGES
+    """The fitted devices, of `MESSAGES`."""
+    imu_m: tuple[float, float] = (-1.05, 0.12)
+    """Position of the inertial unit from the middle of the front axle: forward, left, m."""
+    place_sigma_m: float = 0.0
+    """Standard uncertainty of that position, m."""
+    delay_s: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Stated delay of each device, s; 0 for devices that are not named."""
+    delay_sigma_s: float = 0.0
+    """Standard uncertainty of that delay, s."""
+    low_pass_hz: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Cut-off frequency of each device's second-order Butterworth low-pass, Hz; none for devices
+    that are not named."""
+
+
+def channels(fitting: Fitting) -> tuple[Channel, ...]:
+    """Return the channels of a set of sensors."""
+    made = []
+    if IMU in fitting.messages:
+        x_m, y_m = fitting.imu_m
+        place = (x_m, y_m, fitting.place_sigma_m)
+        body = Quantity.BODY_ACCELERATION
+        made.append(_channel(fitting, "body_acc_z", body, "m/s2", IMU, None, place))
+        made.append(_channel(fitting, "roll_rate", Quantity.ROLL_RATE, "rad/s", IMU))
+        made.append(_channel(fitting, "pitch_rate", Quantity.PITCH_RATE, "rad/s", IMU))
+    at_corners = (
+        ("hub_acc", Quantity.HUB_ACCELERATION, "m/s2", HUBS),
+        ("travel", Quantity.SUSPENSION_TRAVEL, "m", TRAVELS),
+    )
+    for stem, quantity, unit, messages in at_corners:
+        for corner in Corner:
+            message = messages[0] if corner.front else messages[1]
+            if message in fitting.messages:
+                name = f"{stem}_{corner.lower()}"
+                made.append(_channel(fitting, name, quantity, unit, message, corner))
+    return tuple(made)
+
+
+def _channel(
+    fitting: Fitting,
+    name: str,
+    quantity: Quantity,
+    unit: str,
+    message: str,
+    corner: Corner | None = None,
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Channel:
+    x_m, y_m, sigma_m = place
+    return Channel(
+        name=name,
+        quantity=quantity,
+        unit=unit,
+        signal=f"{message}.{name}",
+        corner=corner,
+        x_m=x_m,
+        y_m=y_m,
+        position_sigma_m=sigma_m,
+        delay_s=fitting.delay_s.get(message, 0.0),
+        delay_sigma_s=fitting.delay_sigma_s,
+        low_pass_hz=fitting.low_pass_hz.get(message, 0.0),
+    )
+
+
+# Simulates a complete campaign as a session, without frames and bus, for Monte Carlo studies ----
+
 
 FINE_S = 1e-4
 """Time step, s, at which a run is read before the sensors sample it: that of the simulation."""
@@ -191,4 +276,106 @@ def _run(bump: PlannedBump, repeat: int, bump_s: float, groups: Sequence[SampleG
         bump_s=bump_s,
         groups=tuple(groups),
         status=RunStatus.ACCEPTED,
+    )
+
+
+# Draws the bench of a car of the fleet: sensors with stated errors, weights, runs, scales -------
+
+
+_SCALE_KG, _WHEELBASE_M, _TRACK_M = 0.5, 0.002, 0.004
+"""Standard uncertainty of a corner's scales, kg, and of the tape measure along the car and across
+it, m."""
+_THREE = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+_FURTHER = (*_THREE, Excitation.WARP)
+_CORNER_FACTS = [FactQuantity[f"CORNER_{corner}"] for corner in Corner]
+
+
+def spread(factor: float) -> Spread:
+    """Return the noise of real parts, times a factor."""
+    return Spread(*(factor * sigma for sigma in astuple(NOISE)))
+
+
+def fitted_plan(
+    p: VehicleParameters,
+    ranges: Mapping[str, Any],
+    rng: np.random.Generator,
+    messages: tuple[str, ...],
+    weights: bool,
+) -> Plan:
+    """Draw sensors and runs for a car: six to eight runs, half of them with any weights.
+
+    `p`: the car.  `ranges`: ranges of `fleet.toml`.  `messages`: fitted devices.  `weights`: True
+    for additional runs with added mass.
+    """
+    sensors = ranges["sensors"]
+    fitting = Fitting(
+        messages=messages,
+        imu_m=(-p.a + float(rng.uniform(-0.4, 0.4)), float(rng.uniform(-0.2, 0.2))),
+        place_sigma_m=sensors["place_sigma_m"],
+        delay_s={name: float(rng.uniform(*sensors["late_s"])) for name in messages},
+        delay_sigma_s=sensors["late_sigma_s"],
+        low_pass_hz={name: float(rng.uniform(*sensors["low_pass_hz"])) for name in messages},
+    )
+    rates_hz = {name: float(rng.choice(sensors["rates_hz"])) for name in messages}
+    states = [BASELINE, ADDED] if weights else [BASELINE, BASELINE]
+    kinds = [(state, excitation) for state in states for excitation in _THREE]
+    for _ in range(int(rng.integers(0, 3))):
+        kinds.append((states[int(rng.integers(2))], _FURTHER[int(rng.integers(4))]))
+    heights = rng.uniform(0.03, 0.05, len(kinds))
+    bumps = [
+        PlannedBump(state, excitation, float(height))
+        for (state, excitation), height in zip(kinds, heights, strict=True)
+    ]
+    limits = ranges["weights"]
+    loads = _weights(p, limits, rng)
+    mass_states = (MassState(BASELINE), MassState(ADDED, loads))[: len(set(states))]
+    return Plan(
+        bumps=tuple(bumps),
+        channels=channels(fitting),
+        mass_states=mass_states,
+        rates_hz=rates_hz,
+        stuck=0.5,
+    )
+
+
+def _weights(
+    p: VehicleParameters, limits: Mapping[str, Any], rng: np.random.Generator
+) -> AddedMass:
+    """Draw weights over the axles, with the heavier one at the front left, and on the hubs."""
+    sigma_kg = limits["mass_kg"] / sqrt(3.0)
+    total = p.m_s * float(rng.uniform(*limits["share"]))
+    placed = ((0.35, 0.1, 0.6), (0.15, 0.1, -0.6), (0.15, -1.0, 0.6), (0.35, -1.0, -0.6))
+    wheelbase = p.a + p.b
+    body = [
+        BodyWeight(
+            mass_kg=round(total * share, 1),
+            x_m=round(0.15 if along > 0.0 else -wheelbase - 0.1, 2),
+            y_m=round(across * (p.t_f if along > 0.0 else p.t_r), 2),
+            sigma_kg=sigma_kg,
+            position_sigma_m=limits["place_m"] / sqrt(3.0),
+        )
+        for share, along, across in placed
+    ]
+    hubs = [
+        HubWeight(round(0.1 * (p.m_uf if c.front else p.m_ur), 1), c, sigma_kg / 10.0)
+        for c in Corner
+    ]
+    return AddedMass((*body, *hubs))
+
+
+def facts_of(car: SimulatedCar, rng: np.random.Generator) -> tuple[Fact, ...]:
+    """Return the facts that corner scales and a tape measure show of a car."""
+    p = car.parameters
+    plant = load_car(p, AddedMass(), car.imperfections)
+    still, flat = np.zeros((7, 1)), np.zeros((4, 1))
+    loads = contact(plant, static_pose(plant), still, flat).tyre_n[:, 0] / GRAVITY_M_S2
+    known = [
+        *((q, float(load), _SCALE_KG) for q, load in zip(_CORNER_FACTS, loads, strict=True)),
+        (FactQuantity.WHEELBASE, p.a + p.b, _WHEELBASE_M),
+        (FactQuantity.FRONT_TRACK, 2.0 * p.t_f, _TRACK_M),
+        (FactQuantity.REAR_TRACK, 2.0 * p.t_r, _TRACK_M),
+    ]
+    return tuple(
+        Fact(quantity, value + sigma * float(rng.standard_normal()), sigma)
+        for quantity, value, sigma in known
     )

@@ -29,10 +29,8 @@ from daq.sim.elements import (
 from daq.sim.plant import GRAVITY_M_S2, corner_motion, load_car
 from daq.vehicle import AddedMass, VehicleParameters
 
-from .campaign import Plan, Simulated, simulate
-from .fleet_bench import facts_of, fitted_plan, spread
-from .instruments import HUBS, IMU, MESSAGES
-from .nonlinear_truth import nonlinear_sizes, with_axles
+from .campaign import HUBS, IMU, MESSAGES, Plan, Simulated, facts_of, fitted_plan, simulate, spread
+from .cars import nonlinear_sizes, with_axles
 
 Facts = Mapping[str, Any]
 Range = Sequence[float]

@@ -32,8 +32,7 @@ from identify.result import Identification
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
 from identify.trust.statements import contradictions, unseen_findings
-from tests.simulated.campaign import Plan, PlannedBump, simulate
-from tests.simulated.instruments import Fitting, channels
+from tests.simulated.campaign import Fitting, Plan, PlannedBump, channels, simulate
 
 from ...flow.coverage import simulated_session
 from ..stress import stress_session
