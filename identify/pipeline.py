@@ -19,8 +19,13 @@ from dbc.words import counted
 
 from .decays.decay import FreeDecay, Record
 from .decays.usable import usable
-from .fit.estimation import Estimation, first_estimate, later_estimate, later_may_hold
-from .fit.generic_vehicles import generic_vehicles
+from .fit.estimation import (
+    Estimation,
+    first_estimate,
+    generic_vehicles,
+    later_estimate,
+    later_may_hold,
+)
 from .fit.grey_box import GreyBox
 from .fit.uncertainty import (
     correlation,

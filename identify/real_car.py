@@ -9,8 +9,7 @@ import numpy as np
 
 from daq.sessions import Session
 
-from .fit.estimation import Estimation
-from .fit.generic_vehicles import generic_vehicles
+from .fit.estimation import Estimation, generic_vehicles
 from .trust.faults import swapped_labels
 from .trust.hypotheses import rank_causes
 from .trust.residuals import CHI2_LIMIT

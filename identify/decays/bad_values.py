@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import LARGEST
-from daq.runs import Run, SampleGroup
+from daq.runs import Run
 from daq.sessions import Session
 
 _Array = NDArray[np.float64]
@@ -89,21 +89,19 @@ def without_bad_values(
             values[known[part]] = np.nan
         return values
 
-    def of_group(run: Run, group: SampleGroup) -> SampleGroup:
-        values = {
-            name: of_channel(run, name, group.time_s, column) if name in used else column
-            for name, column in group.values.items()
-        }
-        same = all(values[name] is column for name, column in group.values.items())
-        return group if same else replace(group, values=values)
-
-    def of_run(run: Run) -> Run:
-        groups = tuple(of_group(run, group) for group in run.groups)
-        same = all(a is b for a, b in zip(groups, run.groups, strict=True))
-        return run if same else replace(run, groups=groups)
-
-    runs = tuple(of_run(run) if run.is_accepted else run for run in session.runs)
-    return replace(session, runs=runs), tuple(absurd), tuple(spiked)
+    runs = []
+    for run in session.runs:
+        groups = []
+        for group in run.groups if run.is_accepted else ():
+            values = {
+                name: of_channel(run, name, group.time_s, column) if name in used else column
+                for name, column in group.values.items()
+            }
+            same = all(values[name] is column for name, column in group.values.items())
+            groups.append(group if same else replace(group, values=values))
+        same = all(a is b for a, b in zip(groups, run.groups, strict=False))
+        runs.append(run if same else replace(run, groups=tuple(groups)))
+    return replace(session, runs=tuple(runs)), tuple(absurd), tuple(spiked)
 
 
 def spikes(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> list[slice]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
-from daq.runs import Run, SampleGroup
+from daq.runs import Run
 from dbc.frames import read_only
 
 
@@ -135,21 +135,17 @@ def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
     without any number is left out by itself.
     """
     used = {c.name: c.placed() for c in channels if c.quantity is not Quantity.UNUSED}
-    recordings = [r for group in run.groups for r in _by_channel_group(group, used)]
-    return Record(
-        run.label, run.mass_state, run.bump_s, tuple(r for r in recordings if len(r.time_s))
-    )
-
-
-def _by_channel_group(group: SampleGroup, used: dict[str, Channel]) -> list[Recording]:
     recordings = []
-    shown = (name for name, column in group.values.items() if np.isfinite(column).any())
-    for members in _alike(tuple(used[name] for name in shown if name in used)):
-        values = np.column_stack([group.values[c.name] for c in members])
-        good = np.isfinite(values).all(axis=1)
-        time = group.time_s[good] - members[0].delay_s
-        recordings.append(Recording(ChannelGroup(group.name, members), time, values[good]))
-    return recordings
+    for group in run.groups:
+        shown = (name for name, column in group.values.items() if np.isfinite(column).any())
+        for members in _alike(tuple(used[name] for name in shown if name in used)):
+            values = np.column_stack([group.values[c.name] for c in members])
+            good = np.isfinite(values).all(axis=1)
+            time = group.time_s[good] - members[0].delay_s
+            if good.any():
+                channel_group = ChannelGroup(group.name, members)
+                recordings.append(Recording(channel_group, time, values[good]))
+    return Record(run.label, run.mass_state, run.bump_s, tuple(recordings))
 
 
 def _alike(channels: tuple[Channel, ...]) -> list[tuple[Channel, ...]]:

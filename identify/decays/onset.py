@@ -52,7 +52,7 @@ def _seen_onset_s(record: Record) -> float | None:
     for recording, rest in seen:
         level = recording.values[rest].mean(axis=0)
         spread = recording.values[rest].std(axis=0)
-        noise = _tail_noise(recording.values)
+        noise = difference_noise(recording.values[-max(len(recording.values) // 5, 3) :])
         still = np.maximum(_MOVING * noise, _ONSET_SHARE * recording.values.std(axis=0))
         if (spread > still).any():
             return None
@@ -172,7 +172,3 @@ def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
     A smooth signal adds little to it, so it separates the noise of a residual from its misfit.
     """
     return np.asarray(np.sqrt(np.mean(np.diff(values, axis=0) ** 2, axis=0) / 2))
-
-
-def _tail_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return difference_noise(values[-max(len(values) // 5, 3) :])

@@ -74,7 +74,8 @@ def usable(session: Session) -> Usable:
     """
     session, absurd, spikes = without_bad_values(session)
     session = replace(session, channels=_living(session))
-    silences = _silences(session)
+    used = {c.name for c in session.used_channels}
+    silences = [_silences(run, used) if run.is_accepted else {} for run in session.runs]
     records = [
         record_of(run, session.channels) if run.is_accepted else None for run in session.runs
     ]
@@ -89,7 +90,7 @@ def usable(session: Session) -> Usable:
         if record is None:
             return run
         reasons = (
-            tuple(_back(run, session))
+            tuple(_back(run, used))
             or tuple(_silent(own, often_silent))
             or tuple(_held(held.get(run.label, ()), often_held))
             or tuple(_without_decay(record))
@@ -139,13 +140,8 @@ def _most(faulty: Sequence[str], shown: Sequence[str]) -> tuple[str, ...]:
     return tuple(n for n in dict.fromkeys(faulty) if 2 * faulty.count(n) > shown.count(n))
 
 
-def _silences(session: Session) -> list[_Silences]:
-    """Return the longest silences in each run; none in one that is not accepted."""
-    used = {c.name for c in session.used_channels}
-    return [_of_run(run, used) if run.is_accepted else {} for run in session.runs]
-
-
-def _of_run(run: Run, used: set[str]) -> _Silences:
+def _silences(run: Run, used: set[str]) -> _Silences:
+    """Return the longest silences in a run."""
     times = {
         name: group.time_s[np.isfinite(values) & np.isfinite(group.time_s)]
         for group in run.groups
@@ -165,9 +161,8 @@ def _of_run(run: Run, used: set[str]) -> _Silences:
     return {name: silence[key] for name, key in clock.items()}
 
 
-def _back(run: Run, session: Session) -> Iterator[str]:
+def _back(run: Run, used: set[str]) -> Iterator[str]:
     """Yield a line for each clock of used channels that goes back."""
-    used = {c.name for c in session.used_channels}
     for group in run.groups:
         back = np.flatnonzero(np.diff(group.time_s) < 0.0)
         if used & group.values.keys() and len(back):
@@ -217,8 +212,13 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
     step of its converter.  So a held value counts only where the channel changes often enough at
     rest before the bump, or, if it is constant there too, in a repeat of the run.
     """
-    starts = _starts_s(records)
-    holds = [one for record, at in zip(records, starts, strict=True) for one in _holds(record, *at)]
+    holds = []
+    for record, (rest_s, start_s) in zip(records, _starts_s(records), strict=True):
+        kind = record.label.rpartition("_")[0]
+        for recording in record.recordings:
+            for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
+                longest = longest_hold(recording.time_s, column, rest_s, start_s)
+                holds.append(ChannelHold(channel.name, record.label, kind, longest))
     found = [one for one in holds if one.longest.length_s >= FROZEN_S and _is_frozen(one, holds)]
     return tuple(sorted(found, key=lambda one: -one.longest.length_s))
 
@@ -252,11 +252,3 @@ def _starts_s(records: Sequence[Record]) -> list[tuple[float, float]]:
         for record, onset, given in zip(records, onsets, starts, strict=True)
         for start in [given if np.isfinite(given) else max(usual, record.start_s)]
     ]
-
-
-def _holds(record: Record, rest_s: float, start_s: float) -> Iterator[ChannelHold]:
-    kind = record.label.rpartition("_")[0]
-    for recording in record.recordings:
-        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
-            hold = longest_hold(recording.time_s, column, rest_s, start_s)
-            yield ChannelHold(channel.name, record.label, kind, hold)

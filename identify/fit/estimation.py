@@ -380,3 +380,22 @@ def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, f
                 power.setdefault(channel.name, []).append(mean)
     floor = {name: _FLOOR * float(np.sqrt(np.mean(p))) for name, p in power.items()}
     return {name: max(level, floor.get(name, 0.0), 1e-300) for name, level in sigma.items()}
+
+
+# The vehicles from which a search may start -------------------------------------------------------
+
+_MID_SIZE_CAR = np.array(
+    [1500, 2500, 500, 40, 40, 20e3, 20e3, 200e3, 200e3, 1500, 1500, 1.3, 1.4, 0.75, 0.75]
+)
+
+
+def generic_vehicles() -> tuple[NDArray[np.float64], ...]:
+    """Return the vehicles, each (15,), from which a search may start: a car and its variants.
+
+    The variants are lighter, heavier, stiffer and more strongly damped; together they lie within a
+    factor of two or three of anything on four wheels that is bumped by hand.
+    """
+    factors = ((1.0, 1.0), (2.0, 2.0), (0.5, 0.5), (1.0, 2.0), (2.0, 1.0), (4.0, 4.0))
+    return tuple(
+        _MID_SIZE_CAR * np.repeat([mass, force, 1.0], [5, 6, 4]) for mass, force in factors
+    )

@@ -29,15 +29,16 @@ from daq.vehicle import (
 from dbc.frames import read_only
 
 from ..decays.decay import ChannelGroup
-from ..model.complex_step import COMPLEX_STEP, stepped
 from ..model.facts import CORNERS, misfits_of
 from ..model.matrices import (
+    COMPLEX_STEP,
     SYMMETRIC,
     delta_mass,
     expansion,
     full_matrices,
     motion_row,
     state_matrix,
+    stepped,
 )
 
 CROSS_SCALE_KG = 10.0

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
-from .normal_blocks import blocks_of
 from .products import Alike, Products, laid_out
 from .varpro import (
     Evaluated,
     LinearPart,
     NormalBlock,
+    blocks_of,
     evaluate_each,
     products_of,
     residuals_left,

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from daq.vehicle import parameter_unit
 from dbc.frames import freeze_arrays
 
-from ..model.complex_step import COMPLEX_STEP, stepped
 from ..model.derived import derived_quantities
 from ..model.exponentials import spectrum
+from ..model.matrices import COMPLEX_STEP, stepped
 from .grey_box import SIGNED, GreyBox
 from .likelihood import Fit, covariance_of
 

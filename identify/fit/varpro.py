@@ -1,4 +1,4 @@
-"""Fits the linear part of a free decay at one point of the unknowns, and returns its normal block.
+"""Fits the linear part of free decays at one point of the unknowns, and returns normal blocks.
 
 The initial state of a run, a constant per channel (sensor bias, gravity) and the transients of a
 sensor's low-pass enter linearly.  They are fitted exactly and projected out, so that only the
@@ -7,7 +7,7 @@ unknowns of the grey box are iterated (variable projection).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -178,10 +178,7 @@ def linear_parts(
 ) -> tuple[LinearPart, ...]:
     """Fit the linear part of some decays; `points`: the model, for each mass state."""
     seen = products_of(points, decays, laid_out(decays))
-    return tuple(
-        _linear_part(points[decay.mass_state], decay, one)
-        for decay, one in zip(decays, seen, strict=True)
-    )
+    return tuple(linear for _, linear in blocks_of(points, decays, seen))
 
 
 def products_of(
@@ -223,19 +220,6 @@ def _late_s(at: Evaluated, alike: Alike) -> NDArray[np.float64]:
 def linear_part(at: Evaluated, decay: FreeDecay) -> LinearPart:
     """Fit the linear part of a decay."""
     return linear_parts({decay.mass_state: at}, [decay])[0]
-
-
-def _linear_part(at: Evaluated, decay: FreeDecay, seen: Sequence[Products]) -> LinearPart:
-    coefficients = linear_coefficients(at, decay)
-    size = coefficients[0].shape[-1]
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    for recording, product, stack in zip(decay.recordings, seen, coefficients, strict=True):
-        weight = at.weights(recording.group)
-        weighted = stack * weight[:, None, None]
-        normal += over_two(weighted, product.gram @ stack)
-        right += np.einsum("cms,mc->s", weighted, product.cross)
-    inverse = pseudo_inverse(normal)
-    return LinearPart(tuple(seen), coefficients, inverse, inverse @ right)
 
 
 def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.float64], ...]:
@@ -354,3 +338,68 @@ def motion(
 def over_two(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """Multiply (n, m, p) with (n, m, q), summed over the first two axes."""
     return np.asarray(left.reshape(-1, left.shape[-1]).T @ right.reshape(-1, right.shape[-1]))
+
+
+# Normal equations of many decays at one point of the unknowns -------------------------------------
+#
+# The runs of a mass state differ only in their samples and initial states: everything that belongs
+# to the model is computed once, and numbers of one kind are arrays whose first axis is the decay.
+
+
+def blocks_of(
+    points: Mapping[str, Evaluated],
+    decays: Sequence[FreeDecay],
+    seen: Sequence[Sequence[Products]],
+) -> list[tuple[NormalBlock, LinearPart]]:
+    """Return the share of each decay in the normal equations, and its fitted linear part.
+
+    `points`: the model, for each mass state.  `seen`: products of each decay (`products_of`).
+    """
+    alike: dict[tuple[object, ...], list[int]] = {}
+    for d, decay in enumerate(decays):
+        groups = tuple(points[decay.mass_state].box.groups.index(r.group) for r in decay.recordings)
+        alike.setdefault((decay.mass_state, *groups), []).append(d)
+    found: dict[int, tuple[NormalBlock, LinearPart]] = {}
+    for members in alike.values():
+        first = decays[members[0]]
+        blocks = _together(points[first.mass_state], first, [seen[d] for d in members])
+        found |= dict(zip(members, blocks, strict=True))
+    return [found[d] for d in range(len(decays))]
+
+
+def _together(
+    at: Evaluated, first: FreeDecay, seen: Sequence[Sequence[Products]]
+) -> Iterator[tuple[NormalBlock, LinearPart]]:
+    """Yield the shares and linear parts of decays with the same channels as the first."""
+    stacks = linear_coefficients(at, first)
+    n, size, P = len(seen), stacks[0].shape[-1], len(at.box.prior_sigma)
+    normal, right, cost = np.zeros((n, size, size)), np.zeros((n, size)), np.zeros(n)
+    parts = []
+    for i, (recording, stack) in enumerate(zip(first.recordings, stacks, strict=True)):
+        weight = at.weights(recording.group)
+        gram = np.stack([one[i].gram for one in seen])[:, None]  # (n, 1, m, m)
+        cross = np.stack([one[i].cross.T for one in seen])  # (n, n_channels, m)
+        weighted = (stack * weight[:, None, None]).reshape(-1, size)
+        normal += weighted.T @ (gram @ stack).reshape(n, -1, size)
+        right += cross.reshape(n, -1) @ weighted
+        cost += np.stack([one[i].power for one in seen]) @ weight
+        parts.append((recording.group, stack, weight, weighted, gram, cross))
+    inverse = pseudo_inverse(normal)
+    solution = (inverse @ right[..., None])[..., 0]
+    z = solution[:, :_N] @ at.modes.W.T
+    H, mixed, g = np.zeros((n, P, P)), np.zeros((n, size, P)), np.zeros((n, P))
+    for group, stack, weight, weighted, gram, cross in parts:
+        fitted = np.moveaxis(stack @ solution.T, 2, 0)  # (n, n_channels, m)
+        left = cross - (fitted[:, :, None] @ gram)[:, :, 0]
+        J = slopes(at, group, z)  # (n, n_channels, 28, P)
+        k = J.shape[2]
+        GJ = gram[..., :k] @ J
+        by_weight = (J * weight[:, None, None]).reshape(n, -1, P)
+        cost -= np.sum(fitted * (cross + left), axis=2) @ weight
+        H += by_weight.swapaxes(1, 2) @ GJ[:, :, :k].reshape(n, -1, P)
+        mixed += weighted.T @ GJ.reshape(n, -1, P)
+        g += (left[:, :, :k].reshape(n, 1, -1) @ by_weight)[:, 0]
+    H -= mixed.swapaxes(1, 2) @ inverse @ mixed
+    for i, one in enumerate(seen):
+        linear = LinearPart(tuple(one), stacks, inverse[i], solution[i])
+        yield NormalBlock(float(cost[i]), H[i], g[i]), linear

@@ -91,10 +91,7 @@ class Waves:
 
     def with_samples(self) -> _Complex:
         """Return the sums of the samples times ``exp(rate t)``, ``t exp(rate t)``, (r, k, 2 p)."""
-        return self.with_values(self.series.steps, self.series.rest)
-
-    def with_values(self, steps: _Real, rest: _Real) -> _Complex:
-        """Return the sums of other values, laid out like the samples, times the same functions."""
+        steps, rest = self.series.steps, self.series.rest
         r, n, k, w = steps.shape
         fine = _with_time(self.fine, self.series.fine_s)
         parts = steps.reshape(r, n * k, w) @ fine.view(np.float64)

@@ -11,33 +11,17 @@ sample's own time; there is no common grid.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, isqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .low_pass import LowPass
 
-_FEW = 64  # samples for which factors would save nothing
-_EVEN = 8.0  # spacings of float64 by which even times may depart from their line
 _EQUAL = 1e-7  # eigenvalues closer than this, relative, are one double eigenvalue
 
 
 def waves(time_s: NDArray[np.float64], rates: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return ``exp(rate t)`` of every rate at every time, (n_samples, n_rates).
-
-    Most of a fit's time goes into these.  Where the times are even up to rounding, as those of a
-    counted clock are, they are products of two short tables (each t is a coarse and a fine step).
-    """
-    n = len(time_s)
-    if n >= _FEW:
-        step = float(time_s[-1] - time_s[0]) / (n - 1)
-        line = time_s[0] + step * np.arange(n)
-        if np.abs(time_s - line).max() <= _EVEN * np.spacing(np.abs(time_s).max()):
-            width = isqrt(n)
-            fine = np.exp(np.multiply.outer(step * np.arange(width), rates))
-            coarse = np.exp(np.multiply.outer(line[::width], rates))
-            return np.asarray((coarse[:, None] * fine).reshape(ceil(n / width) * width, -1)[:n])
+    """Return ``exp(rate t)`` of every rate at every time, (n_samples, n_rates)."""
     return np.asarray(np.exp(np.multiply.outer(time_s, rates)))
 
 

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from daq.vehicle import Corner, Fact, FactQuantity
 
-from .complex_step import COMPLEX_STEP
-from .matrices import FULL_NAMES
+from .matrices import COMPLEX_STEP, FULL_NAMES
 
 CORNERS = {
     FactQuantity.CORNER_FL: Corner.FRONT_LEFT,

@@ -24,11 +24,19 @@ from dbc.errors import InputError
 from dbc.frames import read_only
 
 N_DOF = 7
+COMPLEX_STEP = 1e-30
+"""Step of derivatives (Squire and Trapp 1998): without a subtraction, rounding sets no limit."""
 
 FULL_NAMES = parameter_names(Structure(False, True, True, True))
 """Parameters of the richest structure, 28: every other one is a case of it."""
 
 _AXLE_DIFFERENCE = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
+
+
+def stepped(eta: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return the point itself and one `COMPLEX_STEP` along each unknown, (P + 1, P)."""
+    steps = np.vstack([np.zeros(len(eta)), np.eye(len(eta))])
+    return np.asarray(eta + 1j * COMPLEX_STEP * steps)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from daq.vehicle import Corner, MassState
 
 from ..fit.grey_box import GreyBox
-from ..model.complex_step import COMPLEX_STEP, stepped
 from ..model.facts import corner_load, misfits_of
-from ..model.matrices import delta_mass
+from ..model.matrices import COMPLEX_STEP, delta_mass, stepped
 from .laws import secant_share
 
 # The unknowns of the nonlinear elements, in addition to those of the grey box ---------------------

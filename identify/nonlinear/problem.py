@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from daq.channels import TIME_DERIVATIVE
 
 from ..decays.decay import FreeDecay, Recording
-from ..model.complex_step import COMPLEX_STEP, stepped
 from ..model.low_pass import low_pass_of
+from ..model.matrices import COMPLEX_STEP, stepped
 from . import integrator as integrator
 from .car import KNEE_M_S, MOUNT, REACH, Car, Model, car
 from .integrator import acting, for_each_run, plan_of, sampled_channels, start_of

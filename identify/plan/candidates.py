@@ -46,16 +46,8 @@ def candidates(plan: Plan) -> tuple[Candidate, ...]:
     With nonlinear elements, further sensors and weights are left out: each would require all runs
     to be computed anew, and the linear plan of the same bench ranks them.
     """
-    if plan.elements is not None:
-        return (*_runs(plan), *_bump(plan), *_facts(plan))
-    return (
-        *_runs(plan),
-        *_bump(plan),
-        *_rate(plan),
-        *_sensors(plan),
-        *_weights(plan),
-        *_facts(plan),
-    )
+    linear = () if plan.elements else (*_rate(plan), *_sensors(plan), *_weights(plan))
+    return (*_runs(plan), *_bump(plan), *linear, *_facts(plan))
 
 
 def _runs(plan: Plan) -> Iterator[Candidate]:
@@ -77,10 +69,9 @@ def _bump(plan: Plan) -> Iterator[Candidate]:
 def _rate(plan: Plan) -> Iterator[Candidate]:
     slow = [s for s in plan.sensors if s.rate_hz < _HIGHEST_RATE_HZ]
     if slow:
-        faster = tuple(
-            replace(s, rate_hz=min(2.0 * s.rate_hz, _HIGHEST_RATE_HZ)) if s in slow else s
-            for s in plan.sensors
-        )
+        rates = [max(s.rate_hz, min(2.0 * s.rate_hz, _HIGHEST_RATE_HZ)) for s in plan.sensors]
+        pairs = zip(plan.sensors, rates, strict=True)
+        faster = tuple(replace(s, rate_hz=rate) for s, rate in pairs)
         rate = min(2.0 * min(s.rate_hz for s in slow), _HIGHEST_RATE_HZ)
         action = f"sample at {rate:.0f} Hz or more, if a sample is then no noisier"
         yield Candidate(action, replace(plan, sensors=faster))
@@ -100,7 +91,12 @@ def _sensors(plan: Plan) -> Iterator[Candidate]:
             yield _with_sensors(plan, f"{what} at {', '.join(missing)}", more)
     places = {(c.x_m, c.y_m, c.at_cg) for c in present if c.quantity is Quantity.BODY_ACCELERATION}
     if len(places) < 3:
-        more = [_on_body(plan, corner, rate_hz) for corner in Corner]
+        more = []
+        for corner in Corner:
+            x, y = _above_wheel(plan, corner)
+            name = f"new_{Quantity.BODY_ACCELERATION}_{corner}"
+            place = Channel(name, Quantity.BODY_ACCELERATION, "m/s2", x_m=x, y_m=y)
+            more.append(sensor(place, rate_hz))
         yield _with_sensors(plan, "accelerometers on the body above the four wheels", more)
     kinds = {c.quantity for c in present}
     for rate, acceleration, what in (
@@ -114,12 +110,6 @@ def _sensors(plan: Plan) -> Iterator[Candidate]:
 def _new(quantity: Quantity, rate_hz: float, corner: Corner | None = None) -> Sensor:
     name = f"new_{quantity}_{corner or 'body'}"
     return sensor(Channel(name, quantity, SI_UNITS[quantity], corner=corner), rate_hz)
-
-
-def _on_body(plan: Plan, corner: Corner, rate_hz: float) -> Sensor:
-    x, y = _above_wheel(plan, corner)
-    name = f"new_{Quantity.BODY_ACCELERATION}_{corner}"
-    return sensor(Channel(name, Quantity.BODY_ACCELERATION, "m/s2", x_m=x, y_m=y), rate_hz)
 
 
 def _above_wheel(plan: Plan, corner: Corner) -> tuple[float, float]:
@@ -147,7 +137,12 @@ def _weights(plan: Plan) -> Iterator[Candidate]:
             (floor, f"{_FLOOR_KG:.0f} kg on the floor near each wheel"),
         ):
             action = f"{what} as mass state {ADDED}, with one run of each kind at least"
-            yield Candidate(action, _first_loaded(plan, weights))
+            others = (s for s in plan.mass_states if s.name != ADDED)
+            states = (*others, MassState(ADDED, AddedMass(weights)))
+            planned = {r.excitation for r in plan.runs if r.mass_state == ADDED}
+            kinds = dict.fromkeys(r.excitation for r in plan.runs if r.excitation not in planned)
+            runs = (*plan.runs, *(Runs(ADDED, excitation) for excitation in kinds))
+            yield Candidate(action, replace(plan, mass_states=states, runs=runs))
         return
     if all(r.mass_state != loaded.name for r in plan.runs):
         return  # weights without a run; `_runs` offers one
@@ -156,15 +151,15 @@ def _weights(plan: Plan) -> Iterator[Candidate]:
     action = f"{_HUB_KG:.0f} kg more on every hub {where}"
     yield _reloaded(plan, loaded, action, (*added.weights, *hubs))
     on_body = [w for w in added.weights if isinstance(w, BodyWeight)]
-    others = [w for w in added.weights if not isinstance(w, BodyWeight)]
+    on_hubs = [w for w in added.weights if isinstance(w, HubWeight)]
     if on_body:
         twice = [replace(w, mass_kg=2.0 * w.mass_kg) for w in on_body]
         action = f"the weights on the body twice as heavy {where}"
-        yield _reloaded(plan, loaded, action, (*others, *twice))
+        yield _reloaded(plan, loaded, action, (*on_hubs, *twice))
         one_side = [replace(w, y_m=abs(w.y_m)) for w in on_body]
         if one_side != on_body:
             action = f"the weights on the body all on the left side {where}"
-            yield _reloaded(plan, loaded, action, (*others, *one_side))
+            yield _reloaded(plan, loaded, action, (*on_hubs, *one_side))
     else:
         action = f"{_FLOOR_KG:.0f} kg on the floor near each wheel {where}"
         yield _reloaded(plan, loaded, action, (*added.weights, *floor))
@@ -179,16 +174,6 @@ def _reloaded(
     new = replace(state, added=AddedMass(weights, state.added.matrix))
     states = tuple(new if s is state else s for s in plan.mass_states)
     return Candidate(action, replace(plan, mass_states=states))
-
-
-def _first_loaded(plan: Plan, weights: tuple[BodyWeight | HubWeight, ...]) -> Plan:
-    """Return the plan with these weights in the state `ADDED`, and each kind of run in it."""
-    others = tuple(s for s in plan.mass_states if s.name != ADDED)
-    planned = {r.excitation for r in plan.runs if r.mass_state == ADDED}
-    kinds = dict.fromkeys(r.excitation for r in plan.runs if r.excitation not in planned)
-    more = tuple(Runs(ADDED, excitation) for excitation in kinds)
-    states = (*others, MassState(ADDED, AddedMass(weights)))
-    return replace(plan, mass_states=states, runs=(*plan.runs, *more))
 
 
 def _facts(plan: Plan) -> Iterator[Candidate]:
@@ -230,34 +215,26 @@ _TAPE = (
 
 def campaigns(plan: Plan) -> tuple[Candidate, ...]:
     """Return the campaigns that answer the usual questions, with the sensors of a plan."""
-    return tuple(_campaigns(plan))
-
-
-def _campaigns(plan: Plan) -> Iterator[Candidate]:
     kinds = tuple(dict.fromkeys(runs.excitation for runs in plan.runs))
     loaded = [s for s in plan.mass_states if s.added.weights or s.added.matrix.any()]
     bare = next((s for s in plan.mass_states if s not in loaded), MassState(BASELINE))
     if not kinds:
-        return
+        return ()
     names = ", ".join(kind.words for kind in kinds)
-    for fact_sets, what in (
-        ((_SCALES,), "axles weighed to 1 kg"),
-        ((_SCALES, _TAPE), "axles weighed to 1 kg, wheelbase and tracks by tape"),
-    ):
-        facts = tuple(fact for some in fact_sets for fact in some)
-        if not (plan.geometry and len(fact_sets) > 1):
-            action = f"{names} once, no weights, {what}"
-            yield Candidate(action, _once(plan, kinds, (bare,), HIGHEST_BUMP_M, facts))
-    if not loaded:
-        return
+    weighed = f"{names} once, no weights, axles weighed to 1 kg"
+    others = [(weighed, _once(plan, kinds, (bare,), HIGHEST_BUMP_M, _SCALES))]
+    if not plan.geometry:
+        action = f"{weighed}, wheelbase and tracks by tape"
+        others.append((action, _once(plan, kinds, (bare,), HIGHEST_BUMP_M, (*_SCALES, *_TAPE))))
     states = (bare, *loaded)
-    for height_m in (_LOW_BUMP_M, HIGHEST_BUMP_M):
+    for height_m in (_LOW_BUMP_M, HIGHEST_BUMP_M) if loaded else ():
         action = f"{names} once in each mass state, bumps of {height_m * 1e3:g} mm"
-        yield Candidate(action, _once(plan, kinds, states, height_m))
-    for kind in (Excitation.WARP, Excitation.REAR_PITCH):
+        others.append((action, _once(plan, kinds, states, height_m)))
+    for kind in (Excitation.WARP, Excitation.REAR_PITCH) if loaded else ():
         if kind not in kinds:
             action = f"{names}, {kind.words} once in each mass state, bumps of 50 mm"
-            yield Candidate(action, _once(plan, (*kinds, kind), states, HIGHEST_BUMP_M))
+            others.append((action, _once(plan, (*kinds, kind), states, HIGHEST_BUMP_M)))
+    return tuple(Candidate(*other) for other in others)
 
 
 def _once(

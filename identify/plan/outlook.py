@@ -126,8 +126,10 @@ class Outlook:
 
 def expected(fisher: Fisher) -> Outlook:
     """Return the precision of each parameter if the estimate reaches the Cramer-Rao bound."""
-    box = fisher.box
-    H = _of_parameters(fisher)
+    box, H, n = fisher.box, fisher.information, len(fisher.box.parameters)
+    if n < len(H):  # the corrections are eliminated
+        mixed = H[n:, :n]
+        H = H[:n, :n] - mixed.T @ pseudo_inverse(H[n:, n:]) @ mixed
     values, vectors = np.linalg.eigh(H)
     floored = np.maximum(values, _FLOOR * max(float(values[-1]), 1.0))
     std = np.sqrt(np.square(vectors) @ (1.0 / floored))  # of logarithms
@@ -196,15 +198,6 @@ def _reasons(fisher: Fisher, H: NDArray[np.float64], lost: list[str]) -> tuple[s
     return tuple(reasons)
 
 
-def _of_parameters(fisher: Fisher) -> NDArray[np.float64]:
-    """Return the information on the parameters alone; the corrections are eliminated."""
-    H, n = fisher.information, len(fisher.box.parameters)
-    if n == len(H):
-        return H
-    mixed = H[n:, :n]
-    return np.asarray(H[:n, :n] - mixed.T @ pseudo_inverse(H[n:, n:]) @ mixed)
-
-
 # The planner's answers: the expected intervals of a plan, and the best next steps -----------------
 
 Progress = Callable[[float, str], None]
@@ -260,7 +253,18 @@ def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = N
     progress(0.6, "next steps")
     ranked = _ranked(plan, known)
     steps = tuple(NextStep(c.action, o) for c, o in ranked if _helps(o, now))
-    return Advice(now, steps[:MOST_STEPS], _remedies(now, ranked, known))
+    # The best step, and the best after it, until everything is determined.
+    remedies: list[str] = []
+    reached = now
+    while reached.undetermined and len(remedies) < _MOST_ADVICE:
+        best, after = ranked[0]
+        if not _helps(after, reached):
+            break
+        remedies.append(best.action)
+        reached = after
+        if reached.undetermined:
+            ranked = _ranked(best.plan, known)
+    return Advice(now, steps[:MOST_STEPS], tuple(remedies))
 
 
 def compare_campaigns(
@@ -293,19 +297,3 @@ def _helps(after: Outlook, now: Outlook) -> bool:
     if now.undetermined:  # first things first
         return _rank(after)[:2] < _rank(now)[:2]
     return after.worst * after.mean < _NOTICEABLE * now.worst * now.mean
-
-
-def _remedies(
-    now: Outlook, ranked: list[tuple[Candidate, Outlook]], known: KnownRuns
-) -> tuple[str, ...]:
-    """Return the best step, and the best after it, until everything is determined."""
-    actions: list[str] = []
-    while now.undetermined and len(actions) < _MOST_ADVICE:
-        best, after = ranked[0]
-        if not _helps(after, now):
-            break
-        actions.append(best.action)
-        now = after
-        if now.undetermined:
-            ranked = _ranked(best.plan, known)
-    return tuple(actions)

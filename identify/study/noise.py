@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.words import counted
 
-from ..fit.estimation import estimate
-from ..fit.generic_vehicles import generic_vehicles
+from ..fit.estimation import estimate, generic_vehicles
 from ..fit.likelihood import fit
 from ..fit.uncertainty import COVERAGE_95, Estimate, estimates
 from .campaign import BUMP, Campaign, box_of, noise_levels, records_of, require_noise

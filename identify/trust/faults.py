@@ -18,8 +18,7 @@ from dbc.finding import Finding
 from dbc.words import counted
 
 from ..decays.decay import FreeDecay
-from ..fit.estimation import Estimation, later_may_hold
-from ..fit.generic_vehicles import generic_vehicles
+from ..fit.estimation import Estimation, generic_vehicles, later_may_hold
 from ..fit.likelihood import HOLD, residuals
 from .finding import listed
 from .hypotheses import LATE_ADVICE, ROTATIONS

@@ -19,8 +19,7 @@ from daq.vehicle import MassState
 from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay, with_channels
-from ..fit.estimation import Estimation
-from ..fit.generic_vehicles import generic_vehicles
+from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.grey_box import SIGNED, GreyBox
 from ..fit.likelihood import HOLD, Fit, fit
 

@@ -22,8 +22,7 @@ from dbc.finding import Finding
 
 from ..decays.decay import Record
 from ..decays.onset import rest_levels
-from ..fit.estimation import Estimation
-from ..fit.generic_vehicles import generic_vehicles
+from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import HOLD
 from .refit import AS_STATED, Cause, Refit, Trial, compared, ranked, refit, with_first_repeats

@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from identify.decays.decay import FreeDecay
-from identify.fit.generic_vehicles import generic_vehicles
+from identify.fit.estimation import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import HOLD, fit
 

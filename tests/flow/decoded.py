@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from daq.bench.config import load_bench
 from daq.sessions import Session
 from identify.decays.usable import usable
-from identify.fit.estimation import estimate
-from identify.fit.generic_vehicles import generic_vehicles
+from identify.fit.estimation import estimate, generic_vehicles
 from identify.fit.uncertainty import estimates
 from identify.pipeline import grey_box
 

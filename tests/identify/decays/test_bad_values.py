@@ -14,6 +14,7 @@ from daq.sessions import Session
 from identify.decays.bad_values import BadValue, spikes, without_bad_values
 from identify.decays.usable import usable
 from identify.pipeline import identify_parameters
+from identify.result import Identification
 from identify.trust.shortcomings import unused_findings
 
 from ..stress import stress_session
@@ -51,6 +52,11 @@ def campaign() -> Session:
     return stress_session("linear", 1)
 
 
+@pytest.fixture(scope="module")
+def whole(campaign: Session) -> Identification:
+    return identify_parameters(campaign)
+
+
 @pytest.mark.parametrize("value", [1e200, -1e308, np.inf, -np.inf, 1.1e6])
 def test_a_sample_that_no_sensor_shows_is_missing(campaign: Session, value: float) -> None:
     bad = spoilt(campaign, one_sample(value))
@@ -73,14 +79,17 @@ def test_what_is_not_used_may_show_anything(campaign: Session) -> None:
     ("where", "change", "code"),
     [
         (SPOILT, one_sample(1e200), "lost_samples"),
-        (SPOILT, lambda v: np.full_like(v, 1e308), "missing_channels"),
         ("", lambda v: v * 1e200, "missing_channels"),
         ("", lambda v: np.where(v > 0, 1e-310, 0.0), "dead_channels"),
     ],
-    ids=["sample", "run", "channel", "denormals"],
+    ids=["sample", "channel", "denormals"],
 )
 def test_a_vehicle_is_identified_beside_them(
-    campaign: Session, where: str, change: Callable[[Values], Values], code: str
+    campaign: Session,
+    whole: Identification,
+    where: str,
+    change: Callable[[Values], Values],
+    code: str,
 ) -> None:
     """It ended with a warning of NumPy or an OverflowError, or took minutes."""
     found = identify_parameters(spoilt(campaign, change, where))
@@ -89,7 +98,7 @@ def test_a_vehicle_is_identified_beside_them(
     assert ("absurd_values" in codes) == (code != "dead_channels")
     assert found.quality.verdict != "refused"
     m_s = found.parameters["m_s"]
-    assert m_s.low < identify_parameters(campaign).parameters["m_s"].value < m_s.high
+    assert m_s.low < whole.parameters["m_s"].value < m_s.high
 
 
 TIME_S = np.arange(1000) / 1000.0
@@ -205,10 +214,8 @@ def test_a_zero_costs_its_sample_and_is_named(campaign: Session, at_s: float) ->
     assert f"{NAME} in {SPOILT} at {known[0].time_s:.3f} s (0 m/s2)" in finding.text
 
 
-@pytest.mark.parametrize("at_s", [0.05, 1.5])
-def test_a_zero_changes_no_verdict(campaign: Session, at_s: float) -> None:
-    before = identify_parameters(campaign)
-    after = identify_parameters(with_zero_at(campaign, at_s))
-    assert after.quality.verdict == before.quality.verdict
-    for name, one in before.parameters.items():
+def test_a_zero_changes_no_verdict(campaign: Session, whole: Identification) -> None:
+    after = identify_parameters(with_zero_at(with_zero_at(campaign, 0.05), 1.5))
+    assert after.quality.verdict == whole.quality.verdict
+    for name, one in whole.parameters.items():
         assert abs(after.parameters[name].value - one.value) < 0.2 * one.std, name

@@ -22,8 +22,7 @@ from daq.vehicle import FORD_GRANADA
 from identify.decays.decay import Record
 from identify.decays.onset import decay_start_s, onset_s, quiet_noise
 from identify.decays.usable import usable
-from identify.fit.estimation import Estimation, estimate
-from identify.fit.generic_vehicles import generic_vehicles
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.pipeline import grey_box
 

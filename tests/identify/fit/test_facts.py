@@ -15,8 +15,7 @@ from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA, Fact, Structure, Vehicle, VehicleGeometry
 from dbc.finding import Severity
 from identify.decays.usable import usable
-from identify.fit.estimation import Estimation, estimate
-from identify.fit.generic_vehicles import generic_vehicles
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS
 from identify.fit.uncertainty import Estimate, drivers, estimates

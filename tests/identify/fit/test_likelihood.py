@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, HubWeight, MassState, VehicleGeometry
-from identify.fit.generic_vehicles import generic_vehicles
+from identify.fit.estimation import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import (
     FACTS,

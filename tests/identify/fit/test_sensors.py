@@ -14,8 +14,7 @@ from daq.sessions import Session
 from daq.sim.car import SensorFault, SimulatedCar, true_parameters
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.decays.usable import usable
-from identify.fit.estimation import Estimation, estimate
-from identify.fit.generic_vehicles import generic_vehicles
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import Fit, fit
 from identify.fit.uncertainty import estimates, motion_ratio_estimates

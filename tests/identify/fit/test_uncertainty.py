@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, Fact, Structure, VehicleParameters
 from identify.fit.cross_validation import Prediction, leave_one_out
-from identify.fit.generic_vehicles import generic_vehicles
+from identify.fit.estimation import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, PRIORS, Fit, Residuals, fit
 from identify.fit.uncertainty import (

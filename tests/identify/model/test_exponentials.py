@@ -12,7 +12,7 @@ from daq.vehicle import FORD_GRANADA
 from identify.model import exponential_sums
 from identify.model.chi_squared import chance_of_more, exceeded_by_chance
 from identify.model.exponential_sums import series_of
-from identify.model.exponentials import Spectrum, spectrum, waves
+from identify.model.exponentials import Spectrum, spectrum
 from identify.model.low_pass import LowPass
 from identify.model.matrices import physical_model
 
@@ -87,17 +87,6 @@ def test_channels_and_changes_are_worked_out_together_as_each_alone(name: str) -
         np.testing.assert_allclose(
             found[s, c, :, p], alone[0, :, 0], rtol=1e-9, atol=1e-9 * np.abs(alone).max()
         )
-
-
-@pytest.mark.parametrize("samples", [3, 64, 65, 1400, 2801])
-def test_waves_of_even_times_are_the_exponentials(samples: int) -> None:
-    rates = np.array([-2.0 + 7.0j, -18.0 + 70.0j, -40.0, 0.0])
-    even = np.linspace(0.0213, 0.0213 + 1e-3 * (samples - 1), samples)
-    uneven = even.copy()
-    uneven[samples // 2] += 1e-6
-    for time_s in (even, uneven):
-        direct = np.exp(time_s[:, None] * rates)
-        assert np.abs(waves(time_s, rates) / direct - 1.0).max() < 2e-13
 
 
 # Sums over samples without a table are the sums of the table, whatever the times -----------------

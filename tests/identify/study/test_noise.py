@@ -168,20 +168,6 @@ def test_statistics_of_honest_outcomes() -> None:
     assert study.notes[0].startswith("lost: 0 of 4000")
 
 
-def test_what_is_lost_is_counted_and_left_out() -> None:
-    good = _drawn(50, 1.0)
-    wild = np.full(15, 1e3)
-    bad = [
-        Outcome(wild, np.ones(15), 1.0, converged=False),
-        Outcome(wild, np.ones(15), 3.0, converged=True),
-        Outcome(wild, np.full(15, np.inf), 1.0, converged=True),
-        Outcome(wild, np.full(15, np.nan), np.nan, converged=True),
-    ]
-    study = noise_study(Campaign(), np.ones(15), good + bad)
-    assert study.notes[0].startswith("lost: 4 of 54 (not converged 1")
-    assert study.rows == noise_study(Campaign(), np.ones(15), good).rows
-
-
 def shares(*first: float) -> NDArray[np.float64]:
     """Return 15 numbers that begin with these; the others are 1."""
     return np.array([*first, *[1.0] * (15 - len(first))])

@@ -10,8 +10,7 @@ from daq.runs import Run, SampleGroup
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
 from identify.decays.usable import usable
-from identify.fit.estimation import Estimation, estimate
-from identify.fit.generic_vehicles import generic_vehicles
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.pipeline import grey_box
 
 from ..stress import stress_session

@@ -15,8 +15,7 @@ from daq.sim.car import SensorFault
 from daq.vehicle import FORD_GRANADA
 from dbc.finding import Severity
 from identify.decays.usable import usable
-from identify.fit.estimation import Estimation, estimate, first_estimate
-from identify.fit.generic_vehicles import generic_vehicles
+from identify.fit.estimation import Estimation, estimate, first_estimate, generic_vehicles
 from identify.pipeline import grey_box, identify_parameters
 from identify.trust.faults import causes_of, swapped_labels, wrong_channel, wrong_sensors
 from identify.trust.finding import Verdict

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from identify.fit.estimation import Estimation, estimate
-from identify.fit.generic_vehicles import generic_vehicles
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.uncertainty import estimates
 from identify.study.campaign import PAPER_MASS_STATES, SENSOR_SETS, Campaign, records_of
