@@ -273,12 +273,7 @@ class GreyBox:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return measured less predicted value of each fact in sigmas, and the slope of the latter.
 
-        Returns
-        -------
-        misfits : (n_facts,) float64
-            Measured less predicted.
-        slopes : (n_facts, P) float64
-            Derivative of the predicted value.
+        Returns (n_facts,) and (n_facts, P).
         """
         points = stepped(eta)
         return misfits_of(self.facts, self.full(points), self.cross_kg(points))

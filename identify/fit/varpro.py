@@ -295,14 +295,7 @@ class NormalBlock:
 def slopes(at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Return each channel's derivative by each unknown on the real basis, (.., n_channels, 28, P).
 
-    Parameters
-    ----------
-    at : Evaluated
-        Where.
-    group : ChannelGroup
-        Whose channels.
-    z : (.., 14) complex128
-        Initial state of one decay, or of several, in modal coordinates.
+    `z`, (.., 14): initial state of one decay, or of several, in modal coordinates.
     """
     modes, one = at.modes, at.group(group)
     plain, timed = modes.propagator_slope(one.outputs, at.change, z)  # (.., n_channels, h, P)
@@ -318,16 +311,7 @@ def motion(
 ) -> NDArray[np.float64]:
     """Return the vehicle's motion in each channel, on the real basis, (n_channels, 28).
 
-    Parameters
-    ----------
-    at : Evaluated
-        Where.
-    group : ChannelGroup
-        Whose channels.
-    z : (14,) complex128
-        Initial state in modal coordinates.
-    derivative : int
-        Of the motion by time: 0 for the motion itself, 1 for its rate of change.
+    `z`, (14,): initial state in modal coordinates.  `derivative`: of the motion by time, 0 or 1.
     """
     modes = at.modes
     seen = at.group(group).outputs

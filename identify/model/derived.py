@@ -14,20 +14,12 @@ Value = tuple[NDArray[np.complex128], str]
 
 
 def derived_quantities(full: NDArray[np.complex128]) -> dict[str, Value]:
-    """Return the derived quantities of a vehicle.
+    """Return each derived quantity of a vehicle, (28,) or stacked, with its unit.
 
-    Parameters
-    ----------
-    full : (..., 28) complex128
-        In the order of `identify.model.matrices.FULL_NAMES`; complex for complex-step derivatives.
-
-    Returns
-    -------
-    dict of str to (value, unit)
-        Total mass and axle loads; wheelbase; radii of gyration of the sprung mass and its dynamic
-        index k^2 / (a b); loads under the wheels on level ground without cross weight; damping
-        ratio and natural frequency of each axle's body on its suspension (quarter car, tyre rigid)
-        and of its wheel between both springs.
+    Total mass and axle loads; wheelbase; radii of gyration of the sprung mass and its dynamic index
+    k^2 / (a b); loads under the wheels on level ground without cross weight; damping ratio and
+    natural frequency of each axle's body on its suspension (quarter car, tyre rigid) and of its
+    wheel between both springs.
     """
     m_s, I_yy, I_xx = (full[..., i] for i in range(3))
     a, b = full[..., 19], full[..., 20]
@@ -59,16 +51,8 @@ def derived_quantities(full: NDArray[np.complex128]) -> dict[str, Value]:
 def whole_vehicle_indices(full: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
     """Return two ratios in which vehicles of all sizes are alike, wheels included.
 
-    Parameters
-    ----------
-    full : (..., 28) complex128
-        As in `derived_quantities`.
-
-    Returns
-    -------
-    dict of str to (...) complex128
-        `roll_gyration_over_track`, radius of gyration in roll over the mean track; `pitch_index`,
-        k_y^2 / (a b) about the centre of gravity of the whole.
+    `roll_gyration_over_track`: radius of gyration in roll over the mean track.  `pitch_index`:
+    k_y^2 / (a b) about the centre of gravity of the whole.
     """
     m_s, I_yy, I_xx = (full[..., i] for i in range(3))
     a, b, t_f, t_r = (full[..., i] for i in range(19, 23))

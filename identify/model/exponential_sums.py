@@ -131,15 +131,7 @@ class Waves:
 
 
 def series_of(times_s: Sequence[_Real], samples: Sequence[_Real]) -> tuple[Series, ...]:
-    """Lay out recordings; those that are alike form one series.
-
-    Parameters
-    ----------
-    times_s : sequence of (n_i,) float64
-        Times of the samples of each recording.
-    samples : sequence of (n_i, k_i) float64
-        Samples of each.
-    """
+    """Lay out recordings, times (n_i,) and samples (n_i, k_i): those that are alike together."""
     alike: dict[tuple[int, int, int], list[int]] = {}
     for number, (time, values) in enumerate(zip(times_s, samples, strict=True)):
         width = _width(time)

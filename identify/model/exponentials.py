@@ -126,22 +126,11 @@ class Spectrum:
     def propagator_slope(
         self, seen: Outputs, change: Change, z: NDArray[np.complex128]
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Coefficients of ``row . d(H(A) exp(A t)) . x0`` on exp and on t exp.
+        """Return coefficients of ``row . d(H(A) exp(A t)) . x0`` on exp and on t exp.
 
-        Parameters
-        ----------
-        seen : Outputs
-            The channels (`outputs`).
-        change : Change
-            Change of the state matrix (`change`).
-        z : (.., n) complex128
-            Initial states in modal coordinates (W x0).
-
-        Returns
-        -------
-        two of (.., n_channels, h, P) complex128
-            By the divided differences of ``H(l) exp(l t)`` (Daleckii and Krein), for the poles of
-            `half`.
+        By the divided differences of ``H(l) exp(l t)`` (Daleckii and Krein), for the poles of
+        `half`: two of (.., n_channels, h, P).  `z`, (.., n): initial states in modal coordinates (W
+        x0).
         """
         apart = _along(z, change.apart)[..., None, :, :]
         together = _along(z, change.together)[..., None, :, :]

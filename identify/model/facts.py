@@ -24,40 +24,24 @@ SCALED = {FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AX
 def predicted(
     fact: Fact, full: NDArray[np.complex128], cross_kg: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
-    """Return the value of a fact that the parameters predict.
+    """Return the value of a fact, in its unit, that parameters (..., 28) predict.
 
     On four wheels a body is statically indeterminate: how much more the diagonal FL-RR carries than
-    the other depends on the ground and on the spring seats, not on the parameters.  This cross
-    weight is a separate unknown.
-
-    Parameters
-    ----------
-    fact : Fact
-        What was measured.
-    full : (..., 28) complex128
-        In the order of `identify.model.matrices.FULL_NAMES`.
-    cross_kg : (...) complex128
-        What the front left corner carries beyond its share, kg.
-
-    Returns
-    -------
-    (...) complex128
-        In the unit of the fact.
+    the other depends on the ground and on the spring seats, not on the parameters.  `cross_kg`,
+    what the front left corner carries beyond its share, is a separate unknown.
     """
     a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
-    match fact.quantity:
-        case FactQuantity.TOTAL_MASS:
-            return np.asarray(full[..., 0] + full[..., 3:7].sum(axis=-1))
-        case FactQuantity.FRONT_AXLE:
-            return np.asarray(full[..., 0] * b / (a + b) + full[..., 3:5].sum(axis=-1))
-        case FactQuantity.REAR_AXLE:
-            return np.asarray(full[..., 0] * a / (a + b) + full[..., 5:7].sum(axis=-1))
-        case FactQuantity.WHEELBASE:
-            return np.asarray(a + b)
-        case FactQuantity.FRONT_TRACK:
-            return np.asarray(2.0 * t_f)
-        case FactQuantity.REAR_TRACK:
-            return np.asarray(2.0 * t_r)
+    front, rear = full[..., 3:5].sum(axis=-1), full[..., 5:7].sum(axis=-1)
+    direct = {
+        FactQuantity.TOTAL_MASS: full[..., 0] + front + rear,
+        FactQuantity.FRONT_AXLE: full[..., 0] * b / (a + b) + front,
+        FactQuantity.REAR_AXLE: full[..., 0] * a / (a + b) + rear,
+        FactQuantity.WHEELBASE: a + b,
+        FactQuantity.FRONT_TRACK: 2.0 * t_f,
+        FactQuantity.REAR_TRACK: 2.0 * t_r,
+    }
+    if fact.quantity in direct:
+        return np.asarray(direct[FactQuantity(fact.quantity)])
     corner = CORNERS.get(FactQuantity(fact.quantity)) if fact.quantity in CORNERS else None
     if corner is not None:
         return corner_load(corner, full, cross_kg)

@@ -85,19 +85,11 @@ SYMMETRIC = expansion(Structure())
 def full_matrices(
     full: NDArray[np.complex128],
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
-    """Assemble M, C and K (Eqs. 3-10) from the parameters of the richest structure.
+    """Return M, C and K (Eqs. 3-10), (..., 7, 7), from the parameters of the richest structure.
 
     Every spring and damper acts on a difference of motions; the matrix it makes is its rate times
-    the square of that difference.
-
-    Parameters
-    ----------
-    full : (..., 28) complex128
-        In the order of `FULL_NAMES`; complex so that derivatives can be taken by a complex step.
-
-    Returns
-    -------
-    M, C, K : (..., 7, 7) complex128
+    the square of that difference.  `full`, (..., 28), in the order of `FULL_NAMES`: complex so that
+    derivatives can be taken by a complex step.
     """
     m_u, k_s, k_t, c_s = (full[..., 3 + 4 * i : 7 + 4 * i] for i in range(4))
     travel = travel_rows(full)
@@ -133,17 +125,9 @@ def _square(difference: NDArray[Any], rate: NDArray[np.complex128]) -> NDArray[n
 def matrices(
     theta: NDArray[np.complex128] | NDArray[np.float64],
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
-    """Assemble M, C and K (Eqs. 3-10) from the 15 parameters of the symmetric vehicle.
+    """Return M, C and K (Eqs. 3-10), (..., 7, 7), from the 15 parameters of the symmetric vehicle.
 
-    Parameters
-    ----------
-    theta : (..., 15) float64 or complex128
-        Parameters in the order of `daq.vehicle.PARAMETER_NAMES`.
-
-    Returns
-    -------
-    M, C, K : (..., 7, 7) complex128
-        Complex so that derivatives can be taken by a complex step.
+    `theta`, (..., 15): in the order of `daq.vehicle.PARAMETER_NAMES`.
     """
     full = np.asarray(theta, dtype=complex) @ SYMMETRIC.T
     return full_matrices(full.astype(complex))
@@ -184,24 +168,12 @@ def delta_mass(
     y_s: complex | NDArray[np.complex128] = 0.0,
     off: NDArray[np.complex128] | None = None,
 ) -> NDArray[np.complex128]:
-    """Return the mass matrix of the added weights about the CG of the *baseline*.
+    """Return the mass matrix, (..., 7, 7), of the added weights about the CG of the *baseline*.
 
-    A weight m at (x, y) from the CG adds ``m r r^T`` with ``r = (1, -x, y, 0, 0, 0, 0)``, and
-    m h^2 to both inertias for its height h above the CG; a weight on a hub adds to that wheel.
-
-    Parameters
-    ----------
-    added : AddedMass
-        Weights, positions counted from the middle of the front axle.
-    a, y_s : complex or (...) complex128
-        Position of the CG, m: behind the front axle, and to the left of the middle.
-    off : (..., n_weights, 3) complex128, optional
-        Difference of each weight from what is stated: mass, kg, and position x, y, m.
-
-    Returns
-    -------
-    (..., 7, 7) complex128
-        In the order `daq.vehicle.DOF`; complex for complex-step derivatives.
+    A weight m at (x, y) from the CG adds ``m r r^T`` with ``r = (1, -x, y, 0, 0, 0, 0)``, and m h^2
+    to both inertias for its height h above the CG; a weight on a hub adds to that wheel.  `a`,
+    `y_s`, (...): position of the CG, m, behind the front axle and to the left of the middle.
+    `off`, (..., n_weights, 3): difference of each weight from what is stated, kg, and x, y, m.
     """
     a, y_s = np.broadcast_arrays(np.asarray(a, dtype=complex), np.asarray(y_s, dtype=complex))
     total = np.broadcast_to(added.matrix, (*a.shape, N_DOF, N_DOF)).astype(complex)
@@ -221,27 +193,11 @@ def delta_mass(
 
 
 def motion_row(channel: Channel, x: ArrayLike, y: ArrayLike, lengths: ArrayLike) -> NDArray[Any]:
-    """Return a sensor's row on the seven degrees of freedom, without its time derivative.
+    """Return a sensor's row, (..., 7), on `daq.vehicle.DOF`, without its time derivative.
 
-    Parameters
-    ----------
-    channel : Channel
-        The sensor.
-    x, y : (...) array_like
-        Position of the sensor from the CG, m; needed only for a sensor on the body.
-    lengths : (..., 4) array_like
-        a, b, t_f, t_r, m, and if the CG is off the middle, y_s as a fifth; needed only for a
-        suspension travel.
-
-    Returns
-    -------
-    (..., 7) complex128
-        Row times displacements of `daq.vehicle.DOF` is the sensor's motion.
-
-    Raises
-    ------
-    InputError
-        If the channel is no motion of the model.
+    `x`, `y`, (...): position of a sensor on the body from the CG, m.  `lengths`, (..., 4): a, b,
+    t_f, t_r, m, and if the CG is off the middle, y_s as a fifth; needed only for a suspension
+    travel. Raises InputError if the channel is no motion of the model.
     """
     x, y, lengths = (np.asarray(given, dtype=complex) for given in (x, y, lengths))
     row = np.zeros((*np.broadcast_shapes(x.shape, lengths.shape[:-1]), N_DOF), dtype=complex)

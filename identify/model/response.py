@@ -56,34 +56,12 @@ class Response:
 def exact_response(
     model: PhysicalModel, excitation: Excitation, bump: Bump, rate_hz: float, duration_s: float
 ) -> Response:
-    """Respond to a bump without discretisation error.
+    """Return the response to a bump without discretisation error, at ``k / rate_hz`` from t = 0.
 
     On the bump, two more states generate the half sine (``g'' = -(pi / duration)^2 g``), so that
     response and road are one autonomous system; its matrix exponential takes the state to each
-    sample, and over both corners of the bump wherever they lie between samples.
-
-    Parameters
-    ----------
-    model : PhysicalModel
-        The vehicle (Eq. 1), at rest before the bump.
-    excitation : Excitation
-        Which wheels meet the bump (`daq.bumps.BUMPS`).
-    bump : Bump
-        The road.
-    rate_hz : float
-        Samples a second.
-    duration_s : float
-        Length of the record from t = 0, s.
-
-    Returns
-    -------
-    Response
-        At ``k / rate_hz``, k = 0, 1, ... up to `duration_s`.
-
-    Raises
-    ------
-    InputError
-        If a rate or duration is not positive, or the bump starts before t = 0.
+    sample, and over both corners of the bump wherever they lie between samples.  Raises InputError
+    if a rate or duration is not positive, or the bump starts before t = 0.
     """
     time = _grid(bump, rate_hz, duration_s)
     tolerance = 1e-9 / rate_hz
@@ -114,11 +92,11 @@ def exact_response(
 def wilson_response(
     model: PhysicalModel, excitation: Excitation, bump: Bump, rate_hz: float, duration_s: float
 ) -> Response:
-    """Respond to a bump by the Wilson-theta method with one step a sample (theta = 1.4).
+    """Return the response by the Wilson-theta method with one step a sample (theta = 1.4).
 
-    Parameters, Returns and Raises are those of `exact_response`.  The acceleration varies linearly
-    over ``theta dt``, and equilibrium holds at the end of that stretch, for a road force
-    extrapolated linearly.
+    Arguments and Raises are those of `exact_response`.  The acceleration varies linearly over
+    ``theta dt``, and equilibrium holds at the end of that stretch, for a road force extrapolated
+    linearly.
     """
     time = _grid(bump, rate_hz, duration_s)
     on_bump = (time >= bump.start_s) & (time <= bump.end_s)

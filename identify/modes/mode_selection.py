@@ -73,24 +73,11 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
     into one regression; each has its own initial state.  Noisy records are fitted by maximum
     likelihood from there, which gives the standard deviations.
 
-    Parameters
-    ----------
-    records : sequence of (n_samples, n_channels) array_like
-        Free decays, evenly sampled, the same channels in each; lengths may differ.
-    rate_hz : float
-        Samples a second.
-
-    Returns
-    -------
-    ModalModel
-        Poles in rad/s and shapes in the channels' own quantities.  Empty if the records show no
-        mode that stands out from their noise.
-
-    Raises
-    ------
-    InputError
-        No record, different numbers of channels, fewer than 8 samples, values that are not finite,
-        or a rate that is not positive.
+    `records`: evenly sampled, each (n_samples, n_channels), the same channels in each; lengths may
+    differ.  `rate_hz`: samples a second.  Returns poles in rad/s and shapes in the channels' own
+    quantities, none if no mode stands out from the noise.  Raises InputError for no record,
+    different numbers of channels, fewer than 8 samples, values that are not finite, or a rate that
+    is not positive.
     """
     return _modes(records, rate_hz, settled=True)
 

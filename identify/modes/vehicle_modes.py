@@ -128,11 +128,9 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     """Identify the modes of one mass state from its decays, all runs in one fit.
 
     Where the sensors distinguish left from right, the modes are sought as symmetric and
-    antisymmetric ones.  If shapes without this symmetry are more likely than chance allows, the
-    vehicle is not symmetric, and these shapes are returned.
-
-    `records` and `decays`: the runs and their free decays; channels that are not in all of them are
-    left out.  Raises InputError if the decays are too short or have no channel in common.
+    antisymmetric ones, unless shapes without this symmetry are more likely than chance allows.
+    Channels that are not in all decays are left out.  Raises InputError if the decays are too short
+    or have no channel in common.
     """
     channels, slowest_hz = _common(decays)
     if not channels:

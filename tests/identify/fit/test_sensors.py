@@ -83,13 +83,9 @@ def test_a_ratio_takes_its_share_of_what_gain_and_ratio_are_off_together() -> No
     assert motion_ratio_estimates(box, Fit(eta, covariance, 1.0, {}, 1, True)) == {}
 
 
-@pytest.mark.parametrize(
-    ("channels", "lost"), [(("roll_rate",), "t_r"), (("travel_fl", "travel_fr"), "t_f")]
-)
-def test_sensors_that_show_three_per_cent_too_much_are_within_the_intervals(
-    channels: tuple[str, ...], lost: str
-) -> None:
+def test_sensors_that_show_three_per_cent_too_much_are_within_the_intervals() -> None:
     """Through the simulated car, which is written from forces; 3 % are 2 to 3 stated sigmas."""
+    channels, lost = ("travel_fl", "travel_fr"), "t_f"
     car = SimulatedCar(faults=tuple(SensorFault(name, gain=1.03) for name in channels))
     bench = load_bench(None)
     exact = tuple(replace(channel, gain_sigma=0.0) for channel in bench.channels)
@@ -196,7 +192,7 @@ def test_it_is_butterworths(order: int) -> None:
     assert low_pass.gain(np.array(0j)) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("order", [1, 4])
 def test_slope_is_that_of_the_gain(order: int) -> None:
     low_pass = low_pass_of(_filtered(order))
     s, step = np.array([-17.0 + 65.0j, -1.8 + 6.0j]), 1e-4
@@ -247,8 +243,8 @@ def _is_right(session: Session, result: Estimation, name: str) -> None:
         assert e.std < 0.02 * e.value, parameter
 
 
-@pytest.mark.parametrize(("name", "channels"), [("body_low_pass", BODY), ("low_pass", BODY + HUBS)])
-def test_a_stated_low_pass_is_corrected(name: str, channels: tuple[str, ...]) -> None:
+def test_a_stated_low_pass_is_corrected() -> None:
+    name, channels = "low_pass", BODY + HUBS
     session, result = _stated(
         name, lambda c: replace(c, low_pass_hz=20.0) if c.name in channels else c
     )
