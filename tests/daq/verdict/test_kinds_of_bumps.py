@@ -15,13 +15,17 @@ from daq.bumps import Wheels
 from daq.channels import Channel, Quantity
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import Corner
-from daq.verdict import RunWindow, judge
-from daq.verdict.bump_kind import Pattern, mirrored, patterns, struck, wrong_mode
+from daq.verdict import RunMeasure, RunWindow, judge
+from daq.verdict.bump_kind import Body, Pattern, mirrored, of_body, patterns, struck, wrong_mode
 from daq.verdict.window import traces
 
 Array = NDArray[np.float64]
 BUMP_NS = 1_800_000_000_000_000_000
 T_S: Array = np.arange(-1000.0, 2700.0) / 1000.0
+FL, FR, RL, RR = Corner
+FRONT, REAR, LEFT, RIGHT = (Wheels(pair) for pair in ((FL, FR), (RL, RR), (FL, RL), (FR, RR)))
+P, R = 1 / 1.35, 1 / 0.75
+"""Rates that move a corner by 1 m/s: the levers of a usual car are 1.35 m and 0.75 m."""
 BOUNCE, PITCH, ROLL, WARP = Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.WARP
 
 
@@ -95,25 +99,6 @@ def test_wheels_that_go_together(
         )
 
 
-@pytest.mark.parametrize(
-    ("sizes", "shares"),
-    [
-        ((1, 1, 1, 1), (1, 0, 0, 0)),
-        ((1, 0, 0, 0), (1 / 4, 1 / 4, 1 / 4, 1 / 4)),
-        ((0, 0, 2, 2), (1 / 2, 1 / 2, 0, 0)),
-        ((3, 0, 3, 0), (1 / 2, 0, 1 / 2, 0)),
-        ((1, 0, 0, 1), (1 / 2, 0, 0, 1 / 2)),
-        ((2, 1, 1, 0), (4 / 6, 1 / 6, 1 / 6, 0)),
-    ],
-)
-def test_shares_of_bounce_pitch_roll_and_warp(
-    sizes: tuple[float, ...], shares: tuple[float, ...]
-) -> None:
-    (pattern,) = found(hubs(sizes))
-    assert list(pattern.shares) == ["bounce", "pitch", "roll", "warp"]
-    assert list(pattern.shares.values()) == pytest.approx(shares, abs=1e-3)
-
-
 def test_an_axle_that_follows_within_two_and_a_half_seconds_belongs_to_the_bump() -> None:
     for late_s, likeness in ((2.3, 1.0), (2.55, 0.5)):
         records = hubs((1, 1, 1, 1))
@@ -172,10 +157,6 @@ def jolt(speed: float, at_s: float = 0.1) -> Array:
 def rate(size: float, at_s: float = 0.1) -> Array:
     """Return a rate for 3 ms."""
     return np.where(np.abs(T_S - at_s) < 0.0015, size, 0.0)
-
-
-# The levers of a usual car are 1.35 m and 0.75 m: rates of these sizes move a corner by 1 m/s.
-P, R = 1 / 1.35, 1 / 0.75
 
 
 # A positive pitch lowers the nose: while the body rises, the tail moves more.
@@ -326,20 +307,133 @@ def test_the_other_axle_is_named_once_though_wheels_and_body_show_it() -> None:
     assert [finding.code for finding in findings].count("mirrored") == 1
 
 
-@pytest.mark.parametrize(("rear", "other"), [(0.54, False), (0.58, True)])
-def test_the_other_axle_has_to_be_clearly_the_likelier(rear: float, other: bool) -> None:
-    """Likeness goes with the square: 1.25 times as much is 1.118 times the strike."""
-    pattern = found(hubs((0.5, 0.5, rear, rear)))[0]._replace(limit=0.2)
-    assert (struck(PITCH, pattern) == Wheels({Corner.REAR_LEFT, Corner.REAR_RIGHT})) is other
+"""Which wheels were struck, by body, travels and hubs, and what a judged run says of it."""
 
 
-def test_a_push_of_the_right_sill_is_told_from_one_of_the_left() -> None:
-    down = np.where((T_S > 0.0) & (T_S < 0.6), -np.sin(np.pi * T_S / 0.6), 0.0)
-    for sizes, wheels in (
-        ((1.0, 0.4, 1.0, 0.4), {Corner.FRONT_LEFT, Corner.REAR_LEFT}),
-        ((0.4, 1.0, 0.4, 1.0), {Corner.FRONT_RIGHT, Corner.REAR_RIGHT}),
-    ):
-        shapes = {c: 0.03 * size * down for c, size in zip(Corner, sizes, strict=True)}
-        records = corners(Quantity.SUSPENSION_TRAVEL, "m", shapes)
-        (pattern,) = found(records, Method.PUSH)
-        assert struck(ROLL, pattern) == Wheels(wheels)
+@pytest.mark.parametrize(
+    ("body", "like"),
+    [
+        # Turning by a tenth and a fifth of heave; the rear 2 to 3, the left 1 to 2.
+        (Body(2.0, 0.4, 0.2, 3.0, 2.0, 1.5, 3.0), (8 / 9, 0.4, 0.8 / 3, 0.025, 0.05)),
+        (Body(2.0, 0.2, 0.4, 2.0, 3.0, 3.0, 1.5), (8 / 9, 0.1 / 3, 0.05, 0.4, 0.2)),
+        (Body(0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0), (0.5, 1.0, 1.0, 0.0, 0.0)),
+        (Body(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0, 0.0)),
+    ],
+)
+def test_the_likeness_of_a_body_to_each_strike(body: Body, like: tuple[float, ...]) -> None:
+    pattern = of_body((BOUNCE, PITCH, ROLL), body, {}, "body's motion")
+    wheels = (Wheels(Corner), FRONT, REAR, LEFT, RIGHT)
+    assert [pattern.strikes[w] for w in wheels] == pytest.approx(like, abs=1e-9)
+    assert pattern.strikes[Wheels({FL, RR})] == pattern.strikes[Wheels({FR, RL})] == like[0]
+
+
+@pytest.mark.parametrize(
+    ("heave", "pitch", "roll", "wheels", "share"),
+    [
+        (2.0, 1.0, 0.0, (REAR, FRONT), 1 / 3),  # ends at 2 - 1 and 2 + 1
+        (2.0, -1.0, 0.0, (FRONT, REAR), 1 / 3),
+        (1.0, 0.0, 0.5, (LEFT, RIGHT), 1 / 3),  # sides at 1 + 0.5 and 1 - 0.5
+        (1.0, 0.0, -0.5, (RIGHT, LEFT), 1 / 3),
+    ],
+)
+@pytest.mark.parametrize("place", [replace(Z, at_cg=True), replace(Z, x_m=-1.35)])
+def test_ends_and_sides_of_a_body_move_about_its_middle(
+    place: Channel,
+    heave: float,
+    pitch: float,
+    roll: float,
+    wheels: tuple[Wheels, Wheels],
+    share: float,
+) -> None:
+    """The CG is taken for the middle between the axles, 1.35 m behind the front one."""
+    turns = (jolt(P * pitch), jolt(R * roll))
+    (pattern,) = found({place: jolt(heave), TURNS[0]: turns[0], TURNS[1]: turns[1]})
+    assert pattern.strikes[wheels[0]] == pytest.approx(1.0, abs=0.01)
+    assert pattern.strikes[wheels[1]] == pytest.approx(share, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("start_s", "stop_s", "counts"), [(-0.0495, -0.034, True), (-0.066, -0.0505, False)]
+)
+def test_hubs_are_struck_from_50_ms_before_the_bump_on(
+    start_s: float, stop_s: float, counts: bool
+) -> None:
+    early = np.where((start_s < T_S) & (stop_s > T_S), 20.0, 0.0)
+    records = {c: v + early * (c.corner in REAR) for c, v in hubs((1, 1, 0, 0)).items()}
+    (pattern,) = found(records)
+    assert (pattern.likeness[BOUNCE] > 0.6) is counts
+    assert counts or pattern.likeness[BOUNCE] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_wheels_that_drop_go_down_first() -> None:
+    front = {channel: -value for channel, value in travels((1, 1, 0, 0)).items()}
+    (dropped,) = found(front, Method.DROP)
+    assert dropped.words == "pitch: front wheels only"
+    (rolled,) = found({channel: -value for channel, value in front.items()})
+    assert rolled.words == "pitch: front wheels only"
+
+
+@pytest.mark.parametrize(
+    ("like", "strikes", "wheels"),
+    [
+        (0.79, {FRONT: 0.79}, None),
+        (0.8, {FRONT: 0.8}, FRONT),
+        (0.8, {}, FRONT),
+        (1.0, {FRONT: 0.8, REAR: 1.0}, FRONT),  # 1.25 times as like is not more than that
+        (1.0, {FRONT: 0.79, REAR: 1.0}, REAR),
+        (0.9, {REAR: 0.9}, REAR),
+    ],
+)
+def test_the_wheels_that_were_struck(
+    like: float, strikes: dict[Wheels, float], wheels: Wheels | None
+) -> None:
+    pattern = Pattern({}, {PITCH: like}, "", "hubs", 0.8, strikes)
+    assert struck(PITCH, pattern) == wheels
+    named = [(f.code, f.passed, f.value, f.limit) for f in mirrored(PITCH, pattern)]
+    assert named == ([("mirrored", True, like, 0.8)] if wheels == REAR else [])
+
+
+def judged(sizes: tuple[float, ...], accepted: list[RunMeasure], unlike: list[RunMeasure]) -> str:
+    """Return the codes of what failed in a pitch of these hubs."""
+    records = hubs(sizes)
+    step = Step(BASELINE, PITCH, 1)
+    findings, _ = judge(bench_of(tuple(records)), step, run_of(records), accepted, unlike)
+    return " ".join(finding.code for finding in findings if not finding.passed)
+
+
+S = 1e-6
+"""Size of the motion of a wheel that is not struck: it trembles."""
+
+
+def test_a_run_is_compared_with_runs_of_the_same_wheels_only() -> None:
+    def measure(sizes: tuple[float, ...]) -> RunMeasure:
+        records = hubs(sizes)
+        step = Step(BASELINE, PITCH, 1)
+        return judge(bench_of(tuple(records)), step, run_of(records), ())[1]
+
+    front, rear, higher = measure((1, 1, S, S)), measure((S, S, 1, 1)), measure((2, 2, S, S))
+    assert (front.wheels, rear.wheels) == (FRONT, REAR)
+    assert judged((2, 2, S, S), [rear], []) == ""
+    assert judged((2, 2, S, S), [front], []) == "not_repeatable"
+    assert judged((2, 2, S, S), [front, rear], [rear]) == "not_repeatable"
+    assert judged((2, 2, S, S), [front], [higher]) == ""
+
+
+def test_a_run_is_judged_in_the_order_of_cause_and_effect() -> None:
+    records = travels((1, 1, 1, 1)) | {Z: jolt(1.0), TURNS[0]: jolt(P)}
+    records |= {TURNS[1]: jolt(0.0)}
+    step = Step(BASELINE, BOUNCE, 1)
+    findings, measure = judge(bench_of(tuple(records)), step, run_of(records), ())
+    assert [finding.code for finding in findings] == [
+        *("stale", "lost_frames", "overload", "frozen", "not_at_rest", "too_weak"),
+        *("double_bump", "too_strong", "wrong_mode", "wrong_mode", "not_decayed", "rest_changed"),
+        "motion",
+    ]
+    assert measure.purity == pytest.approx(1.0)  # by the travels, not by the body that pitches
+    assert list(measure.shares) == ["bounce", "pitch", "roll", "warp"]
+    assert set(measure.levels) == {c.name for c in records if c.corner}
+    assert set(measure.roughness) == {c.name for c in records}
+
+
+"""Rest, weak and second bumps, decay and the kind of a body's motion, where details decide."""
+"""Samples that differ by 1 each, as white noise of 0.707 does."""

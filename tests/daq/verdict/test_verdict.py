@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from daq.bench.campaign import Step
+from daq.bench.campaign import Method, Step
+from daq.bench.config import Bench, load_bench
 from daq.runs import BASELINE, Excitation, Losses
+from daq.samples.trigger import TriggerState, advance, trigger_channels
+from daq.sim.motion import PUSHED_S, Moving, dropped, pushed_down
+from daq.sim.plant import load_car
+from daq.vehicle import FORD_GRANADA, AddedMass
 from daq.verdict import WORDS, RunMeasure, RunWindow, judge, peak_left
+from tests.simulated.cars import named_car
 
-from ..verdict_runs import (
-    Setting,
-    benches,
-    confusion,
-    first_failed,
-    good,
-    judged,
-    motion,
-    rejected,
-    settings,
-    windowed,
-)
+from ...flow.coverage import simulated_session
+from ..verdict_runs import LEAD_S, Setting, benches, first_failed, good, judged, motion, windowed
+from ..verdict_runs import confusion, rejected, settings
 
 BOUNCE = Step(BASELINE, Excitation.BOUNCE, 1)
 PITCH = Step(BASELINE, Excitation.PITCH, 1)
@@ -30,8 +28,8 @@ ALL = Setting("linear", "all", BOUNCE)
 
 
 def test_good_runs_are_accepted() -> None:
-    half = settings(("linear",))[::2]  # every bench, every bump, both mass states
-    assert [finding.text for _, finding in rejected(half, 1)] == []
+    some = settings(("linear",))[::4]  # every bench, every bump, both mass states
+    assert [finding.text for _, finding in rejected(some, 1)] == []
 
 
 def test_every_fault_gives_its_reason_first() -> None:
@@ -122,15 +120,12 @@ def test_the_wrong_wheels_are_named(bumped: Excitation, words: str) -> None:
 
 
 @pytest.mark.parametrize("name", list(benches()))
-@pytest.mark.parametrize("car", ["linear", "anti-roll bars"])
-def test_a_pitch_at_the_wrong_axle_is_found_where_the_campaign_has_both(
-    car: str, name: str
-) -> None:
+def test_a_pitch_at_the_wrong_axle_is_found_where_the_campaign_has_both(name: str) -> None:
     four = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.REAR_PITCH)
     usual = benches()[name]
     both = replace(usual, campaign=replace(usual.campaign, excitations=four))
     for bumped in (Excitation.PITCH, Excitation.REAR_PITCH):
-        window = good(Setting(car, name, Step(BASELINE, bumped, 1)), 7)
+        window = good(Setting("anti-roll bars", name, Step(BASELINE, bumped, 1)), 7)
         for due in (Excitation.PITCH, Excitation.REAR_PITCH):
             found = {
                 bench is both: first_failed(judge(bench, Step(BASELINE, due, 1), window, ())[0])
@@ -185,19 +180,6 @@ def test_no_silence_of_any_channel_is_an_error(bench: str, span_s: tuple[float, 
         assert first_failed(findings) in ("stale", "lost_frames")
 
 
-def test_constant_channels_are_no_error() -> None:
-    window = good(ALL, 7)
-    channels = {n: (t, np.full(len(t), 9.81)) for n, (t, _) in window.channels.items()}
-    findings, _ = judged(ALL, replace(window, channels=channels))
-    assert first_failed(findings) == "too_weak"
-
-
-def test_a_message_that_is_known_to_be_stale_fails() -> None:
-    findings, _ = judged(ALL, replace(good(ALL, 8), stale=("HUB_Front",)))
-    assert first_failed(findings) == "stale"
-    assert findings[0].subject == "HUB_Front"
-
-
 def test_tops_cut_on_the_bump_are_harmless() -> None:
     window = good(ALL, 9)
     t_ns, value = window.channels["hub_acc_fl"]
@@ -230,3 +212,84 @@ def test_the_motion_left_falls_from_one_to_nothing() -> None:
     assert (shares[0] or 0.0) > 0.4
     assert (shares[-1] or 1.0) < 0.05
     assert peak_left(bench.channels, window.bump_ns, {}, window.bump_ns) is None
+
+
+"""Bumps that are let go, simulated from forces: drops off blocks and pushes by hand."""
+PLANT = load_car(FORD_GRANADA, AddedMass())
+END_S = LEAD_S + 5.0
+DROPS = [(Method.DROP, kind) for kind in Excitation]
+PUSHES = [(Method.PUSH, kind) for kind in (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)]
+"""A tail that is pushed hardly moves the accelerometer of this bench, which is ahead of the middle:
+the push triggers when it lets go, as the manual says."""
+
+
+@cache
+def _motion(method: Method, kind: Excitation) -> Moving:
+    if method is Method.DROP:
+        return dropped(PLANT, kind, 0.04, LEAD_S, END_S)
+    return pushed_down(PLANT, kind, 0.04, LEAD_S, END_S)
+
+
+def _bench(name: str, method: Method) -> Bench:
+    bench = benches()[name]
+    level = 3.0 if method is Method.DROP and name != "IMU and travels" else 0.4
+    return replace(
+        bench,
+        campaign=replace(bench.campaign, method=method),
+        trigger=bench.trigger.model_copy(update={"level": level}),
+    )
+
+
+@pytest.mark.parametrize("name", ["all", "IMU and travels"])
+@pytest.mark.parametrize(("method", "kind"), [*DROPS, *PUSHES])
+def test_a_release_triggers_and_is_taken_for_what_it_is(
+    method: Method, kind: Excitation, name: str
+) -> None:
+    bench = _bench(name, method)
+    step = Step(BASELINE, kind, 1)
+    window = windowed(Setting("linear", name, step), _motion(method, kind), 1)
+    block = {c.name: window.channels[c.name] for c in trigger_channels(bench.channels, method)}
+    _, events = advance(bench.trigger, TriggerState(), block)
+    (bump_ns,) = (event.t_ns for event in events if event.code == "bump")
+    latest_s = PUSHED_S if method is Method.PUSH else 0.01
+    assert -0.01 < (bump_ns - window.bump_ns) * 1e-9 < latest_s
+    findings, _ = judge(bench, step, replace(window, bump_ns=bump_ns), ())
+    assert first_failed(findings) == "", [f.text for f in findings if not f.passed]
+    assert "mirrored" not in {finding.code for finding in findings}
+
+
+@pytest.mark.parametrize(("method", "done"), [(Method.DROP, Excitation.PITCH), PUSHES[1]])
+def test_another_kind_than_the_one_that_is_due_is_named(method: Method, done: Excitation) -> None:
+    bench = _bench("all", method)
+    step = Step(BASELINE, Excitation.ROLL, 1)
+    findings, _ = judge(
+        bench, step, windowed(Setting("linear", "all", step), _motion(method, done), 2), ()
+    )
+    assert first_failed(findings) == "wrong_mode"
+
+
+"""Runs of the real car whose friction holds most, as the bench judges them."""
+
+
+def test_runs_of_a_car_with_leaf_springs_are_accepted_although_friction_holds_it() -> None:
+    """After a roll it rests a sixth of the peak from where it was; nothing else is unusual."""
+    bench = load_bench(None)
+    rolls = replace(bench.campaign, excitations=(Excitation.ROLL,))
+    bench = replace(bench, campaign=rolls)
+    session = simulated_session(bench, 1, named_car("cherokee").simulated())
+    held = []
+    accepted: dict[Step, list[RunMeasure]] = {}
+    for run in session.runs:
+        step = Step(run.mass_state, run.excitation, 1)
+        samples = {
+            name: (run.t0_ns + (group.time_s * 1e9).astype("i8"), value)
+            for group in run.groups
+            for name, value in group.values.items()
+        }
+        window = RunWindow(run.t0_ns + round(bench.trigger.pre_s * 1e9), samples)
+        findings, measure = judge(bench, step, window, accepted.setdefault(step, []))
+        assert [f.text for f in findings if not f.passed] == []
+        accepted[step].append(measure)
+        held += [f.value / f.limit for f in findings if f.code == "rest_changed"]
+    assert 0.75 < max(held) < 1.0
+    assert len(held) == 4

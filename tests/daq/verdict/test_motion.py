@@ -1,0 +1,364 @@
+"""Rest, weak, strong and second bumps, and decay, by records of closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daq.bench.campaign import Method
+from daq.channels import Channel
+from daq.vehicle import Corner
+from daq.verdict import peak_left
+from daq.verdict.motion import (
+    double_bump,
+    not_at_rest,
+    not_decayed,
+    rest_changed,
+    too_strong,
+    too_weak,
+)
+from daq.verdict.window import traces
+from dbc.finding import Finding
+
+from .closed_forms import (
+    BEFORE,
+    BODY,
+    BUMP_NS,
+    HUB,
+    OTHER,
+    PITCH,
+    ROLL,
+    T_S,
+    TILT,
+    TRAVEL,
+    TURN,
+    TURNS,
+    Array,
+    Check,
+    bench_of,
+    found,
+    one,
+    pulse,
+    run_of,
+    seen,
+    window,
+)
+
+
+@pytest.mark.parametrize(("rms", "passed"), [(0.029, True), (0.031, False)])
+def test_at_rest_is_three_percent_of_the_peak(rms: float, passed: bool) -> None:
+    whole = np.sin(2 * np.pi * T_S / 0.97) * (T_S < -0.0301)  # one period
+    value = np.sqrt(2.0) * rms * whole + pulse(1.0)
+    assert one(not_at_rest, {TRAVEL: value}).passed is passed
+
+
+@pytest.mark.parametrize(("slow_rms", "passed"), [(0.40, True), (0.43, False)])
+def test_at_rest_is_three_times_the_noise(slow_rms: float, passed: bool) -> None:
+    """Samples at +0.1 and -0.1 in turn look like white noise of 0.1 sqrt(2): the limit is 0.424."""
+    before = T_S < -0.0301
+    alternating = np.where(np.arange(len(T_S)) % 2, 0.1, -0.1)
+    slow = np.sqrt(2.0) * slow_rms * np.sin(2 * np.pi * T_S / 0.97)
+    finding = one(not_at_rest, {TRAVEL: (alternating + slow) * before + pulse(1.0)})
+    assert finding.limit == pytest.approx(0.424, abs=0.005)
+    assert finding.value == pytest.approx(np.hypot(slow_rms, 0.1), abs=0.005)
+    assert finding.passed is passed
+
+
+@pytest.mark.parametrize(("peak", "passed"), [(5.95, False), (6.0, True)])
+def test_a_bump_reaches_twice_the_level_of_the_trigger(peak: float, passed: bool) -> None:
+    assert one(too_weak, {HUB: pulse(peak)}).passed is passed  # the trigger is set to 3 m/s2
+
+
+@pytest.mark.parametrize(("peak", "passed"), [(9.9, False), (10.1, True)])
+def test_a_bump_is_ten_times_the_noise(peak: float, passed: bool) -> None:
+    """Samples at 0, 1, 0 and -1 in turn differ by 1 each: white noise of sqrt(1/2) does, too."""
+    noise = np.sqrt(0.5)
+    turn = np.resize([0.0, 1.0, 0.0, -1.0], len(T_S))
+    value = np.where(T_S < -0.0301, turn, 0.0) + pulse(peak * noise)
+    finding = one(too_weak, {TRAVEL: value})
+    assert finding.passed is passed
+    assert finding.value == pytest.approx(peak, rel=0.003)
+
+
+@pytest.mark.parametrize(("travel_m", "passed"), [(0.0749, True), (0.075, True), (0.0751, False)])
+def test_travel_may_exceed_the_planned_height_by_half(travel_m: float, passed: bool) -> None:
+    finding = one(too_strong, {TRAVEL: pulse(travel_m)})  # 50 mm are planned
+    assert finding.passed is passed
+    assert "75 mm (limit 75 mm: 1.5 times the planned height)" in finding.text, finding.text
+    assert not found(too_strong, {HUB: pulse(100.0)})
+
+
+def strikes(second: float, at_s: float) -> Array:
+    """Return two equal bursts of a wheel's hop, the second one scaled."""
+
+    def burst(start_s: float) -> Array:
+        within = (start_s <= T_S) & (start_s + 0.1 > T_S)
+        return np.where(within, np.sin(2 * np.pi * 40.0 * (T_S - start_s)), 0.0)
+
+    return 30.0 * (burst(0.0) + second * burst(at_s))
+
+
+@pytest.mark.parametrize(("second", "passed"), [(0.24, True), (0.26, False)])
+def test_a_second_strike_is_a_quarter_of_the_first(second: float, passed: bool) -> None:
+    finding = one(double_bump, {HUB: strikes(second, 1.2)})
+    assert finding.passed is passed
+    if not passed:
+        assert finding.value == pytest.approx(second, rel=0.02)
+        assert "at +1.20 s" in finding.text
+
+
+@pytest.mark.parametrize(("at_s", "passed"), [(0.47, True), (0.51, False)])
+def test_a_wheel_that_lands_is_no_second_strike(at_s: float, passed: bool) -> None:
+    """The bump is over after 0.2 s; what comes 0.25 s later at most belongs to it.
+
+    The energy is that of 0.1 s about each instant: a strike within shows its tail only.
+    """
+    assert one(double_bump, {HUB: strikes(0.8, at_s)}).passed is passed
+
+
+@pytest.mark.parametrize(("rise", "passed"), [(2.9, True), (3.1, False)])
+def test_a_second_strike_rises_to_three_times_the_motion_before(rise: float, passed: bool) -> None:
+    """A wheel hops on evenly, then to 0.6 of the first strike, then evenly again."""
+    low = 0.6 / rise
+    height = np.select([T_S < 0.0, T_S < 0.3, T_S < 1.2, T_S < 1.5], [0.0, 1.0, low, 0.6], low)
+    hop = 30.0 * height * np.sin(2 * np.pi * 40.0 * T_S)
+    assert one(double_bump, {HUB: hop}).passed is passed
+
+
+@pytest.mark.parametrize(("second", "passed"), [(0.12, True), (0.13, False)])
+def test_a_strike_is_as_high_as_its_energy_in_a_tenth_of_a_second(
+    second: float, passed: bool
+) -> None:
+    """In 0.1 s a hop of 25 ms has half the RMS of one of 0.3 s: the limit of 0.25 is at 0.125."""
+    hop = np.sin(2 * np.pi * 40.0 * T_S)
+    first = np.where((T_S >= 0.0) & (T_S < 0.025), hop, 0.0)
+    again = np.where((T_S >= 1.2) & (T_S < 1.5), hop, 0.0)
+    finding = one(double_bump, {HUB: 30.0 * (first + second * again)})
+    assert finding.passed is passed
+    assert finding.value == pytest.approx(2.0 * second, rel=0.02)
+
+
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_a_second_strike_is_sought_at_the_hubs_else_at_the_body_else_anywhere(first: int) -> None:
+    """The first of these channels decides; what the others show does not count."""
+    channels = (HUB, BODY, TRAVEL)[first:]
+    for again in (True, False):
+        own, rest = (strikes(0.8 * share, 1.2) for share in (float(again), float(not again)))
+        records = {c: own if c is channels[0] else rest for c in channels}
+        passed = [finding.passed for finding in found(double_bump, records)]
+        assert all(passed) is not again
+
+
+def test_a_strike_at_the_end_of_a_run_has_none_after_it() -> None:
+    """The bump and what belongs to it, 0.45 s, end behind the run, or with it."""
+    for at_s in (2.0, 2.09, 2.3):
+        assert one(double_bump, {HUB: np.where(np.abs(T_S - at_s) < 0.02, 40.0, 0.0)}).passed
+
+
+def test_the_body_that_swings_back_is_no_second_strike() -> None:
+    later = np.clip((T_S - 1.0) / 1.4, 0.0, 1.0)
+    assert one(double_bump, {HUB: strikes(0.0, 1.2) + 15.0 * np.sin(np.pi * later) ** 2}).passed
+
+
+def swing(left: float) -> Array:
+    """Return a swing at 2 Hz of amplitude 1, and of `left` in the last second."""
+    amplitude = np.where(T_S < 1.0, 1.0, np.where(T_S < 1.5, 0.5, left))
+    return np.where(T_S > 0.0, amplitude * np.sin(2 * np.pi * 2.0 * T_S), 0.0)
+
+
+@pytest.mark.parametrize(("left", "passed"), [(0.145, True), (0.155, False)])
+def test_fifteen_percent_of_the_motion_may_be_left(left: float, passed: bool) -> None:
+    finding = one(not_decayed, {TRAVEL: swing(left)})
+    assert finding.passed is passed
+    assert finding.value == pytest.approx(left, rel=0.01)
+
+
+@pytest.mark.parametrize(("moved_m", "passed"), [(0.0099, True), (-0.0099, True), (0.0101, False),
+                                                 (-0.0101, False)])  # fmt: skip
+def test_the_rest_position_may_change_by_a_fifth_of_the_peak(moved_m: float, passed: bool) -> None:
+    value = pulse(0.05) + np.where(T_S > 0.5, moved_m, 0.0)
+    finding = one(rest_changed, {TRAVEL: value})
+    assert finding.passed is passed
+    assert finding.limit == pytest.approx(0.01)
+
+
+"""Rest, weak and second bumps, decay and the kind of a body's motion, where details decide."""
+"""Samples that differ by 1 each, as white noise of 0.707 does."""
+
+
+def by(method: Method, check: Check, records: Mapping[Channel, Array]) -> list[Finding]:
+    bench, run = window(records)
+    bench = replace(bench, campaign=replace(bench.campaign, method=method))
+    return list(check(bench, run, traces(bench.channels, run)))
+
+
+@pytest.mark.parametrize(
+    ("channel", "rms", "says"),
+    [
+        (TRAVEL, 0.0123, "12 mm RMS"),
+        (PITCH, np.radians(2.5), "2.5 deg/s RMS"),
+        (TURN, np.radians(2.5), "2.5 deg/s2 RMS"),
+        (BODY, 0.25, "0.25 m/s2 RMS"),
+    ],
+)
+def test_motion_before_the_bump_is_said_in_the_units_of_people(
+    channel: Channel, rms: float, says: str
+) -> None:
+    value = np.sqrt(2.0) * rms * np.sin(2 * np.pi * T_S / 0.97) * BEFORE
+    finding = one(not_at_rest, {channel: value + pulse(rms)})
+    assert says in finding.text
+    assert not finding.passed
+    assert one(not_at_rest, {channel: np.zeros(len(T_S))}).passed
+
+
+@pytest.mark.parametrize(
+    ("small", "large", "passed"),
+    [(PITCH, ROLL, True), (ROLL, PITCH, True), (TURN, TILT, True), (TILT, TURN, True),
+     (PITCH, TURN, False), (TURN, ROLL, False), (PITCH, BODY, False), (HUB, BODY, False)],
+)  # fmt: skip
+def test_a_channel_rests_by_the_largest_peak_of_its_kind(
+    small: Channel, large: Channel, passed: bool
+) -> None:
+    """It moves by 0.02 before: too much for its own peak of 0.1, but not for another of 1."""
+    slow = np.sqrt(2.0) * 0.02 * np.sin(2 * np.pi * T_S / 0.97) * BEFORE
+    finding = one(not_at_rest, {small: slow + pulse(0.1), large: pulse(1.0)})
+    assert finding.passed is passed
+    assert finding.limit == pytest.approx(0.03 if passed else 0.003)
+
+
+def travel(corner: Corner, ratio: float) -> tuple[Channel, Array]:
+    channel = replace(TRAVEL, name=f"travel_{corner}", corner=corner)
+    return channel, TURNS * BEFORE + pulse(ratio * np.sqrt(0.5))
+
+
+def test_hubs_excuse_travels_of_one_axle_alone() -> None:
+    front, other = travel(Corner.FRONT_LEFT, 9.0), travel(Corner.FRONT_RIGHT, 8.0)
+    rear = travel(Corner.REAR_LEFT, 8.0)
+    body = BODY, TURNS * BEFORE + pulse(8.0 * np.sqrt(0.5))
+    for records, judged in (
+        ((front, other), False),
+        ((rear,), False),
+        ((front, rear), True),
+        ((front, body), True),
+    ):
+        findings = found(too_weak, {HUB: pulse(100.0), **dict(records)})
+        weak = [finding for finding in findings if finding.unit == ""]
+        assert bool(weak) is judged
+        assert all(not finding.passed for finding in weak)
+    # Of several the clearest counts.
+    clear = found(too_weak, dict((front, travel(Corner.REAR_RIGHT, 11.0))))
+    assert [(f.passed, f.subject) for f in clear] == [(True, "travel_RR")]
+
+
+def test_a_bump_below_the_triggers_level_is_named_alone() -> None:
+    findings = found(too_weak, {HUB: pulse(5.0), **dict([travel(Corner.FRONT_LEFT, 9.0)])})
+    assert [(f.passed, f.subject, f.limit) for f in findings] == [(False, "hub", 6.0)]
+    quiet = found(too_weak, {TRAVEL: pulse(1.0)})  # no noise at all: nothing to compare with
+    assert quiet == []
+
+
+@pytest.mark.parametrize(("at_s", "passed"), [(1.17, True), (1.24, False)])
+def test_a_push_and_its_release_are_one_strike(at_s: float, passed: bool) -> None:
+    """A second after the bump of 0.2 s, less half of the tenth in which energy is taken."""
+    (finding,) = by(Method.PUSH, double_bump, {HUB: strikes(0.8, at_s)})
+    assert finding.passed is passed
+    (rolled,) = by(Method.ROLL_OVER, double_bump, {HUB: strikes(0.8, at_s)})
+    assert not rolled.passed
+
+
+def left(value: Array, now_s: float) -> float | None:
+    t_ns = BUMP_NS + np.rint(T_S * 1e9).astype(np.int64)
+    past = now_s > T_S
+    columns = {"travel": (t_ns[past], value[past])}
+    return peak_left((TRAVEL,), BUMP_NS, columns, BUMP_NS + round(now_s * 1e9))
+
+
+def test_what_is_left_is_counted_about_where_the_car_stands_after_two_seconds() -> None:
+    stands = pulse(1.0) + np.where(T_S > 0.5, 0.2, 0.0)
+    assert left(stands, 1.9) == pytest.approx(0.2 * np.sqrt(2.0), rel=1e-3)
+    assert left(stands, 2.1) == pytest.approx(0.0, abs=1e-6)
+    assert left(pulse(0.0), 2.1) is None  # nothing moved
+    swing = np.where(T_S > 0.0, np.sin(4 * np.pi * T_S), 0.0)
+    assert left(swing, 2.4) == pytest.approx(1.0, abs=0.01)
+    assert left(np.sign(swing), 2.4) == 1.0  # never more, though a sine would be 1.4 times as high
+    assert left(swing, -0.5) is None
+
+
+def test_the_channel_that_moves_most_is_named_in_units_of_its_noise() -> None:
+    other = replace(TRAVEL, name="other", corner=Corner.REAR_LEFT)
+    noise = 0.01 * TURNS * BEFORE
+    swing = np.where(T_S > 0.0, 0.5 * np.sin(4 * np.pi * T_S), 0.0)
+    finding = one(not_decayed, {TRAVEL: noise + swing, other: 100 * noise + 2 * swing})
+    assert (finding.passed, finding.subject) == (False, "travel")
+
+
+@pytest.mark.parametrize(("start_s", "changed_m"), [(1.3, 0.0), (1.6, 0.3)])
+def test_the_rest_is_that_of_the_last_second(start_s: float, changed_m: float) -> None:
+    """Half a metre off for 0.2 s before the last second, or 0.6 m for half of it."""
+    stop_s, size = (1.5, 0.5) if start_s < 1.5 else (2.1, 0.6)
+    away = np.where((start_s < T_S) & (stop_s > T_S), size, 0.0)
+    finding = one(rest_changed, {TRAVEL: away})
+    assert finding.value == pytest.approx(changed_m, abs=1e-3)
+    assert by(Method.DROP, rest_changed, {TRAVEL: away}) == []
+    both = {TRAVEL: pulse(0.1), replace(TRAVEL, name="other", corner=Corner.REAR_LEFT): -away}
+    worst = one(rest_changed, both)
+    assert worst.subject == ("other" if changed_m else "travel")
+
+
+"""Rest, strikes, gaps and likeness where two rules meet, by records of closed form."""
+
+
+@pytest.mark.parametrize(("noise", "passed"), [(0.90, False), (0.98, True)])
+def test_a_second_strike_rises_above_nine_times_the_noise(noise: float, passed: bool) -> None:
+    """Three times the floor of three times the noise: the RMS is 12 / sqrt(2) = 8.49 m/s2."""
+    value = strikes(0.4, 1.2) + noise * np.sqrt(2.0) * TURNS * BEFORE
+    assert one(double_bump, {HUB: value}).passed is passed
+
+
+def test_where_a_sensor_tilts_its_new_level_is_no_strike() -> None:
+    """It reads 5 m/s2 more from the bump on, over 0.3 s."""
+    tilt = 2.5 * (1.0 - np.cos(np.pi * np.clip(T_S / 0.3, 0.0, 1.0)))
+    finding = one(double_bump, {HUB: strikes(0.5, 1.2) + tilt})
+    assert finding.value == pytest.approx(0.5, rel=0.03)
+    assert one(double_bump, {HUB: strikes(0.0, 1.2) + tilt}).passed
+
+
+def test_motion_without_noise_counts_in_thousandths_of_the_peak_of_its_kind() -> None:
+    """A tenth is left of a travel of 50 mm, a fifth of a body that moved by 20 m/s2."""
+    finding = one(not_decayed, {TRAVEL: 0.05 * swing(0.1), BODY: 20.0 * swing(0.2)})
+    assert finding.value == pytest.approx(np.sqrt((0.1**2 + 0.2**2) / 2.0), rel=0.02)
+    # A second travel that moved by a tenth counts by the larger one.
+    finding = one(not_decayed, {TRAVEL: 0.05 * swing(0.1), OTHER: 0.005 * swing(0.9)})
+    assert finding.value == pytest.approx(np.hypot(0.1, 0.09) / np.hypot(1.0, 0.1), rel=0.02)
+
+
+"""The measures of a run against closed forms: peaks, noise, the body's wave, the slow course."""
+
+
+@pytest.mark.parametrize("post_s", [2.0, 2.4])
+def test_the_motion_left_is_that_of_the_last_half_second(post_s: float) -> None:
+    for before_s, left in ((0.49, 0.3), (0.51, 0.0)):
+        late = post_s - before_s < T_S
+        value = np.where(np.isclose(T_S, 0.1), 1.0, 0.0)
+        swing = 0.3 * np.sin(2 * np.pi * 10.0 * (T_S - post_s)) * late
+        records = {TRAVEL: value + (swing if left else 0.3 * np.sin(20 * np.pi * T_S) * ~late
+                                    * (T_S > 0.5))}  # fmt: skip
+        (finding,) = not_decayed(bench_of(TRAVEL, post_s=post_s), run_of(records), seen(records))
+        assert finding.value == pytest.approx(left, abs=0.01)
+        assert finding.passed is not bool(left)
+
+
+def test_a_wheel_that_hardly_moved_is_not_searched_for_a_second_strike() -> None:
+    def strikes(size: float, second: float) -> Array:
+        first = np.where((T_S > 0.0) & (T_S < 0.1), np.sin(80 * np.pi * T_S), 0.0)
+        again = np.where((T_S > 1.2) & (T_S < 1.3), np.sin(80 * np.pi * T_S), 0.0)
+        return size * (first + second * again)
+
+    other = replace(HUB, name="other", corner=Corner.REAR_LEFT)
+    for size, passed in ((0.19, True), (0.21, False)):
+        records = {HUB: strikes(30.0, 0.0), other: strikes(30.0 * size, 0.9)}
+        (finding,) = double_bump(bench_of(*records), run_of(records), seen(records))
+        assert finding.passed is passed
