@@ -7,8 +7,8 @@ unit, axis and sign together.  Rates read zero at rest, and travels read zero at
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from datetime import date
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from dbc.words import counted, plural
 from ..channels import ON_BODY, Channel, Quantity
 from ..samples.converter import is_fine, is_stuck
 from ..samples.mapping import MappedChannel
-from .frame_checks import FAIL, OK, WARN
+from .frame_checks import FAIL, OK, WARN, Fault, findings
 
 _VERTICAL = (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION)
 _GRAVITY_TOLERANCE = 0.06
@@ -94,43 +94,41 @@ def check_channel(
     reading, unless something fails; and a line for each fault.
     """
     channel, subject = mapped.channel, f"channel {mapped.channel.name}"
-    lines = _calibration_lines(channel, calibration_days, today)
+    faults = list(_calibration_faults(channel, calibration_days, today))
     samples = decoded.samples.get(channel.signal)
     if samples is None or not len(samples.t_ns):
         verdict = WARN if channel.quantity is Quantity.UNUSED else FAIL
         text, advice = f"no sample of {channel.signal}", f"see message {mapped.message.name}"
-        lines.append(Finding("no_sample", verdict, text, advice=advice))
-        return [replace(each, subject=subject) for each in lines]
+        return findings(subject, [*faults, ("no_sample", verdict, text, advice)])
     value = mapped.values(samples)
     finite = np.isfinite(value)
-    lines += _validity_lines(mapped, samples, value)
+    faults += _validity_faults(mapped, samples, value)
     if not finite.any():
-        return [replace(each, subject=subject) for each in lines]
+        return findings(subject, faults)
     rest = _rest(value[finite], samples.t_ns[finite], channel.unit)
     span_s = float(np.ptp(samples.t_ns)) * 1e-9
     rate_hz = (len(samples.t_ns) - 1) / span_s if span_s > 0 else 0.0
-    stuck = _stuck_lines(mapped, samples.value[finite], value[finite])
-    lines += stuck
+    stuck = list(_stuck_faults(mapped, samples.value[finite], value[finite]))
+    faults += stuck
     gravity = ""
-    if channel.quantity is not Quantity.UNUSED and all(each.passed for each in stuck):
-        lines += _rest_lines(mapped, rest)
+    if channel.quantity is not Quantity.UNUSED and FAIL not in [fault[1] for fault in stuck]:
+        faults += _rest_faults(mapped, rest)
         if channel.quantity in _VERTICAL:
-            axes = _other_axes(mapped, messages, decoded)
-            line = _gravity_line(mapped, rest, len(value), axes)
-            gravity = f", {line.text}" if line.severity is OK else ""
-            lines += [] if gravity else [line]
+            fault = _gravity(mapped, rest, len(value), _other_axes(mapped, messages, decoded))
+            gravity = f", {fault[2]}" if fault[1] is OK else ""
+            faults += [] if gravity else [fault]
         if 0 < rate_hz < _SLOWEST_HZ:
             text = f"{rate_hz:.0f} Hz is slow: wheels hop at 10 to 15 Hz"
-            lines.append(Finding("slow", WARN, text, advice="ask the sensor for 100 Hz or more"))
+            faults.append(("slow", WARN, text, "ask the sensor for 100 Hz or more"))
     if channel.quantity in ON_BODY and channel.position_sigma_m >= _GUESSED_M:
         text = f"its position is a guess (+-{channel.position_sigma_m:g} m)"
         advice = "measure x_m and y_m from the middle of the front axle"
-        lines.append(Finding("position", WARN, text, advice=advice))
-    if all(each.passed for each in lines):
+        faults.append(("position", WARN, text, advice))
+    if FAIL not in [fault[1] for fault in faults]:
         text = f"{rest.text} at rest, noise {rest.noise:.2g}, {rate_hz:.0f} Hz{gravity}"
-        lines.insert(0, Finding("rest", OK, text))
+        faults.insert(0, ("rest", OK, text, ""))
     figures = {"level": rest.level, "noise": rest.noise, "motion": rest.motion, "rate_hz": rate_hz}
-    return [replace(each, subject=subject, figures=figures) for each in lines]
+    return findings(subject, faults, figures)
 
 
 def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Rest:
@@ -145,23 +143,22 @@ def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Re
     return _Rest(float(np.median(value)), noise, float(high - low), unit)
 
 
-def _calibration_lines(channel: Channel, days: int, today: date) -> list[Finding]:
+def _calibration_faults(channel: Channel, days: int, today: date) -> Iterator[Fault]:
     age = (today - date.fromisoformat(channel.calibrated)).days if channel.calibrated else 0
-    if 0 <= age <= days:
-        return []
-    ago = f"{counted(age, 'day')} ago"
-    advice = f"have it calibrated; the limit is {counted(days, 'day')}"
-    if age < 0:
-        ago, advice = "which is in the future", "correct calibrated, or the clock of this computer"
     which = f" (serial number {channel.serial_number})" if channel.serial_number else ""
-    text = f"calibrated on {channel.calibrated}, {ago}{which}"
-    return [Finding("calibration", WARN, text, advice=advice)]
+    text = f"calibrated on {channel.calibrated}"
+    if age < 0:
+        text = f"{text}, which is in the future{which}"
+        yield "calibration", WARN, text, "correct calibrated, or the clock of this computer"
+    elif age > days:
+        advice = f"have it calibrated; the limit is {counted(days, 'day')}"
+        yield "calibration", WARN, f"{text}, {counted(age, 'day')} ago{which}", advice
 
 
-def _validity_lines(
+def _validity_faults(
     mapped: MappedChannel, samples: Samples, value: NDArray[np.float64]
-) -> list[Finding]:
-    """Return a line for each reason for which samples cannot be used."""
+) -> Iterator[Fault]:
+    """Yield each reason for which samples cannot be used."""
     signal, n, usable = mapped.signal, len(value), samples.usable
     low, high = signal.span
     at_end = usable & ((samples.value <= low) | (samples.value >= high))
@@ -178,7 +175,6 @@ def _validity_lines(
     see, out = "see its message", "check the sensor, or the range and factor in the DBC"
     saturated = "it saturates, or reports that it has no value"
     end = f"at the end of its range ({low:g} to {high:g})"
-    lines = []
     for code, samples_of, most, text, advice in (
         ("unusable", has(Quality.CRC_BAD), 0.5, "unusable: the checksum does not match", see),
         ("unusable", has(Quality.SENTINEL), 0.5, "unusable: the sensor says it has no value", see),
@@ -190,39 +186,34 @@ def _validity_lines(
         count = int(np.sum(samples_of))
         if count:
             text = f"{count} of {n} samples {plural(count, 'is', 'are')} {text}"
-            lines.append(Finding(code, FAIL if count > most * n else WARN, text, advice=advice))
-    return lines
+            yield code, FAIL if count > most * n else WARN, text, advice
 
 
-def _stuck_lines(
+def _stuck_faults(
     mapped: MappedChannel, raw: NDArray[np.float64], value: NDArray[np.float64]
-) -> list[Finding]:
-    """Return a line if the channel has one value; `raw`: the same samples as in the frames."""
+) -> Iterator[Fault]:
+    """Yield a fault if the channel has one value; `raw`: the same samples as in the frames."""
     if np.ptp(value) > 0 or not is_stuck(len(value)):
-        return []
+        return
     signal, quantity, unit = mapped.signal, mapped.channel.quantity, mapped.channel.unit
     text = f"stuck: all {len(value)} samples are {value[0]:.6g} {unit}"
     at_end = not signal.is_float and signal.length > 1 and raw[0] in signal.span and raw[0] != 0
     if at_end or is_fine(quantity, unit, mapped.step):
-        advice = "the sensor is dead, frozen or not started"
-        return [Finding("stuck", FAIL, text, advice=advice)]
-    if quantity is Quantity.UNUSED:
-        return []
-    return [Finding("stuck", WARN, text, advice="move it: does it change?")]
+        yield "stuck", FAIL, text, "the sensor is dead, frozen or not started"
+    elif quantity is not Quantity.UNUSED:
+        yield "stuck", WARN, text, "move it: does it change?"
 
 
-def _rest_lines(mapped: MappedChannel, rest: _Rest) -> list[Finding]:
-    channel, lines = mapped.channel, []
+def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
+    channel = mapped.channel
     limits = _LIMITS.get(channel.quantity, _DISPLACEMENT)
     if rest.motion > limits.motion:
         text = f"moves by {rest.motion:.2g} {rest.unit}: not at rest"
-        advice = "let the car stand still and check again"
-        lines.append(Finding("motion", WARN, text, advice=advice))
+        yield "motion", WARN, text, "let the car stand still and check again"
     if rest.noise > limits.noise:
         text = f"noise {rest.noise:.2g} {rest.unit} is more than the usual {limits.noise:g}"
-        advice = "check mounting, cable and unit; stop the engine"
-        lines.append(Finding("noise", WARN, text, advice=advice))
-    reading = f"reads {rest.level:.4g} {rest.unit} at rest"
+        yield "noise", WARN, text, "check mounting, cable and unit; stop the engine"
+    text = f"reads {rest.level:.4g} {rest.unit} at rest"
     if abs(rest.level) > limits.absurd:
         advice = "correct signal_unit, the factor in the DBC, or tare"
         for unit in ("um", "mm") if channel.unit == "m" else ("mrad/s", "deg/s"):
@@ -230,11 +221,10 @@ def _rest_lines(mapped: MappedChannel, rest: _Rest) -> list[Finding]:
             level = abs(rest.level / mapped.factor * si.factor)
             if si.unit == channel.unit and level < limits.absurd / 2:
                 advice = f'is its unit {unit}? state signal_unit = "{unit}"'
-        lines.append(Finding("level", FAIL, f"{reading}, which is impossible", advice=advice))
+        yield "level", FAIL, f"{text}, which is impossible", advice
     elif abs(rest.level) > limits.zero:
         advice = f"set tare = {rest.level + channel.tare:.5g} at ride height"
-        lines.append(Finding("tare", WARN, f"{reading} instead of 0", advice=advice))
-    return lines
+        yield "tare", WARN, f"{text} instead of 0", advice
 
 
 _SCALES = (
@@ -250,7 +240,7 @@ _SCALES = (
 """Factors by which wrong units change gravity, with the unit that each factor would prove."""
 
 
-def _gravity_line(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str, float]) -> Finding:
+def _gravity(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str, float]) -> Fault:
     """Judge unit, axis and sign of an acceleration by gravity.
 
     `n`: number of samples.  `axes`: readings of the other axes of its sensor, g.
@@ -260,9 +250,9 @@ def _gravity_line(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str,
     reading = f"reads {rest.level:.4g} m/s2 at rest"
     flip = f"set sign = {-channel.sign:.0f}"
     if abs(share - 1) < _GRAVITY_TOLERANCE:
-        return Finding("gravity", OK, "+1 g")
+        return "gravity", OK, "+1 g", ""
     if abs(share + 1) < _GRAVITY_TOLERANCE:
-        return Finding("gravity", FAIL, f"{reading}: upside down", advice=flip)
+        return "gravity", FAIL, f"{reading}: upside down", flip
     # Next to no reading is gravity in a wrong unit only if no noise explains it.
     is_sure = rest.noise < _QUIETEST and abs(rest.level + channel.tare) > 5 * rest.noise / n**0.5
     for factor, unit in _SCALES:
@@ -271,19 +261,19 @@ def _gravity_line(mapped: MappedChannel, rest: _Rest, n: int, axes: Mapping[str,
             turn = f" and {flip}" if share < 0 else ""
             setting = f'signal_unit = "{unit}"' if unit else f"gain = {channel.gain / factor:.6g}"
             text = f"{reading}: {factor:.4g} times gravity, so its unit is wrong"
-            return Finding("gravity", FAIL, text, advice=f"state {setting}{turn}")
+            return "gravity", FAIL, text, f"state {setting}{turn}"
     for name, axis_g in axes.items():
         if abs(share) < 0.5 and abs(abs(axis_g) - 1) < 0.1:
             turn = "" if axis_g > 0 else " with sign = -1"
             text = f"{reading}, but {name} {axis_g:+.2f} g: the wrong axis"
-            return Finding("gravity", FAIL, text, advice=f'take signal = "{name}"{turn}')
+            return "gravity", FAIL, text, f'take signal = "{name}"{turn}'
     if abs(share) < _NONE_G:
-        return Finding("gravity", OK, "no gravity (AC-coupled, or tared in the sensor)")
+        return "gravity", OK, "no gravity (AC-coupled, or tared in the sensor)", ""
     tilt = math.degrees(math.acos(min(abs(share), 1.0)))
     angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
     verdict = FAIL if abs(abs(share) - 1) > 0.3 else WARN
     text, advice = f"{reading}{angle}, or its scale is wrong", "mount it upright, or correct gain"
-    return Finding("gravity", verdict, text, advice=advice)
+    return "gravity", verdict, text, advice
 
 
 def _other_axes(

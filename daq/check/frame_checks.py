@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ from ..samples.groups import Timekeeping
 from ..samples.mapping import MappedChannel
 
 OK, WARN, FAIL = Severity.NOTE, Severity.WARNING, Severity.ERROR
+Fault = tuple[str, Severity, str, str]
+"""Code, severity, text and advice of a finding."""
 _RATE_WARN, RATE_FAIL = 0.02, 0.10
 _LOST_FAIL = 0.01
 _CLOCK_WARN, _CLOCK_FAIL = 2e-3, 0.2
@@ -32,6 +34,16 @@ _SILENT_S = 0.5
 _LOAD_WARN = 0.8
 _SHOWN_IDS = 6
 _EXTENDED_KEY, _BUS_KEY = 1 << 29, 1 << 30
+
+
+def findings(
+    subject: str, faults: Iterable[Fault], figures: Mapping[str, float] | None = None
+) -> list[Finding]:
+    """Return findings on one subject with its figures."""
+    return [
+        Finding(code, severity, text, subject, advice, figures=figures or {})
+        for code, severity, text, advice in faults
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,32 +218,36 @@ def check_messages(
     lines: list[Finding] = []
     for name in dict.fromkeys([*(m.message.name for m in mapped), *sorted(carriers)]):
         message, arrivals = keeping.messages[name], table.known.get(name)
-        subject, fault = f"message {name}", FAIL if name in used else WARN
+        fault = FAIL if name in used else WARN
         if arrivals is None:
-            lines.append(_absent_line(message, table.unknown, fault))
+            text, advice = _absent(message, table.unknown)
+            lines.append(Finding("absent", fault, text, f"message {name}", advice))
             continue
         counter = counters.get(name)
         received = len(arrivals.t_ns)
         rate_hz = arrivals.rate_hz * (received + (counter.missing if counter else 0)) / received
         faults = [
-            *_bus_lines(arrivals, fault),
-            *_rate_lines(message, arrivals, rate_hz, table, name in keeping.clocks),
-            *_length_lines(message, arrivals),
-            *_checksum_lines(message, arrivals, decoded),
-            *(_counter_lines(message, counter, decoded) if counter else ()),
-            *_clock_lines(message, keeping, decoded),
+            *_rate_faults(message, arrivals, rate_hz, table, name in keeping.clocks),
+            *_content_faults(message, arrivals, decoded),
+            *(_counter_faults(message, counter, decoded) if counter else ()),
+            *_clock_faults(message, keeping, decoded),
         ]
+        if len(arrivals.buses) > 1:
+            buses = " and ".join(map(str, arrivals.buses))
+            advice = "describe each as a [[sensor]] with its bus; for a log, import one with --bus"
+            text = f"comes on the buses {buses}: two sensors read as one"
+            faults.insert(0, ("mixed_buses", fault, text, advice))
         if not faults:
             text = f"{rate_hz:.1f} Hz, jitter {1e3 * arrivals.jitter_s:.2f} ms"
-            faults = [Finding("rate", OK, text)]
+            faults = [("rate", OK, text, "")]
         figures = {"rate_hz": rate_hz, "jitter_s": arrivals.jitter_s, "frames": received}
-        lines += [replace(each, subject=subject, figures=figures) for each in faults]
+        lines += findings(f"message {name}", faults, figures)
     return lines
 
 
-def _absent_line(message: MessageLayout, unknown: Sequence[Arrivals], verdict: Severity) -> Finding:
+def _absent(message: MessageLayout, unknown: Sequence[Arrivals]) -> tuple[str, str]:
+    """Return what is missing, and advice that names the received frames that are alike."""
     width = " with 29 bits" if message.is_extended else ""
-    text = f"no frame with identifier {message.can_id:#x}{width}"
     advice = "is the sensor on, set to this identifier, and set to send?"
     alike = [
         str(a)
@@ -241,69 +257,49 @@ def _absent_line(message: MessageLayout, unknown: Sequence[Arrivals], verdict: S
     ]
     if alike:
         advice += f" {', '.join(alike[:3])} has its length and rate"
-    return Finding("absent", verdict, text, f"message {message.name}", advice)
+    return f"no frame with identifier {message.can_id:#x}{width}", advice
 
 
-def _bus_lines(arrivals: Arrivals, verdict: Severity) -> list[Finding]:
-    if len(arrivals.buses) == 1:
-        return []
-    text = f"comes on the buses {' and '.join(map(str, arrivals.buses))}: two sensors read as one"
-    advice = "describe each as a [[sensor]] with its bus; for a log, import one with --bus"
-    return [Finding("mixed_buses", verdict, text, advice=advice)]
-
-
-def _rate_lines(
+def _rate_faults(
     message: MessageLayout, arrivals: Arrivals, rate_hz: float, table: FrameTable, has_time: bool
-) -> list[Finding]:
-    lines = []
+) -> Iterator[Fault]:
     silent_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
     if silent_s > max(_SILENT_S, 10 * (message.cycle_s or 0.0)):
-        text = f"silent for the last {silent_s:.2f} s"
-        lines.append(Finding("stale", FAIL, text, advice="check plug and power"))
+        yield "stale", FAIL, f"silent for the last {silent_s:.2f} s", "check plug and power"
+    stated = f"state cycle_ms = {1e3 / max(rate_hz, 1e-3):.3g} for it"
     if message.cycle_s is None:
         if message.counter is not None and not has_time and rate_hz > 0:
             text = f"{rate_hz:.1f} Hz; without a cycle time its counter gives no sample times"
-            advice = f"state cycle_ms = {1e3 / rate_hz:.3g} for it"
-            lines.append(Finding("no_cycle", WARN, text, advice=advice))
-        return lines
-    off = rate_hz * message.cycle_s - 1
-    if abs(off) > _RATE_WARN:
-        verdict = FAIL if abs(off) > RATE_FAIL else WARN
+            yield "no_cycle", WARN, text, stated
+        return
+    off = abs(rate_hz * message.cycle_s - 1)
+    if off > _RATE_WARN:
         text = f"{rate_hz:.1f} Hz instead of {1 / message.cycle_s:.1f} Hz"
-        cycle_ms = 1e3 / max(rate_hz, 1e-3)
-        advice = f"set the sensor's rate, or state cycle_ms = {cycle_ms:.3g} for it"
-        lines.append(Finding("rate", verdict, text, advice=advice))
+        yield "rate", FAIL if off > RATE_FAIL else WARN, text, f"set the sensor's rate, or {stated}"
     if message.counter is None and not has_time and arrivals.jitter_s > message.cycle_s / 2:
         text = f"frames arrive up to {1e3 * arrivals.jitter_s:.2f} ms off their cycle"
         advice = "its clock fits the least delayed frames: prefer a counter or hardware stamps"
-        lines.append(Finding("jitter", WARN, text, advice=advice))
-    return lines
+        yield "jitter", WARN, text, advice
 
 
-def _length_lines(message: MessageLayout, arrivals: Arrivals) -> list[Finding]:
-    length = arrivals.length
-    others = length[length < message.length]
-    verdict, advice = FAIL, "correct the length, or the DBC"
-    if not len(others):
-        others = length[length > message.length]
-        verdict, advice = WARN, "the excess bytes are not decoded"
-    if not len(others):
-        return []
+def _content_faults(
+    message: MessageLayout, arrivals: Arrivals, decoded: Decoded
+) -> Iterator[Fault]:
+    """Yield the faults of length and checksum."""
+    n, length = len(arrivals.length), arrivals.length
     sizes = "/".join(map(str, np.unique(length[length != message.length])))
-    text = (
-        f"{len(others)} of {len(length)} frames have {sizes} bytes; the DBC says {message.length}"
-    )
-    return [Finding("length", verdict, text, advice=advice)]
-
-
-def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded) -> list[Finding]:
+    short, long = np.sum(length < message.length), np.sum(length > message.length)
+    have = f"have {sizes} bytes; the DBC says {message.length}"
+    if short:
+        yield "length", FAIL, f"{short} of {n} frames {have}", "correct the length, or the DBC"
+    elif long:
+        yield "length", WARN, f"{long} of {n} frames {have}", "the excess bytes are not decoded"
     if message.crc is None:
-        return []
+        return
     quality = decoded[f"{message.name}.{message.crc}"].quality
     n, bad = len(quality), int(np.sum((quality & Quality.CRC_BAD) != 0))
     if not bad:
-        return []
-    text = f"{bad} of {n} frames {plural(bad, 'has', 'have')} a wrong checksum ({message.crc_rule})"
+        return
     verdict, advice = FAIL, f"no rule matches ({', '.join(CRC_RULES)}): leave it out"
     others = fitting_rules(arrivals, message.signal(message.crc).first_byte, message.length)
     if others:
@@ -311,7 +307,9 @@ def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded
     elif bad <= n / 2:
         verdict = FAIL if bad > _LOST_FAIL * n else WARN
         advice = "check wiring and power of the sensor"
-    return [Finding("checksum", verdict, text, advice=advice)]
+    have = plural(bad, "has", "have")
+    text = f"{bad} of {n} frames {have} a wrong checksum ({message.crc_rule})"
+    yield "checksum", verdict, text, advice
 
 
 def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
@@ -323,48 +321,46 @@ def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
     return [n for n, rule in CRC_RULES.items() if np.array_equal(rule(head), whole[:, byte])]
 
 
-def _counter_lines(
+def _counter_faults(
     message: MessageLayout, counter: health.CounterHealth, decoded: Decoded
-) -> list[Finding]:
+) -> Iterator[Fault]:
     assert message.counter is not None  # ensured by health.advance
     name, modulus = f"the counter {message.counter.signal}", message.counter.modulus
     samples = decoded[f"{message.name}.{message.counter.signal}"]
     value = samples.value[samples.usable]
     if len(value) > 10 and np.all(value == value[0]):
         text = f"{name} does not change from {value[0]:.0f}"
-        advice = "the sensor hangs, or this is not a counter"
-        return [Finding("counter", FAIL, text, advice=advice)]
+        yield "counter", FAIL, text, "the sensor hangs, or this is not a counter"
+        return
     if len(value) > 1 and np.any(value >= modulus):
         text = f"{name} reaches {value.max():.0f}, beyond {modulus - 1}"
-        return [Finding("counter", FAIL, text, advice="correct counter_modulus")]
-    lines = []
+        yield "counter", FAIL, text, "correct counter_modulus"
+        return
     if counter.missing:
-        verdict = FAIL if counter.missing > _LOST_FAIL * counter.received else WARN
         are = counted(counter.missing, "frame is", "frames are")
         text = f"{are} missing according to {name} (of {counter.received})"
+        verdict = FAIL if counter.missing > _LOST_FAIL * counter.received else WARN
         advice = "frames are lost on the way, or the counter counts something else"
-        lines.append(Finding("counter", verdict, text, advice=advice))
+        yield "counter", verdict, text, advice
     if counter.restarts:
         text = f"{name} started again {counter.restarts} times"
-        advice = "the sensor restarts: check its power"
-        lines.append(Finding("counter", FAIL, text, advice=advice))
-    return lines
+        yield "counter", FAIL, text, "the sensor restarts: check its power"
 
 
-def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded) -> list[Finding]:
+def _clock_faults(
+    message: MessageLayout, keeping: Timekeeping, decoded: Decoded
+) -> Iterator[Fault]:
     clock = keeping.clocks.get(message.name)
     if clock is None:
-        return []
+        return
     samples = decoded[clock.signal]
     stamp, t_ns = samples.value[samples.usable], samples.t_ns[samples.usable]
     if len(t_ns) < 10 or t_ns[-1] <= t_ns[0]:
-        return []
+        return
     gaps = np.diff(stamp) % clock.wrap
     rate = float(np.sum(gaps)) * clock.factor / (float(t_ns[-1] - t_ns[0]) * 1e-9)
-    if abs(rate - 1) <= _CLOCK_WARN:
-        return []
-    verdict, advice = WARN, "is the host's clock set while measuring?"
-    if abs(rate - 1) > _CLOCK_FAIL:
-        verdict, advice = FAIL, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}"
     text = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
-    return [Finding("clock", verdict, text, advice=advice)]
+    if abs(rate - 1) > _CLOCK_FAIL:
+        yield "clock", FAIL, text, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}"
+    elif abs(rate - 1) > _CLOCK_WARN:
+        yield "clock", WARN, text, "is the host's clock set while measuring?"

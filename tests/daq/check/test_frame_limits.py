@@ -155,12 +155,6 @@ def test_frames_may_come_half_a_cycle_off_their_beat(
         assert "jitter" not in found(checked(message(), sent(times), clocks=CLOCKS))
 
 
-def test_two_frames_have_no_jitter() -> None:
-    for n, jitter_s in ((2, 0.0), (3, 0.001)):
-        lines = checked(message(), sent([0.0, 0.009, 0.02][:n]))
-        assert lines[0].figures["jitter_s"] == pytest.approx(jitter_s)
-
-
 @pytest.mark.parametrize(
     ("length", "verdict", "says"),
     [(7, FAIL, "3 of 30 frames have 7 bytes; the DBC says 6"), (5, FAIL, "3 of 30"), (6, OK, "")],
@@ -196,14 +190,6 @@ def test_one_checksum_in_a_hundred_may_fail(bad: int, verdict: Severity, advice:
     assert lines[0].advice.startswith(advice)
     if bad:
         assert lines[0].text == f"{bad} of 200 frames have a wrong checksum (sum8)"
-
-
-@pytest.mark.parametrize(("n", "named"), [(3, False), (4, True)])
-def test_a_rule_that_fits_four_different_frames_is_no_accident(n: int, named: bool) -> None:
-    data = np.tile(with_checksums(n, 0), (10, 1))
-    data[:, 1], data[:, 7] = 9, data[:, 0] ^ 9  # the exclusive or fits
-    lines = checked(replace(CHECKED, cycle_s=0.01), sent(beats(10 * n), data=data))
-    assert ("crc_rule = 'xor8'" in lines[0].advice) is named
 
 
 def counted(values: Sequence[int] | NDArray[np.int64]) -> NDArray[np.uint8]:
@@ -308,13 +294,6 @@ def test_a_message_that_numbers_the_samples_of_others_must_come_without_a_channe
     ]
 
 
-def test_three_that_may_be_an_absent_message_are_named_in_their_width() -> None:
-    wide = [sent(beats(100 - n), 0x200 + n, flags=FrameFlag.EXTENDED) for n in range(4)]
-    (line,) = checked(replace(message(), is_extended=True, can_id=0x999), *wide)
-    assert line.text == "no frame with identifier 0x999 with 29 bits"
-    assert line.advice.endswith(" 0x200x, 0x201x, 0x202x has its length and rate")
-
-
 @pytest.mark.parametrize(
     ("quantity", "verdict"), [(Quantity.BODY_DISPLACEMENT, FAIL), (Quantity.UNUSED, WARN)]
 )
@@ -327,33 +306,6 @@ def test_a_message_on_two_buses_is_two_sensors(quantity: Quantity, verdict: Seve
     assert mixed_messages((MESSAGE,), both) == ("M",)
     assert mixed_messages((MESSAGE,), one) == ()
     assert mixed_messages((MESSAGE,), FrameBatch.empty()) == ()
-
-
-def test_strangers_are_sorted_by_bus_identifier_and_width_the_most_frequent_first() -> None:
-    batch = FrameBatch.concatenate(
-        [
-            sent(beats(3), 0x123),
-            sent(beats(4), 0x123, flags=FrameFlag.EXTENDED),
-            sent(beats(5), 0x123, bus=1),
-            sent(beats(6), 0x1FFFFFFF, flags=FrameFlag.EXTENDED, bus=2),
-            sent(beats(9), 0x124, flags=FrameFlag.REMOTE),
-            sent(beats(9), 0x125, flags=FrameFlag.ERROR),
-        ]
-    )
-    table = frame_table((MESSAGE,), batch)
-    assert [(len(a.t_ns), a.can_id, a.is_extended, a.buses) for a in table.unknown] == [
-        (6, 0x1FFFFFFF, True, (2,)),
-        (5, 0x123, False, (1,)),
-        (4, 0x123, True, (0,)),
-        (3, 0x123, False, (0,)),
-    ]
-    assert table.frames == {0: 7, 1: 5, 2: 6}
-    # 47 bits beside the data, 20 more with 29 bits of identifier, and one stuffed in thirty.
-    assert table.bits[1] == pytest.approx(5 * (47 + 64) * 31 / 30)
-    assert table.bits[2] == pytest.approx(6 * (67 + 64) * 31 / 30)
-    assert table.seconds == pytest.approx(0.08)
-    assert table.unknown[3].rate_hz == pytest.approx(100.0)
-    assert table.unknown[3].usual_length == 8
 
 
 # The buses ----------------------------------------------------------------------------------------
@@ -446,9 +398,3 @@ def test_of_several_stretches_the_longest_is_checked() -> None:
     assert line.figures["paused_s"] == pytest.approx(16.5)
     assert found.frames == 301
     assert found.seconds == pytest.approx(3.0)
-
-
-def test_of_nothing_there_is_no_time_and_no_frame() -> None:
-    found = report(FrameBatch.empty())
-    assert (found.frames, found.seconds) == (0, 0.0)
-    assert [line.code for line in found.lines] == ["no_frames"]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.bench.config import Bench, bench_codec, load_bench, parse_bench
+from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.databases import Database, each_bus, stored_text
 from daq.channels import Quantity
 from daq.check.find_sensors import find_sensors
@@ -204,44 +204,6 @@ def test_a_counter_counts_by_one_in_nine_steps_of_ten(values: Numbers, expected:
         assert lines == expected
 
 
-@pytest.mark.parametrize(
-    ("signal", "is_counter"),
-    [
-        ('cnt : 0|2@1+ (1,0) [0|0] ""', True),
-        ('cnt : 0|1@1+ (1,0) [0|0] ""', False),
-        ('cnt : 0|32@1+ (1,0) [0|0] ""', True),
-        ('cnt : 0|33@1+ (1,0) [0|0] ""', False),
-        ('cnt : 0|8@1- (1,0) [0|0] ""', False),
-        ('cnt : 0|8@1+ (2,0) [0|0] ""', False),
-        ('cnt : 0|8@1+ (1,1) [0|0] ""', False),
-        ('speed : 0|8@1+ (1,0) [0|0] ""', False),
-    ],
-)
-def test_a_counter_is_a_plain_number_of_two_to_32_bits(signal: str, is_counter: bool) -> None:
-    asked = ['# counter = "cnt"  # by its name; true?']
-    assert rules(signal, None) == asked * is_counter
-
-
-def test_unusable_samples_show_no_counter() -> None:
-    assert rules(COUNTER, np.arange(40), quality=2) == []
-
-
-@pytest.mark.parametrize(
-    ("signal", "named"),
-    [
-        ('crc : 8|8@1+ (1,0) [0|0] ""', True),
-        ('crc : 7|8@0+ (1,0) [0|0] ""', True),
-        ('crc : 8|7@1+ (1,0) [0|0] ""', False),
-        ('crc : 8|9@1+ (1,0) [0|0] ""', False),
-        ('crc : 12|8@1+ (1,0) [0|0] ""', False),
-        ('crc : 8|8@1- (1,0) [0|0] ""', False),
-    ],
-)
-def test_a_checksum_is_one_whole_byte(signal: str, named: bool) -> None:
-    lines = rules(signal, None)
-    assert ('# crc = "crc"  # which rule? give crc_rule' in lines) is named
-
-
 @pytest.mark.parametrize(("rate", "is_clock"), [(1.049, True), (0.951, True), (1.051, False)])
 @pytest.mark.parametrize(("unit", "per_s"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
 def test_a_time_stamp_runs_with_the_bus(
@@ -306,12 +268,6 @@ def test_a_rate_of_more_than_a_tenth_off_is_stated(ms: float, stated: float | No
         [pytest.approx(stated)] if stated else []
     )
     assert ("not the 200.0 Hz of its database" in text) == bool(stated)
-
-
-def test_a_message_without_a_channel_keeps_its_cycle() -> None:
-    frames = FrameBatch.concatenate([frames_every(5.0, 385), frames_every(100.0, 1793, length=1)])
-    _, bench = proposed(frames, Database("pot.dbc", POT))
-    assert bench.message_rules == ()
 
 
 def test_what_a_comment_says_of_a_signal_holds_for_every_device_of_its_kind() -> None:
@@ -414,31 +370,3 @@ def test_the_bus_of_a_file_is_where_most_of_its_messages_come(
     found, missing = find_sensors(NETWORKS, traffic(*sent) if sent else None)
     named = {(f.sensor.name.partition("_")[0], f.sensor.bus, f.surely) for f in found}
     assert (named, missing) == (expected, absent)
-
-
-def test_databases_whose_own_names_have_the_mark_are_no_rivals() -> None:
-    pots = [
-        Database(f"pot#{n}.kcd", kcd(f'<Bus name="B">{message("M", 1.0, n)}</Bus>')) for n in (1, 2)
-    ]
-    found, _ = find_sensors(pots, traffic((0, 1), (0, 2)))
-    assert [f.surely for f in found] == [True, True]
-
-
-def test_a_bench_decodes_one_identifier_by_the_bus_of_its_file(tmp_path: Path) -> None:
-    (tmp_path / "car.kcd").write_text(CAR, "utf-8")
-    (tmp_path / "bench.toml").write_text(
-        '[[bus]]\ninterface = "virtual"\nchannel = "a"\n'
-        '[[bus]]\ninterface = "virtual"\nchannel = "b"\n'
-        '[[sensor]]\nname = "rear"\ndbc = "car.kcd#Rear"\nbus = 0\n'
-        '[[sensor]]\nname = "front"\ndbc = "car.kcd#Front & é"\nbus = 1\n'
-        '[[channel]]\nname = "x"\nsignal = "rear.Hub.az"\nquantity = "unused"\n'
-        '[[channel]]\nname = "y"\nsignal = "front.Hub.az"\nquantity = "unused"\n',
-        "utf-8",
-    )
-    bench = load_bench(tmp_path / "bench.toml")
-    assert bench.dbc_text == stored_text(NETWORKS[::-1])
-    codec = bench_codec(bench)
-    assert not codec.left_out
-    decoded = codec.decode(traffic((0, 0x123), (1, 0x123))).samples
-    assert decoded["rear.Hub.az"].value.tolist() == [0.25 * k for k in range(20)]
-    assert decoded["front.Hub.az"].value.tolist() == [0.5 * k for k in range(20)]

@@ -10,12 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.bench.channel_map import load_channel_map
-from daq.channels import Quantity
-from daq.check.propose import ChannelTables, Proposal
+from daq.check.propose import Proposal
 from daq.check.propose_columns import propose_map
-from daq.check.questions import Guess
 from daq.samples.columns import Column, Columns
-from daq.vehicle import Corner
 
 N = 4000
 T = np.arange(N) / 500.0
@@ -141,31 +138,3 @@ def test_columns_of_like_names_are_told_apart() -> None:
     assert set(found) == set(names)
     assert {found[name]["corner"] for name in names} == {"FL"}
     assert len({table["name"] for table in found.values()}) == 9
-
-
-@pytest.mark.parametrize(("bump", "unit"), [(-0.04, "m"), (-40.0, "mm")])
-def test_travels_without_a_unit_have_the_one_of_their_largest_motion(
-    bump: float, unit: str
-) -> None:
-    """All read next to nothing at rest, and the bump moves only the front."""
-    front, rear = np.zeros(N), np.zeros(N)
-    front[N // 2] = bump
-    proposal = proposed(("time", "s", T), ("travel_fl", "", front), ("travel_rl", "", rear))
-    units = {name: table["signal_unit"] for name, table in tables(proposal).items()}
-    assert units == {"travel_fl": unit, "travel_rl": unit}
-
-
-@pytest.mark.parametrize(
-    ("quantity", "is_proven", "asks"),
-    [
-        (Quantity.SUSPENSION_TRAVEL, False, True),
-        (Quantity.SUSPENSION_TRAVEL, True, False),
-        (Quantity.HUB_ACCELERATION, False, False),
-    ],
-)
-def test_the_sign_of_a_travel_is_asked_for_until_a_push_has_proven_it(
-    quantity: Quantity, is_proven: bool, asks: bool
-) -> None:
-    guess = Guess(quantity, Corner.FRONT_LEFT, 1, "by its name", is_proven=is_proven)
-    lines = ChannelTables({}, (), []).lines("pot.fl", "pot.fl", guess)
-    assert ("# sign = -1  # FILL IN if it reads less in compression" in lines) is asks

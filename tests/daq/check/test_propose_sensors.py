@@ -124,12 +124,6 @@ def _asked(bench: Bench, rest: FrameBatch) -> list[str]:
     return [f"{line.subject}: {line.text}" for line in found]
 
 
-def test_a_radar_is_no_suspension_travel_and_a_validity_no_acceleration() -> None:
-    for proposed in (proposal(True), proposal(False), propose_sensors(DATABASES, (), None, None)):
-        assert "Radar_FL_Distance" not in proposed.text
-        assert "Validity_Accel_Vertical" not in proposed.text
-
-
 def test_the_zero_of_a_travel_is_what_it_read_at_rest() -> None:
     codec = bench_codec(wild_bench())
     rest, _ = rest_and_pushes()

@@ -237,19 +237,6 @@ def test_a_push_is_over_after_rest_or_after_five_seconds(
     assert result.text.startswith("moving") is not done
 
 
-def test_the_last_channel_to_come_to_rest_counts_and_the_first_that_moved() -> None:
-    travel, rate = channel(Quantity.SUSPENSION_TRAVEL), channel(Quantity.PITCH_RATE, "p")
-    lanes = {travel: lane([0.02], 50), rate: lane([0.05], 96)}
-    assert not judged(FL, lanes).done
-    assert judged(FL, {travel: lane([0.02], 40), rate: lane([0.05], 98)}).done
-
-
-def test_what_moved_before_does_not_count() -> None:
-    lanes = {channel(Quantity.SUSPENSION_TRAVEL): lane([0.02], 50)}
-    assert judged(FL, lanes, begin=50).done
-    assert not judged(FL, lanes, begin=51).done
-
-
 @pytest.mark.parametrize("corner", Corner)
 def test_each_corner_turns_the_body_its_own_way(corner: Corner) -> None:
     """Down at the front is nose down (+); positive roll lifts the left side."""
@@ -284,12 +271,6 @@ def test_a_point_of_the_body_sinks_with_the_corner_it_is_near(
     point = channel(Quantity.BODY_DISPLACEMENT, x_m=x_m, y_m=y_m)
     assert judged(corner, {point: lane([-0.01])}).passed
     assert judged(corner, {point: lane([0.01])}).passed is not sinks
-
-
-def test_the_cg_sinks_with_every_corner() -> None:
-    for corner in Corner:
-        point = channel(Quantity.BODY_DISPLACEMENT, x_m=-9.0, at_cg=True)
-        assert not judged(corner, {point: lane([0.01])}).passed
 
 
 def test_what_was_seen_is_said_in_millimetres_or_in_the_unit() -> None:

@@ -137,26 +137,6 @@ def test_each_kind_of_sensor_may_move_a_little(quantity: Quantity, limit: float)
         assert lines[0].figures["motion"] == pytest.approx(share * limit)
 
 
-@pytest.mark.parametrize(("blocks", "moves"), [(1, False), (3, True)])
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_knock_in_one_tenth_of_a_second_is_no_motion(
-    blocks: int, moves: bool, way: float
-) -> None:
-    value = np.zeros(320)
-    for block in range(blocks):
-        value[80 * block + 40 : 80 * block + 48] = way * 0.02
-    assert ("motion" in found(checked(channel(Quantity.SUSPENSION_TRAVEL), value))) is moves
-
-
-@pytest.mark.parametrize(("knocks", "noise"), [(1, 0.0), (2, 0.02 / np.sqrt(198))])
-def test_the_largest_hundredth_of_the_steps_is_no_noise(knocks: int, noise: float) -> None:
-    """A knock of one sample is two steps; of 200 the two largest do not count."""
-    value = np.zeros(201)
-    value[20 : 20 + 40 * knocks : 40] = 0.02
-    lines = checked(channel(Quantity.SUSPENSION_TRAVEL), value)
-    assert lines[0].figures["noise"] == pytest.approx(noise)
-
-
 @pytest.mark.parametrize(
     ("quantity", "level", "expected"),
     [
@@ -181,12 +161,6 @@ def test_a_level_is_near_zero_or_wants_a_tare_or_cannot_be(
     assert found(checked(channel(quantity), still(level))) == {expected: verdict}
 
 
-def test_the_tare_to_set_counts_what_is_taken_off_already() -> None:
-    (line,) = faults(checked(channel(Quantity.SUSPENSION_TRAVEL, tare=0.1), still(0.16)))
-    assert line.text.startswith("reads 0.06 m at rest")
-    assert line.advice.startswith("set tare = 0.16 ")
-
-
 @pytest.mark.parametrize(
     ("quantity", "level", "unit"),
     [
@@ -206,12 +180,6 @@ def test_a_unit_is_proposed_in_which_the_level_may_be(
     (line,) = faults(checked(channel(quantity), still(level)))
     assert line.code == "level"
     assert (f'state signal_unit = "{unit}"' in line.advice) is bool(unit)
-
-
-def test_the_stated_unit_does_not_count_in_another() -> None:
-    """600 cm are 6 m; the signal's 600 would be 0.6 m if they were mm."""
-    (line,) = faults(checked(channel(Quantity.SUSPENSION_TRAVEL, signal_unit="cm"), still(600.0)))
-    assert 'signal_unit = "um"' in line.advice
 
 
 def test_a_level_is_shown_to_two_digits_of_its_noise() -> None:
@@ -303,14 +271,6 @@ def test_a_hundredth_of_the_samples_may_lie_at_the_end_of_the_bits(
     assert found(lines).get("overload", OK) is verdict
     floating = checked(channel(Quantity.SUSPENSION_TRAVEL), value)
     assert "overload" not in found(floating)
-
-
-@pytest.mark.parametrize(("signal", "end", "judged"), [("bit", 1.0, False), ("two", 0.03, True)])
-def test_a_single_bit_is_always_at_one_of_its_ends(signal: str, end: float, judged: bool) -> None:
-    value = still(0.01 * (signal == "two"))
-    value[::40] = end
-    lines = checked(channel(Quantity.SUSPENSION_TRAVEL, f"RAW.{signal}"), value)
-    assert ("overload" in found(lines)) is judged
 
 
 @pytest.mark.parametrize(
@@ -415,11 +375,6 @@ def test_gravity_in_a_wrong_unit_shows_which_it_is(share: float, setting: str) -
     (line,) = faults(checked(channel(Quantity.BODY_ACCELERATION), still(share * G, quiet)))
     assert line.severity is FAIL
     assert (line.advice if "gravity" in line.text else "") == setting
-
-
-def test_the_gain_to_state_counts_the_one_that_is() -> None:
-    (line,) = faults(checked(channel(Quantity.BODY_ACCELERATION, gain=2.0), still(G / 2000, 1e-6)))
-    assert line.advice == "state gain = 2000"
 
 
 @pytest.mark.parametrize(

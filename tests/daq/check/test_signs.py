@@ -147,7 +147,7 @@ def test_rates_without_travels_are_held_against_each_other() -> None:
     assert finding.advice.startswith("change the sign of one side")
 
 
-@pytest.mark.parametrize("number", range(12))
+@pytest.mark.parametrize("number", range(0, 12, 4))
 def test_a_single_run_gives_no_advice_on_a_sign_that_is_right(number: int) -> None:
     session = recorded()
     assert named(replace(session, runs=session.runs[number : number + 1])) == []

@@ -68,7 +68,7 @@ def _stamps(t: Floats) -> NDArray[np.int64]:
 
 
 @pytest.mark.parametrize("cycle_s", [1e-3, 2e-3])
-@pytest.mark.parametrize("error", [0.0, 80e-6, 0.01, -0.02])
+@pytest.mark.parametrize("error", [80e-6, -0.02])
 @pytest.mark.parametrize("way", list(WAYS))
 def test_sample_times_are_recovered_from_jittered_arrivals(
     way: str, error: float, cycle_s: float
@@ -84,17 +84,6 @@ def test_sample_times_are_recovered_from_jittered_arrivals(
     np.testing.assert_array_equal(times.step[1:], np.diff(k[kept]))
     if limit_s > 10e-6:  # the stamps themselves would not do
         assert np.abs(arrival - t).max() > 5 * limit_s
-
-
-def test_two_messages_of_one_run_agree() -> None:
-    rng = np.random.default_rng(4)
-    late = []
-    for cycle_s in (1e-3, 2e-3):
-        k = np.arange(round(4 / cycle_s))
-        t = np.asarray(k * cycle_s, np.float64)
-        stamps = _stamps(_jitter_and_stalls(rng, t))
-        late.append(np.mean(sensor_times(k % 256, 256, stamps, cycle_s, T0_NS).time_s - t))
-    assert abs(late[0] - late[1]) < 5e-6
 
 
 def test_an_outage_of_many_turns_of_the_counter_is_bridged() -> None:
@@ -203,18 +192,6 @@ def test_frames_that_come_when_they_like_keep_their_arrival() -> None:
     assert_array_equal(even_times(t_ns, 0).time_s, t_ns * 1e-9)
 
 
-def test_twenty_frames_are_too_few_for_a_clock_with_nineteen() -> None:
-    _, t_ns = arrivals(300e-6, lost=0.0)
-    assert_array_equal(even_times(t_ns[:19], 0).time_s, t_ns[:19] * 1e-9)
-    assert not np.array_equal(even_times(t_ns[:40], 0).time_s, t_ns[:40] * 1e-9)
-
-
-def test_frames_that_all_come_at_once_keep_their_arrival() -> None:
-    found = even_times(np.full(30, 5_000_000_000), 0)
-    assert found.time_s == pytest.approx(np.full(30, 5.0), abs=1e-6)
-    assert np.all(np.diff(found.time_s) > 0)
-
-
 @pytest.mark.parametrize(("missing", "is_found"), [(None, True), (350, False)])
 def test_frames_a_cycle_late_are_put_on_the_clock_where_none_is_missing(
     missing: int | None, is_found: bool
@@ -291,13 +268,6 @@ def test_the_last_two_frames_are_late_rather_than_behind_a_gap(n_late: int, end:
     assert errors(late_s)[-1] == pytest.approx(end, abs=0.2)
 
 
-def test_the_last_frame_is_behind_a_gap_where_others_are_missing() -> None:
-    late_s = np.zeros(240)
-    late_s[100:] = 1.0 * CYCLE_S  # as if one were missing
-    late_s[-1] = 2.1 * CYCLE_S
-    assert errors(late_s)[-1] == pytest.approx(2.0, abs=0.2)
-
-
 @pytest.mark.parametrize(("late_share", "is_found"), [(0.2, True), (0.3, False)])
 def test_a_clock_that_is_not_followed_is_none(late_share: float, is_found: bool) -> None:
     late_s = np.zeros(240)
@@ -352,24 +322,6 @@ def test_times_are_those_of_the_samples(drift: float, wrap_s: float) -> None:
     times = stamped_times(stamp, wrap_s, _arrive(taken), 0)
     assert np.abs(times.time_s - taken).max() < 30e-6
     assert times.step[1:].tolist() == np.diff(k).tolist()
-
-
-def test_a_stalled_reader_moves_nothing() -> None:
-    taken = _samples(np.arange(600))
-    t_ns = _arrive(taken)
-    t_ns[200:380] = t_ns[380]
-    times = stamped_times(taken, 100.0, t_ns, 0)
-    assert np.abs(times.time_s - taken).max() < 30e-6
-
-
-@pytest.mark.parametrize("begin_s", [0.0, 2.5, 90.0])
-def test_a_restarted_sensor_is_fitted_anew(begin_s: float) -> None:
-    taken = np.concatenate(
-        [np.arange(200) * CYCLE_S_OF_STAMPS, 3.7 + np.arange(300) * CYCLE_S_OF_STAMPS]
-    )
-    stamp = np.concatenate([50 + taken[:200], begin_s + taken[200:] - 3.7])
-    times = stamped_times(stamp, 4294.967296, _arrive(taken), 0)
-    assert np.abs(times.time_s - taken).max() < 50e-6
 
 
 def test_repeated_stamps_are_no_samples() -> None:
