@@ -19,8 +19,19 @@ from daq.verdict import WORDS, RunMeasure, RunWindow, judge, peak_left
 from tests.simulated.cars import named_car
 
 from ...flow.coverage import simulated_session
-from ..verdict_runs import LEAD_S, Setting, benches, first_failed, good, judged, motion, windowed
-from ..verdict_runs import confusion, rejected, settings
+from ..verdict_runs import (
+    LEAD_S,
+    Setting,
+    benches,
+    confusion,
+    first_failed,
+    good,
+    judged,
+    motion,
+    rejected,
+    settings,
+    windowed,
+)
 
 BOUNCE = Step(BASELINE, Excitation.BOUNCE, 1)
 PITCH = Step(BASELINE, Excitation.PITCH, 1)
