@@ -30,7 +30,6 @@ from .format import (
     pack_end,
     pack_head,
     sealed_path,
-    segment_number,
 )
 
 _HEAD_AGAIN = 10
@@ -77,88 +76,86 @@ class Segment:
 
     `file`: new and empty; closed here.  `path`: its path; deleted again if the head cannot be
     written.  After the last write it is renamed to `sealed_path`.  `number`: of its first block.
-    Raises OSError if the head cannot be written.
+    `summary`: of its blocks on the disk.  `size`: bytes written.  Raises OSError if the head cannot
+    be written.
     """
 
     def __init__(self, file: SyncedFile, path: Path, head: JournalHead, number: int) -> None:
-        self.path, self.file = path, file
-        self.size = 0
-        """Number of bytes written."""
-        self.first: int | None = None
-        """Number of its first block on the disk; None if there is none."""
+        self.path, self.file, self.size = path, file, 0
+        self.summary = Summary(number, number)
         self._head = head
-        self._stop, self._blocks = number, 0
-        self._frames = self._first_ns = self._last_ns = 0
+        self._blocks = 0
         self._events: list[tuple[int, Event]] = []
         try:
-            self._write(self._packed(Kind.HEAD, pack_head(head)))
+            self._write(self._packed(Kind.HEAD, pack_head(head), number))
             file.sync()
             sync_folder(path.parent)
         except OSError:
-            self.discard()
+            self.abandon()
             raise
+
+    @property
+    def is_empty(self) -> bool:
+        """True if it has no block on the disk."""
+        return not self._blocks
 
     def write(self, blocks: Sequence[Pending]) -> None:
         """Write blocks through to the disk.
 
         Raises OSError if the write failed; then nothing else may be written to this file.
         """
+        first, stop = blocks[0].number, blocks[-1].number + 1
         stored = [self._packed(block.kind, block.content, block.number) for block in blocks]
         if self._blocks < _HEAD_AGAIN <= self._blocks + len(blocks):
-            stored.append(self._packed(Kind.HEAD, pack_head(self._head), blocks[-1].number + 1))
+            stored.append(self._packed(Kind.HEAD, pack_head(self._head), stop))
         self._write(b"".join(stored))
         self.file.sync()
-        self.first = blocks[0].number if self.first is None else self.first
-        self._stop = blocks[-1].number + 1
+        before = self.summary
+        stamped = [block for block in blocks if block.frames]
+        starts_ns = [block.first_ns for block in stamped] + [before.first_ns] * bool(before.frames)
+        self.summary = Summary(
+            first if self.is_empty else before.first,
+            stop,
+            before.frames + sum(block.frames for block in stamped),
+            min(starts_ns, default=0),
+            max((block.t_ns for block in stamped), default=before.last_ns),
+        )
         self._blocks += len(blocks)
-        for block in blocks:
-            self._events += ((block.number, event) for event in block.events)
-            if block.frames:
-                self._frames += block.frames
-                self._first_ns = min(self._first_ns or block.first_ns, block.first_ns)
-                self._last_ns = max(self._last_ns, block.t_ns)
+        self._events += ((block.number, event) for block in blocks for event in block.events)
 
     def finish(self) -> None:
         """Write the end, which makes the segment quick to scan, and close.
 
         Raises OSError if the end is not on the disk; the file is closed, and all blocks are in it.
         """
-        first = self._stop if self.first is None else self.first
-        summary = Summary(
-            first, self._stop, self._frames, self._first_ns, self._last_ns, tuple(self._events)
-        )
+        content = pack_end(self._head, replace(self.summary, events=tuple(self._events)))
         try:
-            self._write(self._packed(Kind.END, pack_end(self._head, summary)))
+            self._write(self._packed(Kind.END, content, self.summary.stop))
             self.file.sync()
         finally:
-            self._settle()
+            self._close_as_sealed()
 
     def abandon(self) -> None:
-        """Close the file as it is, and delete it if it has no block."""
-        if self.first is None:
-            self.discard()
-        else:
-            self._settle()
+        """Close the file as it is; delete it if nothing in it was reported as written."""
+        if not self.is_empty:
+            self._close_as_sealed()
+            return
+        self.release()
+        with suppress(OSError):
+            self.path.unlink()
 
     def release(self) -> None:
         """Only close the file, because its name now belongs to another file."""
         with suppress(OSError):
             self.file.close()
 
-    def discard(self) -> None:
-        """Close and delete the file: nothing in it was reported as written."""
+    def _close_as_sealed(self) -> None:
         self.release()
-        with suppress(OSError):
-            self.path.unlink()
-
-    def _settle(self) -> None:
-        """Close the file, and rename it as sealed."""
-        self.release()
+        self._events.clear()
         with suppress(OSError):  # the next recorder will rename it
             self.path = self.path.rename(sealed_path(self.path))
 
-    def _packed(self, kind: Kind, content: bytes, number: int | None = None) -> bytes:
-        number = self._stop if number is None else number
+    def _packed(self, kind: Kind, content: bytes, number: int) -> bytes:
         return pack_block(Block(kind, number, self._head.wall_ns, self._head.recording, content))
 
     def _write(self, data: bytes) -> None:
@@ -329,45 +326,3 @@ class Backlog:
         """Return the gap of blocks dropped since the last call, None if there is none."""
         gap, self._gap = self._gap, None
         return gap
-
-
-# Records the blocks in each file, so that the loss of a file is reported exactly ------------------
-
-
-class WriteLedger:
-    """The blocks of a recording that are on the disk, by segment."""
-
-    def __init__(self, recording: str) -> None:
-        self._recording = recording
-        self._spans: dict[Path, Gap] = {}
-
-    @property
-    def paths(self) -> tuple[Path, ...]:
-        """The segments that have blocks, in order."""
-        return tuple(sorted(self._spans, key=segment_number))
-
-    def note(self, path: Path, blocks: Sequence[Pending]) -> int:
-        """Add blocks that are on the disk; return their number of frames."""
-        frames = sum(block.frames for block in blocks)
-        before = self._spans.get(path)
-        first = before.first if before else blocks[0].number
-        total = frames + (before.frames if before else 0)
-        self._spans[path] = Gap(self._recording, first, blocks[-1].number + 1, total, path.name)
-        return frames
-
-    def rename(self, path: Path, now: Path) -> None:
-        """Note that a segment has another name."""
-        if path in self._spans:
-            self._spans[now] = replace(self._spans.pop(path), file=now.name)
-
-    def forget(self, path: Path) -> None:
-        """Remove a segment that was deleted on purpose."""
-        self._spans.pop(path, None)
-
-    def take_gone(self, also: Path | None) -> dict[Path, Gap]:
-        """Remove the segments that no longer exist; return their gaps by path.
-
-        `also`: a segment that was replaced by another file.
-        """
-        gone = [path for path in self._spans if path == also or not path.is_file()]
-        return {path: self._spans.pop(path) for path in gone}

@@ -54,14 +54,11 @@ from .segment import (
     Room,
     Segment,
     SyncedFile,
-    WriteLedger,
     room_on,
 )
 
 CHECK_S = 1.0
 """Time, s, between two checks of the disk, each with another attempt to write to it."""
-_CHECK_BYTES = 16_000_000
-"""Number of bytes written after which the free space is measured earlier than after `CHECK_S`."""
 _BATCH_BYTES = 4_000_000
 """Size up to which waiting blocks are synced together, bytes."""
 _WARNING_S = 60.0
@@ -89,8 +86,8 @@ class JournalWriter:
     with the same `recording` as the head.  Raises JournalError if the folder cannot be written at
     all.  If the disk is full or fails, blocks wait.
 
-    `head`, `ledger`: those of the present recording.  `stored_frames`: number of frames of all
-    recordings that this writer has stored on the disk.
+    `head`, `written`: head of the present recording, and its segments that have blocks.
+    `stored_frames`: number of frames of all recordings that this writer has stored on the disk.
     """
 
     def __init__(
@@ -114,10 +111,10 @@ class JournalWriter:
         self._now_s: float | None = None
         self._checked_s = self._opened_s = self._warned_s = 0.0
         self._failed = self._warning = self._retention_warning = ""
-        self._checked_bytes = 0
         self._disk = DiskWatch(folder, room)
         self._sizes: dict[Path, int] = {}
         """Sizes of the segments in the folder except the open one, bytes."""
+        self._infos: dict[Path, SegmentInfo | None] = {}
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._disk.settle()
@@ -190,8 +187,6 @@ class JournalWriter:
                 self._open_next()
             self._drain()
             self._make_room()
-        elif self._size - self._checked_bytes > _CHECK_BYTES:
-            self._check_disk()
         self._rotate()
 
     @property
@@ -213,7 +208,7 @@ class JournalWriter:
     @property
     def paths(self) -> tuple[Path, ...]:
         """The segments with blocks of the present recording, in order."""
-        return self.ledger.paths
+        return tuple(segment.path for segment in self.written)
 
     def flush(self) -> bool:
         """Write the blocks that wait in memory; return whether all are on the disk."""
@@ -225,7 +220,7 @@ class JournalWriter:
     def cut(self) -> None:
         """Finish the open segment and begin the next, so that all written blocks can be read."""
         self.flush()
-        if self._segment is not None and self._segment.first is not None:
+        if self._segment is not None and not self._segment.is_empty:
             self._seal()
             self._open_next()
 
@@ -249,8 +244,8 @@ class JournalWriter:
     def _adopt(self, head: JournalHead) -> None:
         self.head = head
         self._number = self._t_ns = self._recorded = 0
-        self._backlog, self.ledger = Backlog(head.recording), WriteLedger(head.recording)
-        self._with_runs: dict[Path, bool] = {}
+        self._backlog = Backlog(head.recording)
+        self.written: list[Segment] = []
 
     # -- blocks ---------------------------------------------------------------------------------
 
@@ -267,6 +262,7 @@ class JournalWriter:
             if self._segment is None and not self._open_next():
                 return False
             assert self._segment is not None
+            fresh = self._segment.is_empty
             try:
                 self._segment.write(blocks)
             except OSError as error:
@@ -275,7 +271,8 @@ class JournalWriter:
                 self._leave(Segment.abandon)
                 continue
             self._failed = ""
-            frames = self.ledger.note(self._segment.path, blocks)
+            self.written += [self._segment] if fresh else []
+            frames = sum(block.frames for block in blocks)
             self._recorded += frames
             self.stored_frames += frames
             return True
@@ -308,7 +305,7 @@ class JournalWriter:
         waiting = self._backlog.first(0)
         first = waiting[0].number if waiting else self._number
         segment = Segment(self._create(path), path, self.head, first)
-        self._opened_s, self._checked_bytes = self._now_s or 0.0, 0
+        self._opened_s = self._now_s or 0.0
         return segment
 
     def _open_next(self) -> bool:
@@ -325,12 +322,10 @@ class JournalWriter:
         segment, self._segment = self._segment, None
         if segment is None:
             return
-        path = segment.path
         try:
             end(segment)
         finally:
-            self.ledger.rename(path, segment.path)
-            if segment.first is not None:
+            if not segment.is_empty:
                 self._sizes[segment.path] = segment.size
 
     def _seal(self) -> None:
@@ -342,7 +337,7 @@ class JournalWriter:
 
     def _rotate(self) -> None:
         segment, limits = self._segment, self.limits
-        if segment is None or segment.first is None:
+        if segment is None or segment.is_empty:
             return  # a silent bus creates no files
         age_s = (self._now_s or 0.0) - self._opened_s
         if segment.size >= limits.segment_bytes or age_s >= limits.segment_s:
@@ -353,7 +348,6 @@ class JournalWriter:
 
     def _check_disk(self) -> None:
         """Measure the free space, and check that folder and file still exist."""
-        self._checked_bytes = self._size
         if self._warning and (self._now_s or 0.0) - self._warned_s > _WARNING_S:
             self._warning = ""
         self._check_file()
@@ -375,15 +369,19 @@ class JournalWriter:
         text = self._disk.taken_text(segment)
         if not text:
             return
-        replaced = segment.path if segment is not None and "replaced" in text else None
+        replaced = segment if "replaced" in text else None
         self._leave(Segment.release)
-        gone = self.ledger.take_gone(replaced)
-        for path in gone:
-            self._sizes.pop(path, None)
-        frames = sum(gap.frames for gap in gone.values())
+        gone = [one for one in self.written if one is replaced or not one.path.is_file()]
+        gaps = []
+        for one in gone:
+            self.written.remove(one)
+            self._sizes.pop(one.path, None)
+            lost = one.summary
+            gap = Gap(self.head.recording, lost.first, lost.stop, lost.frames, one.path.name)
+            gaps.append(gap_event(FILE_GONE, self._t_ns, gap))
+        frames = sum(one.summary.frames for one in gone)
         self._recorded -= frames
         self._warn(f"{text}: {counted(frames, 'recorded frame is', 'recorded frames are')} lost")
-        gaps = [gap_event(FILE_GONE, self._t_ns, gap) for gap in gone.values()]
         if self._open_next() and gaps:
             self.append_events(gaps)
 
@@ -411,12 +409,9 @@ class JournalWriter:
         for k, path in enumerate(paths):
             if excess <= 0 or deleted == _DELETIONS:
                 return
-            if any(self._has_runs(near) for near in paths[max(0, k - 1) : k + 2]):
+            if any(self._has_runs(self._info(near)) for near in paths[max(0, k - 1) : k + 2]):
                 continue
-            try:
-                info = scan(path)
-            except (InputError, OSError):
-                info = None
+            info = self._info(path)
             if info is None:
                 self._sizes.pop(path)  # from another program, or it does not exist
                 continue
@@ -427,7 +422,7 @@ class JournalWriter:
             with suppress(OSError):
                 path.unlink()
             excess -= self._sizes.pop(path)
-            self.ledger.forget(path)
+            self.written[:] = [segment for segment in self.written if segment.path != path]
             deleted += 1
         if excess > 0 and self._sizes and not deleted:
             self._retention_warning = (
@@ -435,17 +430,20 @@ class JournalWriter:
                 "it holds the runs of this recording"
             )
 
-    def _has_runs(self, path: Path) -> bool:
-        """Return whether a segment has events of the present recording's runs."""
-        if path not in self._with_runs:
+    def _info(self, path: Path) -> SegmentInfo | None:
+        """Return the content of a sealed segment; None if it cannot be read."""
+        if path not in self._infos:
             try:
-                info = scan(path)
+                self._infos[path] = scan(path)
             except (InputError, OSError):
-                info = None
-            same = info is not None and info.recording == self.head.recording
-            events = info.summary.events if info is not None and same else ()
-            self._with_runs[path] = any(event.code in _LOG_CODES for _, event in events)
-        return self._with_runs[path]
+                self._infos[path] = None
+        return self._infos[path]
+
+    def _has_runs(self, info: SegmentInfo | None) -> bool:
+        """Return whether a segment has events of the present recording's runs."""
+        if info is None or info.recording != self.head.recording:
+            return False
+        return any(event.code in _LOG_CODES for _, event in info.summary.events)
 
 
 def _parting_events(info: SegmentInfo, t_ns: int) -> tuple[Event, ...]:

@@ -323,7 +323,7 @@ class Recorder:
         codec, head = bench_codec(bench), self._writer.head
         recording = Recording(bench, codec, self._writer, run_log, self._barrier)
         session = self._folder / session_name(head.first_segment)
-        self._opened = OpenRecording(recording, head, self._writer.ledger, session, before)
+        self._opened = OpenRecording(recording, head, self._writer.written, session, before)
 
     def _go_on(self, bench: Bench, why: str, now: Now, *, campaign: bool) -> None:
         """End the recording, start building its session file, and begin the next recording.

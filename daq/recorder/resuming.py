@@ -13,7 +13,7 @@ from ..errors import BumpbenchError
 from ..journal.contents import RecordingInfo
 from ..journal.folder import last_campaign, last_recording
 from ..journal.format import JournalHead
-from ..journal.segment import WriteLedger
+from ..journal.segment import Segment
 from ..runlog.run_log import fold
 from .recording import Recording
 
@@ -32,7 +32,7 @@ class OpenRecording:
 
     recording: Recording
     head: JournalHead
-    ledger: WriteLedger
+    written: list[Segment]
     """Its segments that were written by this recorder."""
     session: Path
     """Path of its session file, if it is a campaign."""
@@ -47,7 +47,10 @@ class OpenRecording:
     @property
     def segments(self) -> tuple[Path, ...]:
         """All existing segments, in order; the oldest may have been deleted."""
-        return (*(path for path in self.before if path.exists()), *self.ledger.paths)
+        return (
+            *(path for path in self.before if path.exists()),
+            *(segment.path for segment in self.written),
+        )
 
 
 def new_head(bench: Bench, software: str, now: Now, *, campaign: bool) -> JournalHead:

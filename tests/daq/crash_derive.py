@@ -54,7 +54,7 @@ def journal_of_runs(folder: Path, frames: int, recording: str = "ab" * 16) -> tu
                 writer.append_events([Event(START_NS + place * _STEP_NS, "bump", 9.0, label)])
         writer.maintain(first * 1e-9 * _STEP_NS)
     writer.close(ended=True)
-    return writer.ledger.paths
+    return writer.paths
 
 
 def run_derive(target: Path, segments: Sequence[Path]) -> subprocess.Popen[str]:

@@ -70,7 +70,7 @@ def fail_once(folder: Path, kind: str, nth: int) -> bool:
     assert not writer.status.failed
     assert writer.status.recorded_frames == n
     writer.close()
-    contents = read_journal(writer.ledger.paths)
+    contents = read_journal(writer.paths)
     assert np.array_equal(numbers(contents.frames), np.arange(n)), f"{kind} {nth}"
     assert not contents.lost.any, contents.lost.text
     return disk.failed
@@ -296,7 +296,7 @@ def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
         largest = max(largest, _resident_bytes()) if clock.block % 50 == 0 else largest
     recorded, dropped = writer.status.recorded_frames, writer.status.dropped_frames
     if recorded:
-        read = numbers(read_journal(writer.ledger.paths).frames)
+        read = numbers(read_journal(writer.paths).frames)
         assert np.array_equal(read[:recorded], np.arange(recorded)), "acknowledged frames lost"
     disk.give_back()
     given_s = clock.now_s
@@ -308,7 +308,7 @@ def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
         clock.turn()
     dropped = writer.status.dropped_frames
     writer.close(ended=True)
-    contents = read_journal(writer.ledger.paths)
+    contents = read_journal(writer.paths)
     read = numbers(contents.frames)
     assert len(read) == writer.status.recorded_frames == clock.offered - dropped
     assert np.all(np.diff(read) > 0), "frames are doubled or in disorder"
@@ -401,7 +401,7 @@ def take_away(folder: Path, how: Callable[[Path], object]) -> float:
     for k in range(20):
         writer.append(block(k * _TAKEN_FRAMES, _TAKEN_FRAMES), HopLosses())
         writer.maintain(0.1 * k)
-    assert len(writer.ledger.paths) == 2
+    assert len(writer.paths) == 2
     assert not writer.status.warning.startswith("journal")
     how(folder)
     k = 20
@@ -472,7 +472,7 @@ def _refused(writer: JournalWriter, begin: Callable[[], object], end: Callable[[
     assert not writer.status.failed
     assert writer.status.recorded_frames == 80 * _TAKEN_FRAMES
     writer.close()
-    contents = read_journal(writer.ledger.paths)
+    contents = read_journal(writer.paths)
     assert np.array_equal(numbers(contents.frames), np.arange(80 * _TAKEN_FRAMES))
     assert not contents.lost.any, contents.lost.text
 

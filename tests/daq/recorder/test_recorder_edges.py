@@ -157,8 +157,7 @@ def test_a_session_is_built_of_what_retention_has_left(
         gate.set()
         running.until(lambda s: s.disk.recorded_frames == 2400)
         writer = running.recorder._writer
-        gone = writer.ledger.paths[1]
-        writer.ledger.forget(gone)  # as retention does
+        gone = writer.written.pop(1).path  # as retention does
         gone.unlink()
         running.order(Stop())
         status = running.until(lambda s: s.session.state in ENDED)
