@@ -21,6 +21,8 @@ from dbc.words import counted, plural
 from ..bench.databases import Database, database_codec, file_and_bus
 from ..bench.sensors import Sensor
 from .frame_checks import Arrivals, frame_table
+from .names import plain_name
+from .questions import Asked, Question
 
 _NEAREST = 0x7F
 """Largest difference of the identifiers of two devices of one kind: the number of CANopen nodes."""
@@ -41,6 +43,11 @@ class FoundSensor(NamedTuple):
     """The reasons for the proposal."""
     surely: bool
     """False if the user should be asked."""
+
+    @property
+    def question(self) -> Question:
+        """The question whether it is one of this bench."""
+        return Question(f"sensor {self.sensor.name}: {self.why}", Asked.OURS, self.sensor.name)
 
 
 def find_sensors(
@@ -166,7 +173,4 @@ def _named(present: Sequence[tuple[Sensor, str, bool]]) -> list[FoundSensor]:
 
 def _stem(database: str) -> str:
     file, bus = file_and_bus(database.removeprefix("layout:"))
-    stem = bus or PurePath(file).stem
-    plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in stem).strip("_").lower()
-    plain = plain or "sensor"
-    return (plain if plain[0].isalpha() else f"s_{plain}")[:_NAME_LENGTH]
+    return plain_name((bus or PurePath(file).stem).lower(), "sensor")[:_NAME_LENGTH]

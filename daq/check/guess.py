@@ -184,30 +184,20 @@ def _with_units(
 
 
 class _Turn(NamedTuple):
-    """A turn of the body, and the axis of a sensor that shows it."""
+    """A turn of the body: name, words, usual axis of a sensor, and the sense that is positive."""
 
-    word: str
+    name: str
     words: set[str]
     axis: str
-    quantities: Mapping[str, Quantity]
-    """By SI unit."""
     sense: str
 
+    def quantity(self, unit: str) -> Quantity:
+        """Return the quantity of a signal with this SI unit."""
+        return Quantity(f"{self.name}_{'rate' if unit == 'rad/s' else 'acceleration'}")
 
-_PITCH = _Turn(
-    "pitch",
-    PITCH,
-    "y",
-    {"rad/s": Quantity.PITCH_RATE, "rad/s2": Quantity.PITCH_ACCELERATION},
-    "positive is nose down",
-)
-_ROLL = _Turn(
-    "roll",
-    ROLL,
-    "x",
-    {"rad/s": Quantity.ROLL_RATE, "rad/s2": Quantity.ROLL_ACCELERATION},
-    "positive lifts the left side",
-)
+
+_PITCH = _Turn("pitch", PITCH, "y", "positive is nose down")
+_ROLL = _Turn("roll", ROLL, "x", "positive lifts the left side")
 
 
 def _by_name(s: Candidate) -> Guess | None:
@@ -246,12 +236,12 @@ def _turn(s: Candidate) -> Guess:
             break
         for turn in (_PITCH, _ROLL):
             if said & turn.words:
-                why = f"{unit}, {turn.word} by its {place}; {turn.sense}"
-                return Guess(turn.quantities[s.kind], None, 1, why)
+                why = f"{unit}, {turn.name} by its {place}; {turn.sense}"
+                return Guess(turn.quantity(s.kind), None, 1, why)
     for turn in (_PITCH, _ROLL):
         if axis_by_name(s.name, "") == turn.axis:
             why = f"{unit}, about {turn.axis} by its name; {turn.sense}"
-            return Guess(turn.quantities[s.kind], None, 1, why)
+            return Guess(turn.quantity(s.kind), None, 1, why)
     return Guess(Quantity.UNUSED, None, 1, f"{unit}, neither pitch nor roll by its name")
 
 
@@ -327,7 +317,7 @@ def _by_mounting(
             ask = f"does the sensor's {'+' if sense > 0 else '-'}{ahead} axis point forward?"
             if pushes is not None:
                 ask += "  The pushes did not show it."
-        quantity, sign = turn.quantities[s.kind], axis_of(direction)[1]
+        quantity, sign = turn.quantity(s.kind), axis_of(direction)[1]
         proven = how.surely_forward
         guesses[s.full] = Guess(quantity, None, sign, why, ask, asked, unit, is_proven=proven)
     return guesses

@@ -44,6 +44,12 @@ _RATE = {"gyro", "gyr", "rate", "omega", "angular", "drehrate"}
 PITCH, ROLL, YAW = {"pitch", "nick"}, {"roll", "wank"}, {"yaw", "gier"}
 
 
+def plain_name(text: str, fallback: str) -> str:
+    """Return a name of ASCII letters, digits and underscores that begins with a letter."""
+    plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in text).strip("_") or fallback
+    return plain if plain[0].isalpha() else f"s_{plain}"
+
+
 def corner_by_name(name: str, message: str, comment: str) -> tuple[Corner, str] | None:
     """Return the wheel that a name, a message's name or a comment states, and which of them."""
     places = {

@@ -31,7 +31,7 @@ from .find_sensors import FoundSensor, find_sensors
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
 from .guess import FEWEST, Candidate, candidate, guess_channels
 from .mounting import Pushes, find_pushes
-from .names import words
+from .names import plain_name, words
 from .questions import ASK, NO, YES, Answers, Asked, Guess, Question
 
 NO_ANSWERS: Answers = MappingProxyType({})
@@ -86,7 +86,15 @@ def propose_sensors(
     """
     frames = frames if frames is not None and len(frames) else None
     sensors, absent = find_sensors(databases, frames)
-    sensors = _ours(sensors, answers)
+    unsure = {s.sensor.name: s.question for s in sensors if not s.surely}
+    said = {name: answers.get(question, "") for name, question in unsure.items()}
+    sensors = [
+        s._replace(surely=True, why="yours, by your answer")
+        if said.get(s.sensor.name) == YES
+        else s
+        for s in sensors
+        if said.get(s.sensor.name) != NO
+    ]
     n_buses = max(len(buses), *(each.sensor.bus + 1 for each in sensors), 1)
     one = len(databases) == 1 and len(sensors) == 1 and n_buses == 1
     is_list = not (one and sensors[0].sensor.id_offset == 0)
@@ -126,23 +134,8 @@ def propose_sensors(
             lines += ["", f"# {printable(message.name)}", *rule, *channels]
     if missing:
         lines += ["", f"# Not on the bus: {printable(', '.join(missing), 400)}"]
-    questions += [_question(each) for each in sensors if not each.surely]
+    questions += [each.question for each in sensors if not each.surely]
     return Proposal("\n".join(lines) + "\n", tuple(questions))
-
-
-def _question(found: FoundSensor) -> Question:
-    name = found.sensor.name
-    return Question(f"sensor {name}: {found.why}", Asked.OURS, name)
-
-
-def _ours(sensors: Sequence[FoundSensor], answers: Answers) -> list[FoundSensor]:
-    """Return the sensors of this bench, according to the answers so far."""
-    said = [(each, "" if each.surely else answers.get(_question(each), "")) for each in sensors]
-    return [
-        each._replace(surely=True, why="yours, by your answer") if text == YES else each
-        for each, text in said
-        if text != NO
-    ]
 
 
 def _comments(
@@ -327,8 +320,7 @@ class ChannelTables:
     def _unique(self, full: str, sensor: str) -> str:
         """Return a channel name: letters, digits and underscores, not used before."""
         message, _, signal = full.rpartition(".")
-        plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in signal).strip("_")
-        name = plain if plain[:1].isalpha() else f"s_{plain or 'signal'}"
+        name = plain_name(signal, "signal")
         tried = [f"{sensor}_{name}" if sensor else name, f"{message.replace('.', '_')}_{name}"]
         tried += [f"{name[:55]}_{number}" for number in range(2, 1000)]
         chosen = next(t[:60] for t in tried if t[:60] not in self._used and t[0].isalpha())
@@ -363,8 +355,8 @@ def message_rule(
         lines.append(f"{measured}, not the {1 / message.cycle_s:.1f} Hz of its database")
     rules = [_counter] * (message.counter is None) + [_checksum] * (message.crc is None) + [_time]
     for rule in rules:
-        each = (rule(message, signal, came, decoded) for signal in message.signals)
-        lines += next((found for found in each if found), [])
+        settings = (rule(message, signal, came, decoded) for signal in message.signals)
+        lines += next(filter(None, settings), [])
     head = ["[[message]]", f"name = {json.dumps(message.name)}"]
     if all(line.startswith("#") for line in lines):
         # A line that is uncommented later needs the header of its table.

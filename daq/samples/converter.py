@@ -68,13 +68,13 @@ def share_changed(value: NDArray[np.float64]) -> float:
     return float(np.mean(np.diff(value) != 0.0)) if len(value) >= RATE_SAMPLES else float("nan")
 
 
-def is_stuck(held: int, changes: float = 1.0) -> bool:
+def is_stuck(equal: int, changes: float = 1.0) -> bool:
     """Return whether a value was held for too many samples.
 
-    `held`: number of consecutive equal samples.  `changes`: share of samples at which this channel
+    `equal`: number of consecutive equal samples.  `changes`: share of samples at which this channel
     changes when it is healthy, 0..1 (NaN: unknown); 1 for a sensor whose noise is above its steps.
     """
-    return bool(held * changes >= EXPECTED_CHANGES)
+    return bool(equal * changes >= EXPECTED_CHANGES)
 
 
 def is_fine(quantity: Quantity, unit: str, step: float) -> bool:

@@ -151,14 +151,14 @@ def sample_groups(
 
 def group_names(names: Sequence[str]) -> dict[str, str]:
     """Return a valid name in a session file for each name: without dots, not too long."""
-    found: dict[str, str] = {}
+    short_names: dict[str, str] = {}
     for name in dict.fromkeys(names):
         plain = name.replace(".", "_")
         short, number = plain[:_LONGEST_NAME], 2
-        while short in found.values():
+        while short in short_names.values():
             short, number = f"{plain[: _LONGEST_NAME - 4]}_{number}", number + 1
-        found[name] = short
-    return found
+        short_names[name] = short
+    return short_names
 
 
 def _message_group(

@@ -103,7 +103,7 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
     elif Quantity.HUB_ACCELERATION in four:
         size = [t.rms(-STRIKE_S / 2, _AXLES_S) for t in four[Quantity.HUB_ACCELERATION]]
         return (_of_wheels(bench, np.array(size), "hubs"),)
-    found = []
+    shown = []
     if four and bench.campaign.method is not Method.PUSH:
         # A wheel on the board goes up; the body rises after it and pulls the other wheels down.
         way = -1.0 if bench.campaign.method is Method.DROP else 1.0
@@ -111,42 +111,42 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
             way * trace.part(0.0, bench.campaign.bump_s) for trace in next(iter(four.values()))
         ]
         size = [float(np.max(part, initial=0.0)) for part in parts]
-        found.append(_of_wheels(bench, np.array(size), "travels"))
+        shown.append(_of_wheels(bench, np.array(size), "travels"))
     body = _moved_body(bench, signals)
     if body is not None:
         power = np.square(body[:3]) / max(float(np.sum(np.square(body[:3]))), _TINY**2)
         shares = dict(zip(("bounce", "pitch", "roll"), power.tolist(), strict=True))
-        found.append(of_body(bench.campaign.excitations, body, shares, "body's motion"))
-    return tuple(found)
+        shown.append(of_body(bench.campaign.excitations, body, shares, "body's motion"))
+    return tuple(shown)
 
 
-def struck(due: Excitation, found: Pattern) -> Wheels | None:
+def struck(due: Excitation, pattern: Pattern) -> Wheels | None:
     """Return the struck wheels, if they are of the kind due or its mirror image; else None."""
-    if found.likeness[due] < found.limit:
+    if pattern.likeness[due] < pattern.limit:
         return None
     due_wheels = BUMPS[due].wheels
-    best = max(mirror_images(due_wheels), key=lambda wheels: found.strikes.get(wheels, 0.0))
-    clear = found.strikes.get(best, 0.0) > MIRRORED * found.strikes.get(due_wheels, 0.0)
+    best = max(mirror_images(due_wheels), key=lambda wheels: pattern.strikes.get(wheels, 0.0))
+    clear = pattern.strikes.get(best, 0.0) > MIRRORED * pattern.strikes.get(due_wheels, 0.0)
     return best if clear else due_wheels
 
 
-def mirrored(due: Excitation, found: Pattern) -> Iterator[Finding]:
+def mirrored(due: Excitation, pattern: Pattern) -> Iterator[Finding]:
     """Report a bump of another side or axle than the one that is due; both count."""
-    wheels, due_wheels = struck(due, found), BUMPS[due].wheels
+    wheels, due_wheels = struck(due, pattern), BUMPS[due].wheels
     if wheels is not None and wheels != due_wheels:
         text = f"{_in_words(wheels)}, but {_in_words(due_wheels)} were due: it still counts"
-        yield finding("mirrored", True, found.strikes[wheels], found.limit, "", text)
+        yield finding("mirrored", True, pattern.strikes[wheels], pattern.limit, "", text)
 
 
-def wrong_mode(due: Excitation, found: Pattern) -> Iterator[Finding]:
+def wrong_mode(due: Excitation, pattern: Pattern) -> Iterator[Finding]:
     """Compare the bump with the kind that is due."""
-    like, limit = found.likeness[due], found.limit
-    shares = ", ".join(f"{name} {share:.0%}" for name, share in found.shares.items())
-    text = f"a {due.words} bump by the {found.by}, {like:.0%} pure (limit {limit:.0%}); {shares}"
+    like, limit = pattern.likeness[due], pattern.limit
+    shares = ", ".join(f"{name} {share:.0%}" for name, share in pattern.shares.items())
+    text = f"a {due.words} bump by the {pattern.by}, {like:.0%} pure (limit {limit:.0%}); {shares}"
     if like < limit:
         text = (
-            f"looks like {found.words}, not {due.words} ({like:.0%} {due.words}, at least "
-            f"{limit:.0%}; by the {found.by}: {shares})"
+            f"looks like {pattern.words}, not {due.words} ({like:.0%} {due.words}, at least "
+            f"{limit:.0%}; by the {pattern.by}: {shares})"
         )
     yield finding("wrong_mode", like >= limit, like, limit, "", text)
 

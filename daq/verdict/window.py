@@ -115,7 +115,7 @@ class Trace:
 
 def traces(channels: Iterable[Channel], window: RunWindow) -> tuple[Trace, ...]:
     """Return the channels that can be judged in a run, without unused ones."""
-    found = []
+    judged = []
     for channel in channels:
         if channel.quantity is Quantity.UNUSED or channel.name not in window.channels:
             continue
@@ -131,8 +131,8 @@ def traces(channels: Iterable[Channel], window: RunWindow) -> tuple[Trace, ...]:
         noise = float(np.std(np.diff(before)) / np.sqrt(2.0)) if len(before) > 2 else 0.0
         moved = float(np.std(before))
         deviation = read_only(np.asarray(value - level, dtype=np.float64))
-        found.append(Trace(channel, read_only(time_s), deviation, noise, moved, level))
-    return tuple(found)
+        judged.append(Trace(channel, read_only(time_s), deviation, noise, moved, level))
+    return tuple(judged)
 
 
 def kind_of(channel: Channel) -> str:
