@@ -173,12 +173,6 @@ def test_one_percent_of_the_samples_are_errors_more_are_the_signal(
     assert len(found(values)) == count * is_found
 
 
-def test_two_spikes_close_together_do_not_hide_each_other() -> None:
-    values: Values = REST.copy()
-    values[[500, 520]] = 0.0, 20.0
-    assert found(values) == [(500, 501), (520, 521)]
-
-
 @pytest.mark.parametrize("stress", ["linear", "lift_off_high"])
 def test_no_motion_is_a_spike_however_coarsely_sampled(stress: str) -> None:
     session = stress_session(stress, 1)

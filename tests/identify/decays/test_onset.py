@@ -21,7 +21,6 @@ from identify.decays.decay import (
 )
 from identify.decays.onset import (
     decay_start_s,
-    difference_noise,
     is_still,
     onset_s,
     quiet_counts,
@@ -187,24 +186,6 @@ def test_a_channel_that_is_never_at_rest_leaves_no_noise_level() -> None:
     never = record(Recording(other.group, other.time_s, moved[:, None]))
     assert quiet_noise([quiet]) != {}
     assert quiet_noise([quiet, never]) == {}
-
-
-def test_white_noise_is_half_of_the_mean_square_of_successive_differences() -> None:
-    """Of 0, 1, 3 they are 1 and 2: sqrt(5 / 2 / 2)."""
-    assert difference_noise(np.array([0.0, 1.0, 3.0])) == pytest.approx(np.sqrt(1.25))
-    table = np.array([[0.0, 5.0], [1.0, 5.0], [3.0, 5.0]])
-    assert difference_noise(table) == pytest.approx(np.array([np.sqrt(1.25), 0.0]))
-
-
-def test_a_channel_that_moves_at_the_start_shows_beside_one_that_moves_far_more() -> None:
-    values = noise(1000)
-    values[:80] = noise(80, 4.1)
-    values[300:500] = 100.0
-    for size, rests in ((1.0, False), (0.9, True)):
-        one = values.copy()
-        one[:80] *= size
-        both = np.column_stack([one, moving(300, 1e5)])
-        assert (onset_s(record(recording(both))) is not None) is rests
 
 
 # Samples of a run: what is usable, thinned, cut, and described otherwise -------------------------

@@ -66,18 +66,6 @@ def test_a_run_in_which_a_sensor_falls_silent_is_left_out(
     assert reasons(session(GOOD, {"a": sent(WHOLE), "b": sent(heard)}, GOOD)) == ["", reason, ""]
 
 
-def test_channels_that_are_silent_together_are_named_together() -> None:
-    heard = {name: sent(_time < 1.205) for name in "ab"} | {"c": sent(WHOLE)}
-    full = {name: sent(WHOLE) for name in "abc"}
-    assert reasons(session(full, heard, full))[1].startswith("a, b sent nothing from 1.20 to 2.99")
-
-
-def test_no_numbers_are_a_silence_too() -> None:
-    values = np.where(_time > 1.205, np.nan, moving())
-    given = session(GOOD, {"a": sent(WHOLE), "b": (_time, values)}, GOOD)
-    assert reasons(given)[1] == "b sent nothing from 1.20 to 2.99 s (limit 0.25 s)"
-
-
 @pytest.mark.parametrize(("silent", "usual"), [(2, False), (3, True)])
 def test_what_is_silent_in_most_runs_was_recorded_so(silent: int, usual: bool) -> None:
     short = {"a": sent(WHOLE), "b": sent(_time < 2.005)}

@@ -20,13 +20,12 @@ from daq.sim.plant import load_car
 from daq.sim.sensors import install, measured, true_reading
 from daq.vehicle import FORD_GRANADA
 from identify.decays.decay import Record
-from identify.decays.onset import decay_start_s, onset_s, quiet_noise
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.pipeline import grey_box
 
-from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
+from ..bumps import GROUP, MASS_STATES, TRUTH, paper_records
 from ..stress import ADDED_MASS, THREE, stress_channels
 
 BOX = GreyBox((GROUP,), MASS_STATES, None)
@@ -42,28 +41,6 @@ def _sigmas(result: Estimation) -> NDArray[np.float64]:
 
 def _cut(record: Record, start_s: float) -> Record:
     return replace(record, recordings=tuple(r.between(start_s, 9.0) for r in record.recordings))
-
-
-@pytest.mark.parametrize(("rate_hz", "noise_db"), [(100.0, 30.0), (1000.0, 60.0), (200.0, np.inf)])
-def test_onset_is_found(rate_hz: float, noise_db: float) -> None:
-    for record in paper_records(rate_hz, noise_db, 1):
-        onset = onset_s(record)
-        assert onset is not None
-        assert 0.1 - 1e-9 <= onset <= 0.1 + max(0.012, 3 / rate_hz)
-
-
-def test_a_record_that_starts_in_motion_has_no_onset() -> None:
-    for record in paper_records(200.0, 30.0, 2):
-        moving = _cut(record, 0.31)
-        assert onset_s(moving) is None
-        assert decay_start_s(moving) == 0.0
-
-
-def test_quiet_noise_is_the_noise_that_was_added() -> None:
-    records = paper_records(1000.0, 30.0, 3)
-    added = noise_of(records, 1000.0)
-    for name, level in quiet_noise(records).items():
-        assert level == pytest.approx(added[name], rel=0.15)
 
 
 def test_stated_bump_is_used() -> None:

@@ -22,9 +22,7 @@ from identify.fit.likelihood import (
     fit,
     linearised,
     normal_blocks,
-    refit,
     residuals,
-    with_noise,
 )
 
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
@@ -62,26 +60,6 @@ def test_a_pickled_fit_has_no_linear_model_and_gives_the_same_one() -> None:
     for label, block in best.linearised.blocks.items():
         np.testing.assert_array_equal(again.information[label], block.information)
         np.testing.assert_allclose(anew.blocks[label].gradient, block.gradient, atol=1e-6)
-
-
-def test_other_noise_needs_no_other_products() -> None:
-    records = paper_records(200.0, 30.0, 4)
-    decays = tuple(r.decay(START_S) for r in records)
-    sigma = noise_of(records, 200.0)
-    best = fit(BOX, decays, sigma, BOX.unknowns(CAR))
-    other = {name: level * (1.0 + 0.2 * i) for i, (name, level) in enumerate(sigma.items())}
-    same, anew = (
-        with_noise(best.linearised, other),
-        linearised(BOX, decays, other, best.eta),
-    )
-    assert same.blocks.keys() == anew.blocks.keys()
-    for label, block in anew.blocks.items():
-        assert same.blocks[label].cost == block.cost
-        np.testing.assert_array_equal(same.blocks[label].information, block.information)
-        np.testing.assert_array_equal(same.blocks[label].gradient, block.gradient)
-    again, found = refit(BOX, best, other), fit(BOX, decays, other, best.eta)
-    np.testing.assert_array_equal(again.eta, found.eta)
-    assert again.cost == found.cost != best.cost
 
 
 def test_covariance_is_the_cramer_rao_bound_by_brute_force() -> None:
@@ -223,16 +201,6 @@ def test_a_weight_beside_its_place_moves_the_car_unless_its_place_is_uncertain()
     # 50 mm forward and 30 mm to the right.
     assert box.corrections == ("x of weight 1 of state added", "y of weight 1 of state added")
     np.testing.assert_allclose(box.pulls(best.eta), [0.05 / 0.03, -1.0], atol=0.35)
-
-
-def test_a_step_ends_a_search_only_once_it_is_hardly_damped() -> None:
-    """At the optimum any step is short: a damped one because it is damped."""
-    records = paper_records(200.0, 30.0, 3)
-    decays, sigma = tuple(r.decay(START_S) for r in records), noise_of(records, 200.0)
-    near = fit(BOX, decays, sigma, BOX.unknowns(CAR))  # its start still pulls a little
-    best = fit(BOX, decays, sigma, near.eta)
-    assert fit(BOX, decays, sigma, best.eta).iterations == 1
-    assert fit(BOX, decays, sigma, best.eta, hold=300.0).iterations == 2
 
 
 def test_a_fit_ends_when_its_next_step_would_be_too_small() -> None:

@@ -12,7 +12,7 @@ from daq.bench.config import load_bench
 from daq.channels import Channel, Quantity
 from daq.sessions import Session
 from daq.sim.car import SensorFault, SimulatedCar, true_parameters
-from identify.decays.decay import ChannelGroup, Record, Recording
+from identify.decays.decay import ChannelGroup, Record
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
@@ -121,26 +121,6 @@ def test_the_modes_of_a_symmetric_car_are_symmetric_whatever_the_gains_are() -> 
         for side in ("hub_acc_f", "hub_acc_r", "travel_f", "travel_r"):
             left, right = (abs(sensed.shapes[names.index(side + end)]) for end in "lr")
             np.testing.assert_allclose(left, right, rtol=1e-9)
-
-
-def test_samples_are_divided_by_the_gains_of_their_channels() -> None:
-    time_s, values = np.arange(3.0), np.arange(12.0).reshape(3, 4)
-    group = ChannelGroup("g", GROUP.channels[:4])
-    made = Recording(group, time_s, values).calibrated({GROUP.channels[1].name: 0.5})
-    np.testing.assert_array_equal(made.values, values * [1.0, 2.0, 1.0, 1.0])
-    np.testing.assert_array_equal(made.time_s, time_s)
-
-
-def test_the_slope_of_a_row_by_its_ratio_is_the_row() -> None:
-    channels = tuple(replace(c, motion_ratio_sigma=0.02) for c in GROUP.channels[:4])
-    box = GreyBox((replace(GROUP, channels=channels),), MASS_STATES, None)
-    assert box.prior_sigma[15:].tolist() == [0.02] * 4
-    system = box.system(box.unknowns(TRUTH), "baseline")
-    for place, channel in enumerate(channels):
-        slope = system.d_rows[channel.name][15 + place]
-        np.testing.assert_allclose(slope, system.rows[channel.name], rtol=1e-12)
-        others = [15 + k for k in range(4) if k != place]
-        assert not np.any(system.d_rows[channel.name][others])
 
 
 def test_each_correction_has_a_place_of_its_own_after_the_parameters() -> None:

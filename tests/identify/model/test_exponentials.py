@@ -67,28 +67,6 @@ def test_a_motion_without_oscillation_may_come_before_those_with_it() -> None:
     np.testing.assert_allclose(modes.basis(TIMES)[:, 3:], TIMES[:, None] * columns, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["vehicle", "overdamped"])
-def test_channels_and_changes_are_worked_out_together_as_each_alone(name: str) -> None:
-    """Two channels, three changes and four first states at once."""
-    A = _systems()[name]
-    n = len(A)
-    modes = spectrum(A)
-    rng = np.random.default_rng(3)
-    rows, states = rng.standard_normal((2, n)), rng.standard_normal((4, n))
-    dA = rng.standard_normal((3, n, n)) * np.abs(A).max() * (A != 0)
-    change = modes.change(dA)
-    seen = modes.outputs(rows @ modes.V, change, NO_FILTER)
-    found = modes.on_real_basis(*modes.propagator_slope(seen, change, states @ modes.W.T))
-    assert found.shape == (4, 2, 2 * n, 3)
-    for s, c, p in ((0, 0, 0), (3, 1, 2), (1, 0, 2)):
-        own = modes.change(dA[p : p + 1])
-        one = modes.outputs((rows[c] @ modes.V)[None], own, NO_FILTER)
-        alone = modes.on_real_basis(*modes.propagator_slope(one, own, modes.W @ states[s]))
-        np.testing.assert_allclose(
-            found[s, c, :, p], alone[0, :, 0], rtol=1e-9, atol=1e-9 * np.abs(alone).max()
-        )
-
-
 # Sums over samples without a table are the sums of the table, whatever the times -----------------
 
 RATES = np.array([-1.7 + 6j, -18 + 67j, -3.0, -628 + 628j, 0])
@@ -135,14 +113,6 @@ def test_sums_are_those_of_a_table(kind: str) -> None:
             )
             seen.append(member)
     assert sorted(seen) == [0, 1]
-
-
-def test_recordings_that_are_sampled_alike_are_handled_together() -> None:
-    times = [EVEN_S, EVEN_S[:-1]]
-    samples = [np.zeros((len(time), 1)) for time in times]
-    (series,) = series_of(times, samples)
-    assert series.members == (0, 1)
-    assert series.count.tolist() == [1144, 1143]
 
 
 # Against SciPy's, and against the printed tables -------------------------------------------------

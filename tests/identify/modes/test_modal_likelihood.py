@@ -277,67 +277,6 @@ def test_levels_are_fitted_where_chance_gains_less_in_999_of_1000(
     assert found == pytest.approx(free if fitted else plain, abs=1e-3)
 
 
-# The likelihood and its deviations against plain matrices -----------------------------------------
-
-POLE, SHAPE = oscillators([2.0], [0.05]), np.array([[1.0], [0.5 + 0.2j]])
-
-
-def measured(sigma: float, offset: float) -> tuple[list[Array], Samples]:
-    """Return two runs of two channels of one mode, 200 samples each, on an offset."""
-    rng = np.random.default_rng(1)
-    runs = [free_decay(POLE, SHAPE, np.array([a]), 50.0, 4.0) + offset for a in (30.0, 20.0j)]
-    noisy = [sigma * (run + rng.standard_normal(run.shape)) for run in runs]
-    return noisy, gathered([block(50.0, noisy)])
-
-
-@pytest.mark.parametrize("sigma", [1e-3, 1e3])
-@pytest.mark.parametrize(("offset", "fitted"), [(0.02, False), (0.4, True)])
-def test_levels_are_fitted_where_that_pays_whatever_the_unit(
-    sigma: float, offset: float, fitted: bool
-) -> None:
-    """Of 200 samples an offset of 0.4 of the noise gains 4 x 32, and chance 18.5 once in 1000."""
-    runs, samples = measured(sigma, offset)
-    found = likely_modes(samples, POLE, SHAPE)
-    expected = most_likely_modes(gathered([block(50.0, runs, fitted)]), POLE, SHAPE)
-    assert found.point.log_likelihood == pytest.approx(expected.point.log_likelihood, abs=1e-3)
-    assert found.noise == pytest.approx(expected.noise, rel=1e-4)
-
-
-def test_likelihood_and_deviation_are_those_of_the_whole_design() -> None:
-    """Two channels of 400 samples; 2 numbers for the pole, 4 amplitudes, 4 of shape, 2 of scale."""
-    runs, samples = measured(2.0, 0.0)
-    found = most_likely_modes(samples, POLE, SHAPE)
-    q, s = found.point.amplitudes[:, 0], found.shapes[:, 0]
-    time = np.arange(200) / 50.0
-    wave = np.exp(found.poles[0] * time)
-    H, squares = np.zeros((2, 10, 10)), np.zeros(2)
-    for run in range(2):
-        for channel in range(2):
-            by = np.zeros((200, 5), dtype=complex)
-            by[:, 0] = time * wave * q[run] * s[channel]
-            by[:, 1 + run] = wave * s[channel]
-            by[:, 3 + channel] = wave * q[run]
-            J = np.hstack([by.real, -by.imag])
-            H[channel] += J.T @ J
-            left = runs[run][:, channel] - (wave * q[run] * s[channel]).real
-            squares[channel] += left @ left
-    likelihood = -400 * np.sum(np.log(squares / 400))
-    assert found.point.log_likelihood == pytest.approx(likelihood, rel=1e-9)
-    assert found.n_unknowns == 2 + 4 + 4 - 2
-    assert found.noise == pytest.approx(np.sqrt(squares / 400 / (1 - 8 / 800)), rel=1e-9)
-    held = np.delete(np.arange(10), [1, 6])
-    information = np.einsum("c,cij->ij", 400 / squares, H)
-    covariance = np.linalg.inv(information[np.ix_(held, held)]) / (1 - 8 / 800)
-    expected = covariance[np.ix_([0, 4], [0, 4])]
-    assert found.pole_covariance == pytest.approx(expected, rel=1e-6)
-    (x, y), size = (found.poles[0].real, found.poles[0].imag), abs(found.poles[0])
-    slopes = np.array([[x, y], [-(y**2) / size**2, x * y / size**2]]) / size
-    slopes[0] /= 2.0 * np.pi
-    deviations = np.sqrt(np.diag(slopes @ expected @ slopes.T))
-    model = found.model()
-    assert [*model.frequency_std_hz, *model.damping_ratio_std] == pytest.approx(deviations)
-
-
 def test_real_poles_and_ties_count_fewer_numbers() -> None:
     """A pair and a real pole, one run, three channels of which two move alike.
 

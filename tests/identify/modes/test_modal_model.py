@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.channels import Channel, Quantity, paper_channels
-from daq.runs import ADDED as ADDED_STATE
-from daq.runs import BASELINE as BASELINE_STATE
-from daq.runs import Excitation
+from daq.channels import Channel, Quantity
 from daq.vehicle import FORD_GRANADA, Corner, VehicleGeometry
 from dbc.errors import InputError
 from identify.model.matrices import physical_model
@@ -25,9 +22,7 @@ from identify.modes.modal_model import (
     pair_modes,
     vibrates,
 )
-from identify.modes.vehicle_modes import sensed_modes
 
-from ..bumps import CASES, paper_records
 from ..structures import oscillators
 
 TRUTH = modes_of(physical_model(FORD_GRANADA).A)
@@ -117,19 +112,8 @@ def test_mac_knows_a_shape_again_whatever_its_scale_and_phase() -> None:
     np.testing.assert_allclose(likeness, np.eye(2), atol=1e-15)
 
 
-def test_mpc_of_a_standing_and_a_travelling_wave() -> None:
-    shapes = np.array([[1.0, 1.0], [-2.0, 1j]]) * np.exp(0.7j)
-    np.testing.assert_allclose(mpc(shapes), [1.0, 0.0], atol=1e-15)
-
-
 def test_mixed_sensors_give_the_displacement_shapes() -> None:
     found = displacement_shapes(sensed_by_hand(), MIXED, GEOMETRY)
-    np.testing.assert_allclose(found.shapes, TRUTH.shapes, atol=1e-12)
-
-
-def test_accelerations_give_the_same_shapes_as_mixed_sensors() -> None:
-    accelerations = ModalModel(TRUTH.poles, TRUTH.shapes * TRUTH.poles**2)
-    found = displacement_shapes(accelerations, paper_channels(), GEOMETRY)
     np.testing.assert_allclose(found.shapes, TRUTH.shapes, atol=1e-12)
 
 
@@ -186,12 +170,6 @@ def test_the_modes_of_the_granada_have_the_names_of_the_reference() -> None:
     )
 
 
-def test_the_swap_shows_in_the_names() -> None:
-    names = mode_names(modes_of(ADDED.A), GEOMETRY)
-    assert names[3:5] == ("rear wheels symmetric", "rear wheels antisymmetric")
-    assert sorted(names) == sorted(MODE_NAMES)
-
-
 def test_pure_motions_and_one_mode_too_many() -> None:
     shapes = np.zeros((7, 8), dtype=complex)
     shapes[0, 0] = shapes[1, 1] = shapes[2, 2] = 1j
@@ -201,18 +179,6 @@ def test_pure_motions_and_one_mode_too_many() -> None:
     shapes[:, 7] = 0.1
     poles = np.asarray(-1.0 + 1j * np.arange(1.0, 9.0), dtype=np.complex128)
     assert mode_names(ModalModel(poles, shapes), GEOMETRY) == (*MODE_NAMES, "further mode")
-
-
-@pytest.mark.parametrize(
-    ("wheels", "name"), [(0.55, "body bounce"), (0.58, "front wheels symmetric")]
-)
-def test_two_wheels_count_by_the_root_of_their_squares_and_the_body_by_its_corners(
-    wheels: float, name: str
-) -> None:
-    """Four corners at 0.4 have the norm 0.8; two wheels have it at 0.8 / sqrt(2) = 0.566 each."""
-    shape = np.array([0.4, 0.0, 0.0, wheels, wheels, 0.0, 0.0], dtype=complex)
-    model = ModalModel(np.array([-1.0 + 10.0j]), shape[:, None])
-    assert mode_names(model, GEOMETRY) == (name,)
 
 
 UNEQUAL = VehicleGeometry(1.0, 2.0, 0.6, 0.8)
@@ -269,31 +235,6 @@ def test_shapes_of_different_channels_are_refused() -> None:
     modes = modes_of(BASELINE.A)
     with pytest.raises(InputError, match="7 and of 6 channels"):
         pair_modes(modes, ModalModel(modes.poles, modes.shapes[:6]))
-
-
-def test_the_swapped_pair_is_matched_from_clean_and_from_noisy_decays() -> None:
-    for noise_db, seeds in ((200.0, 1), (30.0, 2)):
-        for seed in range(seeds):
-            records = paper_records(200.0, noise_db, seed, (*CASES, Excitation.WARP))
-            models = []
-            for state in (BASELINE_STATE, ADDED_STATE):
-                mine = [record for record in records if record.mass_state == state]
-                sensed = sensed_modes(mine, [record.decay(0.3 + 1e-9) for record in mine])
-                models.append(sensed.model)
-            names = [
-                mode_names(
-                    displacement_shapes(model, paper_channels(), FORD_GRANADA.geometry),
-                    FORD_GRANADA.geometry,
-                )
-                for model in models
-            ]
-            pairing = pair_modes(*models)
-            assert len(pairing.baseline) == 7
-            for light, heavy in zip(pairing.baseline, pairing.added, strict=True):
-                assert names[0][light] == names[1][heavy]
-            assert pairing.margin.min() > 0.7
-            if noise_db > 100.0:
-                assert pairing.swapped == ((3, 4),)
 
 
 def test_the_margin_of_a_pair_is_to_the_nearest_third() -> None:
@@ -366,16 +307,3 @@ def test_the_strongest_copy_has_the_most_energy_in_all_runs_together(
     poles = np.array([100j - damping[0], 100.1j - damping[1]])
     shapes = np.column_stack([SHAPE, SHAPE]) * np.array(size, dtype=complex)
     assert originals(poles, shapes, np.array(runs, dtype=complex)).tolist() == [strongest]
-
-
-def test_what_is_near_a_copy_only_is_none() -> None:
-    """Of three poles 1.5 % apart the outer two are not near each other: the middle one goes."""
-    poles = np.array([101.5j - 2.0, 103j - 1.0, 100j - 1.0])
-    assert originals(poles, np.column_stack([SHAPE] * 3)).tolist() == [1, 2]
-
-
-def test_nearness_counts_from_the_larger_of_two_poles() -> None:
-    """2.02 % of the smaller one are 1.98 % of the larger one."""
-    poles = np.array([100j - 1.0, 102.02j - 1.0])
-    for order in ([0, 1], [1, 0]):
-        assert len(originals(poles[order], np.column_stack([SHAPE, SHAPE]))) == 1

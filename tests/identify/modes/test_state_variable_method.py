@@ -126,12 +126,6 @@ def test_one_channel_with_one_mode(zeta: float) -> None:
     assert_poles(identify_modes([record], 100.0), pole, 1e-9)
 
 
-def test_one_channel_with_three_modes() -> None:
-    poles = chain_poles(3, k=1000.0, c=1.0, m=1.0)
-    record = free_decay(poles, np.ones((1, 3)), np.array([1.0, 0.4, 0.2j]), 50.0, 8.0)
-    assert_poles(identify_modes([record], 50.0), poles, 1e-8)
-
-
 def test_five_masses_and_records_of_different_lengths() -> None:
     rng = np.random.default_rng(0)
     poles, shapes = chain_poles(5, k=400.0, c=0.4, m=1.0), chain_shapes(5)
@@ -258,27 +252,10 @@ def test_a_mode_that_turns_by_more_than_half_between_delays_keeps_its_frequency(
     np.testing.assert_allclose(found, poles, rtol=1e-6)
 
 
-def test_whole_numbers_are_a_record_too() -> None:
-    record = free_decay(oscillators([2.0], [0.1]), np.ones((1, 1)), np.array([1e6]), 50.0, 4.0)
-    (found,) = identify_modes([np.rint(record).astype(np.int64)], 50.0).modes
-    assert found.frequency_hz == pytest.approx(2.0, rel=1e-5)
-    assert found.damping_ratio == pytest.approx(0.1, rel=1e-4)
-
-
 def test_a_few_samples_of_noise_have_no_mode_in_any_channel() -> None:
     noise = np.random.default_rng(0).standard_normal((8, 3))
     found = identify_modes([noise], 100.0)
     assert (len(found), found.shapes.shape) == (0, (3, 0))
-
-
-@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
-def test_what_is_rounding_does_not_depend_on_the_unit(unit: float) -> None:
-    """Two modes are four directions; the others are rounding, of the strength and not its root."""
-    poles = oscillators([2.0, 5.0], [0.05, 0.02])
-    record = unit * free_decay(poles, np.array([[1.0, 1.0], [1.0, -2.0]]), np.ones(2), 100.0, 4.0)
-    strength = delay_space([record], 100.0, Delays(10, 1)).strength
-    assert strength[3] > 1e-4 * strength[0]
-    assert strength[4] < 1e-12 * strength[0]
 
 
 # Eigensystem realisation and stabilisation diagram, beside the closed form ------------------------
@@ -334,16 +311,6 @@ def test_the_diagram_marks_what_comes_again() -> None:
     assert not np.any(diagram.stable[diagram.rank > diagram.rank.max() - 2])
     best = diagram.shapes[:, near & high] / np.array([[1.0], [1.0], [100.0]])
     assert np.all(mac(best, SHAPES.astype(complex)).max(axis=1) > 0.98)
-
-
-def test_shapes_are_in_the_units_of_the_channels() -> None:
-    units = np.array([1.0, 1e3, 0.02])
-    record = free_decay(POLES, SHAPES, np.array([1.0, 0.8j, 0.9]), 50.0, 6.0) * units
-    found = realised_modes([record], 50.0, 6)
-    expected = units[:, None] * SHAPES
-    assert found.shapes / found.shapes[0] == pytest.approx(
-        expected / expected[0], rel=1e-6, abs=1e-6
-    )
 
 
 # The limits of the choice of poles, each from both sides ------------------------------------------

@@ -272,13 +272,6 @@ def test_a_grid_of_fewer_samples_than_twice_the_channels_gives_none(
     assert (diagram(given) is not None) is long_enough
 
 
-def test_runs_without_a_common_channel_have_no_diagram() -> None:
-    (record, decay), (_, other) = (run((100.0, 100.0), (2.0, 2.0), (0.0, 0.0)) for _ in range(2))
-    first = FreeDecay("a", "baseline", 0.2, decay.recordings[:1])
-    second = FreeDecay("b", "baseline", 0.2, other.recordings[1:])
-    assert vehicle_diagram([record, record], [first, second]) is None
-
-
 def test_regression_alone_finds_a_real_pole_beside_a_mode() -> None:
     """What decays without a swing is no mode, but a fit needs it."""
     rng = np.random.default_rng(1)

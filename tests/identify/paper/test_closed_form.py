@@ -44,13 +44,6 @@ def test_the_state_matrix_comes_back_from_its_modes() -> None:
     np.testing.assert_allclose(found, VEHICLE.A, atol=1e-11 * size)
 
 
-def test_order_and_scale_of_the_shapes_do_not_matter() -> None:
-    modes = modes_of(VEHICLE.A)
-    other = ModalModel(modes.poles[::-1], modes.shapes[:, ::-1] * (2.0 - 3.0j))
-    size = np.abs(VEHICLE.A).max()
-    np.testing.assert_allclose(state_matrix_of(other), VEHICLE.A, atol=1e-11 * size)
-
-
 @pytest.mark.parametrize(
     "dM", [PAPER, delta_mass(AddedMass(SKEWED), FORD_GRANADA.a).real], ids=["paper", "full"]
 )

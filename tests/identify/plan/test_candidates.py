@@ -135,18 +135,6 @@ def test_missing_sensors_are_offered_where_they_are_missing() -> None:
     assert gyro.noise == pytest.approx(0.001745, rel=1e-3)  # a tenth of a degree
 
 
-@pytest.mark.parametrize(("n", "offers"), [(2, True), (3, False)])
-def test_three_places_on_the_body_are_enough(n: int, offers: bool) -> None:
-    body = tuple(Channel(f"z{i}", Quantity.BODY_ACCELERATION, x_m=float(i)) for i in range(n))
-    placed = (replace(body[0], position_sigma_m=0.01), *body[1:])
-    given = plan(sensors=sensors_of((*placed, *IMU[1:]), 100.0))
-    found = offered(given)
-    action = "accelerometers on the body above the four wheels"
-    assert (action in found) == offers
-    new = found[action].sensors[len(given.sensors) :] if offers else ()
-    assert {s.channel.position_sigma_m for s in new} == ({0.01} if offers else set())
-
-
 def weights(given: Plan, action: str) -> tuple[BodyWeight | HubWeight, ...]:
     after = offered(given)[action]
     assert after.runs[: len(given.runs)] == given.runs
@@ -187,11 +175,6 @@ def test_weights_on_the_floor_are_offered_where_the_body_has_none(state: MassSta
     assert weights(given, near) == (*own, FLOOR[2])
     after = offered(given)[near].mass_states[1].added.matrix
     np.testing.assert_array_equal(after, state.added.matrix)
-
-
-def test_weights_without_a_run_are_not_changed() -> None:
-    given = plan(BARE, loaded(*HUBS), runs=(Runs(BASELINE, ROLL),))
-    assert not any("kg" in action and "weigh" not in action for action in offered(given))
 
 
 TOTAL, FRONT, REAR = FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE

@@ -84,21 +84,6 @@ def test_a_quarter_is_not_determined_and_does_not_count_in_the_mean(std: float, 
     assert found.open_directions == 0
 
 
-@pytest.mark.parametrize(("std", "n"), [(0.99, 0), (1.01, 1)])
-def test_a_direction_is_open_where_a_logarithm_is_known_to_one(std: float, n: int) -> None:
-    each = np.full(N, 0.02)
-    each[3] = std
-    assert looked(each).open_directions == n
-
-
-def test_a_plan_of_nothing_leaves_everything_open() -> None:
-    found = expected(fisher(np.zeros((N, N))))
-    assert found.undetermined == BOX.parameters
-    assert found.open_directions == N
-    assert (found.worst, found.mean) == (np.inf, np.inf)
-    assert len(found.reasons) == 2  # nothing depends on them, and nothing fixes the scale
-
-
 def scaled() -> NDArray[np.float64]:
     """Return the direction of all masses, springs and dampers larger by one factor."""
     return np.array([1.0 if name[0] in "mIkc" else 0.0 for name in BOX.parameters])

@@ -18,7 +18,6 @@ from identify.nonlinear.car import KINDS, PULL, car
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
 from identify.plan import (
     USUAL_ELEMENTS,
-    Runs,
     advise,
     compare_campaigns,
     element_label,
@@ -72,21 +71,6 @@ def test_bounds_are_those_of_the_prototype() -> None:
     assert 0.007 < shares["front", 0.3] < 0.013  # the prototype 0.7 % of twice as many runs
     point = next(p for p in now.dampers if (p.axle, p.speed_m_s) == ("rear", -0.1))
     assert point.force_n == pytest.approx(-250.0, abs=1.0)
-
-
-def test_information_adds_over_runs() -> None:
-    once = standard_plan((Excitation.BOUNCE, Excitation.ROLL), states=(BASELINE,))
-    twice = replace(once, runs=tuple(replace(r, repeats=2) for r in once.runs))
-    added = KNOWN.fisher(once).information
-    both = KNOWN.fisher(twice).information
-    prior = KNOWN.fisher(replace(once, runs=())).information
-    np.testing.assert_allclose(both - prior, 2.0 * (added - prior), rtol=1e-9)
-
-
-@pytest.mark.parametrize("height_m", [0.0, -0.01])
-def test_a_run_needs_a_height(height_m: float) -> None:
-    with pytest.raises(InputError, match="mm"):
-        replace(standard_plan(), runs=(Runs(BASELINE, Excitation.ROLL, 1, height_m),))
 
 
 def test_steps_and_campaigns_are_compared() -> None:

@@ -190,7 +190,3 @@ def test_every_word_of_a_study_is_in_its_figure(study: Callable[[], Study]) -> N
                 case DotPanel():
                     assert set(panel.items) <= words
                     assert {series.label for series in panel.series} <= words
-
-
-def test_the_same_study_draws_the_same_bytes() -> None:
-    assert svg(fig2_study()) == svg(fig2_study())
