@@ -65,7 +65,6 @@ class Cycle:
     """The input of one cycle of the recorder."""
 
     now: Now
-    """The host's clocks."""
     batch: FrameBatch
     """Frames received; may be empty."""
     decoded: Decoded | None
@@ -77,25 +76,9 @@ class Cycle:
     hops: HopLosses
     """Cumulative counts of losses."""
     disk: DiskStatus
-    """Published status of the disk."""
     storage: StorageStatus = field(default_factory=StorageStatus)
-    """Counts of frames that arrived and that are stored."""
     failed: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Parts of the recorder that were switched off after errors, with reasons."""
-
-
-@dataclass(slots=True)
-class _Entry:
-    """One alarm, also for a while after its end."""
-
-    alarm: Alarm
-    seen_s: float
-    """Monotonic time at which its symptom was last present, s."""
-    reported_s: float = float("-inf")
-    """Monotonic time at which its beginning was last written to the journal, s."""
-    is_on: bool = True
-    is_reported: bool = False
-    """True if the journal holds its beginning and not yet its end."""
 
 
 class Watch:
@@ -108,7 +91,10 @@ class Watch:
         """Number of messages with channels of the bench: those received, and all."""
         self._watches: list[BusWatch] = []
         self._traffic, self._sensors = Traffic(), Sensors()
-        self._entries: dict[Key, _Entry] = {}
+        self._alarms: dict[Key, Alarm] = {}
+        self._seen_s: dict[Key, float] = {}  # when the symptom of an alarm was last present
+        self._begun_s: dict[Key, float] = {}  # when the beginning was last written to the journal
+        self._open: set[Key] = set()  # whose beginning is in the journal, and not yet its end
         self._counts: deque[tuple[float, Counts]] = deque()
         self._quiet: frozenset[str] = frozenset()
         self._clock_offset_ns: int | None = None
@@ -118,8 +104,7 @@ class Watch:
     @property
     def alarms(self) -> tuple[Alarm, ...]:
         """The current alarms, in order of severity."""
-        lasting = (entry.alarm for entry in self._entries.values() if entry.is_on)
-        return tuple(sorted(lasting, key=lambda a: (GRAVITY[a.code], a.subject)))
+        return tuple(sorted(self._alarms.values(), key=lambda a: (GRAVITY[a.code], a.subject)))
 
     @property
     def shown(self) -> tuple[Alarm, ...]:
@@ -246,26 +231,21 @@ class Watch:
         """Begin, continue and end alarms by the symptoms of a cycle; yield their events."""
         now_s = now.monotonic_s
         for key, symptom in present.items():
-            entry = self._entries.get(key)
             since_ns, count = now.wall_ns, totals.get(key, (0, ""))[0]
-            if entry is not None and entry.is_on:
-                since_ns = entry.alarm.since_ns
-                count = entry.alarm.count + new.get(key, (0, ""))[0]
+            if (before := self._alarms.get(key)) is not None:
+                since_ns, count = before.since_ns, before.count + new.get(key, (0, ""))[0]
             alarm = Alarm(*key, symptom.text, symptom.advice, since_ns, count)
-            entry = entry or self._entries.setdefault(key, _Entry(alarm, now_s))
-            entry.alarm, entry.seen_s, entry.is_on = alarm, now_s, True
-            if not entry.is_reported and now_s - entry.reported_s >= REPORT_AGAIN_S:
-                entry.reported_s, entry.is_reported = now_s, True
+            self._alarms[key], self._seen_s[key] = alarm, now_s
+            pause_s = now_s - self._begun_s.get(key, float("-inf"))
+            if key not in self._open and pause_s >= REPORT_AGAIN_S:
+                self._begun_s[key] = now_s
+                self._open.add(key)
                 yield self._event(ALARM, alarm)
-        for key in [key for key in self._entries if key not in present]:
-            entry = self._entries[key]
-            away_s = now_s - entry.seen_s
-            if entry.is_on and away_s >= HOLD_S:
-                if entry.is_reported:
-                    yield self._event(ALARM_END, entry.alarm)
-                entry.is_on = entry.is_reported = False
-            elif not entry.is_on and away_s > 2 * REPORT_AGAIN_S:
-                del self._entries[key]
+        for key in [k for k in self._alarms if now_s - self._seen_s[k] >= HOLD_S]:
+            alarm = self._alarms.pop(key)
+            if key in self._open:
+                self._open.remove(key)
+                yield self._event(ALARM_END, alarm)
 
     def _event(self, code: str, alarm: Alarm) -> Event:
         subject = f" {alarm.subject}" if alarm.subject else ""
