@@ -35,7 +35,7 @@ from daq.control.orders import (
     Until,
 )
 from daq.errors import BusError, InputError
-from daq.journal.folder import last_recording, recordings, segments_in
+from daq.journal.folder import last_recording, recordings
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalError
 from daq.recorder.derivation import Derivation
@@ -413,6 +413,17 @@ def test_without_a_client_the_frames_are_looked_at_three_times_per_second(
     assert looked_s == pytest.approx(looks_s)
 
 
+def test_an_order_is_carried_out_in_the_next_cycle(quick: Bench, tmp_path: Path) -> None:
+    paced = Paced(quick, tmp_path, [], [0.1] * 5, watched=False)
+    paced.recorder.submit(Mark("seen"), "Ann").add_done_callback(
+        lambda _: paced.recorder.submit(Mark("again"), "Ann")
+    )
+    paced.run()
+    looked_s = [at_s - 1000.0 for at_s, _ in paced.shown[:-1]]
+    assert looked_s == pytest.approx([0.0, 0.3])
+    assert [note.text for note in paced.shown[0][1].notes] == ["seen", "again"]
+
+
 def test_with_a_client_the_frames_are_looked_at_in_each_cycle(quick: Bench, tmp_path: Path) -> None:
     paced = Paced(quick, tmp_path, [], [0.1] * 5, watched=True)
     paced.run()
@@ -435,21 +446,6 @@ def test_a_session_file_is_built_three_tenths_of_a_second_after_the_end_of_a_run
     paced.run()
     judged_s = next(at_s for at_s, s in paced.shown if s.runs and s.runs[0].status != "open")
     assert ended_s[0] - judged_s == 0.375  # the first cycle of an eighth of a second after 0.3 s
-
-
-def test_a_segment_that_a_killed_recorder_left_open_is_sealed(
-    quick: Bench, codec: Codec, tmp_path: Path
-) -> None:
-    with Running(quick, tmp_path, sources(Script(blocks(bumps(codec, 1))))) as running:
-        running.until(lambda s: s.disk.recorded_frames == 1200)
-    journal = tmp_path / "journal"
-    (sealed,) = segments_in(journal)
-    sealed.rename(journal / "open_0001.bbj")
-    Paced(quick, tmp_path, [], [], watched=False).run()
-    assert [path.name for path in segments_in(journal)] == [
-        "journal_0001.bbj",
-        "journal_0002.bbj",
-    ]
 
 
 def test_an_order_to_a_recorder_that_cannot_begin_is_cancelled(

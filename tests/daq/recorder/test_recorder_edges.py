@@ -6,7 +6,6 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from daq.bench.config import Bench
 from daq.bus.clock import STEADY_CLOCK
-from daq.bus.source import HopLosses, SourceLosses
+from daq.bus.source import SourceLosses
 from daq.control.address import Address, control_address
 from daq.control.messages import STATUS, Live, Phase, SessionState, Status
 from daq.control.orders import (
@@ -33,11 +32,8 @@ from daq.control.server import Server
 from daq.journal.folder import last_recording, recordings, scan, segments_in
 from daq.journal.reader import read_journal
 from daq.journal.segment import SyncedFile
-from daq.recorder import recorder
 from daq.recorder.derivation import Derivation
 from daq.recorder.orders import OrderError
-from daq.recorder.recording import Recording
-from daq.runs import Event
 from daq.session import read_session
 from dbc import Codec, FrameBatch
 from tui.recorders.lines import status_lines
@@ -367,43 +363,6 @@ def test_a_status_that_fails_stops_nothing(
                 time.sleep(0.01)
         running.until(lambda s: s.disk.recorded_frames == 1200)
         running.until(lambda s: any(a.subject == "publish" for a in s.alarms))
-
-
-def calls(patch: pytest.MonkeyPatch) -> list[str]:
-    """Return a list to which each store and each look of any recording is added."""
-    made: list[str] = []
-    store, look = Recording.store, Recording.look
-
-    def stores(self: Recording, batch: FrameBatch, hops: HopLosses) -> None:
-        made.append("s")
-        store(self, batch, hops)
-
-    def looks(self: Recording, *given: Any) -> tuple[Event, ...]:
-        made.append("l")
-        return look(self, *given)
-
-    patch.setattr(Recording, "store", stores)
-    patch.setattr(Recording, "look", looks)
-    return made
-
-
-def test_an_order_is_carried_out_on_what_was_stored_until_then(
-    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made = calls(monkeypatch)
-    monkeypatch.setattr(recorder, "UNWATCHED_S", 1000.0)
-    script = Script(blocks(bumps(codec, 10), 10), pause_s=0.01)
-    with Running(quick, tmp_path, sources(script), lambda: False) as running:
-        deadline_s = time.monotonic() + PATIENCE_S
-        while made.count("s") < 5:
-            assert time.monotonic() < deadline_s
-            time.sleep(0.01)
-        assert "".join(made).lstrip("s").startswith("ls")  # one look at the start
-        assert made.count("l") == 1
-        status = running.order(Mark("seen")).status
-        assert made.count("l") == 2
-        assert status is not None
-        assert status.buses[0].frames > running.published[0].buses[0].frames
 
 
 # Fifty viewers and one that never reads cost a recorder no frame, and each sees a small status ----

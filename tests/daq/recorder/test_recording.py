@@ -24,7 +24,6 @@ from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import judging
-from daq.recorder.orders import configured
 from daq.recorder.recording import FaultBarrier, Recording
 from daq.recorder.resuming import resumable
 from daq.runlog.run_log import LoggedStatus, fold
@@ -208,16 +207,6 @@ def test_a_block_that_cannot_be_stored_is_not_used(bench: Bench, codec: Codec) -
     assert status_of(recording).t_ns == 0
 
 
-def test_stamps_of_another_epoch_are_reported_once(
-    bench: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recording = Recording(bench, codec, journal)
-    first = step(recording, FrameBatch.empty(), HopLosses(restamped=5), now())
-    again = step(recording, FrameBatch.empty(), HopLosses(restamped=9), now())
-    assert [event.code for event in first] == ["restamped"]
-    assert again == ()
-
-
 def test_a_bench_that_cannot_trigger_or_does_not_fit_its_dbc_is_refused(
     bench: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
@@ -399,8 +388,3 @@ def test_a_simulated_recording_is_not_gone_on_with_from_a_bus(
     found = resumable(tmp_path, simulated)
     assert not isinstance(found, str)
     assert found[1].origin is Origin.SIMULATED
-
-
-def test_a_new_bench_in_mid_recording_keeps_its_origin() -> None:
-    simulated = replace(small_bench(), origin=Origin.SIMULATED)
-    assert configured(simulated, simulated.text + "\n").origin is Origin.SIMULATED

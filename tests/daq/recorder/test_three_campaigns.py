@@ -252,27 +252,6 @@ def test_a_disk_that_takes_a_second_for_a_block_loses_nothing(
     np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
 
 
-def test_a_disk_that_refuses_is_waited_for(quick: Bench, codec: Codec, tmp_path: Path) -> None:
-    full = threading.Event()
-
-    class Full(SyncedFile):
-        def sync(self) -> None:
-            if full.is_set():
-                raise OSError(28, "No space left on device")
-            super().sync()
-
-    frames = bumps(codec, 2)
-    script = Script(blocks(frames, 10), None, 0.005)
-    with Running(quick, tmp_path, sources(script), create=Full) as running:
-        running.until(lambda s: s.disk.recorded_frames > 0)
-        full.set()
-        status = running.until(lambda s: any(a.code == "journal_failed" for a in s.alarms))
-        assert "No space left" in status.disk.failed
-        full.clear()
-        running.until(lambda s: s.disk.recorded_frames == len(frames))
-    np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
-
-
 @pytest.mark.usefixtures("built_at_once")
 def test_a_killed_recorder_is_taken_up_again(
     quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
