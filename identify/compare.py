@@ -1,20 +1,19 @@
-"""Compares two or more sessions: what differs, how surely, and whether it drifts.
+"""Compares sessions: differences with their significance, trends, and what changed.
 
-Each quantity is compared by itself, from full fits that share nothing; what changed is found by one
-joint fit of all sessions (`identify.change`), which is far more precise.
+Every quantity is compared by itself, from full fits that share nothing; what changed is found by
+one joint fit of all sessions (`identify.change`), which is far more precise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import erfc, hypot, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq.channels import AT_CORNER, ON_BODY, Channel
+from daq.channels import AT_CORNER, ON_BODY
 from daq.vehicle import BodyWeight, FactQuantity
 from dbc.errors import InputError
 
@@ -26,8 +25,8 @@ from .nonlinear.forces import force_quantities
 from .nonlinear.release import AS_PARAMETERS
 from .result import Identification
 
-# Names what the sessions of a comparison state differently although a car has only one of it ------
-
+LEVEL = 0.05
+"""Chance of even one false alarm among all tests of a kind."""
 EXACT_M = 0.001
 """Difference of two lengths that is never reported, m: a tape measure shows no less."""
 SIGMAS = 3.0
@@ -37,90 +36,6 @@ _LENGTHS = {
     FactQuantity.FRONT_TRACK: "front track",
     FactQuantity.REAR_TRACK: "rear track",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class _Stated:
-    """A statement of one session, such as a length."""
-
-    text: str
-    lengths_m: tuple[float, ...] = ()
-    """Compared as numbers; if there are none, the text is compared."""
-    sigma_m: float = 0.0
-
-    def agrees(self, other: _Stated) -> bool:
-        """Return whether both can be true of one car."""
-        if not self.lengths_m or len(self.lengths_m) != len(other.lengths_m):
-            return self.text == other.text
-        limit_m = max(EXACT_M, SIGMAS * hypot(self.sigma_m, other.sigma_m))
-        pairs = zip(self.lengths_m, other.lengths_m, strict=True)
-        return all(abs(a - b) <= limit_m * (1.0 + 1e-9) for a, b in pairs)
-
-
-def stated_unlike(labels: Sequence[str], results: Sequence[Identification]) -> tuple[str, ...]:
-    """Return one text for each statement in which sessions differ, such as the vehicle's name.
-
-    Loads and masses are not compared: they may change between two campaigns.  What only one session
-    states differs from nothing.
-    """
-    each = [_statements(result) for result in results]
-    subjects = dict.fromkeys(subject for own in each for subject in own)
-    texts = []
-    for subject in subjects:
-        kinds: list[tuple[_Stated, list[str]]] = []
-        for label, own in zip(labels, each, strict=True):
-            if subject not in own:
-                continue
-            stated = own[subject]
-            for first, like in kinds:
-                if stated.agrees(first):
-                    like.append(label)
-                    break
-            else:
-                kinds.append((stated, [label]))
-        if len(kinds) > 1:
-            parts = (f"{stated.text} in {', '.join(like)}" for stated, like in kinds)
-            texts.append(f"{subject} {'; '.join(parts)}")
-    return tuple(texts)
-
-
-def _statements(result: Identification) -> Mapping[str, _Stated]:
-    found: dict[str, _Stated] = {}
-    if result.vehicle:
-        found["vehicle"] = _Stated(result.vehicle)
-    if result.estimation is None:
-        return found
-    box = result.estimation.box
-    if (known := box.geometry) is not None:
-        whole = {"wheelbase": known.a + known.b, "front track": 2 * known.t_f}
-        whole["rear track"] = 2 * known.t_r
-        found |= {name: _length(value_m, 0.0) for name, value_m in whole.items()}
-    for fact in box.facts:
-        if fact.quantity in _LENGTHS:
-            found[_LENGTHS[FactQuantity(fact.quantity)]] = _length(fact.value, fact.sigma)
-    for channel in (c for group in box.groups for c in group.channels):
-        if channel.quantity in AT_CORNER | ON_BODY:
-            found[f"place of {channel.name}"] = _place(channel)
-    return found
-
-
-def _length(value_m: float, sigma_m: float) -> _Stated:
-    return _Stated(f"{value_m:.4g} m", (value_m,), sigma_m)
-
-
-def _place(channel: Channel) -> _Stated:
-    if channel.quantity in AT_CORNER:
-        return _Stated(str(channel.corner))
-    if channel.at_cg:
-        return _Stated("at the CG")
-    place_m = (channel.x_m, channel.y_m)
-    return _Stated(f"({channel.x_m:g}, {channel.y_m:g}) m", place_m, channel.position_sigma_m)
-
-
-# The compare --------------------------------------------------------------------------------------
-
-LEVEL = 0.05
-"""Chance of even one false alarm among all tests of a kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +50,7 @@ class Difference:
     """`value` in units of `std`."""
     p: float
     """Chance of a difference as large if there is none."""
-    significant: bool
+    significant: bool = False
     """True if it is significant at 95 % among all differences (Holm 1979)."""
 
     @property
@@ -158,8 +73,8 @@ class Trend:
     """`chi2`, `freedom`: misfit of one constant value."""
     constant_p: float
     """Chance of as large a misfit if it is constant."""
-    drifts: bool
-    varies: bool
+    drifts: bool = False
+    varies: bool = False
     """`drifts`, `varies`: True if slope or misfit is significant at 95 % among all quantities (Holm
     1979)."""
 
@@ -167,6 +82,11 @@ class Trend:
     def half(self) -> float:
         """Half of the 95 % interval of the slope."""
         return COVERAGE_95 * self.slope_std
+
+    @property
+    def words(self) -> str:
+        """`drifts`, `varies`, both or nothing."""
+        return " ".join(["drifts"] * self.drifts + ["varies"] * self.varies)
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,71 +156,60 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
         if not result.parameters:
             reason = result.quality.reasons[0] if result.quality.reasons else "no fit"
             raise InputError(label, f"not identified: {reason}", "leave it out")
-    parameters = _in_all([result.parameters for result in results])
-    modes = _in_all([_modes(result) for result in results])
-    forces = _in_all([_forces(result) for result in results])
-    rows = {**parameters, **forces, **modes}
-    pairs = [(e[0], other) for e in rows.values() for other in e[1:]]
-    plain = [_difference(*pair) for pair in pairs]
-    found = _holm([d.p for d in plain])
-    each = iter(replace(d, significant=yes) for d, yes in zip(plain, found, strict=True))
-    differences = {name: tuple(next(each) for _ in e[1:]) for name, e in rows.items()}
+    kinds = [
+        _in_all([result.parameters for result in results]),
+        _in_all([_modes(result) for result in results]),
+        _in_all([force_quantities(r.forces) if r.forces else {} for r in results]),
+    ]
+    # The tests are made among all quantities, in the order in which they are listed.
+    rows = {**kinds[0], **kinds[2], **kinds[1]}
+    differences = _differences(rows)
     trends = _trends(rows) if len(results) > 2 else {}
-    compared = {
-        name: Compared(name, e, differences[name], trends.get(name)) for name, e in rows.items()
-    }
+    parameters, modes, forces = (
+        tuple(Compared(name, e, differences[name], trends.get(name)) for name, e in kind.items())
+        for kind in kinds
+    )
+    vague = dict.fromkeys(name for result in results for name in result.undetermined)
+    estimations = [r.estimation for r in results if r.estimation is not None]
+    fitted = len(estimations) == len(results)
     return Comparison(
         tuple(labels),
         tuple(str(result.quality.verdict) for result in results),
-        tuple(compared[name] for name in parameters),
-        tuple(compared[name] for name in modes),
-        tuple(compared[name] for name in forces),
-        _common(results),
-        _open(results),
+        parameters,
+        modes,
+        forces,
+        _stated_alike(results) if fitted else (),
+        tuple(vague),
         stated_unlike(labels, results),
-        _change(results),
+        change_of(estimations, _apart(results)) if fitted else None,
     )
-
-
-def _change(results: Sequence[Identification]) -> Change | None:
-    estimations = [r.estimation for r in results if r.estimation is not None]
-    return change_of(estimations, _apart(results)) if len(estimations) == len(results) else None
 
 
 def _apart(results: Sequence[Identification]) -> tuple[str, ...]:
     """Name the elements that one session needs and another does not."""
     tried = [{c.name: c for c in r.forces.choices} if r.forces else {} for r in results]
-    needed = dict.fromkeys(n for own in tried for n, choice in own.items() if choice.kept)
+    needed = dict.fromkeys(n for some in tried for n, choice in some.items() if choice.kept)
     return tuple(
         name.replace("_", " ")
         for name in needed
-        if name not in AS_PARAMETERS and not all(name in own for own in tried)
+        if name not in AS_PARAMETERS and not all(name in some for some in tried)
     )
-
-
-def _forces(result: Identification) -> Mapping[str, Estimate]:
-    return force_quantities(result.forces) if result.forces else {}
-
-
-def _open(results: Sequence[Identification]) -> tuple[str, ...]:
-    every = (item for result in results for item in result.parameters.items())
-    return tuple(dict.fromkeys(name for name, e in every if not e.determined))
 
 
 def _modes(result: Identification) -> dict[str, Estimate]:
     """Return frequencies and damping ratios by mass state and name: ranks may swap."""
-    found: dict[str, Estimate] = {}
+    quantities: dict[str, Estimate] = {}
     for state, modes in result.modes.items():
         for name, mode in zip(result.mode_names[state], modes, strict=True):
-            found[f"{state}: {name}, frequency"] = mode.frequency
-            found[f"{state}: {name}, damping ratio"] = mode.damping_ratio
-    return found
+            quantities[f"{state}: {name}, frequency"] = mode.frequency
+            quantities[f"{state}: {name}, damping ratio"] = mode.damping_ratio
+    return quantities
 
 
-def _in_all(found: Sequence[Mapping[str, Estimate]]) -> dict[str, tuple[Estimate, ...]]:
+def _in_all(sessions: Sequence[Mapping[str, Estimate]]) -> dict[str, tuple[Estimate, ...]]:
     """Return the quantities that every session identified, with the estimates of all sessions."""
     first, *others = (
-        {name: e for name, e in one.items() if e.std > 0.0 and e.determined} for one in found
+        {name: e for name, e in one.items() if e.std > 0.0 and e.determined} for one in sessions
     )
     return {
         name: (e, *(other[name] for other in others))
@@ -309,38 +218,35 @@ def _in_all(found: Sequence[Mapping[str, Estimate]]) -> dict[str, tuple[Estimate
     }
 
 
-def _difference(first: Estimate, other: Estimate) -> Difference:
-    value, std = other.value - first.value, sqrt(first.std**2 + other.std**2)
-    z = value / std
-    return Difference(value, std, z, _two_sided(z), False)
+def _differences(rows: Mapping[str, tuple[Estimate, ...]]) -> dict[str, tuple[Difference, ...]]:
+    plain = []
+    for first, *others in rows.values():
+        for other in others:
+            value, std = other.value - first.value, hypot(first.std, other.std)
+            plain.append(Difference(value, std, value / std, _two_sided(value / std)))
+    significant = _holm([d.p for d in plain])
+    tested = iter(replace(d, significant=yes) for d, yes in zip(plain, significant, strict=True))
+    return {name: tuple(next(tested) for _ in e[1:]) for name, e in rows.items()}
 
 
-def _trends(rows: dict[str, tuple[Estimate, ...]]) -> dict[str, Trend]:
+def _trends(rows: Mapping[str, tuple[Estimate, ...]]) -> dict[str, Trend]:
     plain = []
     for estimates in rows.values():
         value = np.array([e.value for e in estimates])
         weight = np.array([e.std**-2 for e in estimates])
         order = np.arange(len(value), dtype=np.float64)
-        slope, slope_std = _line(order, value, weight)
+        off = order - weight @ order / weight.sum()
+        power = float(weight @ off**2)
+        slope, slope_std = float((weight * off) @ value) / power, power**-0.5
         chi2 = float(weight @ (value - weight @ value / weight.sum()) ** 2)
         freedom = len(value) - 1
-        constant_p = chance_of_more(freedom, chi2)
         p = _two_sided(slope / slope_std)
-        plain.append(Trend(slope, slope_std, p, chi2, freedom, constant_p, False, False))
+        plain.append(Trend(slope, slope_std, p, chi2, freedom, chance_of_more(freedom, chi2)))
     drifts, varies = _holm([t.slope_p for t in plain]), _holm([t.constant_p for t in plain])
     return {
         name: replace(trend, drifts=drift, varies=vary)
         for name, trend, drift, vary in zip(rows, plain, drifts, varies, strict=True)
     }
-
-
-def _line(
-    x: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Return the slope of the weighted straight line and its standard deviation."""
-    off = x - weight @ x / weight.sum()
-    power = float(weight @ off**2)
-    return float((weight * off) @ y) / power, power**-0.5
 
 
 def _two_sided(z: float) -> float:
@@ -357,14 +263,16 @@ def _holm(p: Sequence[float]) -> list[bool]:
     return significant
 
 
-def _common(results: Iterable[Identification]) -> tuple[str, ...]:
+# What sessions state ------------------------------------------------------------------------------
+
+
+def _stated_alike(results: Sequence[Identification]) -> tuple[str, ...]:
     """Name the facts and uncertain weights that all sessions state alike."""
     stated: list[set[str]] = []
     for result in results:
-        if result.estimation is None:
-            return ()
+        assert result.estimation is not None
         box = result.estimation.box
-        own = {f"{f.quantity} = {f.value:g} ± {f.sigma:g}" for f in box.facts}
+        texts = {f"{f.quantity} = {f.value:g} ± {f.sigma:g}" for f in box.facts}
         for state in box.mass_states:
             for i, weight in enumerate(state.added.weights, start=1):
                 if any(weight_sigmas(weight)):
@@ -372,6 +280,70 @@ def _common(results: Iterable[Identification]) -> tuple[str, ...]:
                     if isinstance(weight, BodyWeight):
                         x_m, y_m, sigma_m = weight.x_m, weight.y_m, weight.position_sigma_m
                         text += f" at ({x_m:g}, {y_m:g}) ± {sigma_m:g} m"
-                    own.add(f"weight {i} of state {state.name} = {text}")
-        stated.append(own)
-    return tuple(sorted(set.intersection(*stated))) if stated else ()
+                    texts.add(f"weight {i} of state {state.name} = {text}")
+        stated.append(texts)
+    return tuple(sorted(set.intersection(*stated)))
+
+
+_Statement = tuple[str, tuple[float, ...], float]
+"""A statement of one session: its text; its lengths, m, and their uncertainty, m, if it has any."""
+
+
+def stated_unlike(labels: Sequence[str], results: Sequence[Identification]) -> tuple[str, ...]:
+    """Return one text for each statement in which sessions differ, such as the vehicle's name.
+
+    Loads and masses are not compared: they may change between two campaigns.  What only one session
+    states differs from nothing.
+    """
+    sessions = [dict(_statements(result)) for result in results]
+    texts = []
+    for subject in dict.fromkeys(subject for stated in sessions for subject in stated):
+        kinds: list[tuple[_Statement, list[str]]] = []
+        for label, stated in zip(labels, sessions, strict=True):
+            if subject in stated:
+                like = next((who for one, who in kinds if _agree(one, stated[subject])), None)
+                if like is None:
+                    kinds.append((stated[subject], [label]))
+                else:
+                    like.append(label)
+        if len(kinds) > 1:
+            parts = (f"{text} in {', '.join(like)}" for (text, *_), like in kinds)
+            texts.append(f"{subject} {'; '.join(parts)}")
+    return tuple(texts)
+
+
+def _agree(one: _Statement, other: _Statement) -> bool:
+    """Return whether both statements can be true of one car."""
+    (text, lengths_m, sigma_m), (other_text, others_m, other_sigma_m) = one, other
+    if not lengths_m or len(lengths_m) != len(others_m):
+        return text == other_text
+    limit_m = max(EXACT_M, SIGMAS * hypot(sigma_m, other_sigma_m))
+    pairs = zip(lengths_m, others_m, strict=True)
+    return all(abs(a - b) <= limit_m * (1.0 + 1e-9) for a, b in pairs)
+
+
+def _statements(result: Identification) -> Iterator[tuple[str, _Statement]]:
+    """Yield subject and statement, of one subject the last."""
+    if result.vehicle:
+        yield "vehicle", (result.vehicle, (), 0.0)
+    if result.estimation is None:
+        return
+    box = result.estimation.box
+    if (known := box.geometry) is not None:
+        sizes = (known.a + known.b, 2 * known.t_f, 2 * known.t_r)
+        for name, value_m in zip(_LENGTHS.values(), sizes, strict=True):
+            yield name, (f"{value_m:.4g} m", (value_m,), 0.0)
+    for fact in box.facts:
+        if fact.quantity in _LENGTHS:
+            name = _LENGTHS[FactQuantity(fact.quantity)]
+            yield name, (f"{fact.value:.4g} m", (fact.value,), fact.sigma)
+    for channel in (c for group in box.groups for c in group.channels):
+        subject = f"place of {channel.name}"
+        if channel.quantity in AT_CORNER:
+            yield subject, (str(channel.corner), (), 0.0)
+        elif channel.quantity in ON_BODY and channel.at_cg:
+            yield subject, ("at the CG", (), 0.0)
+        elif channel.quantity in ON_BODY:
+            place_m = (channel.x_m, channel.y_m)
+            text = f"({channel.x_m:g}, {channel.y_m:g}) m"
+            yield subject, (text, place_m, channel.position_sigma_m)

@@ -1,4 +1,4 @@
-"""Likelihood of sessions in their common parameters, the own unknowns of each eliminated.
+"""Likelihood of sessions in their common parameters, everything else of each eliminated.
 
 Two full fits share no knowledge: each has the whole uncertainty of every parameter, and so has
 their difference.  In one joint fit, in which all parameters are equal except those that may differ,
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,10 @@ from dbc.frames import freeze_arrays
 from .fit.estimation import Estimation
 from .fit.varpro import pseudo_inverse
 
+Floats = NDArray[np.float64]
+
 _FREE = 1e-9
-"""Share of an unknown's information that must be left when the common parameters are free: below,
+"""Share of an unknown's information that must remain when the common parameters are free: below,
 it is rounding, and the sessions do not determine the difference."""
 
 
@@ -29,15 +32,15 @@ it is rounding, and the sessions do not determine the difference."""
 class Likelihood:
     """A session's likelihood: ``x^T information x - 2 x^T target`` and a constant."""
 
-    information: NDArray[np.float64]
-    """Information on the common unknowns, the session's own eliminated, shape (p, p)."""
-    target: NDArray[np.float64]
-    """Right-hand side for the common unknowns, shape (p,)."""
-    own: NDArray[np.float64]
-    """Best values of the session's own unknowns at the point, shape (q,)."""
+    information: Floats
+    """Information on the common unknowns, (p, p)."""
+    target: Floats
+    """Right-hand side for the common unknowns, (p,)."""
+    nuisance: Floats
+    """Best values of the session's other unknowns at the point, (q,)."""
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, "information", "target", "own")
+        freeze_arrays(self, "information", "target", "nuisance")
 
 
 def likelihood_at_optimum(estimation: Estimation, elements: Sequence[str] = ()) -> Likelihood:
@@ -57,34 +60,29 @@ def likelihood_at_optimum(estimation: Estimation, elements: Sequence[str] = ()) 
     known = np.flatnonzero(np.isfinite(np.diag(block)))
     information = np.zeros_like(block)
     information[np.ix_(known, known)] = np.linalg.inv(block[np.ix_(known, known)])
-    own = np.delete(fit.eta, common)
-    return Likelihood(information, information @ fit.eta[common], own)
+    target = information @ fit.eta[common]
+    return Likelihood(information, target, np.delete(fit.eta, common))
 
 
 def likelihood_at(
-    estimation: Estimation,
-    at: NDArray[np.float64],
-    own: NDArray[np.float64],
-    elements: Sequence[str] = (),
+    estimation: Estimation, point: Floats, nuisance: Floats, elements: Sequence[str] = ()
 ) -> Likelihood:
-    """Return the likelihood of a session about a point, (p,); `own`: as in its last `Likelihood`.
+    """Return the likelihood of a session about a point, (p,), and its other unknowns, (q,).
 
     For a nonlinear fit, or one stored without its decays, it is the likelihood about the session's
     own optimum.
     """
     if estimation.nonlinear is not None or not estimation.decays:
         return likelihood_at_optimum(estimation, elements)
-    eta = np.concatenate([at, own])
+    eta = np.concatenate([point, nuisance])
     blocks = estimation.engine.normal_blocks(estimation.decays, estimation.sigma, eta).values()
     whole = np.sum([block.information for block in blocks], axis=0)
     gradient = np.sum([block.gradient for block in blocks], axis=0)
-    information, gradient, step = _profiled(whole, gradient, len(at))
-    return Likelihood(information, information @ at + gradient, own + step)
+    information, gradient, step = _profiled(whole, gradient, len(point))
+    return Likelihood(information, information @ point + gradient, nuisance + step)
 
 
-def _profiled(
-    whole: NDArray[np.float64], gradient: NDArray[np.float64], p: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _profiled(whole: Floats, gradient: Floats, p: int) -> tuple[Floats, Floats, Floats]:
     """Return information and gradient of the first p unknowns, and the step of the others."""
     inverse = pseudo_inverse(whole[p:, p:])
     across = whole[:p, p:] @ inverse
@@ -94,15 +92,20 @@ def _profiled(
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """Says which parameters may differ between sessions, and how."""
+    """Candidates: parameters that may differ between sessions, and how."""
 
     parameters: tuple[int, ...]
-    """Index of each parameter that may differ."""
-    designs: tuple[NDArray[np.float64], ...]
-    """Values of each such parameter over the sessions per unit of its differences, (n_sessions,
-    k)."""
+    """Index of the parameter of each candidate."""
+    designs: tuple[Floats, ...]
+    """Its values over the sessions per unit of its differences, (n_sessions, k)."""
 
-    def columns(self, session: int, p: int) -> NDArray[np.float64]:
+    @property
+    def groups(self) -> list[NDArray[np.intp]]:
+        """Indices of each candidate's differences."""
+        edges = np.cumsum([0, *(design.shape[1] for design in self.designs)])
+        return [np.arange(a, b) for a, b in pairwise(edges)]
+
+    def columns(self, session: int, p: int) -> Floats:
         """Return how a session's parameters follow from the differences, (p, n)."""
         blocks = []
         for parameter, design in zip(self.parameters, self.designs, strict=True):
@@ -114,24 +117,24 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class Differences:
-    """The likelihood of differences, the common parameters eliminated."""
+    """The likelihood of n differences, the common parameters eliminated."""
 
-    information: NDArray[np.float64]
-    """Information on the differences, shape (n, n)."""
-    target: NDArray[np.float64]
-    """Right-hand side for the differences, shape (n,)."""
-    common: NDArray[np.float64]
-    """Common parameters with no difference, shape (p,)."""
-    follow: NDArray[np.float64]
-    """Fall of the common parameters per unit of each difference, shape (p, n)."""
+    information: Floats
+    """Information on the differences, (n, n)."""
+    target: Floats
+    """Right-hand side for the differences, (n,)."""
+    common: Floats
+    """Common parameters with no difference, (p,)."""
+    follow: Floats
+    """Fall of the common parameters per unit of each difference, (p, n)."""
     shown: NDArray[np.bool_]
-    """True for the differences that the sessions determine, shape (n,)."""
+    """True for the differences that the sessions determine, (n,)."""
 
     def gain(self, which: NDArray[np.intp]) -> float:
         """Return the fall of the squared residuals by some differences."""
         return float(self.gains([which[self.shown[which]]])[0])
 
-    def gains(self, sets: Sequence[NDArray[np.intp]]) -> NDArray[np.float64]:
+    def gains(self, sets: Sequence[NDArray[np.intp]]) -> Floats:
         """Return the gain of each of many sets of differences that the sessions determine."""
         sizes = np.array([len(which) for which in sets], dtype=np.intp)
         result = np.zeros(len(sets))
@@ -143,30 +146,27 @@ class Differences:
             result[alike] = np.sum((inverse @ target[..., None])[..., 0] * target, axis=1)
         return result
 
-    def best(
-        self, which: NDArray[np.intp]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def best(self, which: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
         """Return the common parameters, some differences, and the covariance of the differences."""
         covariance = pseudo_inverse(self.information[np.ix_(which, which)])
-        found = covariance @ self.target[which]
-        return self.common - self.follow[:, which] @ found, found, covariance
+        steps = covariance @ self.target[which]
+        return self.common - self.follow[:, which] @ steps, steps, covariance
 
 
-def differences(shares: tuple[Likelihood, ...], model: Model) -> Differences:
+def differences(shares: Sequence[Likelihood], model: Model) -> Differences:
     """Return the likelihood of a model's differences, from the likelihoods of the sessions."""
     p = len(shares[0].target)
-    together = np.sum([share.information for share in shares], axis=0)
-    inverse = pseudo_inverse(together)
+    inverse = pseudo_inverse(np.sum([share.information for share in shares], axis=0))
     columns = [model.columns(i, p) for i in range(len(shares))]
     n = columns[0].shape[1]
-    own, across, target = np.zeros((n, n)), np.zeros((p, n)), np.zeros(n)
+    alone, across, target = np.zeros((n, n)), np.zeros((p, n)), np.zeros(n)
     for share, block in zip(shares, columns, strict=True):
         seen = share.information @ block
-        own += block.T @ seen
+        alone += block.T @ seen
         across += seen
         target += block.T @ share.target
     common = inverse @ np.sum([share.target for share in shares], axis=0)
     follow = inverse @ across
-    information = own - across.T @ follow
-    shown = np.diag(information) > _FREE * np.maximum(np.diag(own), 1e-300)
+    information = alone - across.T @ follow
+    shown = np.diag(information) > _FREE * np.maximum(np.diag(alone), 1e-300)
     return Differences(information, target - across.T @ common, common, follow, shown)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
-from math import nan
+from math import log, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,23 +39,28 @@ from .model.matrices import loaded_model
 from .modes.modal_model import mode_names, modes_of, pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import ClosedForm, closed_form
-from .real_car import explained_by_elements, share_of_faults
 from .result import Identification
-from .trust.faults import clock_jump, wrong_channel
+from .trust.faults import clock_jump, swapped_labels, wrong_channel
 from .trust.finding import Judgement
+from .trust.hypotheses import rank_causes
 from .trust.judge import judge
+from .trust.residuals import CHI2_LIMIT
+from .trust.runs import some_runs_are_wrong
 from .trust.shortcomings import shortcomings, unused_findings
 from .trust.weights import contradicted_by_sag, mistyped_weight, wrong_weight
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from .nonlinear.real_car import RealCar
+
 Progress = Callable[[float, str], None]
 """Receives the share of the work that is done, 0..1, and the next step."""
 
-
 _SENSED_RATE_HZ = 250.0
 """Rate to which decays are thinned for the State Variable Method."""
+_SWING_S = 0.5
+"""Half a period of the body, s: a shorter decay does not show how the motion's size changes it."""
 
 
 def _ignore(*_: object) -> None:
@@ -90,31 +95,29 @@ def identify(
     Identification
         With verdict `refused` and reasons where the data do not support a result.
     """
-    finding: dict[str, Callable[[], SensedModes | None]] = {}
+    begun: dict[str, Callable[[], SensedModes | None]] = {}
 
     def begin(estimation: Estimation, refused: bool) -> None:
         # The modes of a car with friction change as it comes to rest: it has no fixed modes.
         if estimation.nonlinear is None and not refused:
-            finding.update(_begun(estimation, executor))
+            for name, pairs in _decays_by_state(estimation).items():
+                work = partial(_sensed, pairs)
+                begun[name] = executor.submit(work).result if executor else work
         fitted(estimation)
 
-    found = _parameters(session, progress, begin)
-    if found.estimation is None:
-        return found
+    result = _parameters(session, progress, begin)
+    if result.estimation is None:
+        return result
     progress(0.8, "modes")
-    results = {name: modes() for name, modes in finding.items()}
-    sensed = {name: result for name, result in results.items() if result is not None}
-    states = [state for state in session.mass_states if state.name in found.modal]
-    found = replace(found, sensed={name: modes.model for name, modes in sensed.items()})
+    sensed = {name: modes for name, find in begun.items() if (modes := find()) is not None}
+    states = [state for state in session.mass_states if state.name in result.modal]
+    result = replace(result, sensed={name: modes.model for name, modes in sensed.items()})
     try:
-        chain = _closed_form(sensed, states, found.geometry, session.vehicle.geometry)
+        chain = _closed_form(sensed, states, result.geometry, session.vehicle.geometry)
     except InputError as error:
-        return replace(found, closed_form_reason=str(error))
-    return replace(
-        found,
-        closed_form=asdict(chain.parameters),
-        closed_form_damping=chain.corner_damping(),
-    )
+        return replace(result, closed_form_reason=str(error))
+    damping = chain.corner_damping()
+    return replace(result, closed_form=asdict(chain.parameters), closed_form_damping=damping)
 
 
 def identify_parameters(
@@ -176,21 +179,18 @@ def _parameters(
     modal = {name: modes_of(model.A) for name, model in physical.items()}
     first, *others = modal
     geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
-    parameters, derived = estimates(box, fit), derived_estimates(box, fit)
-    related, precision = correlation(box, fit), drivers(box, fit)
-    modes = {name: mode_estimates(box, fit, name) for name in modal}
     progress(0.7, "judging")
     return Identification(
         quality=judge(session, estimation, (*signs, *sag), unused, wrong),
         provenance=session.provenance,
         vehicle=session.vehicle.name,
-        parameters=parameters,
-        derived=derived,
+        parameters=estimates(box, fit),
+        derived=derived_estimates(box, fit),
         motion_ratios=motion_ratio_estimates(box, fit),
-        correlation=related,
-        drivers=precision,
+        correlation=correlation(box, fit),
+        drivers=drivers(box, fit),
         modal=modal,
-        modes=modes,
+        modes={name: mode_estimates(box, fit, name) for name in modal},
         mode_names={name: mode_names(model, geometry) for name, model in modal.items()},
         pairings={name: pair_modes(modal[first], modal[name]) for name in others},
         physical=physical,
@@ -199,27 +199,6 @@ def _parameters(
         estimation=estimation,
         forces=forces,
     )
-
-
-def _begun(
-    estimation: Estimation, executor: Executor | None
-) -> dict[str, Callable[[], SensedModes | None]]:
-    """Return a call for the sensed modes of each mass state; an executor begins at once.
-
-    With the fitted gains taken out: else a symmetric vehicle does not look symmetric.
-    """
-    gains = estimation.box.gains(estimation.fit.eta)
-    of_state: dict[str, list[tuple[Record, FreeDecay]]] = {}
-    for record, decay in zip(estimation.records, estimation.decays, strict=True):
-        before = tuple(part.calibrated(gains) for part in record.recordings)
-        after = tuple(p.thinned(_SENSED_RATE_HZ).calibrated(gains) for p in decay.recordings)
-        pair = replace(record, recordings=before), replace(decay, recordings=after)
-        of_state.setdefault(record.mass_state, []).append(pair)
-    begun: dict[str, Callable[[], SensedModes | None]] = {}
-    for name, pairs in of_state.items():
-        work = partial(_sensed, pairs)
-        begun[name] = executor.submit(work).result if executor else work
-    return begun
 
 
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
@@ -231,6 +210,71 @@ def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
     vehicle = session.vehicle
     states = tuple(state.weighed() for state in session.mass_states)
     return GreyBox(tuple(groups), states, vehicle.geometry, vehicle.structure, vehicle.facts)
+
+
+# Elements of the car or faults of the bench: which explain what the linear fit leaves -------------
+
+
+def share_of_faults(linear: Estimation) -> float:
+    """Return the share of the misfit that a fault of the bench explains; 1 if no elements can.
+
+    A car differs from the linear model in all runs: where one run is wrong, no elements are sought,
+    nor in decays that end before the body has swung once.
+
+    `linear`: a linear fit that does not hold, nor does one from a later start.
+    """
+    longest_s = max(float(r.time_s[-1]) for d in linear.decays for r in d.recordings)
+    if longest_s < _SWING_S or some_runs_are_wrong(linear):
+        return 1.0
+    excess = max(linear.chi2_per_n - 1.0, 0.0)
+    exchange = swapped_labels(linear)
+    faults = [s.explained for s in rank_causes(linear) if s.of_bench]
+    share = min(max([exchange.explained if exchange else 0.0, *faults]), 1.0)
+    return 1.0 if 1.0 + excess * (1.0 - share) <= linear.chi2_limit else share
+
+
+def explained_by_elements(
+    session: Session, linear: Estimation, share: float, log_line: Callable[[str], None]
+) -> RealCar | None:
+    """Return the fit with nonlinear elements where it explains the decays; None where not.
+
+    A fault of the bench (a late or wrongly scaled sensor, swapped labels) that explains the misfit
+    with one number or none takes precedence over a dozen elements that explain it equally well.
+
+    `session`: with the elements that `[vehicle.structure]` forces or forbids.  `linear`: a linear
+    fit that does not hold, nor does one from a later start.  `share`: of its misfit that faults of
+    the bench explain (`share_of_faults`).  `log_line`: receives each stage of the fit.
+    """
+    if share >= 1.0:
+        return None
+    from .nonlinear.real_car import real_car  # with Numba: a third of a second to import
+
+    real = real_car(linear, generic_vehicles(), session.vehicle.elements, log_line)
+    if real is None or not real.estimation.chi2_per_n <= CHI2_LIMIT:
+        return None
+    n = sum(sum(residuals.freedom.values()) for residuals in linear.residuals)
+    unexplained = max(linear.chi2_per_n - 1.0, 0.0) * (1.0 - share)
+    price = sum(choice.threshold for choice in real.forces.choices if choice.kept)
+    by_elements = max(real.estimation.chi2_per_n - 1.0, 0.0) * n + price
+    return real if by_elements < unexplained * n + log(n) else None
+
+
+# The State Variable Method and the paper's chain --------------------------------------------------
+
+
+def _decays_by_state(estimation: Estimation) -> dict[str, list[tuple[Record, FreeDecay]]]:
+    """Return thinned decays with their records by mass state.
+
+    With the fitted gains taken out: else a symmetric vehicle does not look symmetric.
+    """
+    gains = estimation.box.gains(estimation.fit.eta)
+    of_state: dict[str, list[tuple[Record, FreeDecay]]] = {}
+    for record, decay in zip(estimation.records, estimation.decays, strict=True):
+        before = tuple(part.calibrated(gains) for part in record.recordings)
+        after = tuple(p.thinned(_SENSED_RATE_HZ).calibrated(gains) for p in decay.recordings)
+        pair = replace(record, recordings=before), replace(decay, recordings=after)
+        of_state.setdefault(record.mass_state, []).append(pair)
+    return of_state
 
 
 def _sensed(pairs: Sequence[tuple[Record, FreeDecay]]) -> SensedModes | None:
@@ -253,18 +297,13 @@ def _closed_form(
     why there is none.
     """
     if len(states) != 2:
-        raise InputError(
-            "closed form",
-            f"the session has {counted(len(states), 'mass state')}",
-            "record two, without and with weights",
-        )
+        what = f"the session has {counted(len(states), 'mass state')}"
+        raise InputError("closed form", what, "record two, without and with weights")
     for state in states:
         if state.name not in sensed:
-            raise InputError(
-                f"mass state {state.name}",
-                "the State Variable Method finds no modes in its decays",
-                "a car with friction has none; else record longer decays",
-            )
+            what = "the State Variable Method finds no modes in its decays"
+            advice = "a car with friction has none; else record longer decays"
+            raise InputError(f"mass state {state.name}", what, advice)
     first, second = states
     try:
         return closed_form(

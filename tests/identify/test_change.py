@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, Structure, Vehicle
-from identify.change import Change, _chosen, change_of, with_common_structure
+from identify.change import Change, change_of, choose, with_common_structure
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate
 from identify.joint import Model, differences, likelihood_at, likelihood_at_optimum
@@ -275,13 +275,13 @@ def chosen_of(
     first = np.cumsum([0, *differences])
     groups = [np.arange(a, b) for a, b in pairwise(first)]
     known = {tuple(np.concatenate([groups[i] for i in some])): gain for some, gain in gains.items()}
-    found: Any = SimpleNamespace(
+    free: Any = SimpleNamespace(
         shown=np.ones(first[-1], dtype=bool),
         gains=lambda sets: np.array([known.get(tuple(one), 0.0) for one in sets]),
     )
     designs = tuple(np.zeros((n_sessions, n)) for n in differences)
     model = Model(tuple(range(len(groups))), designs)
-    return _chosen(found, groups, model, n_sessions, 0)
+    return choose(free, model, n_sessions, 0)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from tui.jobs.gain import measured_spread
 from tui.jobs.session_list import (
     EntryState,
     SessionEntry,
-    found,
+    contains,
     report_of,
     sessions_in,
     size_text,
@@ -45,10 +45,10 @@ def test_sizes_are_for_people(size: int, text: str) -> None:
     "words", ["", "2026-11-21", "GRANADA", "ready wet", "session_0001.h5", "road granada"]
 )
 def test_an_entry_is_found_by_any_of_its_words(words: str) -> None:
-    assert found(ENTRY, words)
-    assert not found(ENTRY, f"{words} escort")
-    assert found(replace(ENTRY, vehicle="Escort"), f"{words} granada"), "the folder's name"
-    assert not found(ENTRY, "b/")
+    assert contains(ENTRY, words)
+    assert not contains(ENTRY, f"{words} escort")
+    assert contains(replace(ENTRY, vehicle="Escort"), f"{words} granada"), "the folder's name"
+    assert not contains(ENTRY, "b/")
 
 
 def test_what_the_recorder_is_at_is_open() -> None:

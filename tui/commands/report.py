@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from ..diagnostics import ExitCode, say
 from ..options import Force, Page, SessionFile
-
-if TYPE_CHECKING:  # slow to load
-    from identify import Judgement
 
 
 class FigureFormat(StrEnum):
@@ -47,6 +44,8 @@ def report(
     The page is next to the session, with its name, unless --page is given.
     """
     from dbc import InputError
+    from identify import Verdict
+    from identify.words import SEVERITY
 
     from ..jobs.reporting import write_figures, write_report
     from ..output import print_json, print_line, progress
@@ -68,23 +67,16 @@ def report(
     if figure_format is not None and figures is None:
         raise InputError("--format", "is for --figures", "name a folder with --figures")
     with progress("report") as stage:
-        made, quality = write_report(session, page, pdf, stage, wrote, (operator, approver))
+        made = write_report(session, page, pdf, stage, wrote, (operator, approver))
         if figures is not None:
             stage(0.95, "figures")
             for path in write_figures(made, figures, figure_format or FigureFormat.SVG):
                 wrote(path)
+    quality = made.result.quality
     if json:
         verdict = {"verdict": str(quality.verdict), "reasons": list(quality.reasons)}
         print_json({"session": str(session), "files": written, **verdict})
-    _say_verdict(quality)
-    refused = quality.verdict == "refused"
-    return ExitCode.ANSWER_IS_NO if refused else ExitCode.OK
-
-
-def _say_verdict(quality: Judgement) -> None:
-    from identify import Verdict  # loaded by the work
-    from identify.words import SEVERITY
-
     say(f"verdict: {quality.verdict}")
     for finding in quality.findings:
         say(f"{SEVERITY[Verdict.of(finding.severity)]}: {finding.text}")
+    return ExitCode.ANSWER_IS_NO if quality.verdict is Verdict.REFUSED else ExitCode.OK

@@ -22,7 +22,7 @@ from daq.control.messages import Live, Status
 from daq.control.orders import AskBench, AskHistory
 
 from ..terminal.state.feed import Feed, Lost, News
-from ..terminal.state.lanes import Lanes, LaneSpec, lane_specs
+from ..terminal.state.lanes import Lanes, lane_specs
 from .view import view
 
 if TYPE_CHECKING:
@@ -209,9 +209,8 @@ class Curve:
     label: str
     """Short words for the channel."""
     unit: str
-    """Unit of the peak."""
     peak: float
-    """Largest deviation from rest, in that unit, three significant digits."""
+    """`unit`, `peak`: largest deviation from rest, in that unit, three significant digits."""
     points: tuple[int | None, ...]
     """Deviation from rest in `STEPS` of the picture's height; None where there is no sample."""
 
@@ -223,9 +222,8 @@ class Curves:
     run: str
     """Label of the run."""
     first_s: float
-    """Time of the first point since the bump, s."""
     step_s: float
-    """Time between two points, s."""
+    """`first_s`, `step_s`: time of the first point since the bump, and between two points, s."""
     curves: tuple[Curve, ...]
     """Curves of one unit share one scale."""
 
@@ -244,40 +242,24 @@ def curves_of(run: str, bump_ns: int, lanes: Lanes, bench: Bench | None) -> Curv
     bump = int(bump_ns * 1e-9 / lanes.bin_s)
     first = bump - round(BEFORE_S / lanes.bin_s)
     count = round((BEFORE_S + AFTER_S) / lanes.bin_s)
-    values = {
-        spec: _deviation(spec, lanes, first, count, bump - first)
-        for spec in lane_specs(bench, lanes, 0, MOST_CURVES)
-    }
+    shown = []
     tops: dict[str, float] = {}
-    for spec, value in values.items():
-        tops[spec.unit] = max(tops.get(spec.unit, spec.least / 2.0), _largest(value))
-    drawn = tuple(
-        _curve(spec, value, tops[spec.unit])
-        for spec, value in values.items()
-        if not np.all(np.isnan(value))
-    )
-    return Curves(run, (first - bump) * lanes.bin_s, lanes.bin_s, drawn) if drawn else NO_CURVES
-
-
-def _deviation(
-    spec: LaneSpec, lanes: Lanes, first: int, count: int, bump: int
-) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the side of the envelope that is farther from rest, less rest, in the shown unit."""
-    # The middle of the envelope would cut the peaks off.
-    low, high = lanes.window(spec.channel, first, count)
-    before = 0.5 * (low[:bump] + high[:bump])
-    rest = float(np.median(before[~np.isnan(before)])) if not np.all(np.isnan(before)) else 0.0
-    above, below = high - rest, low - rest
-    return spec.factor * np.where(np.abs(above) >= np.abs(below), above, below)
-
-
-def _largest(value: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float:
-    return float(np.nanmax(np.abs(value))) if not np.all(np.isnan(value)) else 0.0
-
-
-def _curve(
-    spec: LaneSpec, value: np.ndarray[tuple[int], np.dtype[np.float64]], top: float
-) -> Curve:
-    steps = np.where(np.isnan(value), np.nan, np.round(STEPS * value / top))
-    points = tuple(None if np.isnan(step) else int(step) for step in steps)
-    return Curve(spec.label, spec.unit, float(f"{_largest(value):.3g}"), points)
+    for spec in lane_specs(bench, lanes, 0, MOST_CURVES):
+        low, high = lanes.window(spec.channel, first, count)
+        before = 0.5 * (low[: bump - first] + high[: bump - first])
+        rest = float(np.median(before[~np.isnan(before)])) if not np.isnan(before).all() else 0.0
+        # The side that is farther from rest: the middle of the envelope would cut the peaks off.
+        above, below = high - rest, low - rest
+        value = spec.factor * np.where(np.abs(above) >= np.abs(below), above, below)
+        if not np.isnan(value).all():
+            peak = float(np.nanmax(np.abs(value)))
+            tops[spec.unit] = max(tops.get(spec.unit, spec.least / 2.0), peak)
+            shown.append((spec, value, peak))
+    curves = []
+    for spec, value, peak in shown:
+        steps = np.round(STEPS * value / tops[spec.unit])
+        points = tuple(None if np.isnan(step) else int(step) for step in steps)
+        curves.append(Curve(spec.label, spec.unit, float(f"{peak:.3g}"), points))
+    if not curves:
+        return NO_CURVES
+    return Curves(run, (first - bump) * lanes.bin_s, lanes.bin_s, tuple(curves))

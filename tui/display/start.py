@@ -26,10 +26,10 @@ def display_beside_recorder(folder: Path, host: str | None, control: bool) -> It
     Nothing waits for it.  `host`: as of `tui.display.link.listen_on`; None for no display.  Raises
     InputError if it cannot listen there.
     """
-    if _is_wanted(host, control):
-        with _display(folder, str(host), "display", control, subprocess.DEVNULL, None):
-            yield
-    else:
+    if not _is_wanted(host, control):
+        yield
+        return
+    with _display(folder, str(host), "display", control, subprocess.DEVNULL, None):
         yield
 
 
@@ -60,10 +60,7 @@ def display_beside_terminal(
 
 
 def _is_wanted(host: str | None, control: bool) -> bool:
-    """Return True if a display is wanted.
-
-    Raises InputError if it cannot be served.
-    """
+    """Return True if a display is wanted; raise InputError if it cannot be served."""
     if host is None:
         if control:
             raise InputError("--control", "needs a display", "add --display lan")
@@ -83,13 +80,9 @@ def _display(
 ) -> Iterator[subprocess.Popen[str]]:
     """Run a display until the block ends: its stdin closes, also if this process is killed."""
     words = ["display", str(folder.resolve()), "--display", host, "--operator", operator, "--json"]
-    with subprocess.Popen(
-        [sys.executable, "-m", "tui", *words, *(["--control"] if control else [])],
-        stdin=subprocess.PIPE,
-        stdout=stdout,
-        stderr=stderr,
-        text=True,
-    ) as process:
+    command = [sys.executable, "-m", "tui", *words, *(["--control"] if control else [])]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=stdout, stderr=stderr, text=True) as process:
         try:
             yield process
         finally:

@@ -15,7 +15,7 @@ from daq.bumps import BUMPS
 from daq.control.messages import Phase, Status
 from daq.control.orders import Arm, Order, Pause, Reject
 from daq.errors import printable
-from daq.runlog import LoggedRun, LoggedStatus
+from daq.runlog import LoggedStatus
 
 from ..terminal.state.campaign import (
     BUSY,
@@ -76,9 +76,8 @@ class Headline:
     advice: str = ""
     """A second line: the remedy."""
     digits: str = ""
-    """Seconds, to be read from a distance; may be empty."""
     digits_are: str = ""
-    """Meaning of the digits."""
+    """`digits`, `digits_are`: seconds, to be read from a distance, and their meaning."""
     share: float | None = None
     """Share of the decay that has passed, 0..1; None outside a decay."""
     cue: str = ""
@@ -120,7 +119,7 @@ class Sketch:
     """The boards to place, or where to push, on the car seen from above."""
 
     method: Method
-    wheels: tuple[bool, bool, bool, bool]
+    wheels: tuple[bool, ...]
     """Wheels with a board or block, in the order of `Corner`; none for a push."""
     hand: tuple[int, int] | None
     """Place where hands push, forward and to the left of the body's middle; None without a push."""
@@ -135,20 +134,17 @@ _NEXT_WORDS = {Phase.PAUSED: "Go on", Phase.REJECTED: "Again now", Phase.ACCEPTE
 
 @dataclass(frozen=True, slots=True)
 class Buttons:
-    """Labels; an empty one is a button that does nothing now."""
+    """Labels; an empty one is a button that does nothing now.
+
+    The page sends `next_label` (the mass state that the first button confirms) and `reject_label`
+    (the run that the second one rejects) back, so that a late touch answers no other question.
+    """
 
     next: str = ""
-    """Label of the first button."""
     next_label: str = ""
-    """Mass state that the first button confirms: the page sends it back, so that a late touch
-    cannot answer another question."""
     reject: str = ""
-    """Label of the second button."""
     reject_label: str = ""
-    """Label of the run that the second button rejects: the page sends it back, so that a late touch
-    cannot reject another run."""
     pause: str = ""
-    """Label of the third button."""
 
 
 NO_BUTTONS = Buttons()
@@ -169,9 +165,8 @@ class View:
     rows: tuple[Row, ...] = ()
     """Progress of each mass state and kind of bump, in the order of the campaign."""
     done: int = 0
-    """Number of accepted runs among the planned ones."""
     planned: int = 0
-    """Number of planned runs of the campaign."""
+    """`done`, `planned`: accepted runs among the planned ones, and the planned ones."""
     alarm: AlarmLine | None = None
     """The gravest alarm."""
     overload: str = ""
@@ -196,29 +191,38 @@ def view(status: Status | None, lost: Lost | None, bench: Bench | None) -> View:
     shown = _view(status, bench) if status is not None else View(_CONNECTING)
     if lost is None:
         return shown
-    gone = Headline(
-        Kind.LOST,
-        ("RECORDER", "LOST"),
-        printable(lost.text, 200),
-        printable(lost.advice, 200),
-        cue="lost",
-        speech="Recorder lost. Go to the terminal.",
-    )
+    text, advice = printable(lost.text, 200), printable(lost.advice, 200)
+    speech = "Recorder lost. Go to the terminal."
+    gone = Headline(Kind.LOST, ("RECORDER", "LOST"), text, advice, cue="lost", speech=speech)
     return replace(shown, headline=gone, alarm=None, buttons=NO_BUTTONS)
 
 
 def _view(status: Status, bench: Bench | None) -> View:
-    due = status.due
-    rows = rows_of(status)
+    due, run = status.due, last_judged(status)
+    title = f"{due.step.mass_state}: {due_words(status)}" if due else ""
+    if status.phase in (Phase.ACCEPTED, Phase.REJECTED) and run:
+        title = f"{run.mass_state}: {run_words(run)}, {count_words(status, run)}"
+    rows = tuple(
+        Row(
+            printable(tally.mass_state, 20),
+            tally.excitation.words,
+            tally.accepted,
+            tally.planned,
+            tally.rejected,
+            due is not None
+            and (tally.mass_state, tally.excitation) == (due.step.mass_state, due.step.excitation),
+        )
+        for tally in status.tallies
+    )
     return View(
         headline(status),
-        title=_title(status),
+        title=title,
         instruction=instruction_words(status),
         sketch=sketch_of(bench, due.step.excitation) if bench and due else None,
         rows=rows,
         done=sum(min(row.accepted, row.planned) for row in rows),
         planned=sum(row.planned for row in rows),
-        alarm=alarm_line(status),
+        alarm=_alarm_line(status),
         overload=printable(", ".join(status.overloaded), 80),
         vehicle=printable(status.vehicle, 60),
         mark="" if status.origin is Origin.REAL else status.origin.upper(),
@@ -234,65 +238,47 @@ def headline(status: Status) -> Headline:
         return Headline(Kind.STOPPED, ("STOP",), name, advice, cue=cue, speech=speech)
     arms = status.phase in (Phase.IDLE, Phase.PAUSED) and next_action(status).order is not None
     if arms and (question := weights_question(status)):
-        return _weights(question)
+        # The question that comes before the first run of another mass state.
+        word, why = question.split("? ")
+        words = tuple(f"{word}?".upper().split())
+        advice = "Yes: the first button, or SPACE at the terminal."
+        return Headline(Kind.STEP, words, why, advice, cue=f"weights {word}", speech=question)
     label = status.due.step.label if status.due else ""
+    instruction = instruction_words(status)
     match status.phase:
         case Phase.WAITING:
             why = f"Hands off: {waiting_words(status)}"
             return Headline(Kind.WAIT, ("WAIT",), why, cue=f"wait {label}")
         case Phase.ARMED:
             speech = f"Bump now. {due_words(status).capitalize()}."
-            return Headline(
-                Kind.BUMP,
-                ("BUMP", "NOW"),
-                instruction_words(status),
-                cue=f"bump {label}",
-                speech=speech,
-            )
+            words = ("BUMP", "NOW")
+            return Headline(Kind.BUMP, words, instruction, cue=f"bump {label}", speech=speech)
         case Phase.TRIGGERED | Phase.DECAY:
             return _hands_off(status)
-        case Phase.ACCEPTED:
-            return _accepted(status)
-        case Phase.REJECTED:
-            return _again(status)
+        case Phase.ACCEPTED | Phase.REJECTED:
+            return _judged(status)
         case Phase.PAUSED:
             return Headline(Kind.PAUSED, ("PAUSED",), PAUSED, cue="paused", speech="Paused.")
         case Phase.COMPLETE:
             return Headline(Kind.DONE, ("DONE",), COMPLETE, cue="done", speech=COMPLETE)
     if status.halted:
-        why = halted_words(status.halted)
+        why, speech = halted_words(status.halted), f"Stopped, after {halted_words(status.halted)}."
         advice = "Remove the reason, then start again."
-        speech = f"Stopped, after {why}."
         return Headline(Kind.STOPPED, ("STOPPED",), why, advice, cue="stopped", speech=speech)
     if (step := next_action(status).step) is not None:
         why = f"Go to the terminal: step {step.title}"
-        return Headline(
-            Kind.STEP,
-            ("STEP", str(step.value)),
-            why,
-            cue=f"step {step.value}",
-            speech=f"Go to the terminal, for step {step.title}.",
-        )
-    return Headline(Kind.READY, ("READY",), instruction_words(status), cue=f"ready {label}")
-
-
-def _weights(question: str) -> Headline:
-    """Return the question that comes before the first run of another mass state."""
-    word, why = question.split("? ")
-    return Headline(
-        Kind.STEP,
-        tuple(f"{word}?".upper().split()),
-        why,
-        "Yes: the first button, or SPACE at the terminal.",
-        cue=f"weights {word}",
-        speech=question,
-    )
+        speech = f"Go to the terminal, for step {step.title}."
+        words = ("STEP", str(step.value))
+        return Headline(Kind.STEP, words, why, cue=f"step {step.value}", speech=speech)
+    return Headline(Kind.READY, ("READY",), instruction, cue=f"ready {label}")
 
 
 def _hands_off(status: Status) -> Headline:
     seconds = max(0.0, (status.t_ns - status.bump_ns) * 1e-9) if status.bump_ns else 0.0
-    left = status.peak_left
-    why = HANDS_OFF if left is None else f"Hands off. {min(left, 1.0):.0%} of the peak left."
+    swinging = status.peak_left
+    why = HANDS_OFF
+    if swinging is not None:
+        why = f"Hands off. {min(swinging, 1.0):.0%} of the peak left."
     running = next((r.label for r in status.runs if r.status is LoggedStatus.OPEN), "")
     return Headline(
         Kind.HANDS_OFF,
@@ -300,117 +286,76 @@ def _hands_off(status: Status) -> Headline:
         why,
         digits=f"{seconds:.1f}",
         digits_are="seconds since the bump",
-        share=None if left is None else round(1.0 - min(max(left, 0.0), 1.0), 2),
+        share=None if swinging is None else round(1.0 - min(max(swinging, 0.0), 1.0), 2),
         cue=f"hands off {running}",
         speech="Hands off.",
     )
 
 
-def _accepted(status: Status) -> Headline:
-    run = last_judged(status)
-    what = f"{run_words(run)}, {count_words(status, run)}" if run else ""
-    digits = countdown_digits(status)
-    return Headline(
-        Kind.ACCEPTED,
-        ("ACCEPTED",),
-        accepted_words(run),
-        "" if digits else "The last of its kind.",
-        digits,
-        "seconds to the next run" if digits else "",
-        cue=f"accepted {run.label if run else ''}",
-        speech=f"Accepted. {what.capitalize()}.",
-    )
+def _judged(status: Status) -> Headline:
+    """Return the word on the run that has just been judged."""
+    run, digits = last_judged(status), countdown_digits(status)
+    label = run.label if run else ""
+    if status.phase is Phase.ACCEPTED:
+        what = f"{run_words(run)}, {count_words(status, run)}" if run else ""
+        kind, word, why = Kind.ACCEPTED, "ACCEPTED", accepted_words(run)
+        advice = "" if digits else "The last of its kind."
+        speech = f"Accepted. {what.capitalize()}."
+    else:
+        kind, word = Kind.AGAIN, "AGAIN"
+        why, advice = rejected_words(run) if run else ("", "")
+        reason = ""
+        if run:  # without figures, which are hard to understand by ear
+            spoken = f"{reason_words(run.failed.code).capitalize()}." if run.failed else ""
+            reason = "Rejected by hand." if run.by else spoken
+        speech = f"Again. {reason} {advice}".strip()
+    digits_are = "seconds to the next run" if digits else ""
+    cue = f"{kind} {label}"
+    return Headline(kind, (word,), why, advice, digits, digits_are, cue=cue, speech=speech)
 
 
-def _again(status: Status) -> Headline:
-    run = last_judged(status)
-    why, advice = rejected_words(run) if run else ("", "")
-    digits = countdown_digits(status)
-    return Headline(
-        Kind.AGAIN,
-        ("AGAIN",),
-        why,
-        advice,
-        digits,
-        "seconds to the next run" if digits else "",
-        cue=f"again {run.label if run else ''}",
-        speech=f"Again. {_spoken_reason(run)} {advice}".strip(),
-    )
-
-
-def _spoken_reason(run: LoggedRun | None) -> str:
-    """Return the reason of a rejection without figures, which are hard to understand by ear."""
-    if run is None:
-        return ""
-    if run.by:
-        return "Rejected by hand."
-    return f"{reason_words(run.failed.code).capitalize()}." if run.failed else ""
-
-
-def _title(status: Status) -> str:
-    if status.phase in (Phase.ACCEPTED, Phase.REJECTED) and (run := last_judged(status)):
-        return f"{run.mass_state}: {run_words(run)}, {count_words(status, run)}"
-    return f"{status.due.step.mass_state}: {due_words(status)}" if status.due else ""
-
-
-def alarm_line(status: Status) -> AlarmLine | None:
-    """Return the gravest alarm of a status; None if there is none."""
+def _alarm_line(status: Status) -> AlarmLine | None:
     if not status.alarms:
         return None
     first, *others = status.alarms
     subject = f" {printable(first.subject, 60)}" if first.subject else ""
-    what = f"{reason_words(first.code)}{subject}"
+    what = reason_words(first.code)
     return AlarmLine(
         f"{first.code} {first.subject} {first.since_ns}",
-        f"{reason_words(first.code).upper()}{subject}: {printable(first.text, 160)}",
+        f"{what.upper()}{subject}: {printable(first.text, 160)}",
         printable(first.advice, 160),
         len(others),
-        f"Alarm: {what}.",
-    )
-
-
-def rows_of(status: Status) -> tuple[Row, ...]:
-    """Return the progress of a campaign."""
-    step = status.due.step if status.due else None
-    here = (step.mass_state, step.excitation) if step else None
-    return tuple(
-        Row(
-            printable(tally.mass_state, 20),
-            tally.excitation.words,
-            tally.accepted,
-            tally.planned,
-            tally.rejected,
-            (tally.mass_state, tally.excitation) == here,
-        )
-        for tally in status.tallies
+        f"Alarm: {what}{subject}.",
     )
 
 
 def sketch_of(bench: Bench, excitation: Excitation) -> Sketch:
     """Return the sketch of a bump; a push that cannot make it is a drop."""
-    procedure = bench.campaign
-    height = f"{procedure.bump_height_m * 1e3:g} mm"
+    campaign = bench.campaign
+    height = f"{campaign.bump_height_m * 1e3:g} mm"
     bump = BUMPS[excitation]
-    fl, fr, rl, rr = (share > 0.0 for share in bump.shares)
-    if procedure.method is Method.PUSH and bump.hand is not None:
-        none = (False, False, False, False)
-        return Sketch(Method.PUSH, none, bump.hand, f"push {height} down here")
-    if procedure.method is Method.ROLL_OVER:
-        return Sketch(Method.ROLL_OVER, (fl, fr, rl, rr), None, f"board, {height}")
-    return Sketch(Method.DROP, (fl, fr, rl, rr), None, f"wheel on a block, {height}")
+    if campaign.method is Method.PUSH and bump.hand is not None:
+        return Sketch(Method.PUSH, (False,) * 4, bump.hand, f"push {height} down here")
+    wheels = tuple(share > 0.0 for share in bump.shares)
+    if campaign.method is Method.ROLL_OVER:
+        return Sketch(Method.ROLL_OVER, wheels, None, f"board, {height}")
+    return Sketch(Method.DROP, wheels, None, f"wheel on a block, {height}")
 
 
 def buttons_of(status: Status) -> Buttons:
     """Return what the buttons do in a status."""
     last = status.runs[-1] if status.runs else None
-    rejects = last is not None and last.status is not LoggedStatus.REJECTED
+    if last is not None and last.status is LoggedStatus.REJECTED:
+        last = None
     weights = changed_weights(status) if _arms(status) else ""
-    start = "Weights are off: start" if weights == BASELINE else "Weights are on: start"
+    start = _NEXT_WORDS.get(status.phase, "Start") if _arms(status) else ""
+    if weights:
+        start = f"Weights are {'off' if weights == BASELINE else 'on'}: start"
     return Buttons(
-        start if weights else _NEXT_WORDS.get(status.phase, "Start") if _arms(status) else "",
+        start,
         weights,
-        f"Reject {run_words(last)}" if last and rejects else "",
-        last.label if last and rejects else "",
+        f"Reject {run_words(last)}" if last else "",
+        last.label if last else "",
         "Pause" if status.phase in _RUNNING else "",
     )
 

@@ -11,9 +11,9 @@ from textwrap import wrap
 from daq import read_session
 from identify import Identification, identify_parameters
 from identify.compare import Compared, Comparison
-from identify.numbers import plus_minus, plus_minus_percent, rounded
+from identify.numbers import plus_minus, plus_minus_percent
 from identify.report.comparison import unchanged_line
-from identify.words import NOT_OK, unit_text
+from identify.words import NOT_OK, unit_text, value_text
 
 from ..output import Stage
 from .executors import map_items
@@ -25,16 +25,16 @@ def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
     `stage`: called with the share done, 0..1.  Raises InputError if one cannot be read.
     """
     workers = min(len(paths), os.cpu_count() or 1)
-    return map_items(_results, paths, workers, stage, "compare")
+    return map_items(_result, paths, workers, stage, "compare")
 
 
-def _results(path: str) -> Identification:
-    """Return the results without residuals, which would fill the memory in a long trend."""
+def _result(path: str) -> Identification:
+    """Return the result without residuals, which would fill the memory in a long trend."""
     result = identify_parameters(read_session(path))
     if result.estimation is None:
         return result
-    left = tuple(replace(one, values={}) for one in result.estimation.residuals)
-    return replace(result, estimation=replace(result.estimation, residuals=left), residuals=())
+    bare = tuple(replace(one, values={}) for one in result.estimation.residuals)
+    return replace(result, estimation=replace(result.estimation, residuals=bare), residuals=())
 
 
 def labels_of(paths: Sequence[Path]) -> list[str]:
@@ -60,11 +60,15 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
         yield from wrap(unchanged_line(comparison.change), 79)
     for which in range(len(comparison.labels) - 1):
         yield from _differences(comparison, which)
-    trends = [line for row in comparison.quantities for line in _trend(row)]
-    if trends:
+    changing = [row for row in comparison.quantities if row.trend and row.trend.words]
+    if changing:
         yield ""
         yield f"{'Trend':<26}{'per session':>24}{'chi2 / n':>14}   at 95 %"
-        yield from trends
+    for row in changing:
+        t = row.trend
+        assert t is not None
+        slope, misfit = plus_minus(t.slope, t.half), f"{t.chi2:,.1f} / {t.freedom}"
+        yield from _named(row, f"{slope:>24}{misfit:>14}   {t.words}")
     yield ""
     if comparison.open:
         yield f"Not compared, not determined in a session: {', '.join(comparison.open)}."
@@ -75,21 +79,18 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
 def _headline(comparison: Comparison) -> str:
     """Return what the joint fit and the quantities by themselves show, as one message."""
     change, rows = comparison.change, comparison.quantities
-    differ = ", ".join(row.name for row in rows if _changes(row))
+    differ = ", ".join(
+        row.name
+        for row in rows
+        if (row.trend and row.trend.words) or any(d.significant for d in row.differences)
+    )
     unchanged = change is not None and change.outcome == "nothing" and not change.apart
     if unchanged and not differ:
         return f"Nothing differs beyond chance: neither by the joint fit, nor any of {len(rows)}."
+    alone = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
     if differ:
         alone = f"Each by itself, at 95 % among all {len(rows)} quantities, these differ: {differ}."
-    else:
-        alone = f"Each by itself, none of {len(rows)} quantities differs beyond chance."
     return f"{change.sentence} {alone}" if change is not None else alone
-
-
-def _changes(row: Compared) -> bool:
-    """Return whether a quantity differs from the first session, drifts or varies."""
-    trend = row.trend is not None and (row.trend.drifts or row.trend.varies)
-    return trend or any(difference.significant for difference in row.differences)
 
 
 def _differences(comparison: Comparison, which: int) -> Iterator[str]:
@@ -104,24 +105,11 @@ def _differences(comparison: Comparison, which: int) -> Iterator[str]:
         if rows:
             yield ""
             yield f"{title:<26}{'1':>10}{number:>10}{f'{number} minus 1':>17}{'z':>8}"
-            yield from (line for row in rows for line in _difference(row, which))
-
-
-def _difference(row: Compared, which: int) -> Iterator[str]:
-    a, b = (
-        rounded(e.value, e.low, e.high)[0] for e in (row.estimates[0], row.estimates[which + 1])
-    )
-    difference = row.differences[which]
-    share = plus_minus_percent(difference.value, difference.half, row.estimates[0].value)
-    yield from _named(row, f"{a:>10}{b:>10}{share:>17}{difference.z:>+8.2f}")
-
-
-def _trend(row: Compared) -> Iterator[str]:
-    t = row.trend
-    if t is not None and (t.drifts or t.varies):
-        words = " ".join(["drifts"] * t.drifts + ["varies"] * t.varies)
-        cells = f"{plus_minus(t.slope, t.half):>24}{f'{t.chi2:,.1f} / {t.freedom}':>14}   {words}"
-        yield from _named(row, cells)
+        for row in rows:
+            first, this, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
+            share = plus_minus_percent(d.value, d.half, first.value)
+            values = f"{value_text(first):>10}{value_text(this):>10}"
+            yield from _named(row, f"{values}{share:>17}{d.z:>+8.2f}")
 
 
 def _named(row: Compared, cells: str) -> Iterator[str]:

@@ -16,7 +16,6 @@ from importlib.metadata import version
 from itertools import islice
 from multiprocessing import active_children, get_all_start_methods, get_context, parent_process
 from multiprocessing.connection import wait as wait_for
-from multiprocessing.context import BaseContext
 from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -48,8 +47,7 @@ def as_finished(
     """
     source = iter(items)
     lost: list[Item] = []
-    crew = _workers(workers) if scheduler is None else _cluster(scheduler)
-    with crew as (executor, ahead):
+    with _crew(workers, scheduler) as (executor, ahead):
         running: dict[Future[Result], Item] = {}
         while not lost:
             for item in islice(source, ahead - len(running)):
@@ -111,9 +109,10 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
     """
     from dbc import InputError
 
-    context: BaseContext = get_context("spawn")
-    if "forkserver" in get_all_start_methods():  # not on Windows
-        context = get_context("forkserver")
+    # Windows has no fork server.
+    way = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
+    context: Any = get_context(way)
+    if way == "forkserver":
         context.set_forkserver_preload(list(modules))
     pool = ProcessPoolExecutor(workers, context, _prepare_process)
     try:
@@ -146,9 +145,6 @@ def _prepare_process() -> None:
 def helpers(modules: Sequence[str]) -> Iterator[Executor]:
     """Yield processes that share the work of one identification or report.
 
-    Their libraries take a second to load: start them when the parent has begun a fit, which keeps
-    one processor busy.
-
     Raises InputError if no process can be started, or one dies.
     """
     from dbc import InputError
@@ -160,7 +156,7 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
                 for _ in range(_HELPERS):
                     pool.submit(int)
 
-        starting = Thread(target=start)  # it waits for the libraries
+        starting = Thread(target=start)  # their libraries take a second to load
         starting.start()
         try:
             yield pool
@@ -172,18 +168,12 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
 
 
 @contextmanager
-def _workers(workers: int) -> Iterator[tuple[Executor, int]]:
-    """Yield processes, and the number of items that may be in flight."""
-    with processes(workers) as pool:
-        yield pool, 2 * workers
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """Yield the workers of a Dask scheduler, which gives the items of a lost worker to another.
-
-    The second is the number of items that may be in flight.
-    """
+def _crew(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
+    """Yield processes, or the workers of a cluster, and how many items may be in flight."""
+    if scheduler is None:
+        with processes(workers) as pool:
+            yield pool, 2 * workers
+        return
     from dbc import InputError
 
     try:
@@ -195,27 +185,27 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     connect: Any = distributed.Client  # typed in part only
     try:
-        client = connect(address, timeout=_CONNECT_S, set_as_default=False)
+        client = connect(scheduler, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         what = f"no Dask scheduler answers: {error}"
         advice = "start one with: dask scheduler"
-        raise InputError(f"--scheduler {address}", what, advice) from None
+        raise InputError(f"--scheduler {scheduler}", what, advice) from None
     try:
         with suppress(TimeoutError):
             client.wait_for_workers(1, timeout=_CONNECT_S)
-        if not client.scheduler_info()["workers"]:
-            advice = f"start some with: dask worker {address}"
-            raise InputError(address, "the scheduler has no workers", advice)
+        threads = sum(int(one["nthreads"]) for one in client.scheduler_info()["workers"].values())
+        if not threads:
+            advice = f"start some with: dask worker {scheduler}"
+            raise InputError(scheduler, "the scheduler has no workers", advice)
         # A function of the standard library: a worker without Bumpbench could not find ours.
         for worker, other in client.run(version, "bumpbench", on_error="return").items():
             if other != version("bumpbench"):
                 theirs = f"bumpbench {other}" if isinstance(other, str) else "no bumpbench"
                 what = f"worker {worker} has {theirs}, here is {version('bumpbench')}"
-                raise InputError(address, what, "install one version everywhere")
-        threads = sum(int(one["nthreads"]) for one in client.scheduler_info()["workers"].values())
+                raise InputError(scheduler, what, "install one version everywhere")
         yield client.get_executor(pure=False), 2 * threads
     except (OSError, TimeoutError, RuntimeError):
         advice = "start it, and run this again"
-        raise InputError(address, "the scheduler has gone", advice) from None
+        raise InputError(scheduler, "the scheduler has gone", advice) from None
     finally:
         client.close(timeout=0.5)

@@ -9,9 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from dbc import BumpbenchError
-from dbc.errors import printable
-
 if TYPE_CHECKING:
     from identify import Identification
     from identify.report.decays import Trace
@@ -27,7 +24,7 @@ class IdentifyTask:
 
 @dataclass(frozen=True, slots=True)
 class ReportTask:
-    """Write a session's report as HTML, and as PDF unless `pdf` is empty."""
+    """Write a session's report as HTML, and as PDF."""
 
     session: str
     html: str
@@ -130,20 +127,3 @@ class Trouble:
 
 
 Line = Progress | Item | Done | Trouble
-
-
-def trouble_of(error: Exception, where: str) -> Trouble:
-    """Return an error as the last line of a worker."""
-    if isinstance(error, BumpbenchError):
-        return Trouble(error.where, error.what, error.advice)
-    if isinstance(error, MemoryError):
-        return Trouble(printable(where), "needs more memory than there is", "end other programs")
-    what = printable(f"{type(error).__name__}: {error}")
-    return Trouble(printable(where), what, "report this; the recording is untouched")
-
-
-def ended(returncode: int, where: str) -> Trouble:
-    """Return the error of a worker that ended without a last line."""
-    how = f"by signal {-returncode}" if returncode < 0 else f"with code {returncode}"
-    advice = "the recording is untouched: start it again"
-    return Trouble(printable(where), f"the work was ended from outside ({how})", advice)

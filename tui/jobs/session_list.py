@@ -11,7 +11,6 @@ from pathlib import Path
 from daq import InputError
 
 _MOST = 1000
-_UNITS = 1024.0
 
 
 class EntryState(StrEnum):
@@ -58,44 +57,33 @@ def sessions_in(folder: Path) -> Iterator[SessionEntry]:
     """
     from daq.session import glances
 
-    files = _session_files(folder)
-    unfinished = _unfinished(folder, {path.name for path in files})
+    dated: list[tuple[float, Path]] = []
+    for path in (*folder.glob("*.h5"), *folder.glob("*/*.h5")):
+        if path.exists():  # neither deleted meanwhile, nor a broken link
+            dated.append((path.stat().st_mtime, path))
+    dated = sorted(dated, reverse=True)[:_MOST]
+    unfinished = _unfinished(folder, {path.name for _, path in dated})
     if unfinished is not None:
         yield unfinished
-    for path, found in zip(files, glances(files), strict=True):
-        date = _day(path.stat().st_mtime) if path.exists() else ""
-        if isinstance(found, InputError):
-            what = found.what
-            yield SessionEntry(
-                str(path), str(path.parent), date, "", EntryState.DAMAGED, 0, 0, what
+    for (changed_s, path), seen in zip(dated, glances([p for _, p in dated]), strict=True):
+        entry = SessionEntry(str(path), str(path.parent), _day(changed_s), "", EntryState.DAMAGED)
+        if isinstance(seen, InputError):
+            yield replace(entry, note=seen.what)
+        else:
+            yield replace(
+                entry,
+                date=seen.created[:16].replace("T", " ") or entry.date,
+                vehicle=seen.vehicle,
+                state=EntryState.REPORTED if report_of(path).exists() else EntryState.READY,
+                accepted=seen.accepted,
+                rejected=seen.rejected,
+                note=seen.notes.partition("\n")[0],
             )
-            continue
-        state = EntryState.REPORTED if report_of(path).exists() else EntryState.READY
-        yield SessionEntry(
-            str(path),
-            str(path.parent),
-            found.created[:16].replace("T", " ") or date,
-            found.vehicle,
-            state,
-            found.accepted,
-            found.rejected,
-            found.notes.partition("\n")[0],
-        )
 
 
 def report_of(session: Path) -> Path:
     """Return the path of the report of a session."""
     return session.with_suffix(".html")
-
-
-def _session_files(folder: Path) -> list[Path]:
-    found: list[tuple[float, Path]] = []
-    for path in (*folder.glob("*.h5"), *folder.glob("*/*.h5")):
-        try:
-            found.append((path.stat().st_mtime, path))
-        except OSError:  # deleted meanwhile, or a broken link
-            continue
-    return [path for _, path in sorted(found, reverse=True)[:_MOST]]
 
 
 def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
@@ -117,12 +105,16 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
     if tail.ended and tail.session_name in names:
         return None
     accepted = sum(run.status is LoggedStatus.ACCEPTED for run in log.runs)
-    state = EntryState.CUT_OFF
-    note = next((note.text for note in reversed(log.notes) if note.by), "")  # the others: marks
-    day = _day(tail.head.wall_ns * 1e-9)
-    rejected = len(log.runs) - accepted
     return SessionEntry(
-        "", str(folder), day, vehicle, state, accepted, rejected, note, tail.head.recording
+        "",
+        str(folder),
+        _day(tail.head.wall_ns * 1e-9),
+        vehicle,
+        EntryState.CUT_OFF,
+        accepted,
+        len(log.runs) - accepted,
+        next((note.text for note in reversed(log.notes) if note.by), ""),  # the others: marks
+        tail.head.recording,
     )
 
 
@@ -130,7 +122,7 @@ def _day(unix_s: float) -> str:
     return datetime.fromtimestamp(unix_s).astimezone().strftime("%Y-%m-%d %H:%M")
 
 
-def found(entry: SessionEntry, words: str) -> bool:
+def contains(entry: SessionEntry, words: str) -> bool:
     """Return True if an entry contains every typed word."""
     place = Path(entry.folder).name
     shown = (entry.date, entry.vehicle, entry.state, entry.note, entry.name, place)
@@ -149,7 +141,7 @@ def size_text(n_bytes: int) -> str:
     """Return a size as text with a unit."""
     size = float(n_bytes)
     for unit in ("B", "kB", "MB"):
-        if size < _UNITS:
+        if size < 1024.0:
             return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
-        size /= _UNITS
+        size /= 1024.0
     return f"{size:.1f} GB"

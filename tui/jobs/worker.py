@@ -1,8 +1,8 @@
 """Does long work of the terminal in a separate process: `python -m tui.jobs.worker`.
 
-The child reads a pickled `lines.Task` from its standard input, and writes pickled `lines.Line`s to
-its standard output.  It ends when its standard input does: a terminal that is killed leaves no work
-behind.
+The child reads a pickled `lines.Task` and its name from its standard input, and writes pickled
+`lines.Line`s to its standard output.  It ends when its standard input does: a terminal that is
+killed leaves no work behind.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from dbc import BumpbenchError
+from dbc.errors import printable
+
 from .lines import (
     CompareTask,
     Done,
@@ -35,8 +38,6 @@ from .lines import (
     RunOutcome,
     Task,
     Trouble,
-    ended,
-    trouble_of,
 )
 
 if TYPE_CHECKING:
@@ -56,8 +57,7 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
     """Do a task in a separate process; yield its lines, the last a `Done` or a `Trouble`.
 
     The process ends with the iteration, and also when this process ends in any way, because it
-    watches its standard input.  `where`: subject of the error for the operator if the process ends
-    without an answer.
+    watches its standard input.  `where`: subject of an error that names none itself.
     """
     try:
         child = subprocess.Popen(
@@ -71,37 +71,32 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
         what = f"no process can be started ({error.strerror or error})"
         yield Trouble(where, what, "end other programs, and try again")
         return
-    heard: asyncio.Queue[Line | int] = asyncio.Queue()
+    heard: asyncio.Queue[Line] = asyncio.Queue()
     # A thread is used instead of the loop's own subprocess, which must be awaited to its end, and
     # which a screen that is closed twice in a row leaves with open pipes.
-    arguments = (child, task, heard, asyncio.get_running_loop())
+    arguments = (child, (task, where), heard, asyncio.get_running_loop())
     Thread(target=_listen, args=arguments, name="worker", daemon=True).start()
     try:
-        while not isinstance(line := await heard.get(), int):
+        while True:
+            line = await heard.get()
             yield line
             if isinstance(line, Done | Trouble):
                 return
-        yield ended(line, where)
     finally:
-        _end(child)
-
-
-def _end(child: subprocess.Popen[bytes]) -> None:
-    """End a process and its children."""
-    with suppress(ProcessLookupError, PermissionError):
-        if hasattr(os, "killpg"):
-            os.killpg(child.pid, signal.SIGKILL)
-        else:  # Windows; its children end with it
-            child.kill()
+        with suppress(ProcessLookupError, PermissionError):
+            if hasattr(os, "killpg"):  # with its children
+                os.killpg(child.pid, signal.SIGKILL)
+            else:  # Windows; its children end with it
+                child.kill()
 
 
 def _listen(
     child: subprocess.Popen[bytes],
-    task: Task,
-    heard: asyncio.Queue[Line | int],
+    task: tuple[Task, str],
+    heard: asyncio.Queue[Line],
     loop: asyncio.AbstractEventLoop,
 ) -> None:
-    """Send the task; pass on each line of the process, last its exit code; close its pipes."""
+    """Send the task; pass on each line of the process, last that it has ended; close its pipes."""
     with suppress(RuntimeError, OSError), child:  # the loop is closed, or it has ended
         assert child.stdin is not None
         assert child.stdout is not None
@@ -110,7 +105,11 @@ def _listen(
             child.stdin.flush()
             while True:
                 loop.call_soon_threadsafe(heard.put_nowait, pickle.load(child.stdout))
-        loop.call_soon_threadsafe(heard.put_nowait, child.wait())
+        code = child.wait()
+        how = f"by signal {-code}" if code < 0 else f"with code {code}"
+        what = f"the work was ended from outside ({how})"
+        trouble = Trouble(task[1], what, "the recording is untouched: start it again")
+        loop.call_soon_threadsafe(heard.put_nowait, trouble)
 
 
 # The worker's end ---------------------------------------------------------------------------------
@@ -122,13 +121,18 @@ def main() -> None:
         os.dup2(2, 1)  # output of a library must not come between the lines
         with suppress(OSError, AttributeError):
             os.nice(_NICE)
-        task: Task = pickle.load(sys.stdin.buffer)
+        task, where = pickle.load(sys.stdin.buffer)
         Thread(target=_end_with_stdin, daemon=True).start()
         send = partial(_write, out)
+        advice = "report this; the recording is untouched"
         try:
-            send(Done(answer(task, send)))
+            send(Done(_WORK[type(task)](task, send)))
+        except BumpbenchError as error:
+            send(Trouble(error.where, error.what, error.advice))
+        except MemoryError:
+            send(Trouble(where, "needs more memory than there is", "end other programs"))
         except Exception as error:
-            send(trouble_of(error, _subject(task)))
+            send(Trouble(where, printable(f"{type(error).__name__}: {error}"), advice))
 
 
 def _end_with_stdin() -> None:
@@ -140,31 +144,6 @@ def _end_with_stdin() -> None:
 def _write(out: BinaryIO, line: Line) -> None:
     pickle.dump(line, out)
     out.flush()
-
-
-def _subject(task: Task) -> str:
-    match task:
-        case CompareTask():
-            return ", ".join(Path(path).name for path in task.sessions)
-        case ListTask():
-            return task.folder
-        case _:
-            return task.session
-
-
-def answer(task: Task, send: Send) -> Any:
-    """Do a task in this process, send its progress, and return the answer."""
-    match task:
-        case IdentifyTask():
-            return _identify(task, send)
-        case ReportTask():
-            return _report(task, send)
-        case CompareTask():
-            return _compare(task, send)
-        case ExportTask():
-            return _export(task)
-        case ListTask():
-            return _list(task, send)
 
 
 def _identify(task: IdentifyTask, send: Send) -> Outcome:
@@ -216,9 +195,9 @@ def _report(task: ReportTask, send: Send) -> dict[str, Any]:
     def stage(share: float, text: str) -> None:
         send(Progress(share, text))
 
-    pdf = Path(task.pdf) if task.pdf else None
-    _, quality = write_report(Path(task.session), Path(task.html), pdf, stage, written)
-    return {"files": sizes, "verdict": str(quality.verdict)}
+    session, html, pdf = (Path(name) for name in (task.session, task.html, task.pdf))
+    report = write_report(session, html, pdf, stage, written)
+    return {"files": sizes, "verdict": str(report.result.quality.verdict)}
 
 
 def _compare(task: CompareTask, send: Send) -> dict[str, Any]:
@@ -235,7 +214,7 @@ def _compare(task: CompareTask, send: Send) -> dict[str, Any]:
     return {"lines": list(comparison_lines(compare(labels, results)))}
 
 
-def _export(task: ExportTask) -> dict[str, Any]:
+def _export(task: ExportTask, _: Send) -> dict[str, Any]:
     from daq import read_session
     from daq.formats.export.export import ExportFormat, export_session
 
@@ -255,6 +234,14 @@ def _list(task: ListTask, send: Send) -> dict[str, Any]:
         count += 1
     return {"count": count}
 
+
+_WORK: dict[type, Callable[[Any, Send], Any]] = {
+    IdentifyTask: _identify,
+    ReportTask: _report,
+    CompareTask: _compare,
+    ExportTask: _export,
+    ListTask: _list,
+}
 
 if __name__ == "__main__":
     main()

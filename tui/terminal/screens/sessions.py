@@ -16,7 +16,7 @@ from daq.control.messages import Status
 from daq.errors import printable
 
 from ...jobs.lines import CompareTask, Done, Item, ListTask, Task, Trouble
-from ...jobs.session_list import EntryState, SessionEntry, found, with_open
+from ...jobs.session_list import EntryState, SessionEntry, contains, with_open
 from ...jobs.worker import lines_of
 from ..context import begin
 from ..state.campaign import progress
@@ -230,7 +230,7 @@ class SessionsScreen(BenchScreen):
             return  # not composed yet, or being removed
         words = self.query_one("#find", Input).value
         chosen = self._chosen()
-        self._shown = [entry for entry in self._entries if found(entry, words)]
+        self._shown = [entry for entry in self._entries if contains(entry, words)]
         row = self._shown.index(chosen) if chosen in self._shown else 0
         heads = ("", "date", "vehicle", "state", "runs", "rejected", "note")
         self.query_one(Table).show(heads, [self._row(entry) for entry in self._shown], row)
