@@ -22,19 +22,19 @@ _NOTES = 20
 
 @dataclass(frozen=True, slots=True)
 class JournalLoss:
-    """The parts of a journal that are missing."""
+    """The parts of a journal that are missing.
+
+    `bytes_cut`: bytes at the ends of segments that are no complete block.  `blocks_corrupt`: places
+    between blocks that are damaged.  `blocks_missing`: blocks, in addition, that are missing.
+    `frames_dropped`: frames that the recorder itself reported as lost: disk and memory were full,
+    or a file was deleted while it was written.  `notes`: the losses in words, with their files.
+    """
 
     bytes_cut: int = 0
-    """Number of bytes at the ends of segments that are not a complete block."""
     blocks_corrupt: int = 0
-    """Number of places between blocks that are damaged."""
     blocks_missing: int = 0
-    """Number of blocks, in addition, that are missing between other blocks."""
     frames_dropped: int = 0
-    """Number of frames that the recorder itself reported as lost: disk and memory were full, or a
-    file was deleted while it was written."""
     notes: tuple[str, ...] = ()
-    """The losses in words, with the names of the files."""
 
     @property
     def any(self) -> bool:
@@ -53,14 +53,15 @@ class JournalLoss:
 
 @dataclass(frozen=True, slots=True)
 class JournalBlock:
-    """A block of a recording: frames or events."""
+    """A block of a recording: frames or events.
+
+    `losses`: counted up to the block, over all processes that wrote the recording.  `stored`: its
+    frames; None if it holds `events`.
+    """
 
     losses: HopLosses
-    """Losses counted up to the block, over all processes that wrote the recording."""
     stored: StoredFrames | None = None
-    """Its frames; None if it holds events."""
     events: tuple[Event, ...] = ()
-    """Its events; empty if it holds frames."""
 
     @property
     def frames(self) -> FrameBatch:
@@ -95,22 +96,20 @@ class HopCounts:
 
 @dataclass(frozen=True, slots=True)
 class RecordingInfo:
-    """A recording in a folder, without its frames."""
+    """A recording in a folder, without its frames.
+
+    `head`: its clocks are those of the first segment.  `segments`: in order.  `next_number`: of the
+    next block.  `frames`: number of frames recorded.  `first_ns`, `last_ns`: earliest and latest
+    time stamp, ns; 0 without frames.  `events`: all of them; the run log is a fold over them.
+    """
 
     head: JournalHead
-    """Its head; the clocks are those of the first segment."""
     segments: tuple[Path, ...]
-    """Its segments, in order."""
     next_number: int
-    """Number of the next block."""
     frames: int
-    """Number of frames recorded."""
     first_ns: int
-    """Earliest time stamp, ns; 0 if there is none."""
     last_ns: int
-    """Latest time stamp, ns; 0 if there is none."""
     events: tuple[Event, ...]
-    """All events: the run log is a fold over them."""
 
     @property
     def ended(self) -> bool:
@@ -130,15 +129,13 @@ class RecordingInfo:
 
 @dataclass(frozen=True, slots=True)
 class JournalContents:
-    """A journal in memory: all of its frames, or only those around the bumps."""
+    """A journal in memory: all of its `frames`, or only those around the bumps.
+
+    `hops`: losses between wire and journal.  `lost`: losses of the files themselves.
+    """
 
     head: JournalHead
-    """bench.toml, DBC, software and clocks."""
     frames: FrameBatch
-    """Frames, in order of arrival."""
     events: tuple[Event, ...]
-    """Events, in order."""
     hops: HopCounts
-    """Losses between wire and journal."""
     lost: JournalLoss
-    """The losses of the files themselves."""

@@ -29,25 +29,22 @@ from .segment_reader import ADVICE, Damage, SegmentFile
 
 @dataclass(frozen=True, slots=True)
 class SegmentInfo:
-    """A segment, without its frames."""
+    """A segment, without its frames.
+
+    `bytes`: size of the file.  `writer`: the process that wrote it, as `JournalHead.wall_ns`.
+    `head`: None if each copy of it is damaged.  `sealed`: True if it has a proper end.  `blocks`:
+    of a segment without, number and frame count of each block of frames, because the last ones may
+    also be in the next segment.
+    """
 
     path: Path
-    """The file."""
     bytes: int
-    """Size of the file, bytes."""
     recording: str
-    """Identity of the recording that it belongs to."""
     writer: int
-    """The process that wrote it: `JournalHead.wall_ns`."""
     head: JournalHead | None
-    """Its head; None if each copy of it is damaged."""
     summary: Summary
-    """Its content."""
     sealed: bool
-    """True if it has a proper end."""
     blocks: tuple[tuple[int, int], ...] = ()
-    """Number and frame count of each of its blocks of frames, if it has no proper end: the last
-    blocks may also be in the next segment."""
 
 
 def scan(path: Path) -> SegmentInfo | None:

@@ -44,7 +44,6 @@ _FRAMES = struct.Struct("<II4Q")  # frames, payload width, HopLosses
 _FORMS = {"t_ns": "<i8", "can_id": "<u4", "flags": "<u2", "bus": "u1", "length": "u1"}
 _COLUMNS = tuple((name, np.dtype(form)) for name, form in _FORMS.items())
 _PAYLOADS = {width: np.dtype((np.uint8, width)) for width in (8, 64)}
-_FRAME_BYTES = sum(form.itemsize for _, form in _COLUMNS)
 
 
 class Kind(IntEnum):
@@ -59,17 +58,18 @@ class Kind(IntEnum):
 
 
 class Block(NamedTuple):  # a frozen dataclass takes four times as long to make
-    """A block whose checksum matches."""
+    """A block whose checksum matches.
+
+    `number`: in the recording; of a head or an end that of the next block.  `writer`: the process
+    that wrote it, as `JournalHead.wall_ns`.  `recording`: its identity.  `content`: the bytes after
+    the header.
+    """
 
     kind: int
     number: int
-    """Its number in the recording; of a head or an end that of the next block."""
     writer: int
-    """The process that wrote it: `JournalHead.wall_ns`."""
     recording: str
-    """Identity of the recording."""
     content: bytes | memoryview
-    """The bytes after the header."""
 
 
 def pack_block(block: Block) -> bytes:
@@ -103,45 +103,42 @@ def unpack_block(stored: memoryview) -> Block | None:
 
 @dataclass(frozen=True, slots=True)
 class JournalHead:
-    """What every segment of a recording says about it."""
+    """What every segment of a recording says about it.
+
+    `bench_text`, `dbc_text`: bench.toml and DBC in full.  `software`: name and version of the
+    writer.  `wall_ns`, `monotonic_ns`: the host's clocks, read together when the recording was
+    begun or resumed.  `recording`: its identity, 32 hexadecimal digits, kept when it is resumed.
+    `first_segment`: number of its first segment, which names the session file, also after that
+    segment was deleted.  `campaign`: False for a recording between two campaigns, which has no
+    runs.  `origin`: of the frames, a value of `Origin`.
+    """
 
     bench_text: str
-    """bench.toml in full."""
     dbc_text: str
-    """The DBC in full."""
     software: str
-    """Name and version of the writer."""
     wall_ns: int
-    """The host's wall-clock time when the recording was begun or resumed, ns."""
     monotonic_ns: int
-    """The host's monotonic time, read together with `wall_ns`, ns."""
     recording: str = field(default_factory=lambda: uuid.uuid4().hex)
-    """Identity of the recording, 32 hexadecimal digits, kept when it is resumed."""
     first_segment: int = 1
-    """Number of the recording's first segment.  It names the session file, also after that segment
-    was deleted to make room."""
     campaign: bool = True
-    """False for a recording between two campaigns, which has no runs."""
     origin: str = Origin.REAL
-    """Origin of the frames: a value of `Origin`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """The content of a segment, without its frames."""
+    """The content of a segment, without its frames.
+
+    `first`, `stop`: number of its first block, and of the block after its last.  `frames`: number
+    of frames.  `first_ns`, `last_ns`: earliest and latest time stamp, ns; 0 without frames.
+    `events`: in order, each with the number of its block.
+    """
 
     first: int
-    """Number of the first block."""
     stop: int
-    """Number of the block after the last; equal to `first` if there is none."""
     frames: int = 0
-    """Number of frames in all its blocks."""
     first_ns: int = 0
-    """Earliest time stamp, ns; 0 if there is none."""
     last_ns: int = 0
-    """Latest time stamp, ns; 0 if there is none."""
     events: tuple[tuple[int, Event], ...] = ()
-    """Events in order, each with the number of its block."""
 
 
 def pack_head(head: JournalHead) -> bytes:
@@ -187,14 +184,15 @@ def pack_frames(frames: FrameBatch, losses: HopLosses) -> bytes:
 
 
 class StoredFrames(NamedTuple):
-    """The frames of a block, which are unpacked only on access."""
+    """The frames of a block, which are unpacked only on access.
+
+    `size`: number of frames.  `losses`: counted up to the block by the process that wrote it.
+    `content`: from `pack_frames`.
+    """
 
     size: int
-    """Number of its frames."""
     losses: HopLosses
-    """Losses counted up to it by the process that wrote it."""
     content: bytes | memoryview
-    """From `pack_frames`."""
 
     @property
     def t_ns(self) -> NDArray[np.int64]:
@@ -233,18 +231,18 @@ ENDED = "ended"
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A span of blocks that is missing from the journal."""
+    """A span of blocks that is missing from the journal.
+
+    `recording`: identity of the recording.  `first`, `stop`: numbers of the first block and of the
+    block after the last.  `frames`: number of frames in them.  `file`: name of the segment that
+    contained them; empty if none did.
+    """
 
     recording: str
-    """Identity of the recording of these blocks."""
     first: int
-    """Number of the first block."""
     stop: int
-    """Number of the block after the last."""
     frames: int
-    """Number of frames in these blocks."""
     file: str = ""
-    """Name of the segment that contained them; empty if none did."""
 
 
 def gap_event(code: str, t_ns: int, gap: Gap) -> Event:

@@ -54,21 +54,19 @@ class SyncedFile(FileIO):
 
 @dataclass(frozen=True, slots=True)
 class Pending:
-    """A block to be written."""
+    """A block to be written.
+
+    `number`: in the recording.  `content`: the packed frames or events.  `t_ns`: latest time stamp
+    up to the block, ns.  `frames`, `first_ns`: number of its frames, and their earliest stamp.
+    """
 
     number: int
-    """Its number in the recording."""
     kind: Kind
     content: bytes
-    """The packed frames or events."""
     t_ns: int
-    """Latest time stamp up to the block, ns."""
     frames: int = 0
-    """Number of frames in it."""
     first_ns: int = 0
-    """Earliest time stamp in it, ns; 0 without frames."""
     events: tuple[Event, ...] = ()
-    """Its events."""
 
 
 class Segment:

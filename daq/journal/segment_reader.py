@@ -20,16 +20,16 @@ _MCAP = b"\x89MCAP0\r\n"
 
 
 class Damage(NamedTuple):
-    """A part of a segment that is no whole block."""
+    """A part of a segment that is no whole block.
+
+    `offset`, `bytes`: where it begins, and its length.  `at_end`: True if no whole block follows.
+    `kind`: in the header with which it begins; 0 if there is none.
+    """
 
     offset: int
-    """Position of its first byte."""
     bytes: int
-    """Its length."""
     at_end: bool
-    """True if no whole block follows."""
     kind: int
-    """Kind in the header with which it begins; 0 if there is none."""
 
 
 class SegmentFile:

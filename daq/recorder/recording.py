@@ -24,7 +24,7 @@ from ..bus.source import HopLosses, LinkFacts
 from ..control.messages import DiskStatus, Due, LeftOut, Live, Phase, Status, StorageStatus, Tally
 from ..control.orders import Acknowledge, Arm, Choose, Configure, LeaveOut, Order, Pause
 from ..errors import printable
-from ..runlog.run_log import Change, Code, RunLog, advance, parse_label, verdict_entry
+from ..runlog.run_log import Code, Decision, RunLog, advance, parse_label, verdict_entry
 from ..runs import Event, Losses
 from ..samples import converter as health
 from ..samples import trigger
@@ -393,6 +393,6 @@ class Recording:
         )
 
 
-def _text_of_last(changes: tuple[Change, ...]) -> str:
+def _text_of_last(decisions: tuple[Decision, ...]) -> str:
     """Return the last of the verdicts that can be undone or redone, in words."""
-    return f"{changes[-1].after.label} {changes[-1].after.status}" if changes else ""
+    return f"{decisions[-1][-1].after.label} {decisions[-1][-1].after.status}" if decisions else ""

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from math import isfinite
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import PlainSerializer, PlainValidator
 
@@ -25,15 +25,10 @@ from ..runs import Event, Excitation
 
 def finding_record(finding: Finding) -> dict[str, Any]:
     """Return a finding as a JSON object; a figure that is not finite becomes 0."""
-    return {
-        "code": finding.code,
-        "passed": finding.passed,
-        "subject": finding.subject,
-        "value": finding.value if isfinite(finding.value) else 0.0,
-        "limit": finding.limit if isfinite(finding.limit) else 0.0,
-        "unit": finding.unit,
-        "text": finding.text,
-        "advice": finding.advice,
+    names = ("code", "passed", "subject", "value", "limit", "unit", "text", "advice")
+    record = {name: getattr(finding, name) for name in names}
+    return record | {
+        name: record[name] if isfinite(record[name]) else 0.0 for name in ("value", "limit")
     }
 
 
@@ -54,13 +49,9 @@ def read_finding(record: Mapping[str, Any]) -> Finding:
     )
 
 
-def _validated(value: object) -> Finding:
-    if isinstance(value, Finding):
-        return value
-    if not isinstance(value, Mapping):
-        raise ValueError("a finding is an object")
+def _validated(value: Any) -> Finding:
     try:
-        return read_finding(value)
+        return value if isinstance(value, Finding) else read_finding(value)
     except (KeyError, TypeError) as error:
         raise ValueError("not the record of a finding") from error
 
@@ -166,14 +157,15 @@ class Override:
     by: str
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
+class Change(NamedTuple):
     """A change of a verdict: the run before and after it."""
 
     before: LoggedRun
     after: LoggedRun
-    joined: bool = False
-    """True if it is undone and redone together with the previous change."""
+
+
+Decision = tuple[Change, ...]
+"""The changes that are undone and redone together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,10 +174,10 @@ class RunLog:
 
     runs: tuple[LoggedRun, ...] = ()
     """Runs, in order of their bumps."""
-    done: tuple[Change, ...] = ()
-    """Verdicts that can be undone, the next one last."""
-    undone: tuple[Change, ...] = ()
-    """Verdicts that can be redone, the next one last."""
+    done: tuple[Decision, ...] = ()
+    """Decisions that can be undone, the next one last."""
+    undone: tuple[Decision, ...] = ()
+    """Decisions that can be redone, the next one last."""
     chosen: tuple[str, Excitation] | None = None
     """Mass state and excitation that a person has chosen for the next run."""
     notes: tuple[Remark, ...] = ()
@@ -318,7 +310,15 @@ def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> Run
         override = Override(t_ns, body["subject"], body["reason"], body["by"])
         return replace(log, overrides=(*log.overrides, override))
     if code is Code.LEAVE_OUT:
-        return _all_left_out(log, body["reasons"], body["by"])
+        rejected = {"status": LoggedStatus.REJECTED, "by": body["by"]}
+        return _decided(
+            log,
+            [
+                Change(run, replace(run, **rejected, reason=body["reasons"][run.label]))
+                for run in log.runs
+                if run.label in body["reasons"] and run.status is LoggedStatus.ACCEPTED
+            ],
+        )
     run = log.run(body["label"])
     if run is None:
         return log
@@ -327,7 +327,8 @@ def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> Run
         status = LoggedStatus.ACCEPTED if body["accepted"] else LoggedStatus.REJECTED
         return _judged(log, run, status, findings)
     status = LoggedStatus.ACCEPTED if code is Code.ACCEPT else LoggedStatus.REJECTED
-    return _decided(log, run, replace(run, status=status, by=body["by"], reason=body["reason"]))
+    after = replace(run, status=status, by=body["by"], reason=body["reason"])
+    return _decided(log, [Change(run, after)])
 
 
 def _bumped(log: RunLog, event: Event) -> RunLog:
@@ -339,25 +340,11 @@ def _bumped(log: RunLog, event: Event) -> RunLog:
     return replace(log, runs=(*log.runs, run), chosen=chosen)
 
 
-def _all_left_out(log: RunLog, reasons: Mapping[str, str], by: str) -> RunLog:
-    """Return the log with several runs rejected as one decision."""
-    known = {run.label: run for run in log.runs}
-    changes: list[Change] = []
-    for label, reason in reasons.items():
-        run = known.get(label)
-        if run is not None and run.status is LoggedStatus.ACCEPTED:
-            after = replace(run, status=LoggedStatus.REJECTED, by=by, reason=reason)
-            changes.append(Change(run, after, joined=bool(changes)))
-    return _changed(log, changes) if changes else log
-
-
-def _decided(log: RunLog, before: LoggedRun, after: LoggedRun) -> RunLog:
-    return _changed(log, [Change(before, after)])
-
-
-def _changed(log: RunLog, changes: Sequence[Change]) -> RunLog:
+def _decided(log: RunLog, changes: Sequence[Change]) -> RunLog:
+    if not changes:
+        return log
     runs = _replaced(log, [change.after for change in changes])
-    return replace(log, runs=runs, done=(*log.done, *changes), undone=())
+    return replace(log, runs=runs, done=(*log.done, tuple(changes)), undone=())
 
 
 def _judged(
@@ -365,7 +352,7 @@ def _judged(
 ) -> RunLog:
     """Return the log after the recorder's verdict."""
     if run.status is LoggedStatus.OPEN:
-        return _decided(log, run, replace(run, status=status, findings=findings))
+        return _decided(log, [Change(run, replace(run, status=status, findings=findings))])
     # A person was faster: the recorder's verdict counts if that person's verdict is undone.
     beneath = replace(run, status=status, findings=findings, by="", reason="")
 
@@ -374,8 +361,11 @@ def _judged(
             return one
         return beneath if one.status is LoggedStatus.OPEN else replace(one, findings=findings)
 
-    def all_known(changes: Iterable[Change]) -> tuple[Change, ...]:
-        return tuple(Change(known(each.before), known(each.after), each.joined) for each in changes)
+    def all_known(decisions: Iterable[Decision]) -> tuple[Decision, ...]:
+        return tuple(
+            tuple(Change(known(each.before), known(each.after)) for each in decision)
+            for decision in decisions
+        )
 
     runs = tuple(known(one) for one in log.runs)
     return replace(log, runs=runs, done=all_known(log.done), undone=all_known(log.undone))
@@ -384,12 +374,9 @@ def _judged(
 def _stepped_back(log: RunLog) -> RunLog:
     if not log.done:
         return log
-    first = len(log.done) - 1
-    while first and log.done[first].joined:
-        first -= 1
-    back = [_reversible(change) for change in reversed(log.done[first:])]
+    back = tuple(map(_reversible, log.done[-1]))
     runs = _replaced(log, [change.before for change in back])
-    return replace(log, runs=runs, done=log.done[:first], undone=(*log.undone, *back))
+    return replace(log, runs=runs, done=log.done[:-1], undone=(*log.undone, back))
 
 
 def _reversible(change: Change) -> Change:
@@ -402,25 +389,26 @@ def _reversible(change: Change) -> Change:
         return change
     accepted = change.after.status is LoggedStatus.ACCEPTED
     other = LoggedStatus.REJECTED if accepted else LoggedStatus.ACCEPTED
-    return replace(change, before=replace(change.after, status=other, by="undo", reason=""))
+    return change._replace(before=replace(change.after, status=other, by="undo", reason=""))
 
 
 def _stepped_forth(log: RunLog) -> RunLog:
     if not log.undone:
         return log
-    first = len(log.undone) - 1
-    while first and log.undone[first - 1].joined:
-        first -= 1
-    forth = log.undone[first:][::-1]
+    forth = log.undone[-1]
     runs = _replaced(log, [change.after for change in forth])
-    return replace(log, runs=runs, done=(*log.done, *forth), undone=log.undone[:first])
+    return replace(log, runs=runs, done=(*log.done, forth), undone=log.undone[:-1])
 
 
 def _cut(log: RunLog) -> RunLog:
     text = "cut: the recorder was stopped in mid-run"
     finding = Finding("cut", Severity.ERROR, text, advice="bump again")
-    rejected = (each.after for each in log.done if each.before.status is LoggedStatus.OPEN)
-    unjudged = {run.label for run in rejected if run.by}
+    unjudged = {
+        after.label
+        for decision in log.done
+        for before, after in decision
+        if before.status is LoggedStatus.OPEN and after.by
+    }
     for run in log.runs:
         if run.status is LoggedStatus.OPEN or run.label in unjudged:
             log = _judged(log, run, LoggedStatus.REJECTED, (finding,))

@@ -51,7 +51,7 @@ BENCH: Bench = small_bench()
 FIRST = LoggedRun("baseline_roll_1", BASELINE, Excitation.ROLL, 1, 5, LoggedStatus.ACCEPTED)
 LAST = replace(FIRST, label="baseline_roll_2", repeat=2, status=LoggedStatus.REJECTED)
 OPEN = replace(FIRST, label="baseline_roll_3", repeat=3, status=LoggedStatus.OPEN)
-CHANGE = Change(LAST, FIRST)
+CHANGE = (Change(LAST, FIRST),)
 
 
 def event(order: Order, *runs: LoggedRun, **facts: Any) -> Event | None:
