@@ -62,6 +62,7 @@ DEAD_S = 1.0
 terminal must not wait for a dead one."""
 
 _ORDERS = {order.__name__: order for order in get_args(Order)}
+_adapter = cache(TypeAdapter)  # builds a validator when it is needed first
 _log = logging.getLogger("recorder")
 
 
@@ -167,7 +168,12 @@ class Server:
             self._take(client, message)
         while self._answers:
             client, number, answer = self._answers.popleft()
-            self._reply(client, number, _outcome(answer))
+            try:
+                self._reply(client, number, answer.result())
+            except CancelledError:
+                self._reply(client, number, Reply("the recorder is ending"))
+            except Exception as error:  # any exception is reported to the client
+                self._reply(client, number, Reply(printable(str(error) or repr(error), 400)))
         if time.monotonic() - self._looked_s > LOOK_S:
             self._looked_s = time.monotonic()
             self._listen_again()
@@ -231,15 +237,6 @@ class Server:
             self._requests.send_multipart(message, zmq.NOBLOCK)
 
 
-def _outcome(answer: Future[Reply]) -> Reply:
-    try:
-        return answer.result()
-    except CancelledError:
-        return Reply("the recorder is ending")
-    except Exception as error:  # any exception is reported to the client
-        return Reply(printable(str(error) or repr(error), 400))
-
-
 def _order(message: list[bytes]) -> Order:
     """Return the order in a message.
 
@@ -263,11 +260,6 @@ def _order(message: list[bytes]) -> Order:
         place = ".".join(map(str, (kind.__name__, *first["loc"])))
         raise ValueError(f"not an order: {place}: {first['msg']}") from error
     return order
-
-
-@cache
-def _adapter(kind: type) -> TypeAdapter[Order]:
-    return TypeAdapter(kind)
 
 
 class Peers:

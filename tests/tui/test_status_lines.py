@@ -64,12 +64,12 @@ def test_an_alarm_is_logged_when_it_comes_and_when_it_is_over() -> None:
     assert said(loud, replace(loud, alarms=(replace(SILENT, text="for 3 s"), FULL))) == []
     assert said(loud, quiet) == [
         ("over: bus_silent can0", "over bus_silent can0"),
-        ("over: disk_full", "over disk_full "),
+        ("over: disk_full", "over disk_full"),
     ]
     assert [key for _, key in said(None, loud)] == ["", "bus_silent can0", "disk_full"]
     ended = replace(quiet, recording="")
     assert said(loud, ended) == [("campaign of Granada ended", "")], "the cause may go on"
-    assert ("over: disk_full", "over disk_full ") in said(replace(loud, recording=""), ended)
+    assert ("over: disk_full", "over disk_full") in said(replace(loud, recording=""), ended)
 
 
 def test_each_verdict_is_logged_once() -> None:

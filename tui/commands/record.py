@@ -47,7 +47,7 @@ def record(
     from ..output import progress
     from ..recorders.daemon import Lifetime
     from ..recorders.log import Log, require_log
-    from ..recorders.recording import OpenedAtStart, print_outcome, record_campaign
+    from ..recorders.recording import opened_at_start, print_outcome, record_campaign
 
     if figures is not None:
         require_ending(figures, "text file of Prometheus", PROMETHEUS)
@@ -61,7 +61,7 @@ def record(
         Log(log) as lines,
         progress("record") as stage,
     ):
-        source = open_source if keep_on else OpenedAtStart(described, open_source)
+        source = open_source if keep_on else opened_at_start(described, open_source)
         last = record_campaign(described, source, out, lifetime, lines, stage)
     if keep_on:
         return ExitCode.DATA_LOST if last.disk.held_frames else ExitCode.OK

@@ -143,6 +143,8 @@ class _Daemon:
 
     def run(self, signals: _Signals, stage: Stage) -> Status:
         """Loop until the recorder has ended; return its last status."""
+        from daq.alarms import with_not_recording
+
         self._writer.start()
         while self._writer.is_alive():
             self._writer.join(TURN_S)
@@ -158,7 +160,11 @@ class _Daemon:
                 signals.reload.clear()
                 self._reload()
             self._lead(self._status, signals.end.is_set())
-            status = self._watched(self._status)
+            # If the writer itself hangs, it publishes no alarm.
+            storage, last = self._recorder.storage(), self._status
+            status = with_not_recording(last, storage, time.time_ns())
+            if status is not last:
+                self._server.publish(status, None)
             self._report(status)
             stage(*progress_words(status))
         self._systemd.stopping()
@@ -170,8 +176,11 @@ class _Daemon:
         return self._status
 
     def _write(self) -> None:
+        def is_watched() -> bool:
+            return self._lifetime.follow is not None or self._server.has_clients()
+
         try:
-            self._recorder.run(self._stop, self._publish, self._is_watched)
+            self._recorder.run(self._stop, self._publish, is_watched)
         except Exception as error:
             self._failure = error
 
@@ -180,18 +189,6 @@ class _Daemon:
         if self._lifetime.follow is not None:
             self._lifetime.follow(status)
         self._server.publish(status, live)
-
-    def _is_watched(self) -> bool:
-        return self._lifetime.follow is not None or self._server.has_clients()
-
-    def _watched(self, status: Status) -> Status:
-        """Return the status; if the writer itself hangs, add that alarm and publish the status."""
-        from daq.alarms import with_not_recording
-
-        watched = with_not_recording(status, self._recorder.storage(), time.time_ns())
-        if watched is not status:
-            self._server.publish(watched, None)
-        return watched
 
     def _lead(self, status: Status, end: bool) -> None:
         """Arm each campaign once; end it when it is complete, and try again if that was refused.

@@ -24,18 +24,14 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
         yield f"recording {status.vehicle}{origin} into {status.folder}", ""
     elif before.recording != status.recording:
         yield f"campaign of {status.vehicle} {'begun' if status.recording else 'ended'}", ""
-    known = {(alarm.code, alarm.subject) for alarm in before.alarms} if before else set()
-    for alarm in status.alarms:
-        if (alarm.code, alarm.subject) not in known:
-            subject = f" {alarm.subject}" if alarm.subject else ""
-            yield (
-                f"alarm {alarm.code}{subject}: {alarm.text} ({alarm.advice})",
-                f"{alarm.code}{subject}",
-            )
-    active = {(alarm.code, alarm.subject) for alarm in status.alarms}
+    known = {f"{a.code} {a.subject}".rstrip(): a for a in before.alarms} if before else {}
+    present = {f"{a.code} {a.subject}".rstrip(): a for a in status.alarms}
+    for name, alarm in present.items():
+        if name not in known:
+            yield f"alarm {name}: {alarm.text} ({alarm.advice})", name
     ended = before is not None and bool(before.recording) and not status.recording
-    for code, subject in sorted(known - active) if not ended else ():  # their causes may go on
-        yield f"over: {code} {subject}".rstrip(), f"over {code} {subject}"
+    for name in sorted(known.keys() - present.keys()) if not ended else ():  # causes may go on
+        yield f"over: {name}", f"over {name}"
     changed = before is not None and before.runs is not status.runs
     judged = {run.label: run.status for run in before.runs} if before and changed else {}
     for run in status.runs if changed else ():
@@ -108,8 +104,13 @@ def status_lines(status: Status) -> Iterator[str]:
             f" {bus.frames:,} {plural(bus.frames, 'frame')}, {bus.error_frames:,} error"
             f" {plural(bus.error_frames, 'frame')}, reopened {bus.reopened}"
         )
-    yield _storage_line(status)
-    queue, disk = status.queue, status.disk
+    storage, queue, disk = status.storage, status.queue, status.disk
+    is_late = any(alarm.code == "not_recording" for alarm in status.alarms)
+    yield (
+        f"{f'NOT RECORDING for {storage.late_s:.1f} s' if is_late else 'recording'}:"
+        f" {storage.stored_frames:,} of {storage.received_frames:,}"
+        f" {plural(storage.received_frames, 'frame')} stored since the start"
+    )
     yield (
         f"{disk.recorded_frames:,} {plural(disk.recorded_frames, 'frame')} on the disk;"
         f" journal {disk.journal_bytes / 1e6:,.0f} MB;"
@@ -123,13 +124,3 @@ def status_lines(status: Status) -> Iterator[str]:
         session = status.session
         state = f"{session.state}, outdated" if status.outdated else str(session.state)
         yield f"session {state}: {' '.join(t for t in (session.path, session.text) if t)}"
-
-
-def _storage_line(status: Status) -> str:
-    """Return a line that says whether received frames are stored."""
-    storage = status.storage
-    frames = plural(storage.received_frames, "frame")
-    counts = f"{storage.stored_frames:,} of {storage.received_frames:,} {frames} stored"
-    if any(alarm.code == "not_recording" for alarm in status.alarms):
-        return f"NOT RECORDING for {storage.late_s:.1f} s: {counts} since the start"
-    return f"recording: {counts} since the start"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,43 +16,35 @@ from .log import Log
 
 if TYPE_CHECKING:
     from daq import Session
-    from daq.bench.config import Bench, BusConfig
+    from daq.bench.config import Bench
+    from daq.bus.link import OpenSource
     from daq.bus.source import FrameSource
     from daq.control.messages import Status
 
 
-class OpenedAtStart:
-    """Opens the buses of a bench at once, so that nothing begins without any bus.
+def opened_at_start(bench: Bench, open_source: OpenSource) -> OpenSource:
+    """Open the buses of a bench at once, so that nothing begins without any bus.
 
-    Called like `daq.bus.interfaces.open_source`: the first call for a bus returns the source opened
-    here, later calls open it again.
-
-    `bench`: its buses are opened.  Raises BusError if none can be opened, with the reason of the
-    first.
+    The first call of the result for a bus returns the source opened here, later calls open it
+    again.  Raises BusError if none can be opened, with the reason of the first.
     """
+    from daq import BusError
 
-    def __init__(self, bench: Bench, open_source: Callable[[BusConfig, int], FrameSource]) -> None:
-        from daq import BusError
-
-        self._open_source = open_source
-        self._opened: dict[int, FrameSource] = {}
-        errors = []
-        for number, bus in enumerate(bench.buses):
-            try:
-                self._opened[number] = open_source(bus, number)
-            except BusError as error:
-                errors.append(error)
-        if not self._opened:
-            raise errors[0]
-
-    def __call__(self, bus: BusConfig, number: int) -> FrameSource:
-        """Return a source of the bus."""
-        return self._opened.pop(number, None) or self._open_source(bus, number)
+    opened: dict[int, FrameSource] = {}
+    errors: list[BusError] = []
+    for number, bus in enumerate(bench.buses):
+        try:
+            opened[number] = open_source(bus, number)
+        except BusError as error:
+            errors.append(error)
+    if not opened:
+        raise errors[0]
+    return lambda bus, number: opened.pop(number, None) or open_source(bus, number)
 
 
 def record_campaign(
     bench: Bench,
-    open_source: Callable[[BusConfig, int], FrameSource],
+    open_source: OpenSource,
     out: Path,
     lifetime: Lifetime,
     log: Log,
@@ -75,17 +66,17 @@ def record_campaign(
     codec = bench_codec(bench)
     say_left_out(codec)
     mapped_channels(bench, codec)  # before anything is made
+
+    def unreviewed(bench: Bench) -> Bench:
+        """Return a bench whose runs are accepted without a pause to reject them."""
+        return replace(bench, campaign=replace(bench.campaign, accept_after_s=0.0))
+
     if lifetime.arm:  # no operator reviews the runs, so the next bump may come at once
         reread = lifetime.reread
-        lifetime = replace(lifetime, reread=lambda: _unreviewed(reread()))
-        bench = _unreviewed(bench)
+        lifetime = replace(lifetime, reread=lambda: unreviewed(reread()))
+        bench = unreviewed(bench)
     recorder = Recorder(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
     return run_recorder(recorder, bench, out, lifetime, log, stage)
-
-
-def _unreviewed(bench: Bench) -> Bench:
-    """Return a bench whose runs are accepted without a pause for the operator to reject them."""
-    return replace(bench, campaign=replace(bench.campaign, accept_after_s=0.0))
 
 
 def recorded_session(last: Status) -> tuple[Path, Session]:
@@ -157,19 +148,11 @@ def summary(path: Path, session: Session) -> dict[str, Any]:
 
 def print_summary(path: Path, session: Session) -> None:
     """Write a session as a table with one row for each run."""
-    runs = session.runs
-    rows = []
+    runs, rows = session.runs, []
     for run in runs:
         losses = ", ".join(f"{n} {name}" for name, n in asdict(run.losses).items() if n)
-        rows.append(
-            [
-                run.label,
-                str(run.status),
-                f"{run.length_s:.1f}",
-                f"{len(run.frames):,}",
-                losses or "none",
-            ]
-        )
+        cells = str(run.status), f"{run.length_s:.1f}", f"{len(run.frames):,}", losses or "none"
+        rows.append([run.label, *cells])
     columns = ["run", "status", "length s", "frames", "losses"]
     print_table(f"{session.vehicle.name}: {counted(len(runs), 'run')}", columns, rows)
     for run in runs:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
@@ -21,9 +21,7 @@ from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalWriter
 from daq.recorder.readers import StorageWatch
 from dbc import Codec, FrameBatch
-from tui.recorders.daemon import Lifetime, _Daemon
 from tui.recorders.lines import status_lines
-from tui.recorders.log import Log
 
 from ..a_status import a_status
 from ..quick_bench import Gated, quick, stored
@@ -95,17 +93,9 @@ def test_status_and_figures_say_it(tmp_path: Path) -> None:
     assert rows == [[0, 1, 3.2, 1200, 700], [1, 0, 0, 1200, 1200]]
 
 
-def watched(running: Running) -> Callable[[], Status]:
+def watched(running: Running) -> Status:
     """Return what a daemon's main thread makes of the recorder's last status."""
-    published: list[Status] = []
-
-    class Publisher:
-        def publish(self, status: Status, live: object) -> None:
-            published.append(status)
-
-    lifetime = Lifetime(False, True, None, lambda: cast(Bench, None))
-    daemon = _Daemon(running.recorder, cast(Any, Publisher()), cast(Any, None), lifetime, Log(None))
-    return lambda: daemon._watched(running.last)
+    return with_not_recording(running.last, running.recorder.storage(), time.time_ns())
 
 
 def until_s(condition: Callable[[], bool]) -> float:
@@ -162,13 +152,12 @@ def test_a_writer_that_hangs_is_named_by_another_thread(
     script = Script(blocks(bumps(codec, 3), 10), None, 0.01)
     with Running(quick, tmp_path, sources(script), create=Hangs) as running:
         running.until(lambda s: s.disk.recorded_frames > 200 and "not_recording" not in codes(s))
-        status = watched(running)
         hung.set()
-        assert until_s(lambda: "not_recording" in codes(status())) < 8.0  # 3 s, and room
+        assert until_s(lambda: "not_recording" in codes(watched(running))) < 8.0  # 3 s, and room
         assert "not_recording" not in codes(running.last)  # it hangs, and publishes nothing
         gate.set()
         running.until(lambda s: s.disk.recorded_frames == 3600)
-        until_s(lambda: "not_recording" not in codes(status()))
+        until_s(lambda: "not_recording" not in codes(watched(running)))
 
 
 def test_a_silent_bus_and_a_first_frame_are_no_alarm(
