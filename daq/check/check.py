@@ -23,7 +23,6 @@ from ..channels import sensor_of, sensor_of_signal
 from ..runs import SampleGroup
 from ..samples.groups import sample_groups, timekeeping
 from ..samples.trigger import mapped_channels, trigger_channels
-from ..vehicle import BodyWeight
 from .channel_checks import check_channel
 from .frame_checks import FAIL, OK, WARN, check_buses, check_messages, frame_table
 from .questions import open_questions
@@ -78,16 +77,6 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
         advice = "add a hub_acceleration or a body_acceleration"
         lines.append(Finding("trigger", FAIL, "no channel can trigger", "trigger", advice))
     lines += open_questions(bench.text, "bench.toml")
-    exact = [
-        str(number)
-        for state in bench.mass_states
-        for number, weight in enumerate(state.added.weights, 1)
-        if not weight.sigma_kg or (isinstance(weight, BodyWeight) and not weight.position_sigma_m)
-    ]
-    if exact:
-        text = f"{', '.join(exact)}: stated as exact (± 0 kg or ± 0 m)"
-        advice = "state sigma_kg and position_sigma_m: nobody weighs or measures exactly"
-        lines.append(Finding("exact_weights", OK, text, "weights", advice))
     for each in mapped:
         lines += check_channel(each, keeping.messages, decoded, bench.calibration_days, today)
     return CheckReport(table.seconds, len(frames), tuple(lines))

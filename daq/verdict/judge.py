@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from dbc.finding import Finding
 
 from ..bench.campaign import Step
 from ..bench.config import Bench
-from ..channels import TIME_DERIVATIVE, Quantity
 from . import motion, traffic
-from .bump_kind import Pattern, mirrored, patterns, struck, wrong_mode
+from .bump_kind import mirrored, patterns, struck, wrong_mode
 from .repeats import levels, not_repeatable, roughness, waves
 from .wave import body_wave
 from .window import RunMeasure, RunWindow, Trace, traces
@@ -51,10 +50,19 @@ def judge(
         text = "no channel has samples before and after the bump"
         return (*findings, finding("no_data", False, 0.0, 1.0, "", text)), RunMeasure()
     kinds = patterns(bench, signals)
-    measure = _measure(bench, step, signals, kinds[:1])
+    kind = kinds[0] if kinds else None
+    wave = body_wave(signals, bench.campaign.bump_s)
+    measure = RunMeasure(
+        frequency_hz=wave[0] if wave else None,
+        wheels=struck(step.excitation, kind) if kind else None,
+        peaks={trace.name: trace.peak for trace in signals},
+        waves=waves(signals),
+        levels=levels(signals),
+        roughness=roughness(signals),
+    )
     findings = [each for check in _BEFORE_KIND for each in check(bench, window, signals)]
-    findings += [each for kind in kinds for each in wrong_mode(step.excitation, kind)]
-    findings += [each for kind in kinds[:1] for each in mirrored(step.excitation, kind)]
+    findings += [each for way in kinds for each in wrong_mode(step.excitation, way)]
+    findings += mirrored(step.excitation, kind) if kind else ()
     findings += motion.not_decayed(bench, window, signals)
     findings += motion.rest_changed(bench, window, signals)
     before, doubted = (
@@ -62,49 +70,23 @@ def judge(
         for others in (accepted, unlike)
     )
     findings += not_repeatable(signals, measure, before, doubted)
-    return (*findings, _motion(measure)), measure
+    purity = kind.likeness[step.excitation] if kind else None
+    return (*findings, _motion(signals, wave, purity)), measure
 
 
-def _measure(
-    bench: Bench, step: Step, signals: tuple[Trace, ...], kinds: Iterable[Pattern]
-) -> RunMeasure:
-    """Return the measures of a run; `kinds`: the best pattern of the bump, if there is any."""
-    kind = next(iter(kinds), None)
-    angular = {Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION}
-    peaks = {
-        order: [
-            t.peak
-            for t in signals
-            if TIME_DERIVATIVE[t.channel.quantity] == order and t.channel.quantity not in angular
-        ]
-        for order in (0, 2)
-    }
-    frequency_hz, damping = body_wave(signals, bench.campaign.bump_s) or (None, None)
-    return RunMeasure(
-        peak_m_s2=max(peaks[2], default=None),
-        peak_m=max(peaks[0], default=None),
-        frequency_hz=frequency_hz,
-        damping=damping,
-        shares=kind.shares if kind else {},
-        purity=kind.likeness[step.excitation] if kind else None,
-        wheels=struck(step.excitation, kind) if kind else None,
-        peaks={trace.name: trace.peak for trace in signals},
-        waves=waves(signals),
-        levels=levels(signals),
-        roughness=roughness(signals),
-    )
-
-
-def _motion(measure: RunMeasure) -> Finding:
+def _motion(
+    signals: tuple[Trace, ...], wave: tuple[float, float] | None, purity: float | None
+) -> Finding:
     """Return size, frequency and damping of the motion, for information."""
-    parts = []
-    if measure.peak_m_s2 is not None:
-        parts.append(f"peak {measure.peak_m_s2:.1f} m/s2")
-    if measure.peak_m is not None:
-        parts.append(f"{measure.peak_m * 1e3:.0f} mm")
-    if measure.frequency_hz is not None:
-        parts.append(f"f {measure.frequency_hz:.2f} Hz, zeta {measure.damping:.2f}")
-    if measure.purity is not None:
-        parts.append(f"{measure.purity:.0%} pure")
-    value = measure.frequency_hz or 0.0
-    return finding("motion", True, value, 0.0, "Hz", ", ".join(parts) or "nothing measured")
+    sizes = {
+        "m/s2": max((t.peak for t in signals if t.channel.unit == "m/s2"), default=None),
+        "m": max((t.peak for t in signals if t.channel.unit == "m"), default=None),
+    }
+    parts = [
+        f"peak {sizes['m/s2']:.1f} m/s2" if sizes["m/s2"] is not None else "",
+        f"{sizes['m'] * 1e3:.0f} mm" if sizes["m"] is not None else "",
+        f"f {wave[0]:.2f} Hz, zeta {wave[1]:.2f}" if wave else "",
+        f"{purity:.0%} pure" if purity is not None else "",
+    ]
+    text = ", ".join(filter(None, parts)) or "nothing measured"
+    return finding("motion", True, wave[0] if wave else 0.0, 0.0, "Hz", text)

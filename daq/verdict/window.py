@@ -44,21 +44,11 @@ class RunWindow:
 
 @dataclass(frozen=True, slots=True)
 class RunMeasure:
-    """The measures of a run, for display to the operator and for comparison with later runs."""
+    """The measures of a run, for comparison with other runs."""
 
-    peak_m_s2: float | None = None
-    """Largest deviation from rest of any acceleration, m/s2; None without one."""
-    peak_m: float | None = None
-    """Largest deviation from rest of any displacement, m; None without one."""
     frequency_hz: float | None = None
     """Natural frequency of the body's motion after the bump, from one damped wave, Hz; None if the
     motion shows none."""
-    damping: float | None = None
-    """Damping ratio of the same wave."""
-    shares: Mapping[str, float] = field(default_factory=dict)
-    """Share of bounce, pitch, roll and warp in the corners' motion, 0..1; empty if unknown."""
-    purity: float | None = None
-    """Likeness of the corners' motion to the excitation that was due, 0..1; None if unknown."""
     wheels: Wheels | None = None
     """The struck wheels, if they are those of the kind due or its mirror image; None otherwise, or
     if unknown."""

