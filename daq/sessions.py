@@ -10,7 +10,6 @@ from typing import Any
 from dbc.frames import FrameBatch
 
 from .channels import Channel, Quantity, sensor_of_signal
-from .documents import html_line, html_table
 from .errors import InputError
 from .runs import Run
 from .vehicle import MassState, Vehicle
@@ -55,33 +54,6 @@ class Session:
                 parts.append(run.frames.select(run.frames.t_ns > last_ns))
                 last_ns = max(last_ns, int(run.frames.t_ns.max()))
         return FrameBatch.concatenate(parts).by_time()
-
-    def _repr_html_(self) -> str:
-        """Return the HTML that a notebook shows: runs and channels."""
-        runs = [
-            [
-                run.label,
-                str(run.status),
-                str(max((len(group.time_s) for group in run.groups), default=0)),
-                str(run.losses.measured),
-                "; ".join(run.reasons),
-            ]
-            for run in self.runs
-        ]
-        channels = [
-            [c.name, str(c.quantity), c.unit, str(c.corner or "body"), f"{c.delay_s:g}"]
-            for c in self.channels
-        ]
-        weights = {
-            state.name: sum(weight.mass_kg for weight in state.added.weights)
-            for state in self.mass_states
-        }
-        loads = ", ".join(f"{name} (+{kg:g} kg)" if kg else name for name, kg in weights.items())
-        return (
-            html_line(f"Session of {self.vehicle.name}; mass states: {loads}")
-            + html_table("Runs", ["run", "status", "samples", "lost frames", "reasons"], runs)
-            + html_table("Channels", ["channel", "quantity", "unit", "place", "delay, s"], channels)
-        )
 
 
 def session_part(session: Session, sensors: Collection[str], buses: Collection[int]) -> Session:

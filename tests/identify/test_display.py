@@ -1,35 +1,26 @@
-"""Notebooks show sessions and modes as tables."""
+"""Notebooks show modes as tables."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
-import pytest
 
-from daq import Session
-from daq.vehicle import Vehicle
 from identify import ModalModel
-from tests.tui.batches import paper_session
-
-_EVIL = "<script>alert('x')</script> & \"car\""
 
 
 class _Cells(HTMLParser):
-    """Collects the texts of cells and paragraphs, and which tags there are."""
+    """Collects the texts of cells and paragraphs."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
         self.rows: list[list[str]] = []
-        self.tags: set[str] = set()
         self.open: list[str] = []
         self.feed(html)
         self.close()
         assert self.open == []  # well-formed
 
     def handle_starttag(self, tag: str, attrs: object) -> None:
-        self.tags.add(tag)
         self.open.append(tag)
         if tag in ("tr", "p", "caption"):
             self.rows.append([])
@@ -39,34 +30,6 @@ class _Cells(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         self.rows[-1].append(data)
-
-
-_TAGS = {"p", "table", "caption", "thead", "tbody", "tr", "th", "td"}
-
-
-@pytest.fixture(scope="module")
-def session() -> Session:
-    return paper_session(1)
-
-
-def test_a_session_shows_runs_and_channels(session: Session) -> None:
-    shown = _Cells(session._repr_html_())
-    assert shown.tags == _TAGS
-    first = [row[0] for row in shown.rows if row]
-    assert {run.label for run in session.runs} <= set(first)
-    assert {channel.name for channel in session.channels} <= set(first)
-    assert "Ford Granada" in shown.rows[0][0]
-
-
-def test_foreign_text_is_no_markup(session: Session) -> None:
-    evil = replace(
-        session,
-        vehicle=Vehicle(_EVIL),
-        runs=tuple(replace(run, reasons=(_EVIL,)) for run in session.runs),
-    )
-    shown = _Cells(evil._repr_html_())
-    assert shown.tags == _TAGS
-    assert sum(_EVIL in cell for row in shown.rows for cell in row) == 1 + len(session.runs)
 
 
 def test_modes_show_what_they_are() -> None:

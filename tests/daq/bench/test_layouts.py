@@ -15,7 +15,6 @@ import pytest
 from daq.bench.campaign import Campaign, Method, instruction, sketch
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.check.check import check_bench
-from daq.errors import InputError
 from daq.runs import Excitation, SampleGroup
 from daq.samples.groups import sample_groups, timekeeping
 from daq.samples.mapping import map_channels
@@ -259,16 +258,6 @@ def test_the_check_passes_a_good_sensor_and_finds_a_wrong_time_unit() -> None:
     (line,) = [x for x in bad.lines if x.severity is Severity.ERROR]
     assert line.subject == "message SampleTime"
     assert "runs 99.99 times as fast" in line.text
-
-
-def test_an_unknown_layout_is_one_line() -> None:
-    with pytest.raises(
-        InputError, match=r"layout:nosuch: there is no such layout \(use one of bosch"
-    ):
-        _bench("nosuch")
-
-
-#  -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", [Method.ROLL_OVER, Method.DROP])

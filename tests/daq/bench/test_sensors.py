@@ -206,27 +206,6 @@ def test_a_damaged_list_of_databases_is_one_line() -> None:
             stored_databases(text)
 
 
-@pytest.mark.parametrize(
-    ("lines", "reason"),
-    [
-        ("motion_ratio_sigma = 0.33", None),
-        ("motion_ratio_sigma = 0.34", "more than a third of motion_ratio"),
-        ("motion_ratio = 0.6\nmotion_ratio_sigma = 0.21", "more than a third of motion_ratio"),
-        ("motion_ratio = 10.1", "less than or equal to 10"),
-    ],
-)
-def test_a_motion_ratio_has_limits(lines: str, reason: str | None) -> None:
-    def stated(signal: str) -> str:
-        return TEXT.replace(f'signal = "{signal}"', f'signal = "{signal}"\n{lines}')
-
-    if reason is None:
-        _use(stated("pot_fl.Position"))
-    else:
-        assert reason in read(stated("pot_fl.Position"))
-    if "10" not in lines:
-        assert "motion_ratio is for suspension_travel" in read(stated("hubs.FL"))
-
-
 def test_a_bench_that_states_no_tables_gets_those_of_the_ready_map() -> None:
     ready = sensor_map("imu", "layout:bosch_mm7")
     listed = {"sensor": [{"name": "imu", "layout": "bosch_mm7"}, {"name": "own", "dbc": "own.dbc"}]}

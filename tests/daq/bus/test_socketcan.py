@@ -8,7 +8,6 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from daq.bus import socketcan
 from daq.bus.clock import SteadyClock
 from daq.bus.interfaces import open_bus, open_source
 from daq.bus.socketcan import FrameBuffers, SocketCanSource, frame_columns
-from daq.bus.source import BLOCK_FRAMES, SocketDrops
+from daq.bus.source import BLOCK_FRAMES
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 
@@ -351,35 +350,6 @@ def test_echoes_are_marked_and_what_cannot_be_a_frame_is_left_out(
 # Datagrams that found no room in the buffer of a socket -------------------------------------------
 
 
-def test_what_was_sent_and_not_received_was_dropped() -> None:
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reader,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):
-        reader.bind(("127.0.0.1", 0))
-        reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        reader.setblocking(False)
-        drops = SocketDrops(reader.fileno)
-        assert drops.count() == 0
-        for n in range(500):
-            sender.sendto(n.to_bytes(2, "little"), reader.getsockname())
-        received = _emptied(reader)
-        assert 0 < received < 500
-        assert drops.count() == 500 - received
-        again = SocketDrops(reader.fileno)  # a bus that is opened again counts from there
-        assert again.count() == 0
-    assert drops.count() == 500 - received  # closed
-
-
-def _emptied(reader: socket.socket) -> int:
-    """Receive what a socket holds; return the number of datagrams."""
-    received = 0
-    with suppress(BlockingIOError):
-        while reader.recv(16):
-            received += 1
-    return received
-
-
 def test_classic_frames_make_narrow_blocks_that_later_frames_leave_alone(feed: Feed) -> None:
     feed.send(frame(1, bytes(8)), frame(2, b"12345678"))
     plain = feed.read()
@@ -398,18 +368,6 @@ def test_a_length_code_above_8_is_8_bytes(feed: Feed) -> None:
     batch = feed.read()
     assert list(batch.length) == [8]
     assert bytes(batch.data[0]) == b"12345678"
-
-
-def test_the_counter_that_comes_with_a_frame_is_counted_without_asking(
-    udp: Feed, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(socketcan, "drop_counter", lambda sock: None)
-    udp.send(*[frame(data=bytes(8))] * 25_000)
-    received = len(udp.read_all())
-    assert udp.source.losses().dropped == 0  # all frames in the queue are older than the drops
-    udp.send(frame(7))
-    assert list(udp.read().can_id) == [7]
-    assert received + udp.source.losses().dropped == 25_000
 
 
 def test_the_drop_counter_has_32_bits_and_may_be_behind(

@@ -388,16 +388,6 @@ def test_the_bump_is_that_of_a_linear_system_driven_by_a_half_sine(damping_ns_m:
         np.testing.assert_allclose(found.velocity[:, i], expected[7:], atol=1e-7)
 
 
-def test_the_error_of_a_linear_car_falls_with_the_fourth_power_of_the_step() -> None:
-    plant, t_s = load_car(P, WEIGHTS), np.array([0.69])
-    pose = [
-        drive(plant, bump(Excitation.ROLL), 1.6, step_s=step_s).at(t_s).pose
-        for step_s in (1e-3, 5e-4, 5e-5)
-    ]
-    errors = [np.abs(one - pose[2]).max() for one in pose[:2]]
-    assert errors[0] > 12.0 * errors[1] > 1e-12
-
-
 def test_a_car_without_dampers_loses_four_friction_forces_a_cycle() -> None:
     """Coulomb: with a short pre-sliding length the amplitude of heave falls by 4 F / k a cycle."""
     hard = 100.0 * P.k_tf  # a tyre that hardly yields: one degree of freedom is left
