@@ -19,6 +19,7 @@ from .frames import FrameBatch, FrameFlag, read_only
 from .layout import MessageLayout, SignalLayout
 from .samples import DecodeCounts, Decoded, Quality, Samples
 
+_STANDARD_IDS = 1 << 11
 _BROADCAST = 240
 """Lowest PDU format whose parameter groups have no destination (SAE J1939-21)."""
 _Key = tuple[int | None, int, bool]
@@ -38,12 +39,26 @@ class Codec:
     """The messages by their names."""
     _places: dict[_Key, int] = field(init=False, repr=False, compare=False)
     _by_group: dict[_Key, int | None] = field(init=False, repr=False, compare=False)
+    _limits: dict[str, tuple[float, float] | None] = field(init=False, repr=False, compare=False)
+    """Valid values of each `Message.signal`."""
+    _standard: NDArray[np.uint16] = field(init=False, repr=False, compare=False)
+    """Positions of the messages of 11 bits, by bus and identifier; the last row: on other buses."""
 
     def __post_init__(self) -> None:
         places = {(m.bus, m.can_id, m.is_extended): i for i, m in enumerate(self.messages)}
         object.__setattr__(self, "by_name", {m.name: m for m in self.messages})
         object.__setattr__(self, "_places", places)
         object.__setattr__(self, "_by_group", {})
+        limits = {f"{m.name}.{s.name}": s.limits for m in self.messages for s in m.signals}
+        object.__setattr__(self, "_limits", limits)
+        last = max((m.bus + 1 for m in self.messages if m.bus is not None), default=0)
+        standard = np.full((last + 1, _STANDARD_IDS), len(self.messages), np.uint16)
+        for i in sorted(range(len(self.messages)), key=lambda i: self.messages[i].bus is not None):
+            message = self.messages[i]
+            if not message.is_extended:
+                rows = slice(None) if message.bus is None else message.bus
+                standard[rows, message.can_id] = i
+        object.__setattr__(self, "_standard", standard)
 
     def message(self, name: str) -> MessageLayout:
         """Return the message called `name`; raises KeyError if the DBC has none."""
@@ -89,16 +104,17 @@ class Codec:
         The position is the number of messages for unknown identifiers, and one more for error and
         remote frames, which have no data.
         """
-        unknown = len(self.messages)
-        extended = (batch.flags & np.uint16(FrameFlag.EXTENDED)).astype(np.uint64)
-        keys = (batch.bus.astype(np.uint64) << np.uint64(32)) | batch.can_id
-        keys |= extended << np.uint64(31)
-        distinct, inverse = np.unique(keys, return_inverse=True)
-        places = []
-        for key in distinct.tolist():
-            place = self._place(key >> 32, key & 0x1FFF_FFFF, bool(key >> 31 & 1))
-            places.append(unknown if place is None else place)
-        index = np.array(places, np.uint16)[inverse]
+        unknown = np.uint16(len(self.messages))
+        row = np.minimum(batch.bus, len(self._standard) - 1)
+        index = self._standard[row, batch.can_id % _STANDARD_IDS]
+        index[batch.can_id >= _STANDARD_IDS] = unknown
+        extended = np.flatnonzero(batch.flags & np.uint16(FrameFlag.EXTENDED))
+        if len(extended):
+            keys = batch.bus[extended].astype(np.uint64) << np.uint64(32) | batch.can_id[extended]
+            distinct, inverse = np.unique(keys, return_inverse=True)
+            places = [self._place(key >> 32, key & 0xFFFF_FFFF, True) for key in distinct.tolist()]
+            known = [unknown if place is None else place for place in places]
+            index[extended] = np.array(known, np.uint16)[inverse]
         error = batch.flags & np.uint16(FrameFlag.ERROR) != 0
         remote = (batch.flags & np.uint16(FrameFlag.REMOTE) != 0) & ~error
         index[error | remote] = unknown + 1
@@ -130,7 +146,7 @@ class Codec:
                 payload[:, : words.shape[1]] = words.take(rows, axis=0)
             t_ns, length = batch.t_ns.take(rows), batch.length.take(rows)
             with np.errstate(invalid="ignore", over="ignore"):  # a payload may hold any float
-                decoded, bad = _decoded(message, t_ns, payload.view(np.uint8), length)
+                decoded, bad = _decoded(message, self._limits, t_ns, payload.view(np.uint8), length)
             samples.update(decoded)
             crc_bad += bad
             wrong_length += int(np.count_nonzero(length != message.length))
@@ -237,6 +253,7 @@ def _raw_values(signal: SignalLayout, payload: NDArray[np.uint8]) -> NDArray[Any
 
 def _decoded(
     message: MessageLayout,
+    limits_of: Mapping[str, tuple[float, float] | None],
     t_ns: NDArray[np.int64],
     payload: NDArray[np.uint8],
     length: NDArray[np.uint8],
@@ -256,6 +273,8 @@ def _decoded(
     times = read_only(t_ns)  # one array: what depends on it alone is computed once
     samples = {}
     for signal in message.signals:
+        name = f"{message.name}.{signal.name}"
+        limits, last_byte = limits_of[name], signal.last_byte
         part, marks, stamps, size = payload, quality, times, length
         if signal.is_multiplexed:
             rows = np.flatnonzero(_presence(message, signal, payload, length))
@@ -271,15 +290,14 @@ def _decoded(
             named = np.isin(raw, codes, kind="sort")  # NumPy 2.0's table: not 2^64 - 1
             value[named] = np.nan
             marks = _marked(marks, named, Quality.SENTINEL)
-        if signal.limits is not None:
-            outside = (value < signal.limits[0]) | (value > signal.limits[1])
+        if limits is not None:
+            outside = (value < limits[0]) | (value > limits[1])
             marks = _marked(marks, outside, Quality.OUT_OF_RANGE)
-        if shortest <= signal.last_byte:
-            cut = size <= signal.last_byte
+        if shortest <= last_byte:
+            cut = size <= last_byte
             value[cut] = np.nan
             false = Quality.OUT_OF_RANGE | Quality.SENTINEL  # from bits that were not received
             marks = _marked(marks & ~(cut * np.uint8(false)), cut, Quality.MISSING)
-        name = f"{message.name}.{signal.name}"
         samples[name] = Samples(name, read_only(stamps), read_only(value), read_only(marks))
     return samples, int(np.count_nonzero(bad & (length == message.length)))
 
