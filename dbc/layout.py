@@ -46,7 +46,7 @@ class SignalLayout:
     selected_by: tuple[tuple[int, int], ...]
     """Inclusive ranges of the selector's raw value for which the signal is in the frame."""
     sentinels: tuple[int, ...]
-    """Raw values that are not measurements, see `dbc.value_tables`."""
+    """Raw values that are not measurements, see `dbc.database`."""
 
     @property
     def is_multiplexed(self) -> bool:

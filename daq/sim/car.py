@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from ..bench.config import Bench
-from ..channels import ON_BODY, Channel, Quantity, message_of
+from ..channels import ON_BODY, SI_UNITS, Channel, Quantity, message_of
 from ..errors import InputError
 from ..vehicle import (
     FORD_GRANADA,
@@ -45,18 +45,15 @@ class Spread:
 
     def of(self, quantity: Quantity) -> float:
         """Return the standard deviation for a sensor of `quantity`, SI; 0 for an unused one."""
-        match quantity:
-            case Quantity.UNUSED:
-                return 0.0
-            case Quantity.BODY_ACCELERATION:
-                return self.body_acceleration_m_s2
-            case Quantity.HUB_ACCELERATION:
-                return self.hub_acceleration_m_s2
-            case Quantity.PITCH_RATE | Quantity.ROLL_RATE:
-                return self.rate_rad_s
-            case Quantity.PITCH_ACCELERATION | Quantity.ROLL_ACCELERATION:
-                return self.angular_acceleration_rad_s2
-        return self.displacement_m
+        by_unit = {
+            "rad/s": self.rate_rad_s,
+            "rad/s2": self.angular_acceleration_rad_s2,
+            "m": self.displacement_m,
+            "m/s2": self.body_acceleration_m_s2,
+        }
+        if quantity is Quantity.HUB_ACCELERATION:
+            return self.hub_acceleration_m_s2
+        return by_unit.get(SI_UNITS.get(quantity, ""), 0.0)
 
 
 NOISE = Spread(0.03, 0.15, math.radians(0.1), 0.02, 0.0002)

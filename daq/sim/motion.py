@@ -67,15 +67,6 @@ class Kinematics:
     """Rate of change of the velocity, from the balance of forces."""
 
 
-def joined(early: Kinematics, late: Kinematics) -> Kinematics:
-    """Return two motions, one after the other."""
-    return Kinematics(
-        np.hstack([early.pose, late.pose]),
-        np.hstack([early.velocity, late.velocity]),
-        np.hstack([early.acceleration, late.acceleration]),
-    )
-
-
 class Moving(Protocol):
     """Any motion of the car that can be sampled."""
 
@@ -135,8 +126,18 @@ class TwoBumps:
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
-        split = int(np.searchsorted(t_s, self.second.bump.start_s, side="right"))
-        return joined(self.first.at(t_s[:split]), self.second.at(t_s[split:]))
+        return _spliced(self.first, self.second, t_s)
+
+
+def _spliced(first: Moving, second: Motion, t_s: Array) -> Kinematics:
+    """Return a motion that another one follows from the beginning of its bump."""
+    split = int(np.searchsorted(t_s, second.bump.start_s, side="right"))
+    early, late = first.at(t_s[:split]), second.at(t_s[split:])
+    return Kinematics(
+        np.hstack([early.pose, late.pose]),
+        np.hstack([early.velocity, late.velocity]),
+        np.hstack([early.acceleration, late.acceleration]),
+    )
 
 
 def standing(plant: Plant, stuck: Array | None = None) -> Array:
@@ -181,6 +182,34 @@ def drive(
 
 
 @dataclass(frozen=True, slots=True)
+class Push:
+    """A person who presses the body, so slowly that every spring follows: a cosine."""
+
+    rest: Array
+    """(7, 1) The pose before."""
+    sink: Array
+    """(7, 1) The change of the pose at the lowest point."""
+    length_s: float
+    """Duration, s."""
+    begin_s: float = 0.0
+    """Time at which it begins, s."""
+    turns: float = 1.0
+    """1 presses and lets go; a half presses and holds."""
+
+    def at(self, t_s: Array) -> Kinematics:
+        """Return the motion at the times `t_s`, (n,) ascending, s; at rest outside the push."""
+        end = 2.0 * np.pi * self.turns
+        turn = end / self.length_s
+        phase = np.clip(turn * (t_s - self.begin_s), 0.0, end)
+        going = (phase > 0.0) & (phase < end)
+        return Kinematics(
+            self.rest + self.sink * (1.0 - np.cos(phase)) / 2,
+            self.sink * turn * np.sin(phase) / 2 * going,
+            self.sink * turn**2 * np.cos(phase) / 2 * going,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Release:
     """A car that is moved from its rest, held, and released."""
 
@@ -195,16 +224,8 @@ class Release:
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
-        split = int(np.searchsorted(t_s, self.decay.bump.start_s, side="right"))
-        phase = np.clip((t_s[:split] - self.start_s) / PRESS_S, 0.0, 1.0)
-        going = (phase > 0.0) & (phase < 1.0)
-        way, turn = self.held - self.rest, np.pi / PRESS_S
-        pushed = Kinematics(
-            self.rest + way * (1.0 - np.cos(np.pi * phase)) / 2.0,
-            way * turn * np.sin(np.pi * phase) / 2.0 * going,
-            way * turn**2 * np.cos(np.pi * phase) / 2.0 * going,
-        )
-        return joined(pushed, self.decay.at(t_s[split:]))
+        press = Push(self.rest, self.held - self.rest, PRESS_S, self.start_s, 0.5)
+        return _spliced(press, self.decay, t_s)
 
 
 def dropped(
@@ -243,29 +264,6 @@ def _down(force_n: float, x_m: float, y_m: float) -> Array:
     load = np.zeros((7, 1))
     load[:3, 0] = -force_n * np.array([1.0, -x_m, y_m])
     return load
-
-
-@dataclass(frozen=True, slots=True)
-class Push:
-    """A person who presses the body down and lets go, so slowly that every spring follows."""
-
-    rest: Array
-    """(7, 1) The pose before and after."""
-    sink: Array
-    """(7, 1) The change of the pose at the lowest point."""
-    length_s: float
-    """Duration, s."""
-
-    def at(self, t_s: Array) -> Kinematics:
-        """Return the motion at the times `t_s`, (n,) ascending, s; at rest outside the push."""
-        turn = 2 * np.pi / self.length_s
-        phase = np.clip(t_s / self.length_s, 0.0, 1.0) * 2 * np.pi
-        pushing = (phase > 0.0) & (phase < 2 * np.pi)
-        return Kinematics(
-            self.rest + self.sink * (1.0 - np.cos(phase)) / 2,
-            self.sink * turn * np.sin(phase) / 2,
-            self.sink * turn**2 * np.cos(phase) / 2 * pushing,
-        )
 
 
 def pushed(plant: Plant, corner: Corner, force_n: float, length_s: float) -> Push:

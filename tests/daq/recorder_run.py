@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -10,11 +11,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from daq.bench.config import Bench, BusConfig
+import pytest
+
+from daq.bench.config import Bench, BusConfig, parse_bench
 from daq.bus.source import FrameSource, SourceLosses
 from daq.control.messages import Live, Reply, SessionState, Status
 from daq.control.orders import Order
+from daq.journal.contents import JournalContents
+from daq.journal.folder import recordings
+from daq.journal.reader import read_journal
+from daq.recorder import judging
 from daq.recorder.recorder import Recorder
+from daq.verdict import RunMeasure
 from dbc import FrameBatch
 
 PATIENCE_S = 150.0
@@ -155,3 +163,51 @@ class Running:
             if live is not None:
                 self.live.append(live)
             self._news.notify_all()
+
+
+# A bench whose runs come thick and fast, what gives out its frames, what was stored of them -----
+
+
+CAN0, CAN1 = (BusConfig("test", f"can{n}", 1_000_000) for n in range(2))
+
+
+@pytest.fixture
+def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
+    """Return a bench of one bus whose runs come thick and fast; its judge lets everything pass.
+
+    Its bus may be silent for 60 s: a busy machine keeps a test for more than the usual second.
+    """
+    monkeypatch.setattr(judging, "judge", lambda *_: ((), RunMeasure()))
+    text = bench.text
+    for key, value in (
+        ("excitations", '["bounce", "roll"]'),
+        ("repeats", "1"),
+        ("accept_after_s", "0.1"),
+        ("pre_s", "0.1"),
+        ("post_s", "0.5"),
+        ("rest_s", "0.1"),
+        ("silent_s", "60"),
+    ):
+        text = re.sub(rf"^{key} = [^#\n]*", f"{key} = {value} ", text, flags=re.MULTILINE)
+    return replace(parse_bench(text, "bench.toml", Path(), bench.dbc_text), buses=(CAN0,))
+
+
+@pytest.fixture
+def two(quick: Bench) -> Bench:
+    return replace(quick, buses=(CAN0, CAN1))
+
+
+def stored(folder: Path) -> JournalContents:
+    """Return the first campaign of a folder."""
+    return read_journal(recordings(folder / "journal")[0].segments)
+
+
+class Gated(Script):
+    """Gives out nothing before a gate is opened."""
+
+    def __init__(self, gate: threading.Event, given: list[FrameBatch]) -> None:
+        super().__init__(given)
+        self.gate = gate
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        return super().read(timeout_s) if self.gate.wait(0.01) else FrameBatch.empty()

@@ -1,12 +1,43 @@
-"""A bench of sensors: two like IMUs on two buses, four like string pots, four hub sensors."""
+"""Frames written by hand, as the documents of their sensors say."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from daq.bench.config import Bench, parse_bench
 from daq.bench.databases import Database, stored_text
+from dbc.frames import FrameBatch, FrameFlag
+
+START_NS = 1_800_000_000_000_000_000
+
+Row = tuple[float, int, bytes]
+"""Seconds since the start, identifier, payload."""
+
+
+def frame_batch(rows: Iterable[Row], extended: bool = False) -> FrameBatch:
+    """Return frames in order of time; those at one time keep their order."""
+    ordered = sorted(rows, key=lambda row: row[0])
+    n = len(ordered)
+    wide = max((len(row[2]) for row in ordered), default=0) > 8
+    data = np.zeros((n, 64 if wide else 8), np.uint8)
+    for i, (_, _, payload) in enumerate(ordered):
+        data[i, : len(payload)] = np.frombuffer(payload, np.uint8)
+    return FrameBatch(
+        np.array([START_NS + round(row[0] * 1e9) for row in ordered], np.int64),
+        np.array([row[1] for row in ordered], np.uint32),
+        np.full(n, FrameFlag.EXTENDED if extended else 0, np.uint16),
+        np.zeros(n, np.uint8),
+        np.array([len(row[2]) for row in ordered], np.uint8),
+        data,
+    )
+
+
+# A bench of sensors: two like IMUs on two buses, four like string pots, four hub sensors --------
+
 
 IMU = """VERSION ""
 BU_: Imu

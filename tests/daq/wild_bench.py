@@ -20,7 +20,7 @@ from daq.sim.car import SimulatedCar
 from daq.sim.ecu import rig_of
 from dbc import FrameBatch
 
-from .sensor_frames import START_NS
+from .sensor_bench import START_NS
 
 FOLDER = Path(__file__).parents[2] / "docs" / "examples" / "unknown_bench"
 TRUTH = (FOLDER / "car.toml").read_text("utf-8")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dbc import UNUSABLE, Quality, parse_codec
-from dbc.value_tables import names_no_value
+from dbc.database import names_no_value
 from tui.cli import run
 
 from .databases import block

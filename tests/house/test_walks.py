@@ -14,8 +14,8 @@ from identify import identify
 
 from ..daq.conftest import bench as bench
 from ..daq.conftest import codec as codec
-from ..daq.quick_bench import quick as quick
 from ..daq.recorder_run import Running, Script, sources
+from ..daq.recorder_run import quick as quick
 from ..daq.small_campaign import blocks, bumps
 from ..identify.stress import stress_session
 from .walks import walked

@@ -22,7 +22,7 @@ from dbc.finding import Severity
 from dbc.frames import FrameBatch
 from dbc.samples import Quality
 
-from ..sensor_frames import START_NS, Row, frame_batch
+from ..sensor_bench import START_NS, Row, frame_batch
 
 G = 9.80665
 DEG = math.pi / 180

@@ -18,7 +18,7 @@ from daq.sim.ecu import campaign_frames
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec
 from dbc.finding import Finding, Severity
 
-from ..sensor_frames import START_NS
+from ..sensor_bench import START_NS
 
 TODAY = date(2026, 6, 1)
 REST_S = 3.0

@@ -26,7 +26,7 @@ from dbc.samples import DecodeCounts, Decoded, Samples
 
 from ...dbc.databases import FRONT, REAR, kcd
 from ...dbc.databases import kcd_message as message
-from ..sensor_frames import START_NS, Row, frame_batch
+from ..sensor_bench import START_NS, Row, frame_batch
 from ..wild_bench import POT
 from .test_frame_limits import sent
 

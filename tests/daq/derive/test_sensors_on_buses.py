@@ -26,8 +26,7 @@ from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, Severity
 from dbc.units import G_M_S2
 
-from ..sensor_bench import IMU, sensor_bench
-from ..sensor_frames import START_NS
+from ..sensor_bench import IMU, START_NS, sensor_bench
 
 OLD = """
 dbc = "imu.dbc"

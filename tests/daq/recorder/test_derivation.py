@@ -23,8 +23,8 @@ from daq.runs import Event
 from dbc import Codec
 
 from ..crash_derive import journal_of_runs
-from ..quick_bench import quick as quick
 from ..recorder_run import ENDED, Running, Script, sources
+from ..recorder_run import quick as quick
 from ..small_campaign import blocks, bumps
 
 

@@ -24,8 +24,7 @@ from dbc import Codec, FrameBatch
 from tui.recorders.lines import status_lines
 
 from ..a_status import a_status
-from ..quick_bench import Gated, quick, stored
-from ..recorder_run import PATIENCE_S, Running, Script, sources
+from ..recorder_run import PATIENCE_S, Gated, Running, Script, quick, sources, stored
 from ..small_campaign import blocks, bumps
 from ..watched_bench import WatchedBench
 

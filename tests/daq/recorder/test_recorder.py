@@ -45,8 +45,19 @@ from daq.recorder.recorder import Recorder
 from daq.runs import Event
 from dbc import Codec, FrameBatch
 
-from ..quick_bench import CAN0, Gated, quick, stored, two
-from ..recorder_run import ENDED, PATIENCE_S, Running, Script, on_bus, sources
+from ..recorder_run import (
+    CAN0,
+    ENDED,
+    PATIENCE_S,
+    Gated,
+    Running,
+    Script,
+    on_bus,
+    quick,
+    sources,
+    stored,
+    two,
+)
 from ..small_campaign import LABELS, PLANNED, START_NS, blocks, bumps, codes
 from .test_derivation import Process
 

@@ -39,8 +39,18 @@ from dbc import Codec, FrameBatch
 from tui.recorders.lines import status_lines
 
 from ..crash_frames import block, numbers
-from ..quick_bench import CAN0, CAN1, Gated, quick, stored
-from ..recorder_run import ENDED, PATIENCE_S, Running, Script, sources
+from ..recorder_run import (
+    CAN0,
+    CAN1,
+    ENDED,
+    PATIENCE_S,
+    Gated,
+    Running,
+    Script,
+    quick,
+    sources,
+    stored,
+)
 from ..small_campaign import LABELS, blocks, bumps
 
 __all__ = ["quick"]

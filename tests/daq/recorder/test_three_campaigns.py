@@ -35,8 +35,7 @@ from tui.recorders.daemon import Lifetime
 from tui.recorders.log import Log
 from tui.recorders.recording import record_campaign
 
-from ..quick_bench import Gated, quick, stored
-from ..recorder_run import ENDED, PATIENCE_S, Running, Script, sources
+from ..recorder_run import ENDED, PATIENCE_S, Gated, Running, Script, quick, sources, stored
 from ..small_campaign import LABELS, START_NS, blocks, bumps
 
 __all__ = ["quick"]

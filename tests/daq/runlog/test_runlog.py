@@ -27,8 +27,7 @@ from daq.runlog.run_log import (
 from daq.runs import Event, Excitation
 from dbc.finding import Finding, Severity
 
-from ..a_status import a_status
-from ..long_run_log import long_run_log
+from ..a_status import a_status, long_run_log
 
 RUN = "baseline_bounce_1"
 BUMP = Event(1, Code.BUMP, 1.0, RUN)
