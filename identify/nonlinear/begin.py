@@ -112,10 +112,10 @@ def scaled_to_vehicle(
     `vehicles`: generic ones, (15,) each, the usual one first.
     """
     masses = [float(vehicle[0]) for vehicle in vehicles]
-    found = float(np.exp(eta[box.parameters.index("m_s")]))
-    if min(masses) / _BEYOND <= found <= max(masses) * _BEYOND:
+    mass = float(np.exp(eta[box.parameters.index("m_s")]))
+    if min(masses) / _BEYOND <= mass <= max(masses) * _BEYOND:
         return eta
-    return scaled(box, eta, masses[0] / found)
+    return scaled(box, eta, masses[0] / mass)
 
 
 def is_impossible(
@@ -128,9 +128,9 @@ def is_impossible(
     """
     usual = np.array([SYMMETRIC @ vehicle for vehicle in vehicles])
     common = usual.all(axis=0)  # bars, tyre damping and offsets may be zero
-    found = box.full(eta.astype(complex)).real[common]
+    values = box.full(eta.astype(complex)).real[common]
     least, most = usual[:, common].min(axis=0), usual[:, common].max(axis=0)
-    return bool(((found < least / _MISSHAPEN) | (found > most * _MISSHAPEN)).any())
+    return bool(((values < least / _MISSHAPEN) | (values > most * _MISSHAPEN)).any())
 
 
 def position_at_rest(

@@ -14,7 +14,7 @@ from ..fit.varpro import NormalBlock
 from .car import elements
 from .fit import inverse
 from .path import POLISH, InitialState
-from .problem import Normal, Point, Problem, normal, point, run_of
+from .problem import Point, Problem, point, run_of
 
 _OWN_STEPS = 4
 """Gauss-Newton steps for the initial states of runs at other unknowns: they are nearly linear."""
@@ -47,8 +47,7 @@ class NonlinearEngine:
         eta: NDArray[np.float64],
     ) -> dict[str, NormalBlock]:
         """Return what each decay, the facts and the priors contribute at the shown unknowns."""
-        at, equations = self._at(decays, sigma, eta)
-        return self.parts(at, equations)
+        return self.parts(self._at(decays, sigma, eta))
 
     def residuals(
         self,
@@ -57,8 +56,7 @@ class NonlinearEngine:
         eta: NDArray[np.float64],
     ) -> tuple[Residuals, ...]:
         """Return the residuals of each decay at the shown unknowns."""
-        at, equations = self._at(decays, sigma, eta)
-        return residuals_of(at, equations)
+        return residuals_of(self._at(decays, sigma, eta))
 
     def fact_misfits(
         self, eta: NDArray[np.float64]
@@ -72,8 +70,8 @@ class NonlinearEngine:
         every[self.shown] = eta
         return every
 
-    def parts(self, at: Point, equations: Normal) -> dict[str, NormalBlock]:
-        """Return the shares at a point whose normal equations are known."""
+    def parts(self, at: Point) -> dict[str, NormalBlock]:
+        """Return what each decay, the facts and the priors contribute at a point."""
         problem = at.problem
         place = np.searchsorted(self.shown, problem.free)
         size = len(self.shown)
@@ -89,14 +87,14 @@ class NonlinearEngine:
         for name, terms in ((FACTS, problem.fact_terms), (PRIORS, problem.prior_terms)):
             misfits, slopes = terms(at.eta)
             result[name] = spread(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits)
-        for run, b, found in zip(problem.runs, equations.blocks, at.predicted, strict=True):
+        for run, b, predicted in zip(problem.runs, at.normal.blocks, at.predicted, strict=True):
             X = b.B.T @ inverse(b.A)
-            result[run.decay.label] = spread(found.cost, b.C - X @ b.B, b.shared - X @ b.own)
+            result[run.decay.label] = spread(predicted.cost, b.C - X @ b.B, b.shared - X @ b.own)
         return result
 
     def _at(
         self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: NDArray[np.float64]
-    ) -> tuple[Point, Normal]:
+    ) -> Point:
         every = self._every(eta)
         problem = Problem(
             self.problem.model,
@@ -107,30 +105,30 @@ class NonlinearEngine:
         at = point(problem, every, initials, POLISH)
         if at is None:
             raise FloatingPointError("the path of a run is not finite at these unknowns")
-        equations = normal(at)
         for _ in range(_OWN_STEPS):
-            steps = [inverse(b.A) @ b.own for b in equations.blocks]
-            gain = sum(float(s @ b.own) for s, b in zip(steps, equations.blocks, strict=True))
+            blocks = at.normal.blocks
+            steps = [inverse(b.A) @ b.own for b in blocks]
+            gain = sum(float(s @ b.own) for s, b in zip(steps, blocks, strict=True))
             if gain < 0.01 * len(initials):
                 break
             initials = tuple(own.moved(step) for own, step in zip(at.initials, steps, strict=True))
             moved = point(problem, every, initials, POLISH)
             if moved is None or moved.cost > at.cost:
                 break
-            at, equations = moved, normal(moved)
-        return at, equations
+            at = moved
+        return at
 
 
-def residuals_of(at: Point, equations: Normal) -> tuple[Residuals, ...]:
+def residuals_of(at: Point) -> tuple[Residuals, ...]:
     """Return the residuals of each decay, SI, with the degrees of freedom of each channel."""
     result = []
-    for run, found, b in zip(at.problem.runs, at.predicted, equations.blocks, strict=True):
+    for run, predicted, b in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
         own = len(b.A)
         spread = inverse(b.A)
         values: dict[str, NDArray[np.float64]] = {}
         freedom: dict[str, float] = {}
         for r, left, weight, basis, J in zip(
-            run.decay.recordings, found.left, run.weights, run.bases, b.jacobian, strict=True
+            run.decay.recordings, predicted.left, run.weights, run.bases, b.jacobian, strict=True
         ):
             for c, channel in enumerate(r.group.channels):
                 values[channel.name] = left[:, c] / weight[c]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .path import USUAL, Grade, InitialState
-from .problem import Block, Normal, Point, Problem, normal, point
+from .problem import Block, Normal, Point, Problem, point
 
 _RANK = 1e-13
 """Share of the strongest direction below which one counts as not observed."""
@@ -38,7 +38,6 @@ class Optimum:
     """The point where a fit ended."""
 
     point: Point
-    normal: Normal
     information: NDArray[np.float64]
     """(F, F) reduced normal matrix, undamped."""
     iterations: int
@@ -209,24 +208,13 @@ def _is_settled(problem: Problem, full: _Step, information: NDArray[np.float64])
     return bool((np.abs(full.shared[car]) <= _STILL * std).all())
 
 
-@dataclass(frozen=True, slots=True)
-class _Evaluated:
-    """A point, and the step from it."""
-
-    point: Point
-    equations: Normal
-    full: _Step
-    """The undamped step from the point."""
-
-
-def _evaluated(at: Point | None) -> _Evaluated | None:
-    """Return a point with its equations and full step; None without finite path and tangents."""
-    equations = normal(at) if at else None
-    if not at or not equations or not equations.finite:
+def _full_step(at: Point | None) -> _Step | None:
+    """Return the undamped step from a point; None without finite path and tangents."""
+    if at is None or not at.normal.finite:
         return None
     low, high = at.problem.bounds
     now = at.eta[at.problem.free]
-    return _Evaluated(at, equations, _step(equations, at.initials, 1e-12, low - now, high - now))
+    return _step(at.normal, at.initials, 1e-12, low - now, high - now)
 
 
 def fit(
@@ -248,31 +236,31 @@ def fit(
     holds for a fit that creeps along the gap of a stop or the knees of a curve, while the car's
     parameters do not move.
     """
-    here = _evaluated(point(problem, eta, initials, grade))
-    if here is None:
+    at = point(problem, eta, initials, grade)
+    full = _full_step(at)
+    if at is None or full is None:
         return None
     low, high = problem.bounds
     n = sum(run.freedom for run in problem.runs)
     damping, refused, iterations, slow = 1e-3, 0, 0, False
     while True:
-        at, equations, decrement = here.point, here.equations, here.full.fall
+        decrement = full.fall
         now = at.eta[problem.free]
         unit = max(1.0, at.cost / n)
         small = slow or abs(decrement) < max(tolerance * unit, rough * at.cost)
         if small or iterations >= max_iterations or refused >= _REFUSED:
-            matrix, _, _ = reduced(equations, 0.0)
+            matrix, _, _ = reduced(at.normal, 0.0)
             still = 0.0 <= decrement < _STILL_PROMISED * unit
             settled = small or (refused >= _REFUSED and 0.0 <= decrement < _PROMISED * unit)
-            settled |= still and _is_settled(problem, here.full, matrix)
-            return Optimum(at, equations, matrix, iterations, decrement, settled)
-        ahead: _Evaluated | None = None
+            settled |= still and _is_settled(problem, full, matrix)
+            return Optimum(at, matrix, iterations, decrement, settled)
         near, ends = decrement < unit, decrement < _PROMISED * unit
         least = unit * (min(_LEAST_THERE, tolerance) if ends else _LEAST)
         box = problem.reach
         while refused < _REFUSED and iterations < max_iterations:
             iterations += 1
             bounds = np.maximum(low - now, -box), np.minimum(high - now, box)
-            step = _step(equations, at.initials, damping, *bounds)
+            step = _step(at.normal, at.initials, damping, *bounds)
             if ends and step.fall < least:  # damped more, it gains even less
                 refused = _REFUSED
                 break
@@ -287,16 +275,14 @@ def fit(
                 f"promised {decrement:.3g} lambda {damping:.0e}"
             )
             if trial is not None and trial.cost < at.cost + (0.5 * unit if near else -least):
-                there = _evaluated(trial)
+                next_step = _full_step(trial)
                 # Where a curve falls, tangents grow until the full step is not a minimum any more.
-                if there and there.full.fall > -tolerance * unit:
+                if next_step and next_step.fall > -tolerance * unit:
                     # A damping that has just proved necessary stays for one step.
                     damping = damping if refused else max(damping / 10.0, 1e-8)
-                    refused, ahead = 0, there
+                    slow = at.cost - trial.cost < _SLOW * rough * at.cost
+                    refused, at, full = 0, trial, next_step
                     break
             refused += 1
             damping = max(damping * 10.0, 1e-3)
             box = box / 2.0
-        if ahead:
-            slow = at.cost - ahead.point.cost < _SLOW * rough * at.cost
-            here = ahead

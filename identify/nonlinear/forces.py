@@ -162,10 +162,12 @@ def _axle(
     one = at.cars[0]
     corners = [2 * axle, 2 * axle + 1]
     speeds, travels = [], []
-    for car, found in zip(at.cars, at.predicted, strict=True):
-        x = found.path.states
+    for car, predicted in zip(at.cars, at.predicted, strict=True):
+        x = predicted.path.states
         travels.append(travel_speeds(car, x, 0)[:, corners].max())
-        speeds.append((found.path.speeds if car.has_mount else travel_speeds(car, x))[:, corners])
+        speeds.append(
+            (predicted.path.speeds if car.has_mount else travel_speeds(car, x))[:, corners]
+        )
     pooled = np.concatenate(speeds).ravel()
     low, high = np.quantile(pooled, [_SHARE, 1.0 - _SHARE])
     grid = np.union1d(np.linspace(min(low, 0.0), max(high, 0.0), _POINTS), [0.0])
@@ -258,14 +260,14 @@ def force_quantities(forces: Forces) -> dict[str, Estimate]:
     Names are `front friction`, `rear damper +0.10 m/s`, and `rear corner +0.10 m/s` for damper and
     friction together.
     """
-    found: dict[str, Estimate] = {}
+    quantities: dict[str, Estimate] = {}
     for one in forces.axles:
         for name, e in one.values.items():
-            found[f"{one.axle} {name.replace('_', ' ')}"] = e
+            quantities[f"{one.axle} {name.replace('_', ' ')}"] = e
         for at in forces_at_speeds(one.damper):
-            found[f"{one.axle} damper {at.speed_m_s:+.2f} m/s"] = at.damper
-            found[f"{one.axle} corner {at.speed_m_s:+.2f} m/s"] = at.total
-    return found
+            quantities[f"{one.axle} damper {at.speed_m_s:+.2f} m/s"] = at.damper
+            quantities[f"{one.axle} corner {at.speed_m_s:+.2f} m/s"] = at.total
+    return quantities
 
 
 def _at(

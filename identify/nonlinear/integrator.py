@@ -23,7 +23,6 @@ from .path import (
     InitialState,
     Level,
     Path,
-    Sampled,
     damper_curve,
     first_state,
     hermite,
@@ -229,7 +228,7 @@ def _integrate(
     return Path(step_s, level, states, slopes, speeds) if reached == steps + 1 else None
 
 
-def sample(car: Car, path: Path, times_s: Array) -> Sampled:
+def sample(car: Car, path: Path, times_s: Array) -> Path:
     """Return the states at the given times, s."""
     states, slopes = np.empty((len(times_s), STATES)), np.empty((len(times_s), STATES))
     speeds = np.empty((len(times_s), 4))
@@ -237,7 +236,7 @@ def sample(car: Car, path: Path, times_s: Array) -> Sampled:
         times_s, path.step_s, path.states, path.slopes, path.speeds, *_body(car), path.level,
         car.has_mount, states, slopes, speeds,
     )  # fmt: skip
-    return Sampled(times_s, states, slopes, speeds)
+    return Path(0.0, path.level, states, slopes, speeds)
 
 
 def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Any:
@@ -280,11 +279,11 @@ def filtered(low_pass: LowPass, values: Array, step_s: float, times_s: Array) ->
     """
     order = np.argsort(times_s, kind="stable")
     flat = np.ascontiguousarray(values).reshape(len(values), -1)
-    found = np.zeros((len(times_s), flat.shape[1]))
+    ordered = np.zeros((len(times_s), flat.shape[1]))
     for pole, residue, weights in _pole_terms(low_pass, 2.0 * step_s):
-        kernels.filter_pole(flat, 2.0 * step_s, times_s[order], pole, residue, weights, found)
-    total = np.empty_like(found)
-    total[order] = found
+        kernels.filter_pole(flat, 2.0 * step_s, times_s[order], pole, residue, weights, ordered)
+    total = np.empty_like(ordered)
+    total[order] = ordered
     return total.reshape(len(times_s), *values.shape[1:])
 
 

@@ -116,9 +116,10 @@ class InitialState:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """All states at evenly spaced nodes."""
+    """All states at evenly spaced nodes, or at given times."""
 
     step_s: float
+    """Of the nodes; 0 for given times."""
     level: Level
     """Rounding of the laws."""
     states: NDArray[np.float64]
@@ -132,19 +133,6 @@ class Path:
     def end_s(self) -> float:
         """Time of the last node, s."""
         return (len(self.states) - 1) * self.step_s
-
-
-@dataclass(frozen=True, slots=True)
-class Sampled:
-    """The states at given times."""
-
-    times_s: NDArray[np.float64]
-    states: NDArray[np.float64]
-    """(n, 22)."""
-    slopes: NDArray[np.float64]
-    """(n, 22)."""
-    speeds: NDArray[np.float64]
-    """(n, 4)."""
 
     def motion(self, derivative: int) -> NDArray[np.float64]:
         """Return displacement, speed or acceleration of the degrees of freedom, (n, 7)."""

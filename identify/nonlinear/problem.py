@@ -14,11 +14,11 @@ from daq.channels import TIME_DERIVATIVE
 from ..decays.decay import FreeDecay, Recording
 from ..model.low_pass import low_pass_of
 from ..model.matrices import COMPLEX_STEP, stepped
-from . import integrator as integrator
+from . import integrator
 from .car import KNEE_M_S, MOUNT, REACH, Car, Model, car
 from .integrator import acting, for_each_run, plan_of, sampled_channels, start_of
 from .laws import secant_share
-from .path import Grade, InitialState, Path, Sampled, step_of
+from .path import Grade, InitialState, Path, step_of
 
 # One run: the model's prediction of its samples, and its normal equations -------------------------
 
@@ -85,15 +85,15 @@ class Rows:
 def rows_of(model: Model, eta: NDArray[np.float64], free: NDArray[np.intp]) -> Rows:
     """Return the output rows at `eta`, (P,), and their derivatives by the unknowns at `free`."""
     points = stepped(eta)[np.concatenate([[0], 1 + free])]
-    found = model.box.motion_rows(points)
+    motions = model.box.motion_rows(points)
     box = model.box
     late = []
     for i in range(len(box.groups)):
         p = box.delay_index(i)
         late.append(int(np.flatnonzero(free == p)[0]) if p is not None and p in free else None)
     return Rows(
-        {name: row[0].real for name, row in found.items()},
-        {name: row[1:].imag / COMPLEX_STEP for name, row in found.items()},
+        {name: row[0].real for name, row in motions.items()},
+        {name: row[1:].imag / COMPLEX_STEP for name, row in motions.items()},
         box.delays_s(eta),
         tuple(late),
     )
@@ -130,11 +130,10 @@ def _values(
     low_pass = low_pass_of(r.group.channels[0])
     if not len(low_pass.poles):
         return _seen(rows, r, integrator.sample(car, path, times))
-    nodes = Sampled(np.zeros(0), path.states, path.slopes, path.speeds)
-    return integrator.filtered(low_pass, _seen(rows, r, nodes), path.step_s, times)
+    return integrator.filtered(low_pass, _seen(rows, r, path), path.step_s, times)
 
 
-def _seen(rows: Rows, r: Recording, sampled: Sampled) -> NDArray[np.float64]:
+def _seen(rows: Rows, r: Recording, sampled: Path) -> NDArray[np.float64]:
     columns = [
         sampled.motion(TIME_DERIVATIVE[c.quantity]) @ rows.rows[c.name] for c in r.group.channels
     ]
@@ -255,12 +254,12 @@ def _shares(model: Model, eta: NDArray[np.complex128]) -> NDArray[np.complex128]
     middle = np.sort(np.unique(edges))
     speeds = np.concatenate([[middle[0] - 1.0], 0.5 * (middle[1:] + middle[:-1]), [middle[-1] + 1]])
     beyond = np.where(knots < 0.0, speeds[:, None] < knots, speeds[:, None] > knots)
-    found = []
+    shares_of_axles = []
     for axle, corner in (("f", 15), ("r", 17)):
         c = 0.5 * (full[:, corner] + full[:, corner + 1])
         h = np.stack([value[f"h_{axle}{j + 1}"] for j in range(len(knots))], axis=1)
-        found.append(1.0 + (h / c[:, None]) @ (beyond - share).T)
-    return np.concatenate(found, axis=1)
+        shares_of_axles.append(1.0 + (h / c[:, None]) @ (beyond - share).T)
+    return np.concatenate(shares_of_axles, axis=1)
 
 
 # The problem --------------------------------------------------------------------------------------
@@ -344,6 +343,11 @@ class Point:
     cost: float
     grade: Grade
 
+    @cached_property
+    def normal(self) -> Normal:
+        """Normal equations at this point."""
+        return normal(self)
+
 
 @dataclass(frozen=True)
 class Normal:
@@ -390,15 +394,15 @@ def point(
     whole = [path for path in paths if path is not None]
     if len(whole) < len(paths):
         return None
-    found = for_each_run(partial(predict, model, rows), problem.runs, each, whole)
-    cost = sum(one.cost for one in found)
+    predicted = for_each_run(partial(predict, model, rows), problem.runs, each, whole)
+    cost = sum(one.cost for one in predicted)
     cost += sum(float(own.friction @ own.friction) / _FRICTION_PRIOR**2 for own in initials)
     for one, own in zip(each, initials, strict=True):
         if one.has_mount:
             cost += float(np.sum((own.mount / _mount_sd(one)) ** 2))
     for misfits, _ in (problem.fact_terms(eta), problem.prior_terms(eta)):
         cost += float(misfits @ misfits)
-    return Point(problem, eta, initials, each, rows, found, cost, grade)
+    return Point(problem, eta, initials, each, rows, predicted, cost, grade)
 
 
 def _mount_sd(one: Car) -> NDArray[np.float64]:
@@ -421,11 +425,11 @@ def normal(at: Point) -> Normal:
 
 
 def _block(
-    at: Point, acts: NDArray[np.intp], run: Run, one: Car, own: InitialState, found: Predicted
+    at: Point, acts: NDArray[np.intp], run: Run, one: Car, own: InitialState, predicted: Predicted
 ) -> Block:
     """Return the normal equations of a run, with the priors of its own unknowns."""
     with np.errstate(over="ignore", invalid="ignore"):  # `finite` says so
-        given = block(at.problem.model, run, one, at.rows, own, found, acts, at.grade)
+        given = block(at.problem.model, run, one, at.rows, own, predicted, acts, at.grade)
     A, right = given.A.copy(), given.own.copy()
     k = np.arange(14, 18)
     A[k, k] += _FRICTION_PRIOR**-2

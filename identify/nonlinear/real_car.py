@@ -76,8 +76,8 @@ def real_car(
 
     def attempts() -> Iterator[Attempt]:
         for late_s, linear_s, generic in _ATTEMPTS:
-            found = basin(simple, few, rest, start_s + linear_s, near)
-            sized = scaled_to_vehicle(simple, found, vehicles)
+            near_by = basin(simple, few, rest, start_s + linear_s, near)
+            sized = scaled_to_vehicle(simple, near_by, vehicles)
             start = near[generic] if is_impossible(simple, sized, vehicles) else sized
             full = simple.full(start.astype(complex)).real
             eta = model.unknowns(model.box.unknowns_of(full))
@@ -91,10 +91,10 @@ def real_car(
             )
 
     with threadpool_limits(1, "blas"):  # the runs of a fit share the processors instead
-        found = release(model, attempts(), lambda name: decided.get(name, True), log)
-    if found is None:
+        end = release(model, attempts(), lambda name: decided.get(name, True), log)
+    if end is None:
         return None
-    best, chosen = found
+    best, chosen = end
     return _result(linear, best, chosen, sigma, decided)
 
 
@@ -132,7 +132,7 @@ def _result(
 ) -> RealCar:
     at, problem = best.point, best.point.problem
     model, free = problem.model, problem.free
-    left = residuals_of(at, best.normal)
+    left = residuals_of(at)
     squares = sum(
         float(values @ values) / sigma[name] ** 2
         for one in left
@@ -142,7 +142,7 @@ def _result(
     chi2 = squares / freedom
     covariance = inverse(best.information)
     if chi2 - 1.0 > _CLEAN_SIGMAS * float(np.sqrt(2.0 / freedom)):
-        covariance = widened(covariance, scatter(at, best.normal))
+        covariance = widened(covariance, scatter(at))
     shown = np.union1d(np.arange(model.first), free)
     place = np.searchsorted(shown, free)
     full = np.zeros((len(shown), len(shown)))
@@ -150,7 +150,7 @@ def _result(
     full[np.ix_(place, place)] = covariance
     initials = {r.decay.label: own for r, own in zip(problem.runs, at.initials, strict=True)}
     engine = NonlinearEngine(problem, at.eta, initials, shown)
-    parts = engine.parts(at, best.normal)
+    parts = engine.parts(at)
     fit = Fit(
         at.eta[shown],
         full,

@@ -195,12 +195,12 @@ def release(
             if attempt is None:
                 break
             begun.append(attempt)
-            found = _first(model, attempt, chosen)
-            if found is not None:
-                chi2 = found.cost / attempt.freedom
-                log(f"{', '.join(chosen)}: chi2/n {chi2:.3f} after {found.iterations} steps")
+            end = _first(model, attempt, chosen)
+            if end is not None:
+                chi2 = end.cost / attempt.freedom
+                log(f"{', '.join(chosen)}: chi2/n {chi2:.3f} after {end.iterations} steps")
                 likely = chi2 * (_EASIER if attempt.late_s > 0.0 else 1.0)
-                waiting = sorted([*waiting, (likely, found, attempt)], key=lambda one: one[0])
+                waiting = sorted([*waiting, (likely, end, attempt)], key=lambda one: one[0])
         if not waiting:
             break
         _, start, taken = waiting.pop(0)
@@ -249,16 +249,16 @@ def _stages(
         for groups, eta in starts:
             within, start = refined(problem, eta, KNOTS[_LAST_KNOTS]) if refine else (problem, eta)
             freed = within.releasing(positions(within.model, groups, k >= CORRECTIONS_FROM))
-            found = fit(
+            end = fit(
                 freed, at_likely_scale(freed, start), best.point.initials, ROUGH,
                 tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
                 max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
             )  # fmt: skip
-            if found is None:
+            if end is None:
                 continue
-            log(f"{', '.join(stage)}: chi2/n {found.cost / n:.3f} after {found.iterations} steps")
-            if found.cost < best.cost:  # else the new start of these groups has led it astray
-                best, chosen, problem = found, groups, found.point.problem
+            log(f"{', '.join(stage)}: chi2/n {end.cost / n:.3f} after {end.iterations} steps")
+            if end.cost < best.cost:  # else the new start of these groups has led it astray
+                best, chosen, problem = end, groups, end.point.problem
                 break
     best, chosen = _with_late(best, n, chosen, allowed, log)
     if taken.late_s > 0.0:
@@ -276,16 +276,16 @@ def _with_late(
         if name in chosen or not _promises(name, problem, best, allowed, log):
             continue
         more = (*chosen, name)
-        found = fit(
+        end = fit(
             problem.releasing(positions(problem.model, more, True)),
             _joined(problem.model, best.eta, name), best.point.initials, ROUGH,
             tolerance=_CONVERGED, max_iterations=_LAST_STEPS,
         )  # fmt: skip
-        if found is None:
+        if end is None:
             continue
-        log(f"{name}: chi2/n {found.cost / n:.3f} after {found.iterations} steps")
-        if found.cost < best.cost:
-            best, chosen = found, more
+        log(f"{name}: chi2/n {end.cost / n:.3f} after {end.iterations} steps")
+        if end.cost < best.cost:
+            best, chosen = end, more
     return best, chosen
 
 
@@ -294,7 +294,7 @@ def _with_beginnings(
 ) -> tuple[Optimum, Attempt]:
     """Return the optimum with the beginnings that an attempt left out, and the attempt with them.
 
-    The found vehicle is held while each run's first motion is sought.  Runs whose beginning this
+    The vehicle is held while each run's first motion is sought.  Runs whose beginning this
     vehicle does not explain stay as they were.
     """
     problem, late = best.point.problem, best.cost / taken.freedom
@@ -309,19 +309,19 @@ def _with_beginnings(
         if alone is not None and alone.point.predicted[0].cost < _EXPLAINED * run.freedom:
             runs[i], searched[i], initials[i] = first.runs[i], run, alone.point.initials[0]
     whole = replace(taken, runs=tuple(runs), searched=tuple(searched))
-    found = fit(
+    end = fit(
         replace(problem, runs=whole.searched), best.eta, tuple(initials), ROUGH,
         tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
     )  # fmt: skip
-    if found is None or found.cost / whole.freedom > _WORSE * late:
+    if end is None or end.cost / whole.freedom > _WORSE * late:
         log("the beginnings stay left out")
         return best, taken
     back = sum(run is begun for run, begun in zip(searched, first.searched, strict=True))
     log(
-        f"beginnings of {back} of {len(runs)} runs: chi2/n {found.cost / whole.freedom:.3f} after "
-        f"{found.iterations} steps"
+        f"beginnings of {back} of {len(runs)} runs: chi2/n {end.cost / whole.freedom:.3f} after "
+        f"{end.iterations} steps"
     )
-    return found, whole
+    return end, whole
 
 
 def _polished(best: Optimum, whole: Problem, chosen: tuple[str, ...], log: Log) -> Optimum | None:
@@ -330,13 +330,13 @@ def _polished(best: Optimum, whole: Problem, chosen: tuple[str, ...], log: Log) 
     if "damper_knees" in chosen and whole.model.knots != KNOTS[_POLISHED_KNOTS]:
         whole, eta = refined(whole, eta, KNOTS[_POLISHED_KNOTS])
     whole = whole.releasing(positions(whole.model, chosen, True))
-    found = fit(
+    end = fit(
         whole, at_likely_scale(whole, eta), best.point.initials, POLISH, tolerance=_POLISHED,
         max_iterations=_POLISH_STEPS,
     )  # fmt: skip
-    if found is not None:
-        log(f"polished in {found.iterations} steps, decrement {found.decrement:.2g}")
-    return found
+    if end is not None:
+        log(f"polished in {end.iterations} steps, decrement {end.decrement:.2g}")
+    return end
 
 
 def _without_vanished(best: Optimum, chosen: tuple[str, ...]) -> tuple[str, ...]:
@@ -371,8 +371,8 @@ def _promises(
     if not allowed(name) or (name == "static_friction" and not has_friction):
         return False
     n = sum(run.freedom for run in problem.runs)
-    found = gain_of(problem, best, best.eta, _sizes(model, name))
-    gain = sum(g for g, size in zip(*found, strict=True) if size > 0.0)
+    promised = gain_of(problem, best, best.eta, _sizes(model, name))
+    gain = sum(g for g, size in zip(*promised, strict=True) if size > 0.0)
     gain /= max(1.0, best.cost / n)
     log(f"{name}: would lower the cost by {gain:.0f}")
     pays = _MOUNTS_PAY * float(np.log(n)) if name == "damper_mounts" else _STATIC_PAYS

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .fit import Optimum, inverse, reduced
 from .path import travel_speeds
-from .problem import Normal, Point, Problem, normal, point
+from .problem import Point, Problem, point
 
 _SEPARATE = 1e-10
 """Share of an unknown's information that the free ones must leave for it to count as separate."""
@@ -40,10 +40,9 @@ def gain_of(
     known = best.point.problem.free
     free = np.union1d(known, extra)
     at = point(problem.releasing(free), eta, best.point.initials, best.point.grade)
-    equations = None if at is None else normal(at)
-    if equations is None or not equations.finite:
+    if at is None or not at.normal.finite:
         return np.zeros(len(extra)), np.zeros(len(extra))
-    matrix, right, _ = reduced(equations, 0.0)
+    matrix, right, _ = reduced(at.normal, 0.0)
     new, old = np.searchsorted(free, extra), ~np.isin(free, extra)
     cross = matrix[np.ix_(new, old)] @ inverse(matrix[np.ix_(old, old)])
     alone = np.diag(matrix[np.ix_(new, new)])
@@ -65,17 +64,17 @@ LAG_S = 0.2
 _BIN_S = 0.005
 
 
-def scatter(at: Point, equations: Normal) -> NDArray[np.float64]:
+def scatter(at: Point) -> NDArray[np.float64]:
     """Return the covariance of the scores, (F, F), by Bartlett's window of `LAG_S`."""
     size = len(at.problem.free)
     total = np.zeros((size, size))
     lags = round(LAG_S / _BIN_S)
-    for run, found, b in zip(at.problem.runs, at.predicted, equations.blocks, strict=True):
+    for run, predicted, b in zip(at.problem.runs, at.predicted, at.normal.blocks, strict=True):
         own = len(b.A)
         through = inverse(b.A) @ b.B
         bins = int(run.end_s / _BIN_S) + 2
         scores = np.zeros((bins, size))
-        for r, left, J in zip(run.decay.recordings, found.left, b.jacobian, strict=True):
+        for r, left, J in zip(run.decay.recordings, predicted.left, b.jacobian, strict=True):
             reduced = J[:, :, own:] - J[:, :, :own] @ through
             which = np.clip((r.time_s / _BIN_S).astype(int), 0, bins - 1)
             np.add.at(scores, which, np.einsum("ncf,nc->nf", reduced, left))

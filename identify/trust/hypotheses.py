@@ -270,7 +270,7 @@ def _normal_matrix(
         at, size = points[decay.mass_state], len(linear.solution)
         z = at.modes.W @ linear.solution[: len(at.modes.poles)]
         forces = _force_traces(estimation, at, decay, z)
-        own = np.zeros((size + P + q + 1, size + P + q + 1))
+        normal = np.zeros((size + P + q + 1, size + P + q + 1))
         k = size + P + on_motion
         for r, stack, force in zip(decay.recordings, linear.coefficients, forces, strict=True):
             if r.group not in mixes:
@@ -288,12 +288,12 @@ def _normal_matrix(
             residuals = r.values - basis @ (stack @ linear.solution).T
             sampled = np.concatenate([force, residuals[..., None]], axis=2)
             beside = basis.T @ sampled.swapaxes(0, 1)  # (n_channels, m, forces + 1)
-            own[:k, :k] += over_two(weight * columns, (basis.T @ basis) @ columns)
-            own[:k, k:] += over_two(weight * columns, beside)
-            own[k:, k:] += over_two(sampled * weight[:, 0], sampled)
-        own[k:, :k] = own[:k, k:].T
-        cross = own[size:, :size]
-        total += own[size:, size:] - cross @ linear.normal_inverse @ cross.T
+            normal[:k, :k] += over_two(weight * columns, (basis.T @ basis) @ columns)
+            normal[:k, k:] += over_two(weight * columns, beside)
+            normal[k:, k:] += over_two(sampled * weight[:, 0], sampled)
+        normal[k:, :k] = normal[:k, k:].T
+        cross = normal[size:, :size]
+        total += normal[size:, size:] - cross @ linear.normal_inverse @ cross.T
     return total, sum(decay.n_values for decay in decays)
 
 

@@ -136,8 +136,8 @@ def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
     All runs are pooled; a gap in the sampling makes no pair.
     """
     white = _Correlation(0.0, np.inf)
-    rest = _correlations(_at_rest(estimation), estimation.noise)
-    coloured = {name: r for name, r in rest.items() if r.z(white) > Z_LIMIT}
+    at_rest = _correlations(_before_motion(estimation), estimation.noise)
+    coloured = {name: r for name, r in at_rest.items() if r.z(white) > Z_LIMIT}
     if coloured:
         names = sorted(coloured, key=lambda name: -coloured[name].r)
         worst = coloured[names[0]]
@@ -155,14 +155,14 @@ def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
     windows = {f"the first {EARLY_S:g} s of the decays": EARLY_S, "the decays": np.inf}
     for where, end_s in windows.items():
         for name, one in _correlations(_in_decays(estimation, end_s), estimation.noise).items():
-            z = one.z(rest.get(name, white))
+            z = one.z(at_rest.get(name, white))
             if z > max(Z_LIMIT, odd.get(name, (0.0,))[0]):
                 odd[name] = (z, one.r, where)
     if odd:
         names = sorted(odd, key=lambda name: -odd[name][0])
         z, r, where = odd[names[0]]
-        if names[0] in rest:
-            compared = f"but {rest[names[0]].r:.2f} at rest"
+        if names[0] in at_rest:
+            compared = f"but {at_rest[names[0]].r:.2f} at rest"
             meaning = "the model leaves motion unexplained"
         else:
             compared = "and there is no rest to compare with"
@@ -179,16 +179,16 @@ def whiteness_findings(estimation: Estimation) -> Iterator[Finding]:
 
 def _in_decays(estimation: Estimation, end_s: float) -> Iterator[tuple[str, _Stretch]]:
     """Yield the residuals of each channel up to a time since the decay's start."""
-    for decay, left in zip(estimation.decays, estimation.residuals, strict=True):
+    for decay, part in zip(estimation.decays, estimation.residuals, strict=True):
         for recording in decay.recordings:
             keep = recording.time_s < end_s
             for name in (channel.name for channel in recording.group.channels):
-                values = left.values[name]
-                fitted = (len(values) - left.freedom[name]) * float(np.mean(keep))
+                values = part.values[name]
+                fitted = (len(values) - part.freedom[name]) * float(np.mean(keep))
                 yield name, _Stretch(recording.time_s[keep], values[keep], fitted)
 
 
-def _at_rest(estimation: Estimation) -> Iterator[tuple[str, _Stretch]]:
+def _before_motion(estimation: Estimation) -> Iterator[tuple[str, _Stretch]]:
     """Yield the samples of each channel before the motion begins, less their mean."""
     for record in estimation.records:
         onset = onset_s(record)

@@ -9,10 +9,9 @@ bump all of them are harmless: only the free decay is fitted.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.runs import Run
 from daq.samples.converter import FROZEN_S, flat_tops
@@ -67,12 +66,12 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
             "check sensor and plug"
         )
         yield Finding("missing_channels", Severity.NOTE, text)
-    held = frozen(records)
-    if held:
+    stuck = frozen(records)
+    if stuck:
         yield _warning(
             "stuck_channels",
-            f"holds one value for {held[0].longest.length_s:.2f} s (limit {FROZEN_S:g}) while the "
-            f"vehicle moves: {listed(f'{hold.channel} in {hold.run}' for hold in held)}; these "
+            f"holds one value for {stuck[0].longest.length_s:.2f} s (limit {FROZEN_S:g}) while the "
+            f"vehicle moves: {listed(f'{hold.channel} in {hold.run}' for hold in stuck)}; these "
             "samples are not measured and bias the result: check the sensor and repeat the run",
         )
     lossy = [run for run in runs if run.losses.measured]
@@ -122,46 +121,23 @@ def _warning(code: str, text: str) -> Finding:
     return Finding(code, Severity.WARNING, text)
 
 
-@dataclass(frozen=True, slots=True)
-class _Sampling:
+class _Sampling(NamedTuple):
     """The sampling of one channel group during one free decay."""
 
     source: str
     """Message, or the channels without which samples are missing."""
-    run: str
-    time_s: NDArray[np.float64]
-    """Times of usable samples, from just before the decay, s since its start, shape (n,)."""
-    period_s: float
-    """The group's median interval over all runs."""
+    place: str
+    """Source and run."""
+    gap_s: float
+    limit_s: float
+    """Longest interval that reaches into the wheels' motion, and its limit."""
+    jitter_s: float
+    """Scatter of the time stamps about an even clock."""
+    lost_share: float
+    """Share of missing samples according to the intervals; 0 if these are uneven by nature."""
     arrival_sigma_s: float
-    """Stated uncertainty of the lateness, s, where the times are those of the frames' arrival; else
+    """Stated uncertainty of the lateness where the times are those of the frames' arrival; else
     infinite."""
-
-    @property
-    def place(self) -> str:
-        return f"{self.source} in {self.run}"
-
-    @property
-    def longest_early_s(self) -> float:
-        """The longest interval that reaches into the wheels' motion."""
-        early = np.diff(self.time_s)[self.time_s[:-1] < WHEEL_MOTION_S]
-        return float(early.max(initial=0.0))
-
-    @property
-    def jitter_s(self) -> float:
-        """Scatter of the time stamps about an even clock."""
-        intervals_s = np.diff(self.time_s)
-        steps = np.maximum(np.rint(intervals_s / self.period_s), 1.0)
-        return float(np.std(intervals_s - steps * self.period_s) / np.sqrt(2.0))
-
-    @property
-    def lost_share(self) -> float:
-        """Share of missing samples according to the intervals; 0 if these are uneven by nature."""
-        if not self.jitter_s < _EVEN * self.period_s:
-            return 0.0
-        steps = np.rint(np.diff(self.time_s) / self.period_s)
-        lost = float(np.sum(np.maximum(steps - 1.0, 0.0)))
-        return lost / (lost + len(self.time_s))
 
 
 def _samplings(runs: Iterable[Run], records: Sequence[Record]) -> list[_Sampling]:
@@ -188,22 +164,34 @@ def _samplings(runs: Iterable[Run], records: Sequence[Record]) -> list[_Sampling
         by_arrival = len(run.frames) > 0 and np.mean(group.time_s == arrival_s) > _MOSTLY
         sigma_s = channels.delay_sigma_s if by_arrival else np.inf
         period_s = float(np.median(periods[names]))
-        result.append(_Sampling(source, run.label, time, period_s, sigma_s))
+        intervals_s = np.diff(time)
+        steps = np.maximum(np.rint(intervals_s / period_s), 1.0)
+        jitter_s = float(np.std(intervals_s - steps * period_s) / np.sqrt(2.0))
+        lost = float(np.sum(steps - 1.0)) if jitter_s < _EVEN * period_s else 0.0
+        sampling = _Sampling(
+            source,
+            f"{source} in {run.label}",
+            float(intervals_s[time[:-1] < WHEEL_MOTION_S].max(initial=0.0)),
+            longest_gap_s(period_s),
+            jitter_s,
+            lost / (lost + len(time)),
+            sigma_s,
+        )
+        result.append(sampling)
     return result
 
 
 def _timing(runs: Iterable[Run], records: Sequence[Record]) -> Iterator[Finding]:
     """Yield findings on gaps, lost samples and times of arrival."""
     samplings = _samplings(runs, records)
-    bad = [s for s in samplings if s.longest_early_s > longest_gap_s(s.period_s)]
+    bad = sorted((s for s in samplings if s.gap_s > s.limit_s), key=lambda s: -s.gap_s)
     if bad:
-        bad.sort(key=lambda s: -s.longest_early_s)
         yield _warning(
             "gaps",
-            f"no sample for {bad[0].longest_early_s * 1e3:.0f} ms (limit "
-            f"{longest_gap_s(bad[0].period_s) * 1e3:.0f}) in the first {WHEEL_MOTION_S:g} s after "
-            f"the bump: {listed(s.place for s in bad)}; the wheels' motion is over by then, so "
-            "these runs say little of wheels and tyres: repeat them",
+            f"no sample for {bad[0].gap_s * 1e3:.0f} ms (limit {bad[0].limit_s * 1e3:.0f}) in the "
+            f"first {WHEEL_MOTION_S:g} s after the bump: {listed(s.place for s in bad)}; the "
+            "wheels' motion is over by then, so these runs say little of wheels and tyres: repeat "
+            "them",
         )
     poor = sorted((s for s in samplings if s.lost_share > 0.0), key=lambda s: -s.lost_share)
     bad = [s for s in poor if s.lost_share > LOST_SHARE]

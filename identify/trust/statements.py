@@ -102,13 +102,13 @@ class Contradiction:
 
 def contradiction_findings(estimation: Estimation) -> Iterator[Finding]:
     """Yield a finding on the statements that the runs contradict."""
-    found = contradictions(estimation)
-    if not found:
+    wrong = contradictions(estimation)
+    if not wrong:
         return
-    moved = float(np.max(np.abs(contradicted_shift(estimation, found))))
+    moved = float(np.max(np.abs(contradicted_shift(estimation, wrong))))
     corrections = dict(zip(estimation.box.corrections, estimation.box.stated, strict=True))
     named = []
-    for one, size in zip(found, _sizes(estimation, found).tolist(), strict=True):
+    for one, size in zip(wrong, _sizes(estimation, wrong).tolist(), strict=True):
         which = corrections.get(one.name)
         words = f", {which.in_words(-size * which.sigma)}" if which else ""
         named.append(f"{one.name} by {one.sigmas:.1f} sigma{words}")
@@ -126,16 +126,16 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     Where the residuals exceed the noise, a misfit counts in units of the residuals.
     """
     rows, misfits = _stated(estimation)
-    left = misfits / (1.0 if estimation.holds else np.sqrt(max(1.0, estimation.chi2_per_n)))
+    misfits = misfits / (1.0 if estimation.holds else np.sqrt(max(1.0, estimation.chi2_per_n)))
     Q = _redundancy(estimation, rows)
     names, D = suspects(estimation.box)
     first = np.einsum("ik,ij,jk->k", D, Q, D)
     scale = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)
-    found: list[Contradiction] = []
+    wrong: list[Contradiction] = []
     while names:
         power = np.einsum("ik,ij,jk->k", D, Q, D)
         testable = (first > _LEAST_REDUNDANCY * scale) & (power > 1e-3 * first)
-        sigmas = np.where(testable, (D.T @ left) / np.sqrt(np.where(testable, power, 1.0)), 0.0)
+        sigmas = np.where(testable, (D.T @ misfits) / np.sqrt(np.where(testable, power, 1.0)), 0.0)
         worst = int(np.argmax(np.abs(sigmas)))
         if not abs(sigmas[worst]) > _LIMIT_SIGMAS:
             break
@@ -143,11 +143,11 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
         alike = np.abs(D.T @ Q @ d) / np.sqrt(np.where(testable, power, np.inf) * power[worst])
         same = [names[k] for k in np.flatnonzero(alike > _ALIKE).tolist() if k != worst]
         name = " or ".join([names[worst], *same])
-        found.append(Contradiction(name, float(abs(sigmas[worst])), d))
+        wrong.append(Contradiction(name, float(abs(sigmas[worst])), d))
         out = Q @ d / power[worst]
-        left = left - out * (d @ left)
+        misfits = misfits - out * (d @ misfits)
         Q = Q - np.outer(out, Q @ d)
-    return tuple(found)
+    return tuple(wrong)
 
 
 def suspects(box: GreyBox) -> tuple[tuple[str, ...], Array]:
@@ -166,13 +166,13 @@ def suspects(box: GreyBox) -> tuple[tuple[str, ...], Array]:
     return tuple(names), np.eye(len(names))
 
 
-def contradicted_shift(estimation: Estimation, found: Sequence[Contradiction]) -> Array:
+def contradicted_shift(estimation: Estimation, wrong: Sequence[Contradiction]) -> Array:
     """Return the change of each parameter without the contradicted statements, (n,).
 
     It is relative to the value, with its sign; zero for parameters that may be zero.
     """
     rows, _ = _stated(estimation)
-    off = np.array([one.direction for one in found]).T @ _sizes(estimation, found)
+    off = np.array([one.direction for one in wrong]).T @ _sizes(estimation, wrong)
     names = estimation.box.parameters
     moved = -_covariance(estimation)[: len(names)] @ (rows.T @ off)
     moved[[name in SIGNED for name in names]] = 0.0
@@ -191,10 +191,10 @@ def shift_without_scales(estimation: Estimation) -> dict[str, float]:
     return dict(zip(box.parameters, moved.tolist(), strict=True))
 
 
-def _sizes(estimation: Estimation, found: Sequence[Contradiction]) -> Array:
+def _sizes(estimation: Estimation, wrong: Sequence[Contradiction]) -> Array:
     """Return the multiple of each direction by which what is stated is off, (n_found,)."""
     rows, misfits = _stated(estimation)
-    D = np.array([one.direction for one in found]).T
+    D = np.array([one.direction for one in wrong]).T
     return np.linalg.solve(D.T @ _redundancy(estimation, rows) @ D, D.T @ misfits)
 
 

@@ -81,15 +81,15 @@ def contradicted_by_sag(session: Session, records: Sequence[Record]) -> tuple[Fi
         sag_m = {c: after_m[c] - empty_m[c] for c in Corner if c in after_m and c in empty_m}
         if max(map(abs, sag_m.values()), default=0.0) < _SUNK_M:
             continue
-        found = wrong_weights(
+        findings = wrong_weights(
             state.added.weights,
             expected_car(session.vehicle),
             sag_m,
             hypot(_SAG_SIGMA_M, max(scatter_m)),
             _KNOWN if known else _UNKNOWN,
         )
-        if found:
-            return found
+        if findings:
+            return findings
     return ()
 
 

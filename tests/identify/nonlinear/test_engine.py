@@ -91,7 +91,7 @@ def test_only_elements_with_a_size_have_a_place_among_what_a_fit_shows() -> None
 def test_the_parts_together_are_the_reduced_equations() -> None:
     at = at_start()
     equations = normal(at)
-    parts = engine(start()).parts(at, equations)
+    parts = engine(start()).parts(at)
     assert list(parts) == [FACTS, PRIORS, "run"]
     matrix, right, _ = reduced(equations, 0.0)
     place = np.searchsorted(SHOWN, measured().free)
@@ -106,7 +106,7 @@ def test_the_parts_together_are_the_reduced_equations() -> None:
 
 def test_a_fact_and_a_prior_cost_their_squared_misfit() -> None:
     """1380 and twice 40.5 and 45.4 kg beside 1560 +- 2 kg; a friction of 50 N, 0.2 of a prior."""
-    parts = engine(start()).parts(at_start(), normal(at_start()))
+    parts = engine(start()).parts(at_start())
     assert parts[FACTS].cost == pytest.approx((8.2 / 2.0) ** 2)
     assert parts[PRIORS].cost == pytest.approx(0.2**2)
     at = len(SHOWN) - 1
@@ -147,7 +147,7 @@ def test_residuals_are_in_si_and_each_channel_knows_its_freedom() -> None:
     """60 samples of 4 hubs, each less a level, and all less what 18 first values have taken."""
     at = at_start()
     equations = normal(at)
-    (one,) = residuals_of(at, equations)
+    (one,) = residuals_of(at)
     assert one.label == "run"
     turns = 0.5 * np.where(np.arange(len(TIMES)) % 2, 1.0, -1.0)
     for channel in GROUP.channels:

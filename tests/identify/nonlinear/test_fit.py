@@ -159,17 +159,6 @@ def test_the_limit_is_two_per_cent_of_the_coefficient(share: float, counts: bool
     assert bool(_flat(eta).any()) is counts
 
 
-def test_its_slopes_are_the_derivatives() -> None:
-    eta = bent(MODEL, h_f1=-1.6, h_f2=0.2, h_r3=-1.7)
-    _, slopes = too_flat(MODEL, eta)
-    for k in range(len(eta)):
-        step = np.zeros(len(eta))
-        step[k] = 1e-6
-        # What a segment lacks falls as its slope rises, that of steep ones too.
-        rise = (too_flat(MODEL, eta - step)[0] - too_flat(MODEL, eta + step)[0]) / 2e-6
-        np.testing.assert_allclose(slopes[:, k], rise, rtol=1e-4, atol=1e-4)
-
-
 # Where a nonlinear fit begins: at a linear fit, if it is that of a vehicle ------------------------
 
 BOX = GreyBox((GROUP,), MASS_STATES, None, RICH)
@@ -322,20 +311,3 @@ def test_the_new_curve_runs_through_the_old_one_at_the_new_knees() -> None:
         # 0.1 m/s is no new knee, so that the secant about which both turn is not the same.
         lean = (after - before)[at != 0.0] / at[at != 0.0]
         assert np.ptp(lean) < 1e-4
-
-
-def test_knees_that_stay_keep_their_curve() -> None:
-    """Three knees are among the 21."""
-    model = model_of(knots="K3")
-    eta = bent(model, h_f1=-0.4, h_f2=0.3, h_f3=-0.5, h_r2=0.2)
-    centre, prior = weak_priors(model, eta)
-    finer, moved = refined(
-        Problem(model, (), centre, prior, np.arange(len(eta))), eta, KNOTS_OF_CAR["K21"]
-    )
-    found = dict(zip(finer.model.names, moved, strict=True))
-    bent_by = {
-        name: value for name, value in found.items() if name.startswith("h_") and abs(value) > 1e-6
-    }
-    assert bent_by == pytest.approx(
-        {"h_f4": -0.4, "h_f11": 0.3, "h_f18": -0.5, "h_r11": 0.2}, abs=1e-6
-    )

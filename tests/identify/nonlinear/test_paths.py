@@ -147,7 +147,7 @@ def check(tangent: np.ndarray, number: np.ndarray, most: float = 0.02) -> None:
         assert error < most * np.linalg.norm(number[:, part])
 
 
-def scores(times_s: list[float], sizes: list[float]) -> tuple[Any, Any]:
+def scores(times_s: list[float], sizes: list[float]) -> Any:
     """Return one run with the scores of two unknowns: of so much, and of twice as much.
 
     Beside them each sample shows the run's own unknown, whose share is taken off: its slope is 3,
@@ -160,9 +160,12 @@ def scores(times_s: list[float], sizes: list[float]) -> tuple[Any, Any]:
     recording = SimpleNamespace(time_s=np.array(times_s))
     run = SimpleNamespace(end_s=1.0, decay=SimpleNamespace(recordings=(recording,)))
     problem = SimpleNamespace(free=np.arange(2), runs=(run,))
-    at = SimpleNamespace(problem=problem, predicted=(SimpleNamespace(left=(left,)),))
     block = SimpleNamespace(A=np.array([[4.0]]), B=np.array([[2.0, 0.0]]), jacobian=(jacobian,))
-    return at, SimpleNamespace(blocks=(block,))
+    return SimpleNamespace(
+        problem=problem,
+        predicted=(SimpleNamespace(left=(left,)),),
+        normal=SimpleNamespace(blocks=(block,)),
+    )
 
 
 @pytest.mark.parametrize(
@@ -180,8 +183,8 @@ def scores(times_s: list[float], sizes: list[float]) -> tuple[Any, Any]:
 def test_what_is_left_within_a_fifth_of_a_second_scatters_together(
     times_s: list[float], sizes: list[float], expected: float
 ) -> None:
-    at, equations = scores(times_s, sizes)
-    assert scatter(at, equations) == pytest.approx(expected * np.array([[1.0, 2.0], [2.0, 4.0]]))
+    at = scores(times_s, sizes)
+    assert scatter(at) == pytest.approx(expected * np.array([[1.0, 2.0], [2.0, 4.0]]))
 
 
 def test_deviations_are_raised_to_the_scatter_and_never_lowered() -> None:

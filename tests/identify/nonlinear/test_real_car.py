@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,11 +19,8 @@ from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS, PRIORS
 from identify.nonlinear import real_car as module
-from identify.nonlinear.car import Car, car
 from identify.nonlinear.fit import Optimum, reduced
-from identify.nonlinear.integrator import plan_of
-from identify.nonlinear.path import PATH, POLISH, ROUGH, USUAL, Grade, Path, step_of
-from identify.nonlinear.problem import Problem, normal
+from identify.nonlinear.problem import Problem
 from identify.nonlinear.real_car import RealCar, real_car
 from identify.nonlinear.release import Attempt
 from identify.pipeline import identify
@@ -33,19 +29,17 @@ from identify.trust.finding import Verdict
 
 from ..bumps import TRUTH
 from ..report import made as sessions
-from .cars import bent, model_of
 from .test_engine import MODEL, at_start
 from .truth import BASELINE, BUMP_S, WEIGHTS, Truth, campaign, channels, drive, records
 
 
-@cache
-def result() -> Identification:
+def identified() -> Identification:
     """Return the identification of a car that sticks: six runs over 50 mm, 200 Hz."""
     car, bumps = Truth(static=1.4), campaign((0.05,))
-    found = records(car, bumps, drive(car, bumps, 1.3, 2e-4), seed=5)
-    channels = {c.name: c for r in found[0].recordings for c in r.group.channels}
+    measured = records(car, bumps, drive(car, bumps, 1.3, 2e-4), seed=5)
+    channels = {c.name: c for r in measured[0].recordings for c in r.group.channels}
     runs = []
-    for record in found:
+    for record in measured:
         parts = {
             c.name: (r.time_s, r.values[:, i])
             for r in record.recordings
@@ -58,69 +52,44 @@ def result() -> Identification:
 
 
 TRUE = {
-    "m_s": 1380.0,
-    "I_yy": 2440.0,
-    "I_xx": 380.0,
-    "m_uf": 40.5,
-    "m_ur": 45.4,
-    "k_sf": 17e3,
-    "k_sr": 22e3,
-    "k_tf": 192e3,
-    "k_tr": 192e3,
-    "c_sf": 2050.0,
-    "c_sr": 1950.0,
-    "a": 1.25,
-    "b": 1.51,
-    "t_f": 0.74,
-    "t_r": 0.74,
-}
+    "m_s": 1380.0, "I_yy": 2440.0, "I_xx": 380.0, "m_uf": 40.5, "m_ur": 45.4, "k_sf": 17e3,
+    "k_sr": 22e3, "k_tf": 192e3, "k_tr": 192e3, "c_sf": 2050.0, "c_sr": 1950.0, "a": 1.25,
+    "b": 1.51, "t_f": 0.74, "t_r": 0.74,
+}  # fmt: skip
 
 
-def test_it_is_usable_where_the_linear_model_is_not() -> None:
-    found = result()
-    assert found.quality.verdict is not Verdict.REFUSED
-    assert found.quality.chi2_per_n < 1.1
-
-
-@pytest.mark.parametrize("name", list(TRUE))
-def test_each_parameter_is_right_within_its_interval(name: str) -> None:
-    found = result().parameters[name]
-    assert found.value == pytest.approx(TRUE[name], rel=0.045)
-    assert abs(found.value - TRUE[name]) < 3.5 * found.std
-    assert found.std < 0.03 * TRUE[name]
-
-
-def test_the_friction_is_found() -> None:
-    forces = result().forces
+def test_a_car_that_sticks_is_found_with_its_elements() -> None:
+    """One test, so that one worker identifies it."""
+    result = identified()
+    assert result.quality.verdict is not Verdict.REFUSED
+    assert result.quality.chi2_per_n < 1.1
+    for name, true in TRUE.items():
+        parameter = result.parameters[name]
+        assert parameter.value == pytest.approx(true, rel=0.045), name
+        assert abs(parameter.value - true) < 3.5 * parameter.std, name
+        assert parameter.std < 0.03 * true, name
+    forces = result.forces
     assert forces is not None
     for axle in forces.axles:
         assert axle.values["friction"].value == pytest.approx(50.0, abs=2.5)
         assert axle.values["pre_sliding_length"].value == pytest.approx(0.5e-3, rel=0.1)
         assert axle.values["static_surplus"].value == pytest.approx(0.4, abs=0.35)
         assert axle.values["stribeck_speed"].value == pytest.approx(0.01, abs=0.005)
-
-
-def test_the_damper_curve_is_found() -> None:
-    forces = result().forces
-    assert forces is not None
     curve = forces.axles[0].damper
     for speed, force in ((-0.3, -615.0), (-0.1, -260.0), (0.1, 150.0), (0.3, 360.0)):
-        at = int(abs(curve.speed_m_s - speed).argmin())
-        expected = force + (curve.speed_m_s[at] - speed) * (1500.0 if speed < 0 else 900.0)
-        assert curve.force_n[at] == pytest.approx(expected, abs=30.0)
-        assert curve.std_n[at] < 15.0
-
-
-def test_what_is_there_is_named() -> None:
-    forces = result().forces
-    assert forces is not None
+        near = int(abs(curve.speed_m_s - speed).argmin())
+        expected = force + (curve.speed_m_s[near] - speed) * (1500.0 if speed < 0 else 900.0)
+        assert curve.force_n[near] == pytest.approx(expected, abs=30.0)
+        assert curve.std_n[near] < 15.0
     kept = {choice.name for choice in forces.choices if choice.kept}
     assert kept >= {"anti_roll_bars", "friction", "one_sided_dampers", "damper_knees"}
     assert not kept & {"bump_stops", "damper_mounts", "progressive_springs", "progressive_tyres"}
+    assert_part_of_a_joint_fit(result)
+    assert_elements_that_only_one_session_needs_are_named(result)
 
 
-def test_its_elements_are_part_of_a_joint_fit() -> None:
-    estimation = result().estimation
+def assert_part_of_a_joint_fit(result: Identification) -> None:
+    estimation = result.estimation
     assert estimation is not None
     places = estimation.engine.elements
     assert places.keys() >= {"F_cf", "F_cr"}
@@ -132,15 +101,15 @@ def test_its_elements_are_part_of_a_joint_fit() -> None:
     assert change.chi2 < 1e-6
 
 
-def test_elements_that_only_one_session_needs_are_named_as_a_change() -> None:
+def assert_elements_that_only_one_session_needs_are_named(result: Identification) -> None:
     """Bars are parameters, and friction that both need is compared: neither is among them."""
     _, before = sessions.made("linear")
-    change = compare(["before", "after"], [before, result()]).change
+    change = compare(["before", "after"], [before, result]).change
     assert change is not None
     assert change.freedom == 20
     assert {"friction", "one sided dampers", "damper knees"} <= set(change.apart)
     assert not {"anti roll bars", "bump stops"} & set(change.apart)
-    both = compare(["before", "after"], [result(), result()]).change
+    both = compare(["before", "after"], [result, result]).change
     assert both is not None
     assert both.apart == ()
 
@@ -193,38 +162,6 @@ def begun(
     return found, starts, models[0]
 
 
-def test_four_attempts_leave_out_more_and_more_of_the_beginning(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The bump ends at 0.5 s, with a guard of 10 ms; the second begins its linear search later."""
-    found, starts, _ = begun(monkeypatch, False)
-    assert [one.late_s for one in found] == [0.0, 0.0, 0.15, 0.25]
-    assert starts == pytest.approx([0.51, 0.66, 0.66, 0.76], abs=0.03)
-    assert np.diff(starts) == pytest.approx([0.15, 0.0, 0.1])
-    for one in found:
-        (run,), (searched,) = one.runs, one.searched
-        assert run.decay.start_s == pytest.approx(starts[0] + one.late_s)
-        whole, short = run.decay.recordings[0], searched.decay.recordings[0]
-        assert whole.time_s[-1] == pytest.approx(2.999 - run.decay.start_s, abs=2e-3)
-        assert np.diff(whole.time_s) == pytest.approx(1e-3)
-        assert short.time_s[-1] == pytest.approx(1.2, abs=5e-3)
-        assert np.diff(short.time_s) == pytest.approx(4e-3)  # 250 Hz
-        assert one.sigma == {channel.name: 0.01 for channel in GROUP.channels}
-
-
-@pytest.mark.parametrize(
-    ("impossible", "body_kg"),
-    [(False, [1380.0 * np.exp(0.01)] * 4), (True, [1380.0, 2760.0, 1380.0, 1380.0])],
-)
-def test_where_the_linear_fit_is_that_of_no_vehicle_a_generic_one_takes_its_place(
-    impossible: bool, body_kg: list[float], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found, _, (model, _) = begun(monkeypatch, impossible)
-    masses = [float(np.exp(one.eta[model.names.index("m_s")])) for one in found]
-    assert masses == pytest.approx(body_kg)
-    assert all(one.eta[model.names.index("F_cf")] == 0.0 for one in found)
-
-
 @pytest.mark.parametrize(
     ("name", "parameters"),
     [
@@ -252,8 +189,7 @@ def found(
 ) -> tuple[RealCar, Optimum]:
     """Return what is made of the optimum of a car with 50 N of friction at the front."""
     at = at_start()
-    equations = normal(at)
-    best = Optimum(at, equations, reduced(equations, 0.0)[0], 3, 0.01, True)
+    best = Optimum(at, reduced(at.normal, 0.0)[0], 3, 0.01, True)
     monkeypatch.setattr(module, "release", lambda *_: (best, chosen))
     result = real_car(linear(0.15), VEHICLES, decided, lambda _: None)
     assert result is not None
@@ -290,8 +226,7 @@ def test_friction_below_zero_is_none(
     at = at_start()
     eta = at.eta.copy()
     eta[MODEL.names.index("F_cf")] = unknown
-    equations = normal(at)
-    best = Optimum(replace(at, eta=eta), equations, reduced(equations, 0.0)[0], 3, 0.01, True)
+    best = Optimum(replace(at, eta=eta), reduced(at.normal, 0.0)[0], 3, 0.01, True)
     monkeypatch.setattr(module, "release", lambda *_: (best, ("friction",)))
     result = real_car(linear(0.15), VEHICLES, {}, lambda _: None)
     assert result is not None
@@ -327,84 +262,3 @@ def test_the_estimation_has_all_parameters_and_free_elements(
     assert (one.fit.iterations, one.fit.converged, one.fit.cost) == (3, True, best.cost)
     assert list(one.fit.information) == [FACTS, PRIORS, "run"]
     assert dict(one.engine.elements) == {"F_cf": MODEL.first}
-
-
-# Where the tangents take short steps, how long the path's are, and the priors of a run's start ----
-
-MODEL_OF_PLANS = model_of(knots="K1")
-NONE = np.zeros(0, dtype=np.intp)
-
-
-def made(free: tuple[str, ...] = (), **unknowns: float) -> Car:
-    places = np.array([MODEL_OF_PLANS.names.index(name) for name in free], dtype=np.intp)
-    return car(MODEL_OF_PLANS, bent(MODEL_OF_PLANS, **unknowns), BASELINE, places)
-
-
-def path(**columns: NDArray[np.float64]) -> Path:
-    """Return 64 steps in which some columns of the state are given, from a node on."""
-    states = np.zeros((65, 22))
-    for name, values in columns.items():
-        states[:, int(name[1:])] = values
-    return Path(USUAL.step_s, PATH, states, np.zeros((65, 22)), np.zeros((65, 4)))
-
-
-def from_node(node: int, before: float, after: float) -> NDArray[np.float64]:
-    return np.where(np.arange(65) < node, before, after)
-
-
-def short(one: Car, given: Path, grade: Grade = USUAL) -> list[int]:
-    """Return the nodes at which short steps begin, after a check that the steps are a whole."""
-    plan = plan_of(one, given, grade)
-    assert plan.starts[0] == 0
-    assert plan.starts[1:].tolist() == (plan.starts + plan.lengths)[:-1].tolist()
-    assert plan.starts[-1] + plan.lengths[-1] == 64
-    usual = grade.mounted_steps if one.has_mount else grade.tangent_steps
-    assert set(plan.lengths[plan.fine == 0].tolist()) <= {usual}
-    assert set(plan.lengths[plan.fine == 1].tolist()) <= {grade.fine_steps}
-    assert plan.levels == (grade.coarse, grade.fine)
-    return [int(start) for start in plan.starts[plan.fine == 1]]
-
-
-@pytest.mark.parametrize(
-    ("node", "steps"),
-    [(20, [16, 18, 20, 22]), (16, [8, 10, 12, 14]), (17, [16, 18, 20, 22]), (64, [56, 58, 60, 62])],
-)
-def test_a_wheel_that_reverses_is_followed_in_short_steps(node: int, steps: list[int]) -> None:
-    """A step of the tangents is eight of the path; the front left suspension turns at a node."""
-    assert short(made(), path(c10=from_node(node, 0.1, -0.1))) == steps
-    assert short(made(), path(c10=from_node(node, 0.1, 0.2))) == []
-
-
-def test_a_wheel_that_leaves_the_road_is_followed_in_short_steps() -> None:
-    """A load of 4.1 kN on 192 N/mm is gone 21.4 mm up."""
-    load_n = 9.80665 * (1380.0 * 1.51 / 2.76 / 2.0 + 40.5)
-    gone_m = load_n / 192e3
-    assert short(made(), path(c3=from_node(40, 0.0, 1.01 * gone_m))) == [32, 34, 36, 38]
-    assert short(made(), path(c3=from_node(40, 0.0, 0.99 * gone_m))) == []
-
-
-@pytest.mark.parametrize(
-    ("one", "seen"),
-    [
-        (made(k_br=1.0), True),
-        (made(("k_br",)), True),  # it may get one
-        (made(), False),
-    ],
-)
-def test_a_stop_that_is_met_is_followed_in_short_steps(one: Car, seen: bool) -> None:
-    """25 mm of travel of the rear left wheel from rest: less than lifts it, as it is pushed up."""
-    low = path(c0=from_node(28, 0.0, -0.0255))
-    assert short(one, low) == ([24, 26, 28, 30] if seen else [])
-    assert short(one, path(c0=from_node(28, 0.0, -0.0245))) == []
-
-
-@pytest.mark.parametrize(
-    ("grade", "length_mm", "share"),
-    [(USUAL, 0.16, 1.0), (USUAL, 0.14, 0.5), (POLISH, 0.14, 0.5), (ROUGH, 0.14, 1.0)],
-)
-def test_friction_that_slides_soon_needs_half_the_step(
-    grade: Grade, length_mm: float, share: float
-) -> None:
-    """From 0.15 mm on, unless its lag is as long as a suspension at 1 m/s takes for that."""
-    short_one = made(d_cr=float(np.log(1e-3 * length_mm)))
-    assert step_of([made(), short_one], grade) == pytest.approx(share * grade.step_s)

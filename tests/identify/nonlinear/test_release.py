@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import astuple, replace
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,14 +18,12 @@ from daq.vehicle import FORD_GRANADA
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
 from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear import score
 from identify.nonlinear.begin import initial_states_of, weak_priors
 from identify.nonlinear.car import KNOTS, Model
-from identify.nonlinear.fit import _Step, fit, inverse
+from identify.nonlinear.fit import fit, inverse
 from identify.nonlinear.path import POLISH, ROUGH, USUAL, InitialState
-from identify.nonlinear.problem import Normal, Problem, point, run_of
+from identify.nonlinear.problem import Problem, point, run_of
 from identify.nonlinear.release import positions
-from identify.nonlinear.score import gain_of
 from identify.pipeline import identify, identify_parameters
 from tests.simulated.cars import named_car
 from tests.simulated.fleet import fleet_car
@@ -212,13 +209,6 @@ def test_static_friction_joins_last_from_two_standard_deviations_on(
         assert begun.options == {"tolerance": 0.05, "max_iterations": 40}
 
 
-def test_without_friction_there_is_no_static_friction(played: Callable[..., Any]) -> None:
-    script = Script([3.0, 1.1, 1.05, 1.0])
-    rule = gain_by("r_c", (90.0, 90.0), (0.1, 0.1))
-    (_, chosen), _ = played(script, [attempt("a")], of("static_friction"), rule)
-    assert chosen == ()
-
-
 @pytest.mark.parametrize(
     ("sizes", "converged", "polishes", "kept"),
     [
@@ -345,89 +335,6 @@ def test_a_step_moves_the_gap_of_a_stop_by_five_percent_at_most() -> None:
     once = fit(problem, start, (moving(),), USUAL, max_iterations=1)
     assert once is not None
     assert float(np.exp(once.eta[problem.free][0])) == pytest.approx(0.018 * np.exp(-0.05))
-
-
-@pytest.mark.parametrize(("fall", "converged"), [(0.01, True), (-5.0, False)])
-def test_a_full_step_that_would_raise_the_cost_is_no_optimum(
-    fall: float, converged: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Tangents that grew beyond use promise anything: a polish ended with -391 as converged."""
-    problem, start = stop_off(0.015, 0.015)
-
-    def step(equations: Normal, initials: Sequence[InitialState], *_: object) -> _Step:
-        own = tuple(np.zeros(len(block.A)) for block in equations.blocks)
-        return _Step(np.zeros(len(equations.right)), own, fall)
-
-    monkeypatch.setattr("identify.nonlinear.fit._step", step)
-    found = fit(problem, start, (moving(),), USUAL)
-    assert found is not None
-    assert found.converged is converged
-
-
-# What a further unknown would gain: by normal equations of three unknowns, one of them free -------
-
-H = np.array([[4.0, 2.0, 0.0], [2.0, 10.0, 1.0], [0.0, 1.0, 8.0]])
-G = np.array([1.0, 3.5, -4.0])
-
-
-def gains(
-    monkeypatch: pytest.MonkeyPatch,
-    matrix: NDArray[np.float64],
-    right: NDArray[np.float64],
-    extra: tuple[int, ...] = (12, 15),
-    path: bool = True,
-) -> tuple[list[float], list[float]]:
-    """Return gains and sizes of two unknowns beside the free one, which is number 13."""
-    released: list[list[int]] = []
-
-    class Given(SimpleNamespace):
-        def releasing(self, free: NDArray[np.intp]) -> Given:
-            released.append(free.tolist())
-            return Given(free=free)
-
-    def point(problem: Any, eta: Any, initials: Any, grade: Any) -> Any:
-        assert (eta.tolist(), initials, grade) == ([7.0], ("own",), "usual")
-        return SimpleNamespace() if path else None
-
-    monkeypatch.setattr(score, "point", point)
-    equations = Normal((), matrix, right, np.zeros(0), np.zeros((0, len(matrix))))
-    monkeypatch.setattr(score, "normal", lambda _: equations)
-    there = SimpleNamespace(
-        problem=SimpleNamespace(free=np.array([13])), initials=("own",), grade="usual"
-    )
-    best: Any = SimpleNamespace(point=there)
-    given: Any = Given()
-    found = gain_of(given, best, np.array([7.0]), np.array(extra))
-    assert released == [sorted({13, *extra})]
-    return found[0].tolist(), found[1].tolist()
-
-
-def test_each_gains_alone_what_the_free_ones_do_not_explain(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Unknowns 12, 13 and 15; of 12, 4 less 2^2 / 10, and of 15, 8 less 1^2 / 10.
-
-    Their pulls are 1 less 2 * 3.5 / 10, and -4 less 3.5 / 10.
-    """
-    gain, size = gains(monkeypatch, H, G)
-    assert size == pytest.approx([0.3 / 3.6, -4.35 / 7.9])
-    assert gain == pytest.approx([0.09 / 3.6, 4.35**2 / 7.9])
-    turned = gains(monkeypatch, H, G, (15, 12))
-    assert turned[0] == pytest.approx(gain[::-1])
-    assert turned[1] == pytest.approx(size[::-1])
-
-
-@pytest.mark.parametrize(("left", "seen"), [(3e-10, False), (5e-10, True)])
-def test_what_a_free_unknown_does_as_well_gains_nothing(
-    left: float, seen: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of an information of 4, as little as 4e-10 may be left."""
-    alike = H.copy()
-    alike[0, 0] = 4.0
-    alike[0, 1] = alike[1, 0] = (10.0 * (4.0 - left)) ** 0.5
-    gain, size = gains(monkeypatch, alike, G)
-    assert bool(size[0]) is bool(gain[0]) is seen
-    assert size[1] == pytest.approx(-4.35 / 7.9)
 
 
 # Which start of a search is followed, and what comes back once the car is found -------------------

@@ -15,7 +15,6 @@ from identify.pipeline import grey_box
 
 from ..stress import stress_session
 
-SEEDS = (1, 2)
 TWICE = {"second_bump", "hot_damper", "gain"}
 """Where one run is unlike its repeat, and a gain of 2 % on one hub."""
 

@@ -73,12 +73,12 @@ def test_a_swap_is_named_and_refused(name: str) -> None:
     assert f"likely cause: {name} " in finding.text
 
 
-_LONG = ("hubs_late_5ms", "hot_damper", "tyre_damping")
+_LONG = ("friction", "hubs_late_5ms", "hot_damper", "tyre_damping")
 
 
 @pytest.mark.parametrize(
     "name",
-    ["linear", "friction", *(pytest.param(name, marks=pytest.mark.long) for name in _LONG)],
+    ["linear", *(pytest.param(name, marks=pytest.mark.long) for name in _LONG)],
 )
 def test_what_is_no_swap_is_not_taken_for_one(name: str) -> None:
     assert swapped_labels(shortly_estimated(name, 1)) is None
@@ -104,7 +104,7 @@ def _first_fit(session: Session) -> Estimation:
     ("channel", "factor"),
     [
         ("hub_acc_fl", 9.80665),  # its unit is stated as g, and it sends m/s2
-        ("body_acc_z", -1.0),
+        pytest.param("body_acc_z", -1.0, marks=pytest.mark.long),
     ],
 )
 def test_a_channel_in_another_unit_is_named_first_with_its_factor(
@@ -215,6 +215,7 @@ def all_jump(at_s: float) -> Session:
     return with_clock(change, None)
 
 
+@pytest.mark.long
 def test_clocks_that_all_jump_soon_after_the_bump_are_named_by_what_fits_after_it() -> None:
     """The bump ends at 1.2 s."""
     found = identify_parameters(all_jump(1.27))

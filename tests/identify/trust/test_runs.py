@@ -21,7 +21,7 @@ from identify.trust.runs import (
     some_runs_are_wrong,
 )
 
-from .campaigns import SEEDS, by_gate, estimated
+from .campaigns import by_gate, estimated
 
 NO_RIVAL = 0.0
 
@@ -75,9 +75,8 @@ def test_a_pull_is_what_parameters_of_its_own_would_gain_a_run(label: str) -> No
     assert pull.strength * chance == pytest.approx(gain, rel=0.1)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_runs_of_one_vehicle_agree(seed: int) -> None:
-    result = estimated("linear", seed)
+def test_runs_of_one_vehicle_agree() -> None:
+    result = estimated("linear", 1)
     pulls = _pulls(result)
     assert len(pulls) == 12
     assert max(pulls.values()) < 0.6
@@ -112,16 +111,6 @@ def test_small_motion_over_dampers_that_are_not_linear() -> None:
     finding = by_gate(repeat_findings(estimated("damper_mild", 1), NO_RIVAL))["amplitude"]
     assert finding.severity is Severity.WARNING
     assert "small motion" in finding.text
-
-
-def test_without_a_late_motion_nothing_is_said_of_it() -> None:
-    """Decays of 0.45 s at 500 Hz have no fifty samples after 0.4 s."""
-    result = estimated("damper_mild", 1)
-    short = tuple(
-        replace(d, recordings=tuple(r.between(0.0, 0.45) for r in d.recordings))
-        for d in result.decays
-    )
-    assert "amplitude" not in by_gate(repeat_findings(replace(result, decays=short), NO_RIVAL))
 
 
 def test_a_run_that_is_left_out_moves_the_parameters_as_a_fit_of_the_others_shows() -> None:

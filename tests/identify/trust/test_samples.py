@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.runs import Losses, RunStatus, SampleGroup
+from daq.runs import Losses, SampleGroup
 from daq.sessions import Session
-from daq.sim.car import NOISE
 from dbc.finding import Finding, Severity
 from dbc.samples import Quality
 from identify.decays.decay import record_of
@@ -20,7 +19,7 @@ from identify.decays.usable import usable
 from identify.trust.samples import sample_findings
 
 from ..stress import BUMP_S, REST_S
-from .campaigns import SEEDS, by_gate, campaign, doubtful, with_group, with_runs
+from .campaigns import by_gate, campaign, doubtful, with_group, with_runs
 
 Array = NDArray[np.float64]
 HUBS_FRONT = "hub_acc_fl"
@@ -63,9 +62,8 @@ def revalued(group: SampleGroup, channel: str, values: Array) -> SampleGroup:
     return replace(group, values={**group.values, channel: values})
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_even_complete_sampling_has_no_finding(seed: int) -> None:
-    assert judged(campaign("linear", seed)) == ()
+def test_even_complete_sampling_has_no_finding() -> None:
+    assert judged(campaign("linear", 1)) == ()
 
 
 def test_a_gap_in_the_wheels_motion_is_doubtful() -> None:
@@ -88,12 +86,6 @@ def test_a_gap_elsewhere_is_no_doubt(begin_s: float) -> None:
     assert doubtful(judged(session)) == []
 
 
-def test_slow_sampling_is_no_gap() -> None:
-    session = campaign("linear", 1)
-    slow = with_group(session, "", HUBS_FRONT, lambda g: kept(g, np.arange(len(g.time_s)) % 5 == 0))
-    assert judged(slow) == ()
-
-
 @pytest.mark.parametrize(("share", "gates"), [(0.01, []), (0.2, ["lost_samples"])])
 def test_losses_are_doubtful_only_if_large(share: float, gates: list[str]) -> None:
     rng = np.random.default_rng(4)
@@ -107,17 +99,6 @@ def test_losses_are_doubtful_only_if_large(share: float, gates: list[str]) -> No
     assert set(findings) == {"lost_samples"}
     assert doubtful(findings.values()) == gates
     assert "and 3 more" in findings["lost_samples"].text  # six runs, three named
-
-
-def test_unusable_samples_are_lost_ones() -> None:
-    def unusable(group: SampleGroup) -> SampleGroup:
-        values = group.values[HUBS_FRONT].copy()
-        values[200::4] = np.nan
-        return revalued(group, HUBS_FRONT, values)
-
-    session = with_group(campaign("linear", 1), "baseline_bounce_1", HUBS_FRONT, unusable)
-    assert doubtful(judged(session)) == ["lost_samples"]
-    assert found(session)["lost_samples"].text.startswith("25% ")
 
 
 def test_a_channel_that_some_runs_lack_is_named() -> None:
@@ -172,16 +153,6 @@ def test_losses_counted_by_the_recorder_are_reported() -> None:
     assert "3 in baseline_bounce_1" in findings["frame_losses"].text
 
 
-def test_rejected_runs_do_not_count() -> None:
-    begin = AFTER_BUMP_S + 0.05
-    spoilt = without(campaign("linear", 1), "added_roll_2", begin, begin + 0.04)
-    session = with_runs(
-        spoilt,
-        lambda run: replace(run, status=RunStatus.REJECTED) if run.label == "added_roll_2" else run,
-    )
-    assert judged(session) == ()
-
-
 CHANNEL = "hub_acc_rl"
 
 
@@ -212,11 +183,6 @@ def test_a_hub_that_ends_at_2_g_is_doubtful() -> None:
     assert "at 19.61 m/s2" in finding.text
     assert "hub_acc_fl in added_bounce_1" in finding.text
     assert "hub_acc_fr" not in finding.text
-
-
-def test_saturation_survives_the_steps_of_the_converter() -> None:
-    session = quantised(campaign("saturation", 1), 0.005)
-    assert doubtful(judged(session)) == ["saturation"]
 
 
 def test_on_the_bump_it_is_harmless() -> None:
@@ -252,19 +218,6 @@ def test_a_top_within_the_guard_before_the_decay_may_be_of_it(
 def test_quantisation_is_no_saturation(lsb: float, seed: int) -> None:
     """From a fine converter to one whose step hides all the noise."""
     assert judged(quantised(campaign("linear", seed), lsb)) == ()
-
-
-def test_noise_may_repeat_the_highest_value_of_a_run() -> None:
-    """A travel sensor with noise of 20 converter steps: one run in some thousand has such a top."""
-    lsb = NOISE.hub_acceleration_m_s2 / 20.0
-
-    def repeated(_: Array, values: Array) -> Array:
-        values = lsb * np.rint(values / lsb)
-        top = int(values.argmax())
-        return np.where(np.abs(np.arange(len(values)) - top) <= 1, values[top], values)
-
-    session = rear_left(quantised(campaign("linear", 1), lsb), repeated)
-    assert judged(session) == ()
 
 
 @pytest.mark.parametrize("lsb", [0.003, 0.01, 0.03, 0.1, 0.3])
