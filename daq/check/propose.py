@@ -66,23 +66,14 @@ def propose_sensors(
 ) -> Proposal:
     """Return a bench.toml for the sensors that the databases describe and the traffic shows.
 
-    Parameters
-    ----------
-    databases : sequence of Database
-        At least one, with the names that bench.toml will use.
-    buses : sequence of BusConfig
-        The buses, in the order of their numbers in the frames; empty: marked to be filled in.
-    frames : FrameBatch or None
-        Some seconds of the car at rest, in order of arrival; if None, only names are used.
-    pushes : FrameBatch or None
-        A push on each corner, with rest before each, in the order of `push_test.ORDER`.
-    answers : mapping of Question to str
-        Answers to the questions of an earlier proposal from the same traffic.
+    `databases`: at least one, with the names that bench.toml will use.  `buses`: in the order of
+    their numbers in the frames; empty: marked to be filled in.  `frames`: some seconds of the car
+    at rest, in order of arrival; if None, only names are used.  `pushes`: a push on each corner,
+    with rest before each, in the order of `push_test.ORDER`.  `answers`: to the questions of an
+    earlier proposal from the same traffic.
 
-    Raises
-    ------
-    InputError
-        If a database cannot be used, or two sensors would have one identifier on one bus.
+    Raises InputError if a database cannot be used, or two sensors would have one identifier on one
+    bus.
     """
     frames = frames if frames is not None and len(frames) else None
     sensors, absent = find_sensors(databases, frames)

@@ -99,10 +99,10 @@ def propose_map(file: Columns, answers: Answers = NO_ANSWERS) -> Proposal:
             continue
         lines += tables.lines(full, column.name, guesses[full])
         if common is None and column.clock not in file.times_s:
-            clock = times.get(column.name)
+            column_times = times.get(column.name)
             lines += (
-                clock.lines("time_column", "time_unit")
-                if clock is not None
+                column_times.lines("time_column", "time_unit")
+                if column_times is not None
                 else ["# rate_hz = 1000.0  # FILL IN, or time_column = the column of its times"]
             )
     if not guesses:

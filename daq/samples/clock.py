@@ -182,18 +182,27 @@ def sensor_times(
         return arrival_times(t_ns, t0_ns)
     steps = counter_steps(counter, modulus, t_ns, cycle_s)
     step = np.concatenate([[1], steps.step])
-    repeated = step == 0
-    if np.mean(repeated) > 0.5:
+    if np.mean(step == 0) > 0.5:
         return arrival_times(t_ns, t0_ns)
-    index = np.cumsum(step).astype(np.float64)
-    arrival = (t_ns - t0_ns) * 1e-9
-    time = np.full(len(t_ns), np.nan)
-    cuts = np.flatnonzero(steps.restarted) + 1
-    for rows in np.split(np.arange(len(t_ns)), cuts):
-        rows = rows[~repeated[rows]]
-        time[rows] = _fitted(index[rows], arrival[rows], cycle_s)
-    time[~repeated] = _increasing(time[~repeated])
-    return SensorTimes(time, step)
+    index, arrival = np.cumsum(step).astype(np.float64), (t_ns - t0_ns) * 1e-9
+    return _between_restarts(index, arrival, step, steps.restarted, cycle_s)
+
+
+def _between_restarts(
+    index: NDArray[np.float64],
+    arrival: NDArray[np.float64],
+    step: NDArray[np.int64],
+    restarted: NDArray[np.bool_],
+    cycle_s: float,
+) -> SensorTimes:
+    """Return the times from a line for each part between restarts; NaN for repeated frames."""
+    fresh = step > 0
+    time_s = np.full(len(arrival), np.nan)
+    for rows in np.split(np.arange(len(arrival)), np.flatnonzero(restarted) + 1):
+        rows = rows[fresh[rows]]
+        time_s[rows] = _fitted(index[rows], arrival[rows], cycle_s)
+    time_s[fresh] = _increasing(time_s[fresh])
+    return SensorTimes(time_s, step)
 
 
 def even_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
@@ -353,13 +362,7 @@ def stamped_times(
     step = np.where(gap > 0, np.maximum(np.rint(gap / cycle_s), 1), 0).astype(np.int64)
     step = np.concatenate([[1], step])
     sensor_s = np.concatenate([[0.0], np.cumsum(gap)])
-    fresh = step > 0
-    time = np.full(len(t_ns), np.nan)
-    for rows in np.split(np.arange(len(t_ns)), np.flatnonzero(restarted) + 1):
-        rows = rows[fresh[rows]]
-        time[rows] = _fitted(sensor_s[rows], arrival[rows], 1.0)
-    time[fresh] = _increasing(time[fresh])
-    return SensorTimes(time, step)
+    return _between_restarts(sensor_s, arrival, step, restarted, 1.0)
 
 
 def _restarts(

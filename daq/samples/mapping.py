@@ -93,10 +93,7 @@ def map_channels(
 ) -> tuple[MappedChannel, ...]:
     """Find the signal of every channel and check that its unit fits the quantity.
 
-    Raises
-    ------
-    InputError
-        If a signal is not in the DBC, or its unit is unknown or of another quantity.
+    Raises InputError if a signal is not in the DBC, or its unit is unknown or of another quantity.
     """
     known = {f"{m.name}.{s.name}": (m, s) for m in messages for s in m.signals}
     mapped = []
