@@ -28,7 +28,7 @@ from daq.control.messages import Status
 from daq.control.orders import AskStatus, Mark, ShutDown
 from tui.recorders.process import failure, start_demo_recorder
 from tui.terminal.app import BenchApp
-from tui.terminal.screens.base import LOCK_OUT_S
+from tui.terminal.keyboard import LOCK_OUT_S
 from tui.terminal.state.campaign import BenchStep
 from tui.terminal.state.feed import RecorderFeed
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs

@@ -17,8 +17,8 @@ from random import Random
 
 from daq.control.messages import Phase
 from daq.vehicle import HubWeight
+from tui.terminal.dialogs import Confirm
 from tui.terminal.screens.base import BenchScreen
-from tui.terminal.screens.dialogs import Confirm
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import VEHICLE_FIELDS, VehicleScreen
 from tui.terminal.state.campaign import BenchStep

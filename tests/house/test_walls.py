@@ -29,10 +29,9 @@ RESERVED = {
         f"tui/terminal/{room}"
         for room in (
             "app",
-            "context",
+            "dialogs",
             "keyboard",
             "look",
-            "palette",
             "screens/",
             "widgets/",
         )

@@ -19,7 +19,6 @@ from daq.control.messages import Reply, Setup, Status
 from daq.control.orders import AskStatus, Order
 from tui.browser import server
 from tui.cli import run
-from tui.terminal.screens.dialogs import DisplayLinkScreen
 from tui.terminal.state.feed import RecorderFeed
 from tui.terminal.state.glyphs import GlyphSet
 from tui.terminal.state.words import DisplayLink
@@ -38,7 +37,6 @@ class Opened:
         self.attached: list[Path] = []
         self.ran = 0
         self.return_code: int | None = None
-        self.display_link: Any = "not set"
         self.link: DisplayLink | None = None
 
     def __call__(self, *arguments: Any, **options: Any) -> Opened:
@@ -85,7 +83,7 @@ def test_the_terminal_is_opened_in_the_folder_of_its_kind(opened: Opened, tmp_pa
     assert opened.ran == 4
 
 
-def test_the_terminal_has_what_its_options_say(opened: Opened, tmp_path: Path) -> None:
+def test_the_terminal_has_what_its_options_say(opened: Opened) -> None:
     words = ["--glyphs", "ascii", "--theme", "bench-light", "--auto", "--operator", "MK"]
     shown = ["--display", "lan", "--display-control"]
     opened.return_code = 3
@@ -95,20 +93,19 @@ def test_the_terminal_has_what_its_options_say(opened: Opened, tmp_path: Path) -
     assert (folder, glyphs.name, name) == (Path("day"), GlyphSet.ASCII, "MK")
     assert (theme, auto) == ("bench-light", True)
     assert options["wanted"] == Setup(Origin.REAL)
-    assert options["choices"].is_relative_to(tmp_path / "config")
     assert (feed._folder, feed._name) == (Path("day"), "MK")
     assert opened.displays == [(Path("day"), "lan", "MK", True)]
-    assert isinstance(opened.display_link(), DisplayLinkScreen)
+    assert options["display"] is opened.link
 
 
 def test_who_is_not_named_is_the_user_to_the_recorder_and_asked_on_the_screen(
     opened: Opened,
 ) -> None:
     assert run(["tui"]) == 0
-    ((feed, _, _, name, _, _), _) = opened.apps[0]
+    ((feed, _, _, name, _, _), options) = opened.apps[0]
     assert (feed._name, name) == ("anna", "")
     assert opened.displays == [(Path(), None, "", False)]
-    assert opened.display_link is None
+    assert options["display"] is None
     assert run(["tui", "--demo"]) == 0
     ((feed, _, _, name, _, _), _) = opened.apps[1]
     assert (feed._name, name) == ("demo", "demo")

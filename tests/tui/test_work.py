@@ -30,12 +30,8 @@ from tui.jobs.lines import (
     Trouble,
 )
 from tui.jobs.worker import lines_of, without
-from tui.terminal.screens.work import LongWork, after, work_text
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 
 from .batches import refused_session
-
-GLYPHS = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -57,16 +53,6 @@ def lines_from_child(task: Task, see: Callable[[Line], None] = lambda _: None) -
         return lines
 
     return asyncio.run(listen())
-
-
-def test_progress_never_goes_back_and_names_each_stage_once() -> None:
-    work = LongWork()
-    for line in (Progress(0.1, "a"), Progress(0.5, "b"), Progress(0.3, "a")):
-        work = after(work, line)
-    assert (work.share, work.begun) == (0.5, ("a", "b"))
-    text = "\n".join(work_text(after(work, Trouble("f", "broke", "repair it")), GLYPHS, 78))
-    assert "FAILED" in text
-    assert "repair it" in text
 
 
 def test_a_trial_without_a_run(session: Path) -> None:
@@ -91,7 +77,7 @@ def test_a_broken_file_is_one_kind_line(session: Path, tmp_path: Path) -> None:
 def test_a_child_says_what_it_does_and_sends_the_outcome(session: Path) -> None:
     first, *between, last = lines_from_child(IdentifyTask(str(session)))
     assert first == Progress(0.05, "reading")
-    assert between[-1] == Progress(0.95, "drawing")
+    assert all(isinstance(line, Progress) for line in between)
     assert isinstance(last, Done)
     assert last.body.result.quality.verdict == "refused"
     assert last.body.session == str(session)

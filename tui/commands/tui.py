@@ -67,14 +67,11 @@ def tui(
     """
     import os
     import sys
-    from functools import partial
 
     from ..display.start import display_beside_terminal
     from ..terminal.app import BenchApp
-    from ..terminal.screens.dialogs import DisplayLinkScreen
     from ..terminal.state.feed import RecorderFeed
     from ..terminal.state.glyphs import choose_glyphs
-    from ..terminal.state.signals import choices_path
 
     _check_options(demo, fault, replay)
     wanted = _wanted(bench, interface, channel, demo, replay)
@@ -87,10 +84,8 @@ def tui(
     name = operator or known_operator(folder, demo)
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
     chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
-    choices = choices_path(os.environ, Path.home())
     with display_beside_terminal(folder, display, name, control) as link:
-        app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted, choices=choices)
-        app.display_link = partial(DisplayLinkScreen, link) if link is not None else None
+        app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted, display=link)
         feed.attach()  # after all checks of the command
         app.run()
     return app.return_code or ExitCode.OK

@@ -298,7 +298,7 @@ def _judged(status: Status) -> Headline:
     label = run.label if run else ""
     if status.phase is Phase.ACCEPTED:
         what = f"{run_words(run)}, {count_words(status, run)}" if run else ""
-        kind, word, why = Kind.ACCEPTED, "ACCEPTED", accepted_words(run)
+        kind, word, why = Kind.ACCEPTED, "ACCEPTED", accepted_words(status, run)
         advice = "" if digits else "The last of its kind."
         speech = f"Accepted. {what.capitalize()}."
     else:

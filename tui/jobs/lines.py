@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from identify import Identification
-    from identify.report.decays import Trace
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,14 +59,13 @@ Task = IdentifyTask | ReportTask | CompareTask | ExportTask | ListTask
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """One run: its status, and its decay where it was used."""
+    """One run and its status."""
 
     label: str
     status: str
     """`accepted`, `rejected`, or `left out`."""
     reasons: tuple[str, ...]
     """Reasons why it was not used."""
-    traces: tuple[Trace, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -150,20 +150,15 @@ def _identify(task: IdentifyTask, send: Send) -> Outcome:
     from daq import read_session
     from daq.sessions import overrides_of
     from identify import identify, usable_session
-    from identify.report import decay_traces
 
     send(Progress(_READ, "reading"))
     session = without(read_session(task.session), task.without)
     result = identify(session, lambda share, text: send(Progress(share, text)))
-    send(Progress(0.95, "drawing"))
-    drawn = decay_traces(result.estimation) if result.estimation else ()
-    traces = {run.label: run.traces for run in drawn}
     runs = tuple(
         RunOutcome(
             run.label,
             "left out" if run.reasons == (_LEFT_OUT,) else str(run.status),
             run.reasons,
-            traces.get(run.label, ()),
         )
         for run in usable_session(session).runs
     )

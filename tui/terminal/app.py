@@ -5,160 +5,62 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from textual.app import SystemCommand
 from textual.binding import Binding, BindingType
-from textual.command import Provider
+from textual.dom import DOMNode
 from textual.filter import LineFilter
 from textual.message import Message
 from textual.screen import ModalScreen, Screen
+from textual.worker import WorkType
 
 from daq import InputError
+from daq.control import orders
 from daq.control.client import OrderRefusedError
-from daq.control.messages import Live, Reply, Setup, Status
-from daq.control.orders import AskBench, AskHistory, Hello, Order, Question
+from daq.control.messages import Live, Reply, Setup, Status, differences
+from daq.control.orders import (
+    Acknowledge,
+    AskBench,
+    AskHistory,
+    Build,
+    Hello,
+    Note,
+    Order,
+    Pause,
+    Redo,
+    Reject,
+    ShutDown,
+    Stop,
+    Undo,
+)
 from daq.errors import printable
 
 from ..diagnostics import unknown_value
-from .context import LiveArrived, RecorderLost, StatusArrived, begin
+from .dialogs import ChoiceScreen, HelpScreen, Question, TextScreen
 from .keyboard import KeyboardApp
 from .look import THEMES, PlainAscii
-from .screens.dialogs import OtherRecorder
 from .state.campaign import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
 from .state.feed import Feed, Lost, News, Role
 from .state.glyphs import Glyphs, GlyphSet
 from .state.lanes import Lanes
-from .state.signals import Signals, signal_of
-from .widgets.bars import LOST_IN_A_FIELD, MessageApp
+from .state.signals import Signal, signal_of
 
 if TYPE_CHECKING:
     from daq.bench.config import Bench
 
-    from ..jobs.lines import Outcome
-    from .screens.results import ResultsScreen
-    from .screens.work import IdentifyScreen, ReportScreen
+    from .state.words import DisplayLink
 
 RECORDER_GOES_ON = (
     "The recorder goes on. The same command brings you back to where you were;"
     ' to end the recorder, press Ctrl+P there and choose "recorder: shut down".'
 )
 """Text that a closed terminal leaves on stderr."""
-_MODULES = {"home": "bumping", "run": "bumping", "identify": "work", "report": "work"}
-"""Modules of screens that have another name than the screen."""
-
-
-def _screen(module: str, name: str) -> Screen[Any]:
-    """Return a new screen; its module is imported only now, to open the first screen at once."""
-    made: Screen[Any] = getattr(import_module(f".screens.{module}", __package__), name)()
-    return made
-
-
-class ScreensApp(MessageApp):
-    """An app with one screen of each kind, made when it is first opened."""
-
-    SCREENS: ClassVar[dict[str, Callable[[], Screen[Any]]]] = {
-        name: partial(_screen, _MODULES.get(name, name), f"{name.capitalize()}Screen")
-        for name in (*SCREEN_OF.values(), "run", "results", "sessions")
-    }
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.status: Status | None = None
-        """Newest status of the recorder; None before the first."""
-
-    @property
-    def step(self) -> BenchStep | None:
-        """The step of the screen in front; None for a dialog and for an earlier session."""
-        return getattr(self.screen, "step_shown", None)
-
-    async def go_to(self, step: BenchStep) -> None:
-        """Show the screen of a step; the run screen while a run is in progress."""
-        name = SCREEN_OF[step]
-        if name == "home" and self.status is not None and in_run(self.status):
-            name = "run"
-        await self.open(name)
-
-    async def open(self, name: str) -> None:
-        """Show a screen by its name; it keeps what was typed into it."""
-        if self.screen is not self.get_screen(name):
-            await self.switch_screen(name)
-
-    async def open_build(self) -> None:
-        """Show the identify screen, build the recording's session file and identify it."""
-        await self.open("identify")
-        await self._identify_screen().build()
-
-    async def open_identify(self, session: str, without: tuple[str, ...] = ()) -> None:
-        """Show the identify screen and identify a session file, without the named runs."""
-        await self.open("identify")
-        self._identify_screen().begin(session, without)
-
-    def _identify_screen(self) -> IdentifyScreen:
-        return cast("IdentifyScreen", self.get_screen("identify"))
-
-    async def open_results(self, outcome: Outcome) -> None:
-        """Show the results of an identification."""
-        cast("ResultsScreen", self.get_screen("results")).show_outcome(outcome)
-        await self.open("results")
-
-    async def open_report(self, session: str, write: bool = False) -> None:
-        """Show the report screen of a session file; write the report at once if asked."""
-        report = cast("ReportScreen", self.get_screen("report"))
-        report.show_session(session)
-        await self.open("report")
-        if write:
-            report.begin()
-
-    async def action_step(self, number: int) -> None:
-        """Show the screen of a step if it is reached; of an identified recording the results."""
-        step = BenchStep(number)
-        if not progress(self.status).reached(step):
-            self.warn(f"step {step.title} is not reached yet")
-        elif step is BenchStep.IDENTIFY and (outcome := self._identify_screen().valid_outcome):
-            await self.open_results(outcome)
-        else:
-            await self.go_to(step)
-
-    async def action_sessions(self) -> None:
-        """Show the sessions of the folder."""
-        await self.open("sessions")
-
-    async def action_home(self) -> None:
-        """Show the next action."""
-        await self.open("home")
-
-    def action_note(self, label: str = "") -> None:
-        """Open a note on a run; on the session without a label."""
-        from .screens.dialogs import NoteScreen
-
-        self.push_screen(NoteScreen(label))
-
-    def show_help(self, page: str) -> None:
-        """Show a page of help over the screen."""
-        from .screens.help import HelpScreen
-
-        self.push_screen(HelpScreen(page))
-
-    def action_help_quit(self) -> None:
-        """Say what closes the terminal; Ctrl+C only copies text that is selected."""
-        self.inform("Ctrl+Q closes the terminal; the recording continues")
-
-    def action_help(self) -> None:
-        """Show the help of the screen in front; of the screen below if a dialog has none."""
-        from .screens.help import HelpScreen
-
-        if isinstance(self.screen, HelpScreen):
-            self.screen.dismiss()
-            return
-        pages = (getattr(screen, "HELP_PAGE", "") for screen in reversed(self.screen_stack))
-        self.show_help(next(filter(None, pages), "home"))
-
-
 HISTORY_S = 10.0
 """Seconds of samples that a new terminal asks for: more than the chart shows."""
 AUTO_S = 0.25
@@ -168,35 +70,86 @@ MOST_NEWS = 1200
 _WIDTHS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]
 _HEIGHTS = [(0, "-low"), (36, "-tall")]
 """Numbers of columns and rows from which a screen has a style class."""
-
-
-def _palette() -> type[Provider]:
-    from .palette import BenchCommands
-
-    return BenchCommands
+_MODULES = {"home": "bumping", "run": "bumping", "identify": "work", "report": "work"}
+"""Modules of screens that have another name than the screen."""
+_ORDERS: tuple[tuple[str, str, Order], ...] = (
+    ("run: pause", "count no bump until armed again; frames are still recorded", Pause()),
+    ("run: reject last", "do not use the last run; it is kept", Reject()),
+    ("run: undo", "take the last verdict back", Undo()),
+    ("run: redo", "take the last undo back", Redo()),
+    ("recorder: lamps out", "acknowledge the overload lamps", Acknowledge()),
+    ("recorder: build session", "derive the session file; the recording goes on", Build()),
+    ("recorder: stop", "end this recording and derive its session file", Stop()),
+)
 
 
 class NewsArrived(Message):
     """The feed has posted news."""
 
 
-class BenchApp(ScreensApp, KeyboardApp):
+class StatusArrived(Message):
+    """A new status of the recorder."""
+
+    def __init__(self, status: Status) -> None:
+        self.status = status
+        super().__init__()
+
+
+class LiveArrived(Message):
+    """New samples are in `app.lanes`."""
+
+
+class RecorderLost(Message):
+    """The recorder does not answer; `app.lost` says what to do."""
+
+
+def begin(
+    node: DOMNode,
+    work: Callable[[], Coroutine[Any, Any, None]],
+    group: str = "default",
+    exclusive: bool = False,
+) -> None:
+    """Start work of a screen; `exclusive`: end the earlier work of the group.
+
+    The coroutine is created when the work begins, so it is not created for work that ends before.
+    """
+    made: WorkType[None] = work
+    node.run_worker(made, group=group, exclusive=exclusive)
+
+
+def _screen(name: str) -> Screen[Any]:
+    """Return a new screen; its module is imported only now, to open the first screen at once."""
+    module = import_module(f".screens.{_MODULES.get(name, name)}", __package__)
+    made: Screen[Any] = getattr(module, f"{name.capitalize()}Screen")()
+    return made
+
+
+class BenchApp(KeyboardApp):
     """A client of one recorder.
 
-    `folder`: the recorder's; sessions and reports are in it.  `operator`: the person; the journal
-    stores this name with every verdict.  `auto`: press SPACE whenever there is a next action.
-    `clock`: monotonic seconds, for held keys.  `wanted`: setup of its recorder.  `choices`: file
-    that keeps the choices of sound and big letters.
+    `folder`: the recorder's; sessions, reports and drafts are in it.  `operator`: the person; the
+    journal stores this name with every verdict.  `auto`: press SPACE whenever there is a next
+    action.  `clock`: monotonic seconds, for held keys.  `wanted`: setup of its recorder.
+    `display`: link of the display that was started with the terminal.
     """
 
     CSS_PATH = "app.tcss"
     TITLE = "Bumpbench"
     HORIZONTAL_BREAKPOINTS = _WIDTHS
     VERTICAL_BREAKPOINTS = _HEIGHTS
-    COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {_palette}
+    SCREENS: ClassVar[dict[str, Callable[[], Screen[Any]]]] = {
+        name: partial(_screen, name) for name in (*SCREEN_OF.values(), "run", "results", "sessions")
+    }
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("ctrl+q", "quit", "Close the terminal", show=False, priority=True),
         Binding("f1", "help", "Help", priority=True),
+        Binding("1", "step(1)", "Step", key_display="1-7", tooltip="Go to a step"),
+        *(Binding(str(i), f"step({i})", show=False) for i in range(2, 8)),
+        Binding("n", "note", "Note", tooltip="Write a note on the session"),
+        Binding("s", "sessions", "Sessions", tooltip="Sessions of the folder"),
+        Binding("c", "take_over", show=False, tooltip="Take control"),
+        Binding("tab", "focus_next", show=False, tooltip="Next field"),
+        Binding("shift+tab", "focus_previous", show=False, tooltip="Previous field"),
+        Binding("ctrl+q", "quit", show=False, priority=True, tooltip="Close the terminal"),
     ]
 
     def __init__(
@@ -209,31 +162,34 @@ class BenchApp(ScreensApp, KeyboardApp):
         auto: bool = False,
         clock: Callable[[], float] = time.monotonic,
         wanted: Setup | None = None,
-        choices: Path | None = None,
+        display: DisplayLink | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(clock)
         for made in THEMES:
             self.register_theme(made)
         if theme not in self.available_themes:
             raise unknown_value("--theme", theme, "theme", sorted(self.available_themes))
         self.theme = theme
         self.feed, self.folder, self.glyphs, self.operator = feed, folder, glyphs, operator
-        self.auto, self.clock = auto, clock
+        self.auto, self.display_link, self.sound = auto, display, True
+        self.status: Status | None = None
+        """Newest status of the recorder; None before the first, kept after the recorder is lost."""
         self.lost: Lost | None = None
+        """Why the recorder does not answer; None while it does."""
         self.in_control = False
         self.lanes = Lanes()
         self.bench: Bench | None = None
+        """The bench in force; None until the recorder has sent it."""
         self.bench_text = ""
-        self.signals = Signals(choices, self.bell, self.set_timer)
-        self._ascii = PlainAscii()
         self.typed: dict[str, str] = {}
+        """Last typed answer to each question."""
         self.answered = ""
+        """Change of the weights that the operator has confirmed; each is asked once."""
         self._news: deque[News] = deque(maxlen=MOST_NEWS)
         self._role = Role(False)
-        self._started = False
-        self._other = OtherRecorder(self, wanted)
+        self._started = self._asks_setup = False
+        self._wanted = wanted
         self._halted, self._history_of = "", ""
-        self.display_link: Callable[[], Screen[None]] | None = None
 
     # News ---------------------------------------------------------------------------------------
 
@@ -247,15 +203,11 @@ class BenchApp(ScreensApp, KeyboardApp):
     def get_line_filters(self) -> Sequence[LineFilter]:
         """Add the filter that replaces all but ASCII, for a terminal that can show no more."""
         filters = super().get_line_filters()
-        return [*filters, self._ascii] if self.glyphs.name is GlyphSet.ASCII else filters
+        return [*filters, PlainAscii()] if self.glyphs.name is GlyphSet.ASCII else filters
 
     def on_unmount(self) -> None:
         """Stop the feed; the recorder goes on."""
         self.feed.stop()
-
-    async def action_quit(self) -> None:
-        """Close the terminal; say below it how to come back and how to end the recorder."""
-        self.exit(message=None if self.lost else RECORDER_GOES_ON)
 
     def post(self, news: News) -> None:
         """Queue news; called from the feed's thread."""
@@ -288,13 +240,13 @@ class BenchApp(ScreensApp, KeyboardApp):
                 if news.text:
                     self.warn(news.text)
             elif isinstance(news, Setup):
-                self._other.compare(news, self._role.in_control)
+                self._compare_setup(news)
             else:
-                self.signals.play(signal_of(self.lost, news))
+                self._ring(signal_of(self.lost, news))
                 self.lost, status = news, None
                 self._publish(RecorderLost())
                 if isinstance(self.screen, ModalScreen) and not news.starting:
-                    self.warn(LOST_IN_A_FIELD)
+                    self.warn("RECORDER LOST: Esc, then X = start it again")
             self._news.popleft()
         self.in_control = self._role.in_control
         if status is not None:
@@ -307,22 +259,47 @@ class BenchApp(ScreensApp, KeyboardApp):
         if before is not None and before.recording != status.recording:
             self.lanes.clear()
         home = self.screen is self.get_screen("home")  # a dialog in front would be stranded
-        if home and not self._started and not self._other.asking:
+        if home and not self._started and not self._asks_setup:
             self._started = True
-            step = BenchStep.BASELINE if waits_unarmed(status) else progress(status).due
-            await self.go_to(step)
-            if not self.operator and not self.auto and step is not BenchStep.VEHICLE:
-                self._ask_name()
-            if self.display_link is not None and not self.auto:
-                self.push_screen(self.display_link())
+            await self._open_first(status)
         elif before is not None and not in_run(before) and in_run(status) and self._gives_way(home):
             await self.open("run")  # also if another terminal or the display armed
-        self._announce_phase(before, status)
+        self._ring(signal_of(before, status))
+        if before is None or before.phase is not status.phase:
+            words = f"{status.phase.value.upper()} - {printable(status.vehicle)} - Bumpbench"
+            if self._driver is not None and not self.is_headless:
+                self._driver.write(f"\x1b]2;{words}\x07")
         self._publish(StatusArrived(status))
         self.call_after_refresh(self._fetch_missing, before, status)  # the screen comes first
         if status.halted and status.halted != self._halted:
-            self.show_help(status.halted)
+            self.push_screen(HelpScreen(status.halted))
         self._halted = status.halted
+
+    async def _open_first(self, status: Status) -> None:
+        """Show the due step; ask for the operator's name unless the vehicle form does."""
+        step = BenchStep.BASELINE if waits_unarmed(status) else progress(status).due
+        await self.go_to(step)
+        if self.auto:
+            return
+
+        async def answered(name: str | None) -> None:
+            if name and await self.ask(Hello(name, self.in_control)) is not None:
+                self.operator = name
+
+        if not self.operator and step is not BenchStep.VEHICLE:
+            self.question("Your name or initials, for every verdict", "name", answered)
+        if self.display_link is not None:
+            self.action_display()
+
+    def _gives_way(self, home: bool) -> bool:
+        """Return True if the screen in front gives way to a run: home, or a screen before it."""
+        early = self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
+        return home or (early and self.status is not None and waits_unarmed(self.status))
+
+    def _publish(self, message: Message) -> None:
+        """Send news to the screen in front; a worker may bring news after all are closed."""
+        if self.screen_stack:
+            self.screen.post_message(message)
 
     def _fetch_missing(self, before: Status | None, status: Status) -> None:
         """Fetch the samples from before this terminal's start, and the bench, if they are new."""
@@ -331,21 +308,6 @@ class BenchApp(ScreensApp, KeyboardApp):
             begin(self, self._fetch_history, group="history", exclusive=True)
         if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
             begin(self, self._fetch_bench, group="bench", exclusive=True)
-
-    def _publish(self, message: Message) -> None:
-        """Send news to the screen in front; a worker may bring news after all are closed."""
-        if self.screen_stack:
-            self.screen.post_message(message)
-
-    def _ask_name(self) -> None:
-        """Ask for the operator's name; called after the vehicle form, which also asks for it."""
-        from .screens.dialogs import Question
-
-        async def answered(name: str | None) -> None:
-            if name and await self.ask(Hello(name, self.in_control)) is not None:
-                self.operator = name
-
-        self.push_screen(Question("Your name or initials, for every verdict", "name"), answered)
 
     async def _fetch_history(self) -> None:
         with suppress(OrderRefusedError):
@@ -364,16 +326,47 @@ class BenchApp(ScreensApp, KeyboardApp):
             if self.status is not None:
                 self._publish(StatusArrived(self.status))
 
-    def _gives_way(self, home: bool) -> bool:
-        """Return True if the screen in front gives way to a run: home, or a screen before it."""
-        early = self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
-        return home or (early and self.status is not None and waits_unarmed(self.status))
+    def _compare_setup(self, running: Setup) -> None:
+        """Ask once if the running recorder has another setup than the wanted one."""
+        if self._asks_setup or self._wanted is None:
+            return
+        if not (texts := differences(running, self._wanted)):
+            return
+        self._asks_setup = True
+        options = [("attach", "attach to it: it goes on as it is")]
+        if self._role.in_control:
+            options += [
+                ("replace", "end its recording, and begin a new one as asked for"),
+                ("end", "end its recording and the recorder"),
+            ]
+        title = f"Another recorder runs here: {'; '.join(texts)}."
+        self.push_screen(ChoiceScreen(printable(title, 400), options), self._settle_setup)
 
-    # Orders -------------------------------------------------------------------------------------
+    async def _settle_setup(self, choice: str | None) -> None:
+        """Carry out the answer; without one nothing is changed and the terminal ends."""
+        if choice in ("replace", "end"):
+            await self.ask(Stop())  # refused if nothing is being recorded
+            if await self.ask(ShutDown()) is None:
+                self._asks_setup = False  # the reason is shown, and the question is asked again
+                return
+        if choice in ("attach", "replace"):
+            self._wanted, self._asks_setup = None, False
+        if choice == "replace":
+            await self.action_restart_recorder()
+        elif choice != "attach":
+            self.exit()
+
+    def _ring(self, signal: Signal | None) -> None:
+        """Ring the bell in the rhythm of a signal, unless it is muted."""
+        if signal is not None and self.sound:
+            for at_s in signal.value:
+                self.set_timer(at_s, self.bell) if at_s else self.bell()
+
+    # Orders and messages ------------------------------------------------------------------------
 
     async def ask(self, order: Order) -> Reply | None:
         """Send an order; return None after a refusal, whose reason is shown to the operator."""
-        if not self.in_control and not isinstance(order, Question):
+        if not self.in_control and not isinstance(order, orders.Question):
             self.warn("this terminal is a viewer: C asks for control")
             return None
         try:
@@ -385,6 +378,99 @@ class BenchApp(ScreensApp, KeyboardApp):
             self.post(reply.status)
             await self._process_news()
         return reply
+
+    def warn(self, text: str) -> None:
+        """Show the operator a warning above the keys, in place of the message before."""
+        self.clear_notifications()
+        self.notify(printable(text, 600), severity="warning", markup=False)
+
+    def inform(self, text: str) -> None:
+        """Show the operator above the keys that something is done."""
+        self.clear_notifications()
+        self.notify(printable(text, 600), markup=False)
+
+    def question(self, words: str, field: str, answered: Callable[[str | None], Any]) -> None:
+        """Ask for a line of text."""
+        self.push_screen(Question(words, field, self.typed), answered)
+
+    # Screens ------------------------------------------------------------------------------------
+
+    @property
+    def step(self) -> BenchStep | None:
+        """The step of the screen in front; None for a dialog and for an earlier session."""
+        return getattr(self.screen, "step_shown", None)
+
+    async def go_to(self, step: BenchStep) -> None:
+        """Show the screen of a step; the run screen while a run is in progress."""
+        name = SCREEN_OF[step]
+        if name == "home" and self.status is not None and in_run(self.status):
+            name = "run"
+        await self.open(name)
+
+    async def open(self, name: str) -> Any:
+        """Show a screen by its name, and return it; it keeps what was typed into it."""
+        screen = self.get_screen(name)
+        if self.screen is not screen:
+            await self.switch_screen(name)
+        return screen
+
+    async def action_step(self, number: int) -> None:
+        """Show the screen of a step if it is reached; of an identified recording the results."""
+        step = BenchStep(number)
+        if not progress(self.status).reached(step):
+            self.warn(f"step {step.title} is not reached yet")
+            return
+        if step is BenchStep.IDENTIFY:
+            identify: Any = self.get_screen("identify")
+            if identify.valid_outcome is not None:
+                await identify.show_results()
+                return
+        await self.go_to(step)
+
+    async def action_sessions(self) -> None:
+        """Show the sessions of the folder."""
+        await self.open("sessions")
+
+    async def action_home(self) -> None:
+        """Show the next action."""
+        await self.open("home")
+
+    def action_note(self, label: str = "") -> None:
+        """Write a note on a run; on the session without a label."""
+        words = f"Note on {f'run {label}' if label else 'the session'}"
+
+        async def answered(text: str | None) -> None:
+            if text and await self.ask(Note(text, label)) is not None:
+                self.typed.pop(words, None)
+                self.inform("the note is in the recording")
+
+        self.question(words, "what the sensors do not see", answered)
+
+    def action_display(self) -> None:
+        """Show how to open the display at the bench."""
+        if self.display_link is not None:
+            self.push_screen(
+                TextScreen(
+                    "Display", "\n\n".join(self.display_link.lines).split("\n"),
+                    self.display_link.code,
+                )
+            )  # fmt: skip
+
+    def action_help(self) -> None:
+        """Show the help of the screen in front; of the screen below if a dialog has none."""
+        if isinstance(self.screen, HelpScreen):
+            self.screen.dismiss()
+            return
+        pages = (getattr(screen, "HELP_PAGE", "") for screen in reversed(self.screen_stack))
+        self.push_screen(HelpScreen(next(filter(None, pages), "home")))
+
+    def action_help_quit(self) -> None:
+        """Say what closes the terminal; Ctrl+C only copies text that is selected."""
+        self.inform("Ctrl+Q closes the terminal; the recording continues")
+
+    async def action_quit(self) -> None:
+        """Close the terminal; say below it how to come back and how to end the recorder."""
+        self.exit(message=None if self.lost else RECORDER_GOES_ON)
 
     def action_take_over(self) -> None:
         """Ask for control of the recorder."""
@@ -399,33 +485,50 @@ class BenchApp(ScreensApp, KeyboardApp):
             self.warn(str(refused))
 
     def action_sound(self) -> None:
-        """Mute the signals, or unmute them."""
-        self._show_choice(self.signals.toggle_sound())
-
-    def action_big(self) -> None:
-        """Switch the state in big letters on or off."""
-        self._show_choice(self.signals.toggle_big())
-        if not self.screen.query("BigWord"):
-            self.inform(f"big letters on the run screen: {'on' if self.signals.big else 'off'}")
-
-    def _show_choice(self, trouble: str) -> None:
-        if trouble:
-            self.warn(trouble)
+        """Mute the bell, or unmute it."""
+        self.sound = not self.sound
         if self.status is not None:
             self._publish(StatusArrived(self.status))
 
     async def _press_next(self) -> None:
-        from .screens.base import BenchScreen
-
-        screen = self.screen if self.screen_stack else None  # none while the app closes
-        if isinstance(screen, BenchScreen) and self.status is not None and screen.ready:
+        screen: Any = self.screen if self.screen_stack else None  # none while the app closes
+        if getattr(screen, "ready", False) and self.status is not None:
             await screen.action_next()
 
-    def _announce_phase(self, before: Status | None, status: Status) -> None:
-        """Signal a change, and set the window's title if the phase has changed."""
-        self.signals.play(signal_of(before, status))
-        if before is not None and before.phase is status.phase:
-            return
-        words = f"{status.phase.value.upper()} - {printable(status.vehicle)} - Bumpbench"
-        if self._driver is not None and not self.is_headless:
-            self._driver.write(f"\x1b]2;{words}\x07")
+    # The command palette ------------------------------------------------------------------------
+
+    def get_system_commands(self, screen: Screen[Any]) -> Iterator[SystemCommand]:
+        """Yield every command that is possible now, by name, for Ctrl+P."""
+
+        async def arm() -> None:
+            # As SPACE on the run screen, which asks about the weights when they change.
+            await (await self.open("run")).action_next()
+
+        async def end() -> None:
+            if await self.ask(ShutDown()) is not None:
+                self.exit()
+
+        yield SystemCommand("run: arm", "wait for the next bump and count it", arm)
+        for name, words, order in _ORDERS:
+            yield SystemCommand(name, words, partial(self.ask, order))
+        yield SystemCommand("note: on the session", "write a note", self.action_note)
+        if self.status is not None and self.status.runs:
+            last = self.status.runs[-1].label
+            note = partial(self.action_note, last)
+            yield SystemCommand("note: on the last run", f"write a note on {last}", note)
+        for name, words, act in (
+            ("recorder: take control", "give the orders from here", self.action_take_over),
+            ("recorder: restart", "start it if none runs", self.action_restart_recorder),
+            ("recorder: shut down", "end recorder and terminal: recording stops", end),
+            ("view: sound", "mute or unmute the bell", self.action_sound),
+            ("help: this screen", "purpose and keys of this screen", self.action_help),
+            ("app: quit", "close the terminal; the recording goes on", self.action_quit),
+        ):
+            yield SystemCommand(name, words, act)
+        if self.display_link is not None:
+            words = "how to open the display at the bench"
+            yield SystemCommand("display: link", words, self.action_display)
+        for theme in ("bench-dark", "bench-light", "ansi-dark", "ansi-light"):
+            if theme in self.available_themes:
+                act = partial(setattr, self, "theme", theme)
+                yield SystemCommand(f"theme: {theme}", "colours of the terminal", act)

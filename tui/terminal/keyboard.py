@@ -7,21 +7,23 @@ dialog is lost (https://github.com/Textualize/textual/issues/6605).  Here a key 
 before it has had its effect: until its messages are processed and the screen that it opened has its
 cursor.
 
-The footer writes keys as capitals, so a capital letter has the effect of the small one wherever no
-field takes text: with Caps Lock on, the terminal works as without.
+Where no field takes text, a capital letter has the effect of the small one, as the footer shows
+capitals; and a key that a glove holds down acts once.
 """
 
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from textual.app import App
 from textual.binding import Binding
 from textual.dom import DOMNode
 from textual.events import Event, InputEvent, Key, MouseMove, Paste
+from textual.widgets import Input, TextArea
 
 PATIENCE_S = 5.0
 """Longest wait for the effect of a key, s: as long as a recorder may take for its answer."""
@@ -29,13 +31,23 @@ LOOK_S = 0.05
 """Seconds between two checks whether a widget that is waited for still exists."""
 FEWEST_PASSES = 2
 """Number of waits for one key: one after the key itself, one after the messages of its action."""
+LOCK_OUT_S = 0.3
+"""Time between two presses, s, below which a key counts as held: keyboards repeat faster."""
+_SAME = {"pagedown": "space", "pageup": "backspace"}
+"""Keys of a presenter, which are those of the keyboard."""
+_REPEATING = {"up", "down", "left", "right", "home", "end", "tab", "shift+tab"}
 
 
 class KeyboardApp(App[None]):
-    """An app whose keys, clicks and pasted texts take effect in the order of their arrival."""
+    """An app whose keys, clicks and pasted texts take effect in the order of their arrival.
 
-    def __init__(self) -> None:
+    `clock`: monotonic seconds, for held keys.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
+        self._clock = clock
+        self._pressed: tuple[str, float] = ("", float("-inf"))
         self._waiting: deque[Event] = deque()
         """Input that has arrived but is not delivered yet."""
         self._delivered: Event | None = None
@@ -49,9 +61,9 @@ class KeyboardApp(App[None]):
             await super().on_event(event)
         elif event is self._delivered or self._idle:
             self._delivered = None
-            widgets = self._front
-            self._effect = asyncio.create_task(self._await_effect(widgets))
-            await super().on_event(self._as_bound(event))
+            self._effect = asyncio.create_task(self._await_effect(self._front))
+            if not self._is_held(event):
+                await super().on_event(self._as_bound(event))
         else:
             self._waiting.append(event)
 
@@ -74,6 +86,16 @@ class KeyboardApp(App[None]):
         if self.focused and self.focused.check_consume_key(event.key, event.character):
             return event
         return Key(event.key.lower(), event.key.lower())
+
+    def _is_held(self, event: Event) -> bool:
+        """Return True for the repetition of a key that is held down, where no text is typed."""
+        if not isinstance(event, Key) or event.key in _REPEATING:
+            return False
+        if self.screen_stack and isinstance(self.focused, Input | TextArea):
+            return False
+        key, now_s = _SAME.get(event.key, event.key), self._clock()
+        (before, before_s), self._pressed = self._pressed, (key, now_s)
+        return key == before and now_s - before_s < LOCK_OUT_S
 
     @property
     def _idle(self) -> bool:

@@ -401,8 +401,7 @@ def test_command_line_and_terminal_say_so_and_what_is_known_keeps_its_number(
     assert ".." not in t_f
     (m_s,) = (line for line in printed.splitlines() if line.startswith("m_s "))
     assert "1,3" in m_s
-    glyphs = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
-    _, rows = parameter_rows(result.parameters, parameter_words, result.drivers, glyphs, wide=True)
+    _, rows = parameter_rows(result.parameters, parameter_words, result.drivers, wide=True)
     assert sum("not determined" in str(cells[3]) for cells in rows) == 3
     ((only,),) = matrix_rows(result)
     assert "not determined" in str(only)

@@ -18,15 +18,14 @@ from textual.events import Key
 from textual.keys import _character_to_key
 from textual.pilot import Pilot
 from textual.screen import ModalScreen
-from textual.widgets import TextArea
 
 from tui.terminal.app import BenchApp
+from tui.terminal.dialogs import Line, Question
 from tui.terminal.keyboard import KeyboardApp
-from tui.terminal.screens.dialogs import NoteScreen, Question
 from tui.terminal.screens.vehicle import VEHICLE_FIELDS
 from tui.terminal.screens.weights import WEIGHT_FIELDS, WeightScreen
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.widgets.form import Field, Form, Line
+from tui.terminal.widgets.form import Field, Form
 
 from .fake_recorder import FakeRecorder
 
@@ -77,7 +76,8 @@ async def _filled(
     texts = _texts(fields, rng)
     keys = []
     for field in fields:
-        keys += [*texts.get(field.name, ""), rng.choice(("tab", "enter", "down"))]
+        ends = ("tab",) if field.choices else ("tab", "enter", "down")
+        keys += [*texts.get(field.name, ""), rng.choice(ends)]
     await burst(pilot, *keys[:-1], most_s=MOST_S, seed=rng.randrange(1 << 30))
     values = pilot.app.screen.query_one(Form).values
     return len(keys) - 1, texts, {name: values[name] for name in texts}
@@ -115,22 +115,15 @@ async def wrong_keys(seed: int) -> tuple[int, int]:
         await burst(pilot, "tab")
         count(*await _filled(pilot, VEHICLE_FIELDS, rng))
         while typed < KEYS:
-            await _open(app, WeightScreen("Weight", {}, lambda _: (), lambda _: None))
+            await _open(app, WeightScreen("Weight", {}, lambda _: ()))
             count(*await _filled(pilot, WEIGHT_FIELDS, rng))
             await burst(pilot, "escape")
-            note, question = NoteScreen(), Question(f"Why {typed}", "why")
-            dialogs: tuple[ModalScreen[Any], ...] = (note, question)
-            for screen in dialogs:
-                await _open(app, screen)
-                text = _texts(WEIGHT_FIELDS[:1], rng)["serial"].strip() or "x"
-                await burst(pilot, *text, most_s=MOST_S, seed=rng.randrange(1 << 30))
-                if screen is note:
-                    area = note.query_one(TextArea)
-                    there, area.text = area.text, ""  # else it is the next note's draft
-                else:
-                    there = screen.query_one(Line).value
-                count(len(text), {"text": text}, {"text": there})
-                await burst(pilot, "escape")
+            screen = Question(f"Why {typed}", "why", {})
+            await _open(app, screen)
+            text = _texts(WEIGHT_FIELDS[:1], rng)["serial"].strip() or "x"
+            await burst(pilot, *text, most_s=MOST_S, seed=rng.randrange(1 << 30))
+            count(len(text), {"text": text}, {"text": screen.query_one(Line).value})
+            await burst(pilot, "escape")
     return typed, wrong
 
 

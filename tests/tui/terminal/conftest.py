@@ -6,8 +6,9 @@ import asyncio
 import inspect
 import os
 from collections.abc import Callable
+from functools import partialmethod
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from textual.app import App
@@ -24,18 +25,22 @@ from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
 
 from .fake_recorder import FakeRecorder
 
+if TYPE_CHECKING:
+    from .operated import FakeWorker
+
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 REDRAWS = 3
 """Frames before an app counts as settled: layout, then what was waiting for it, twice."""
 MOST_S = 0.5
 """Seconds to wait for a thread: some wait for a process, or for a time-out."""
 REWRITE = "BUMPBENCH_REWRITE_SNAPSHOTS"
-SIZES = {"80x24": (80, 24), "140x40": (140, 40), "200x50": (200, 50)}
+SIZES = {"80x24": (80, 24), "140x40": (140, 40)}
 
 
-async def at_every_size(
-    pilot: Pilot[None], snapshot: Callable[[App[None], str], None], name: str
-) -> None:
+Snapshot = Callable[[App[None], str], None]
+
+
+async def at_every_size(pilot: Pilot[None], snapshot: Snapshot, name: str) -> None:
     """Give the terminal each size in turn, as a person does who pulls at the window."""
     for size, (width, height) in SIZES.items():
         await pilot.resize_terminal(width, height)
@@ -57,6 +62,15 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     wanted = inspect.signature(pyfuncitem.obj).parameters
     asyncio.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in wanted}))
     return True
+
+
+_run_test = App.run_test
+
+
+@pytest.fixture(autouse=True)
+def _with_messages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Show messages to the operator, which Textual leaves out of a test."""
+    monkeypatch.setattr(App, "run_test", partialmethod(_run_test, notifications=True))
 
 
 @pytest.fixture(autouse=True)
@@ -216,3 +230,11 @@ def snapshot() -> Callable[[App[None], str], None]:
         assert seen == path.read_text("utf-8"), f"{name}: look, then set {REWRITE}=1"
 
     return compare
+
+
+@pytest.fixture
+def worker(monkeypatch: pytest.MonkeyPatch) -> FakeWorker:
+    """Return what answers the tasks of workers from memory."""
+    from .operated import FakeWorker
+
+    return FakeWorker().use(monkeypatch)

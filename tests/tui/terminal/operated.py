@@ -1,17 +1,43 @@
 """The bench's screens as a test operates them: reach one, wait, and see what was ordered."""
 
-import asyncio
-from collections.abc import Callable
+from __future__ import annotations
 
+import asyncio
+from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+from textual.app import App, ComposeResult
 from textual.pilot import Pilot
+from textual.widget import Widget
 
 from daq.bench.config import Bench
 from daq.control.messages import CheckItem
 from daq.vehicle import Corner
+from tui.jobs.lines import (
+    CompareTask,
+    Done,
+    ExportTask,
+    IdentifyTask,
+    Item,
+    Line,
+    ListTask,
+    Outcome,
+    Progress,
+    ReportTask,
+    Task,
+    Trouble,
+)
+from tui.jobs.session_list import SessionEntry
 from tui.terminal.app import BenchApp
+from tui.terminal.screens import sessions, work
+from tui.terminal.screens.results import ResultsScreen
+from tui.terminal.widgets.table import Table
 
-from .conftest import screen_text
+from .conftest import Snapshot, at_every_size, screen_text
 from .fake_recorder import FakeRecorder
+from .outcomes import outcome
 
 Make = Callable[..., BenchApp]
 
@@ -30,7 +56,7 @@ def check_items(**levels: float) -> tuple[CheckItem, ...]:
 
 
 async def until(pilot: Pilot[None], condition: Callable[[], object]) -> None:
-    """Wait until something is so; two minutes at most, for a busy machine."""
+    """Wait until something is so; at most as long as a busy machine needs."""
     clock = asyncio.get_running_loop().time
     end_s = clock() + 120.0
     while not condition():
@@ -39,7 +65,7 @@ async def until(pilot: Pilot[None], condition: Callable[[], object]) -> None:
 
 
 def shows(app: BenchApp, text: str) -> bool:
-    return text in screen_text(app)
+    return text in seen(app)
 
 
 async def reach(pilot: Pilot[None], kind: type) -> None:
@@ -47,6 +73,149 @@ async def reach(pilot: Pilot[None], kind: type) -> None:
     assert isinstance(app, BenchApp)
     await until(pilot, lambda: isinstance(app.screen, kind) and app.bench is not None)
     await pilot.pause()
+
+
+def seen(app: BenchApp) -> str:
+    """Return what the screen shows, each run of blanks as one."""
+    return " ".join(screen_text(app).split())
+
+
+async def pressed(pilot: Pilot[None], *keys: str) -> str:
+    """Press keys and return what is on the screen then."""
+    await pilot.press(*keys)
+    await pilot.pause()
+    await pilot.pause()  # what the first drawing has asked for
+    assert isinstance(pilot.app, BenchApp)
+    return seen(pilot.app)
+
+
+def front(app: BenchApp) -> object:
+    return app.screen
+
+
+def cursor(app: BenchApp) -> int:
+    return app.screen.query_one(Table).cursor_row
+
+
+__all__ = ["Snapshot", "at_every_size"]
+
+PATH = "/bench/session_0001.h5"
+
+
+def measured() -> FakeRecorder:
+    """Return a recorder with a complete campaign, whose session file is built."""
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check", "masses")
+    recorder.finish("baseline")
+    recorder.finish("added")
+    recorder.changes["session"] = recorder.built(PATH)
+    return recorder
+
+
+def results_of(app: BenchApp) -> ResultsScreen:
+    screen = app.get_screen("results")
+    assert isinstance(screen, ResultsScreen)
+    return screen
+
+
+class FakeWorker:
+    """Answers tasks from memory; `hold` keeps the last line back until `go` is set."""
+
+    def __init__(self, entries: tuple[SessionEntry, ...] = ()) -> None:
+        self.tasks: list[Task] = []
+        self.entries = entries
+        self.hold = False
+        self.go = asyncio.Event()
+        self.trouble: Trouble | None = None
+
+    def use(self, monkeypatch: pytest.MonkeyPatch) -> FakeWorker:
+        """Take the place of the worker's process."""
+        for screen in (sessions, work):
+            monkeypatch.setattr(screen, "lines_of", self.lines_of)
+        return self
+
+    async def lines_of(self, task: Task, where: str) -> AsyncGenerator[Line, None]:
+        self.tasks.append(task)
+        if not isinstance(task, ListTask):
+            yield Progress(0.1, "reading")
+            yield Progress(0.4, "fitting")
+            if self.hold:
+                await self.go.wait()
+            if self.trouble is not None:
+                yield self.trouble
+                return
+        match task:
+            case IdentifyTask(path):
+                yield Done(outcome(path))
+            case ReportTask():
+                files = {"/bench/session_0001.html": 1_181_489, "/bench/session_0001.pdf": 290_180}
+                yield Done({"files": files, "verdict": "ok"})
+            case CompareTask():
+                yield Done({"lines": ["Nothing differs.", "[/foo]"]})
+            case ExportTask():
+                yield Done({"paths": ["/bench/session_0001.mf4"], "notes": []})
+            case ListTask():
+                for entry in self.entries:
+                    yield Item(entry)
+                yield Done({"count": len(self.entries)})
+
+
+class Shown(App[None]):
+    """An app of one widget, which notes the messages of a form."""
+
+    def __init__(self, widget: Widget) -> None:
+        super().__init__()
+        self._widget = widget
+        self.messages: list[str] = []
+
+    def compose(self) -> ComposeResult:
+        yield self._widget
+
+    def on_form_changed(self) -> None:
+        self.messages.append("changed")
+
+    def on_form_submitted(self) -> None:
+        self.messages.append("submitted")
+
+
+@asynccontextmanager
+async def alone(widget: Widget, width: int, height: int) -> AsyncIterator[Pilot[None]]:
+    """Show a widget over a whole terminal of so many cells."""
+    app = Shown(widget)
+    async with app.run_test(size=(width, height)) as pilot:
+        widget.styles.height = "100%"
+        widget.styles.width = "100%"
+        await pilot.pause()
+        yield pilot
+
+
+def text(widget: Any) -> list[str]:
+    return str(widget.render()).splitlines()
+
+
+@asynccontextmanager
+async def playing(app: BenchApp, size: tuple[int, int]) -> AsyncIterator[Pilot[None]]:
+    """Run an app until it has settled."""
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        yield pilot
+
+
+@asynccontextmanager
+async def showing(
+    app: BenchApp, size: tuple[int, int], shown: Outcome
+) -> AsyncIterator[Pilot[None]]:
+    """Run an app with an outcome on its results screen."""
+    async with playing(app, size) as pilot:
+        results_of(app).show_outcome(shown)
+        await app.open("results")
+        await pilot.pause()
+        yield pilot
+
+
+def commands(app: BenchApp) -> dict[str, Callable[[], Any]]:
+    """Return the commands of the palette by name."""
+    return {name: act for name, _, act, *_ in app.get_system_commands(app.screen)}
 
 
 def bench_of(recorder: FakeRecorder) -> Bench:

@@ -10,7 +10,6 @@ import numpy as np
 from dbc.finding import Finding, Severity
 from identify import Estimate, Identification, Judgement, PhysicalModel
 from identify.fit.uncertainty import ModeEstimate
-from identify.report.decays import Trace
 from identify.trust.finding import Loss, Survival
 from tui.jobs.lines import Outcome, RunOutcome
 
@@ -88,7 +87,7 @@ def outcome(session: str = "/bench/session_0001.h5") -> Outcome:
             for state in whole
         },
     )
-    runs = tuple(RunOutcome(label, "accepted", (), (_trace(),)) for label in _LABELS)
+    runs = tuple(RunOutcome(label, "accepted", ()) for label in _LABELS)
     return Outcome(session, (), result, ("noise wheel_rr: lift in the next bay runs (MK)",), runs)
 
 
@@ -101,7 +100,7 @@ def doubtful() -> Outcome:
     survival = Survival(("I_xx", "k_tf", "k_tr", "t_f", "t_r"), lost)
     whole = outcome()
     quality = replace(whole.result.quality, findings=DOUBTS, survival=survival)
-    run = RunOutcome(whole.runs[1].label, "rejected", ("second bump at +0.84 s",), ())
+    run = RunOutcome(whole.runs[1].label, "rejected", ("second bump at +0.84 s",))
     return judged(replace(whole, runs=(whole.runs[0], run, *whole.runs[2:])), quality)
 
 
@@ -114,13 +113,3 @@ def refused() -> Outcome:
 
 def _matrix(diagonal: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     return np.where(np.eye(7, dtype=bool), diagonal, -0.25 * diagonal)
-
-
-def _trace() -> Trace:
-    time_s = 0.01 * np.arange(300)
-    fitted = 4.0 * np.exp(-1.7 * time_s) * np.cos(6.6 * time_s)
-    measured = fitted + 0.05 * np.sin(91.0 * time_s)
-    still = np.zeros((2, 1))
-    return Trace(
-        "body_acc_z", "m/s²", np.stack([time_s, measured]), np.stack([time_s, fitted]), still
-    )

@@ -1,4 +1,6 @@
-"""Every error of a form names field, limit and reason; the bench says what was typed."""
+"""Forms: every error names field, limit and reason; the bench says what was typed."""
+
+from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,20 +9,22 @@ import pytest
 
 from daq.bench.config import default_bench_text, load_bench, parse_bench
 from daq.runs import Excitation
-from daq.vehicle import Corner, Fact, HubWeight, Structure, VehicleGeometry
+from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure, VehicleGeometry
 from tui.terminal.screens.vehicle import (
+    VEHICLE_FIELDS,
     check_vehicle,
     vehicle_text,
     vehicle_values,
 )
-from tui.terminal.screens.weights import (
-    check_inventory,
-    check_weight,
-)
-from tui.terminal.state.drafts import last_form, read_draft, remove_draft, write_draft
+from tui.terminal.screens.weights import check_inventory, check_weight
+from tui.terminal.state.drafts import read_draft, remove_draft, write_draft
+from tui.terminal.widgets.form import Field, FieldError, Form, check_fields
+
+from .operated import Shown, alone
 
 BENCH = load_bench(None)
-GOOD = vehicle_values(BENCH, "MK") | {
+EMPTY = vehicle_values(BENCH, "MK")
+GOOD = EMPTY | {
     "total_mass_kg": "1552",
     "front_axle_kg": "845,5",
     "rear_axle_kg": "706",
@@ -32,57 +36,132 @@ WEIGHT = {"place": "body", "serial": "M-07", "mass_kg": "20", "sigma_kg": "0.01"
           "y_m": "0.55", "position_sigma_m": "0.005", "height_m": "0"}  # fmt: skip
 
 
-def test_the_bench_in_force_fills_a_form_without_errors() -> None:
-    assert check_vehicle(vehicle_values(BENCH, "MK"), BENCH) == ()
-    assert check_vehicle(GOOD, BENCH) == ()
+@pytest.mark.parametrize(
+    ("name", "lowest", "below", "highest", "above"),
+    [
+        ("total_mass_kg", "100", "99.9", "10000", "10001"),
+        ("total_mass_kg.sigma", "0.001", "0.0009", "500", "501"),
+        ("front_axle_kg", "40", "39.9", "6000", "6001"),
+        ("wheelbase_m", "1", "0.99", "6", "6.01"),
+        ("wheelbase_m.sigma", "0.0001", "0.00009", "0.3", "0.31"),
+        ("front_track_m", "0.8", "0.79", "2.6", "2.61"),
+        ("repeats", "1", "0", "100", "101"),
+        ("bump_height_mm", "0.001", "0", "200", "200.1"),
+        ("accept_after_s", "0", "-0.1", "60", "60.1"),
+        ("name", "T", "", "x" * 60, "x" * 61),
+        ("operator", "M", "", "x" * 40, "x" * 41),
+        ("notes", "", "\x07", "x" * 500, "x" * 501),
+        ("method", "drop", "", "push", "kick"),
+        ("flag.cg_offset", "yes", "perhaps", "no", "1"),
+    ],
+)
+def test_a_field_of_the_vehicle_takes_its_limits_and_nothing_beyond(
+    name: str, lowest: str, below: str, highest: str, above: str
+) -> None:
+    for typed in (lowest, highest):
+        assert check_vehicle(EMPTY | {name: typed}, BENCH) == ()
+    for typed in (below, above):
+        assert [error.field for error in check_vehicle(EMPTY | {name: typed}, BENCH)] == [name]
 
 
 @pytest.mark.parametrize(
-    ("typed", "field", "label", "limit", "reason"),
+    ("name", "lowest", "below", "highest", "above"),
     [
-        ({"name": " "}, "name", "Vehicle", "1 to 60 characters", "empty"),
-        ({"operator": "x" * 41}, "operator", "Operator", "1 to 40", "41 characters"),
-        ({"name": "a\x1b[2Jb"}, "name", "Vehicle", "1 to 60", "cannot be printed"),
-        ({"total_mass_kg": "1.5 t"}, "total_mass_kg", "Total mass", "100 to 10000 kg", "'1.5 t'"),
-        ({"total_mass_kg": "20000"}, "total_mass_kg", "Total mass", "100 to 10000 kg", "above"),
-        ({"rear_axle_kg": "650"}, "total_mass_kg", "Total mass", "within 1 %", "1495.5 kg"),
-        ({"front_axle_kg": "1600", "rear_axle_kg": ""}, "front_axle_kg", "Front axle",
-         "less than the total", "1600 kg on one axle"),
-        ({"wheelbase_m": "0.276"}, "wheelbase_m", "Wheelbase", "1 to 6 m", "below"),
-        ({"front_track_m": "nan"}, "front_track_m", "Front track", "0.8 to 2.6 m", "'nan'"),
-        ({"rear_track_m.sigma": ""}, "rear_track_m.sigma", "Rear track ±", "above 0 m", "needs"),
-        ({"total_mass_kg.sigma": "0"}, "total_mass_kg.sigma", "Total mass ±", "0.001", "below"),
-        ({"repeats": "2.5"}, "repeats", "Repeats", "whole number 1 to 100", "2.5"),
-        ({"repeats": "1_0"}, "repeats", "Repeats", "whole number", "'1_0'"),
-        ({"method": "kick"}, "method", "Method", "roll_over, drop, push", "'kick'"),
-        ({"bump_height_mm": "201"}, "bump_height_mm", "Bump height", "above 0, up to 200 mm",
-         "leave the"),
-        ({"bump_height_mm": "0"}, "bump_height_mm", "Bump height", "above 0, up to 200 mm",
-         "0 mm is not above 0"),
-        ({"bump_height_mm": "-1"}, "bump_height_mm", "Bump height", "above 0, up to", "below"),
-        ({"accept_after_s": "-1"}, "accept_after_s", "Accept after", "0 to 60 s", "below"),
-        ({"bump.bounce": "no", "bump.pitch": "no", "bump.roll": "no"}, "bump.bounce", "Bounce",
-         "at least one", "nothing would be bumped"),
-        ({"notes": "x" * 501}, "notes", "Notes", "0 to 500", "501 characters"),
+        ("serial", "", "\x07", "x" * 20, "x" * 21),
+        ("mass_kg", "0.1", "0.09", "500", "501"),
+        ("sigma_kg", "0", "-0.1", "2", "2.01"),  # a tenth of the mass
+        ("x_m", "-3.96", "-3.97", "1.2", "1.21"),
+        ("y_m", "-1.04", "-1.05", "1.04", "1.05"),
+        ("position_sigma_m", "0", "-0.1", "0.2", "0.21"),
+        ("height_m", "-1", "-1.1", "2", "2.1"),
+    ],
+)
+def test_a_field_of_a_weight_takes_its_limits_and_nothing_beyond(
+    name: str, lowest: str, below: str, highest: str, above: str
+) -> None:
+    for typed in (lowest, highest):
+        assert check_weight(WEIGHT | {name: typed}, 2.76, 0.74) == ()
+    for typed in (below, above):
+        errors = check_weight(WEIGHT | {name: typed}, 2.76, 0.74)
+        assert {error.field for error in errors} >= {name}
+
+
+@pytest.mark.parametrize(
+    ("typed", "field", "words"),
+    [
+        ({"name": " "}, "name", "Vehicle: is empty, and is needed (limit: 1 to 60 characters)"),
+        ({"operator": "x" * 41}, "operator", "Operator: has 41 characters (limit: 1 to 40"),
+        ({"name": "a\x1b[2Jb"}, "name", "Vehicle: has characters that cannot be printed"),
+        ({"total_mass_kg": "1.5 t"}, "total_mass_kg",
+         "Total mass: '1.5 t' is not a number (limit: 100 to 10000 kg)"),
+        ({"total_mass_kg": "20000"}, "total_mass_kg", "20000 kg is above the limit: from a form"),
+        ({"rear_axle_kg": "650"}, "total_mass_kg", "the axles carry 1495.5 kg together"),
+        ({"front_axle_kg": "1600", "rear_axle_kg": ""}, "front_axle_kg", "1600 kg on one axle"),
+        ({"front_track_m": "nan"}, "front_track_m", "'nan' is not a number"),
+        ({"rear_track_m.sigma": " "}, "rear_track_m.sigma", "needs the uncertainty"),
+        ({"repeats": "2.5"}, "repeats", "2.5 is not a whole number (limit: a whole number 1 to"),
+        ({"repeats": "1_0"}, "repeats", "'1_0' is not a number"),
+        ({"method": "kick"}, "method", "'kick' is not on the list (limit: one of roll_over, drop"),
+        ({"bump_height_mm": "0"}, "bump_height_mm",
+         "0 mm is not above 0 (limit: above 0, up to 200 mm)"),
+        ({"bump.bounce": "no", "bump.pitch": "no", "bump.roll": "no"}, "bump.bounce",
+         "nothing would be bumped (limit: at least one"),
     ],
 )  # fmt: skip
 def test_each_error_names_field_limit_and_reason(
-    typed: dict[str, str], field: str, label: str, limit: str, reason: str
+    typed: dict[str, str], field: str, words: str
 ) -> None:
     (error,) = check_vehicle(GOOD | typed, BENCH)
     assert error.field == field
-    assert label in str(error)
-    assert limit in str(error)
-    assert reason in str(error)
-    assert str(error).isprintable()
+    assert words in error.text
+    assert error.text.isprintable()
 
 
-def test_lengths_must_fit_the_geometry_that_bench_toml_states() -> None:
+@pytest.mark.parametrize(
+    ("typed", "field", "words"),
+    [
+        ({"place": "roof"}, "place", "'roof' is not on the list (limit: one of body, FL, FR"),
+        ({"mass_kg": ""}, "mass_kg", "Mass: is empty, and is needed (limit: 0.1 to 500 kg)"),
+        ({"sigma_kg": "3"}, "sigma_kg", "of 20 kg: weigh it (limit: 0 to 2 kg)"),
+        ({"x_m": ""}, "x_m", "needs its place (limit: -3.96 to 1.20 m)"),
+        ({"x_m": "-4.5"}, "x_m", "-4.5 m is outside the car"),
+        ({"x_m": "-400"}, "x_m", "-400 m is below the limit"),
+        ({"y_m": "1.2"}, "y_m", "1.2 m is outside the car (limit: -1.04 to 1.04 m)"),
+    ],
+)
+def test_each_error_of_a_weight_names_field_limit_and_reason(
+    typed: dict[str, str], field: str, words: str
+) -> None:
+    errors = check_weight(WEIGHT | typed, 2.76, 0.74)
+    assert words in next(error.text for error in errors if error.field == field)
+
+
+def test_a_form_is_without_errors_where_all_fits() -> None:
+    assert check_vehicle(EMPTY, BENCH) == check_vehicle(GOOD, BENCH) == ()
+    assert check_vehicle(EMPTY | {"wheelbase_m.sigma": ""}, BENCH) == (), "it is not measured"
     vehicle = replace(BENCH.vehicle, geometry=VehicleGeometry(1.25, 1.51, 0.74, 0.74))
     stated = replace(BENCH, vehicle=vehicle)
     assert check_vehicle(GOOD, stated) == ()
     (error,) = check_vehicle(GOOD | {"wheelbase_m": "2.9"}, stated)
-    assert (error.field, error.limit) == ("wheelbase_m", "2.76 m within 2 %")
+    assert error.field == "wheelbase_m"
+    assert "2.76 m within 2 %" in error.text
+
+
+def test_all_weights_together_must_be_some_and_at_most_half_of_the_car() -> None:
+    assert check_inventory([HubWeight(4.0, Corner.FRONT_LEFT)], 1500.0) == ""
+    assert check_inventory([BodyWeight(750.0, 0.0, 0.0)], 1500.0) == ""
+    assert "more than half" in check_inventory([BodyWeight(750.1, 0.0, 0.0)], 1500.0)
+    assert "baseline again" in check_inventory([], 1500.0)
+
+
+def test_a_field_says_its_limits_in_words() -> None:
+    fields = {field.name: field for field in VEHICLE_FIELDS}
+    assert fields["notes"].limit == "0 to 500 characters"
+    assert fields["method"].advice.endswith("(one of roll_over, drop, push)")
+    assert fields["wheelbase_m"].advice.endswith("(1 to 6 m)")
+    open_ended = Field("n", "N", "m", 0.0, above_low=True)
+    assert [e.field for e in check_fields([open_ended], {"n": "0"})] == ["n"]
+    assert check_fields([open_ended], {"n": "1e9"}) == check_fields([open_ended], {}) == ()
 
 
 def test_what_was_typed_is_what_the_bench_says() -> None:
@@ -117,44 +196,7 @@ def test_what_was_typed_is_what_the_bench_says() -> None:
     back = vehicle_values(after, "MK")
     assert back == {k: v.replace(",", ".") for k, v in typed.items()}
     assert vehicle_text(after.text, after, back) == after.text
-
-
-def test_a_form_that_changes_nothing_leaves_the_text_alone() -> None:
-    values = vehicle_values(BENCH, "MK")
-    assert vehicle_text(BENCH.text, BENCH, values) == BENCH.text
-
-
-@pytest.mark.parametrize(
-    ("typed", "field", "limit", "reason"),
-    [
-        ({"place": "roof"}, "place", "one of body, FL, FR, RL, RR", "'roof'"),
-        ({"mass_kg": ""}, "mass_kg", "0.1 to 500 kg", "empty"),
-        ({"mass_kg": "501"}, "mass_kg", "0.1 to 500 kg", "above"),
-        ({"sigma_kg": "3"}, "sigma_kg", "0 to 2 kg", "weigh it"),
-        ({"x_m": ""}, "x_m", "-3.96 to 1.20 m", "empty"),
-        ({"x_m": "-4.5"}, "x_m", "-3.96 to 1.20 m", "outside the car"),
-        ({"x_m": "-400"}, "x_m", "-8 to 3 m", "below"),
-        ({"y_m": "1.2"}, "y_m", "-1.04 to 1.04 m", "outside the car"),
-        ({"position_sigma_m": "0.21"}, "position_sigma_m", "0 to 0.2 m", "above"),
-        ({"height_m": "3"}, "height_m", "-1 to 2 m", "above"),
-    ],
-)
-def test_each_error_of_a_weight_names_field_limit_and_reason(
-    typed: dict[str, str], field: str, limit: str, reason: str
-) -> None:
-    errors = check_weight(WEIGHT | typed, 2.76, 0.74)
-    error = next(e for e in errors if e.field == field)
-    assert limit in str(error)
-    assert reason in str(error)
-
-
-def test_all_weights_together_must_be_some_and_not_too_much() -> None:
-    hub = HubWeight(4.0, Corner.FRONT_LEFT)
-    assert check_inventory([hub], 1500.0) == ()
-    (error,) = check_inventory([], 1500.0)
-    assert "baseline again" in str(error)
-    (error,) = check_inventory([hub] * 200, 1500.0)
-    assert "750 kg in all" in str(error)
+    assert vehicle_text(BENCH.text, BENCH, EMPTY) == BENCH.text, "nothing is changed"
 
 
 def test_a_draft_is_whole_or_absent(tmp_path: Path) -> None:
@@ -171,10 +213,39 @@ def test_a_draft_is_whole_or_absent(tmp_path: Path) -> None:
     assert read_draft(path) == {}
 
 
-def test_the_last_form_of_a_vehicle_is_found_beside_the_folder(tmp_path: Path) -> None:
-    for folder, name in (("a", "T5"), ("b", "X1"), ("now", "T5")):
-        (tmp_path / folder).mkdir()
-        write_draft(tmp_path / folder / "vehicle.json", {"name": name, "repeats": folder})
-    now = tmp_path / "now"
-    assert last_form(now, "vehicle.json", "T5") == {"name": "T5", "repeats": "a"}
-    assert last_form(now, "vehicle.json", "Z9") == {}
+FIELDS = (
+    Field("name", "Name", needed=True),
+    Field("kind", "Kind", choices=("one", "two", "three")),
+    Field("bars", "Bars", choices=("yes", "no")),
+    Field("mass", "Mass", "kg", 0.0, 9.0),
+    Field("mass.sigma", "Mass ±", "kg", 0.0, 9.0),
+)
+
+
+async def test_a_form_is_filled_marked_and_sent() -> None:
+    form = Form({"Car": [FIELDS[:2], FIELDS[2:]]})
+    async with alone(form, 100, 12) as pilot:
+        app = pilot.app
+        assert isinstance(app, Shown)
+        form.fill({"name": "a", "kind": "two", "bars": "yes", "mass": "1", "absent": "x"})
+        assert app.messages == []
+        values = {"name": "a", "kind": "two", "bars": "yes", "mass": "1", "mass.sigma": ""}
+        assert form.values == values
+        form.fill({"kind": "four"})
+        assert form.values == values, "it is not on the list"
+        form.enter("kind")
+        await pilot.pause()
+        assert form.current is FIELDS[1]
+        await pilot.press("enter", "down", "enter")
+        await pilot.pause()
+        assert form.values["kind"] == "three"
+        await pilot.press("tab", "space")
+        await pilot.pause()
+        assert form.values["bars"] == "no"
+        assert app.messages == ["changed"] * 2
+        await pilot.press("tab", *"2", "enter", "up", "down", "enter")
+        assert form.values["mass"] == "2", "what is typed takes the place of what was there"
+        assert app.messages[-1] == "submitted"
+        form.mark([FieldError("mass", "Mass: no (limit: 0 to 9)")])
+        labels = [str(label.render()) for label in form.query("Label")]
+        assert labels == ["Car", " Name ", " Kind ", " Bars ", "!Mass, kg ", " ± "]

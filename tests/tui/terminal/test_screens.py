@@ -17,7 +17,7 @@ from tui.terminal.app import BenchApp
 from tui.terminal.screens.bumping import HomeScreen
 from tui.terminal.state.feed import Lost
 from tui.terminal.state.glyphs import GlyphSet
-from tui.terminal.widgets.traces import LaneChart
+from tui.terminal.widgets.chart import LaneChart
 
 from .conftest import SIZES, at_every_size, screen_text
 from .fake_recorder import DOUBLE_BUMP, WALL_NS, FakeRecorder

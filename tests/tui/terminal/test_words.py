@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from daq.bench.config import Bench
@@ -11,20 +13,22 @@ from daq.check.push_test import PushResult
 from daq.control.messages import (
     Alarm,
     CheckItem,
+    Lane,
     LeftOut,
+    Live,
     Phase,
     Status,
 )
 from daq.control.orders import Arm
+from daq.runlog.run_log import Code, entry
 from daq.runs import Excitation
 from daq.vehicle import Corner
+from tui.terminal.app import BenchApp
 from tui.terminal.screens.check import (
-    ZeroOffset,
     push_rows,
     rest_levels,
     zero_offsets,
 )
-from tui.terminal.screens.help import page_of
 from tui.terminal.state.campaign import (
     BenchStep,
     bump_step,
@@ -36,8 +40,9 @@ from tui.terminal.state.campaign import (
     progress,
     waits_unarmed,
 )
-from tui.terminal.state.feed import Lost
+from tui.terminal.state.feed import STARTING, Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.state.signals import Signal, signal_of
 from tui.terminal.state.words import (
     accepted_words,
     banner,
@@ -50,7 +55,8 @@ from tui.terminal.state.words import (
     waiting_words,
 )
 
-from .fake_recorder import DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
+from .conftest import screen_text
+from .fake_recorder import BIN_S, DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
 
 ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
 BLOCKS = choose_glyphs(GlyphSet.BLOCKS, {}, "utf-8")
@@ -111,14 +117,23 @@ def test_a_run_waits_for_rest_or_for_the_seconds_before(recorder: FakeRecorder) 
     assert waiting_words(recorder.status) == "not at rest: body_acc_z, hub_acc_fl"
 
 
-def test_a_verdict_shows_its_figures_or_its_reason(recorder: FakeRecorder) -> None:
-    assert accepted_words(None) == "every check passed"
-    recorder.bump()
-    motion, mirrored = (replace(GOOD, code=code, text=code) for code in ("motion", "mirrored"))
-    recorder.judge(GOOD, mirrored, motion)
-    run = last_judged(recorder.status)
-    assert run is not None
-    assert accepted_words(run) == "motion; mirrored"
+def test_a_verdict_compares_a_run_with_the_first_of_its_kind(recorder: FakeRecorder) -> None:
+    assert accepted_words(recorder.status, None) == "good: every check passed"
+    motion = replace(GOOD, code="motion", text="f 1.15 Hz, zeta 0.33", unit="Hz", value=1.15)
+    mirrored = replace(GOOD, code="mirrored", text="other side")
+    said = []
+    for findings in ((motion,), (replace(motion, value=1.16), mirrored), (GOOD,)):
+        recorder.bump()
+        recorder.judge(*findings)
+        said.append(accepted_words(recorder.status, last_judged(recorder.status)))
+    assert said == [
+        "good: the car swings at 1.15 Hz",
+        "good: like the first within 1 %; other side",
+        "good: every check passed",
+    ]
+
+
+def test_a_rejected_run_says_why_and_what_to_do(recorder: FakeRecorder) -> None:
     recorder.bump()
     recorder.judge(GOOD, DOUBLE_BUMP)
     run = last_judged(recorder.status)
@@ -167,7 +182,7 @@ def test_the_banner_of_each_state(recorder: FakeRecorder) -> None:
     assert said(recorder.status)[2] == "Hands off.  "
     recorder.judge()
     assert said(recorder.status) == [
-        "ACCEPTED", "bounce 1   1 of 2 accepted", "every check passed",
+        "ACCEPTED", "bounce 1   1 of 2 accepted", "good: every check passed",
         "The next run arms itself in 3 s.   Bksp = reject   SPACE = now", "3",
     ]  # fmt: skip
     recorder.publish(countdown_s=None)
@@ -276,14 +291,20 @@ def test_a_cause_is_named_with_its_subject_and_an_advice_with_a_stop() -> None:
 def test_only_an_offset_that_a_tare_can_improve_is_one() -> None:
     bench: Bench = FakeRecorder().bench
 
-    def tared(channel: str, level: float) -> bool:
+    def tared(channel: str, level: float) -> str:
         item = CheckItem("OK", f"channel {channel}", "", "", {"level": level})
-        return bool(zero_offsets([item], bench.channels))
+        return zero_offsets([item], bench.channels).get(channel, "")
 
-    assert [tared("travel_fl", x) for x in (0.0005, 0.00051, -0.00051)] == [False, True, True]
-    assert [tared("roll_rate", x) for x in (0.001, 0.0011, -0.0011)] == [False, True, True]
-    assert ZeroOffset("travel_fl", 0.0035, "m", 0.0035).text == "travel_fl +3.5 mm"
-    assert ZeroOffset("roll_rate", -0.004, "rad/s", -0.004).text == "roll_rate -0.0040 rad/s"
+    assert [tared("travel_fl", x) for x in (0.0005, 0.0006, -0.0035)] == [
+        "",
+        "travel_fl +0.6 mm",
+        "travel_fl -3.5 mm",
+    ]
+    assert [tared("roll_rate", x) for x in (0.001, 0.0011, -0.004)] == [
+        "",
+        "roll_rate +0.0011 rad/s",
+        "roll_rate -0.0040 rad/s",
+    ]
     items = [
         CheckItem("OK", "channel a", "", "", {"level": 1.0}),
         CheckItem("OK", "message a", "", "", {"level": 2.0}),
@@ -306,11 +327,174 @@ def test_a_pushed_corner_passes_fails_waits_or_is_skipped() -> None:
     assert not skipped.blocks
 
 
-def test_help_has_a_page_for_screens_reasons_and_alarms_and_one_for_none() -> None:
-    assert page_of("home").startswith("#")
-    assert page_of("double_bump").startswith("# Rejected: ")
-    assert "```" in page_of("double_bump")
-    both = page_of("stale")
-    assert both.index("# Rejected") < both.index("# Alarm")
-    assert "There is no page for this" in page_of("nonsense")
-    assert "There is no page" not in both
+MakeApp = Callable[..., BenchApp]
+
+
+def _alarm(code: str) -> Alarm:
+    return Alarm(code, "can0", "text", "advice", 0)
+
+
+@pytest.mark.parametrize(
+    ("phase", "after", "alarms", "signal"),
+    [
+        (Phase.WAITING, Phase.ARMED, (), Signal.ARMED),
+        (Phase.DECAY, Phase.ACCEPTED, (), Signal.ACCEPTED),
+        (Phase.DECAY, Phase.REJECTED, (), Signal.REJECTED),
+        (Phase.ARMED, Phase.TRIGGERED, (), None),
+        (Phase.ARMED, Phase.ARMED, (), None),
+        (Phase.ARMED, Phase.ARMED, ("stale",), Signal.ALARM),
+        (Phase.WAITING, Phase.ARMED, ("stale",), Signal.ALARM),
+        (Phase.DECAY, Phase.REJECTED, ("bus_silent",), Signal.REJECTED),
+        (Phase.ARMED, Phase.ARMED, ("clock_step",), None),
+    ],
+)
+def test_what_is_signalled(
+    phase: Phase, after: Phase, alarms: tuple[str, ...], signal: Signal | None
+) -> None:
+    before = replace(FakeRecorder().status, phase=phase, alarms=(_alarm("counter_gap"),))
+    raised = (*before.alarms, *map(_alarm, alarms))
+    assert signal_of(before, replace(before, phase=after, alarms=raised)) is signal
+
+
+async def test_the_bell_rings_in_the_rhythm_of_the_event_unless_it_is_muted(
+    make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert len({signal.value for signal in Signal}) == len(Signal)
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    rung: list[float] = []
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        monkeypatch.setattr(app, "bell", lambda: rung.append(0.0))
+        monkeypatch.setattr(app, "set_timer", lambda at_s, _: rung.append(at_s))
+        recorder.turn(Phase.ARMED)
+        await pilot.pause()
+        recorder.bump()
+        recorder.judge(DOUBLE_BUMP)
+        await pilot.pause()
+        recorder.post(Lost("the recorder has ended", "restart"))
+        recorder.post(Lost("the recorder has ended", "restart"))
+        await pilot.pause()
+        assert rung == [*Signal.ARMED.value, *Signal.REJECTED.value, *Signal.LOST.value]
+        recorder.publish()
+        app.action_sound()
+        await pilot.pause()
+        assert "muted" in screen_text(app)
+        recorder.post(Lost("the recorder has ended", "restart"))
+        await pilot.pause()
+        assert len(rung) == 10
+
+
+async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: MakeApp) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        names = ("home", "run", "check", "sessions", "results", "report", "identify", "masses")
+        for number, name in enumerate(names, 1):
+            await app.open(name)
+            recorder.post(Lost("the recorder has ended", "restart"))
+            await pilot.pause()
+            rows = screen_text(app).splitlines()
+            assert rows[0].startswith(" RECORDER LOST: X = start it again"), name
+            assert "X Start recorder" in rows[-1], name
+            await pilot.press("x")
+            await pilot.pause()
+            assert recorder.restarts == number, name
+            recorder.post(STARTING)
+            await pilot.pause()
+            rows = screen_text(app).splitlines()
+            assert rows[0].startswith(" STARTING"), name
+            assert "X Start recorder" not in rows[-1], name
+            recorder.publish()
+            await pilot.pause()
+        await app.go_to(BenchStep.BASELINE)
+        assert "STARTING" not in screen_text(app)
+
+
+async def test_a_message_has_a_row_of_its_own_and_covers_nothing(make_app: MakeApp) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        before = screen_text(app).splitlines()
+        app.warn("a refusal that is long enough for two rows " + "and goes on " * 5)
+        await pilot.pause()
+        rows = screen_text(app).splitlines()
+        assert rows[-1] == before[-1]
+        assert rows[-3].startswith(" a refusal that is long enough")
+        assert rows[:9] == before[:9]  # the next action and what SPACE does
+        assert all("a refusal" not in row for row in rows[:-3])
+
+
+def _dots(rows: list[str]) -> np.ndarray:
+    """Return which dots of braille rows are set, by Unicode's own numbering."""
+    height, width = 4 * len(rows), 2 * len(rows[0])
+    dots = np.zeros((height, width), bool)
+    for r, row in enumerate(rows):
+        for c, char in enumerate(row):
+            bits = 0 if char == " " else ord(char) - 0x2800
+            for bit, (x, y) in enumerate(
+                ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
+            ):
+                dots[4 * r + y, 2 * c + x] = bool(bits >> bit & 1)
+    return dots
+
+
+def _live(first: int, values: list[float | None], channel: str = "a") -> Live:
+    return Live(first, BIN_S, (Lane(channel, tuple(values), tuple(values)),))
+
+
+def test_the_one_key() -> None:
+    recorder = FakeRecorder()
+    assert next_action(None).order is None
+    assert next_action(recorder.status).step is BenchStep.VEHICLE
+    recorder.mark("vehicle", "check")
+    assert next_action(recorder.status).order == Arm()
+    for phase in (Phase.WAITING, Phase.ARMED, Phase.TRIGGERED, Phase.DECAY):
+        recorder.turn(phase)
+        assert next_action(recorder.status).words == ""
+    recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    assert next_action(recorder.status).order == Arm()
+    recorder.turn(Phase.PAUSED)
+    assert next_action(recorder.status).order == Arm()
+    recorder.bump()
+    recorder.judge()
+    assert next_action(recorder.status).order == Arm()
+    # The last of its kind: the boards have to be moved before anything is armed.
+    last = replace(recorder.status, countdown_s=None)
+    assert next_action(last).order is None
+    recorder.finish("baseline")
+    assert next_action(recorder.status).step is BenchStep.MASSES
+
+
+def test_more_runs_are_recorded_by_the_one_key_after_each_step() -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    recorder.finish("baseline")
+    recorder.choose("baseline", Excitation.ROLL)
+    more = next_action(recorder.status)
+    assert (more.words, more.order) == ("SPACE = one more roll", Arm())
+    recorder.mark("masses")
+    recorder.bump()
+    recorder.judge()
+    recorder.finish("added")
+    recorder.mark("identify", "report")
+    assert next_action(recorder.status).step is BenchStep.REPORT
+    recorder.choose("added", Excitation.PITCH)
+    assert next_action(recorder.status).order == Arm()
+    recorder.bump()
+    recorder.judge()
+    recorder.turn(Phase.COMPLETE)
+    assert next_action(recorder.status).step is BenchStep.IDENTIFY
+
+
+def test_a_note_is_no_mark() -> None:
+    recorder = FakeRecorder()
+    recorder._enter(entry(Code.NOTE, 0, text="step vehicle done", label="", by="MK"))
+    recorder.mark("check")
+    assert progress(recorder.status).due is BenchStep.VEHICLE

@@ -1,23 +1,32 @@
-"""Base of every screen: top line, steps, key bar, help and SPACE."""
+"""Base of every screen: top line, steps, keys, help and SPACE."""
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, ClassVar, cast
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.events import DescendantBlur, DescendantFocus
+from textual.content import Content
 from textual.screen import Screen
+from textual.widgets import Footer, Input, TextArea
 
-from ..context import BenchContext, RecorderLost, StatusArrived
-from ..state.campaign import BenchStep
-from ..widgets.bars import KeyBar, MessageLine, StepBar, TopLine
+from daq.bench.campaign import Origin
+from daq.control.messages import BusState
+from daq.errors import printable
+
+from ..app import BenchApp, RecorderLost, StatusArrived
+from ..state.campaign import BenchStep, progress
+from ..widgets.table import Words
 
 if TYPE_CHECKING:
     from daq.control.messages import Status
 
-LOCK_OUT_S = 0.3
-"""Time between two presses, s, below which a key counts as held: keyboards repeat faster."""
+_WIDE = 120
+_ENOUGH = (80, 24)
+"""Columns and rows in which every screen shows everything important."""
+SPACE_INK = "bold $accent"
+"""Style of the words that say what SPACE does next, on every screen."""
 
 
 class BenchScreen(Screen[None]):
@@ -31,34 +40,19 @@ class BenchScreen(Screen[None]):
     STEP: ClassVar[BenchStep | None] = None
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding(
-            "space,pagedown",
-            "press('next')",
-            "Next",
-            key_display="SPACE",
-            tooltip="The next action",
-        ),
+        Binding("space,pagedown", "next", "Next", key_display="SPACE", tooltip="The next action"),
         Binding("x", "start_recorder", "Start recorder"),
-        Binding("1", "app.step(1)", "Step", key_display="1-7", tooltip="Go to a step"),
-        *(Binding(str(i), f"app.step({i})", show=False) for i in range(2, 8)),
-        Binding("n", "app.note", "Note", tooltip="Write a note"),
-        Binding("s", "app.sessions", "Sessions", tooltip="Sessions of the folder"),
-        Binding("c", "app.take_over", "Control", show=False, tooltip="Take control"),
-        Binding("tab", "app.focus_next", "Next field", show=False),
-        Binding("shift+tab", "app.focus_previous", "Previous field", show=False),
     ]
 
     def __init__(self) -> None:
         super().__init__()
-        self.add_class("-bench")
-        self._pressed: tuple[str, float] = ("", float("-inf"))
-        self._acted = True
-        self._was_lost = False
+        self._enabled: list[tuple[str, bool]] = []
+        """The actions of the keys, and whether each does something now."""
 
     @property
-    def bench_app(self) -> BenchContext:
-        """The app, by the protocol for screens."""
-        return cast("BenchContext", self.app)
+    def bench_app(self) -> BenchApp:
+        """The app."""
+        return cast("BenchApp", self.app)
 
     @property
     def ready(self) -> bool:
@@ -72,7 +66,7 @@ class BenchScreen(Screen[None]):
 
     @property
     def acts(self) -> bool:
-        """True while SPACE does something; the key bar shows SPACE only then."""
+        """True while SPACE does something; the footer shows SPACE only then."""
         return True
 
     @property
@@ -88,15 +82,14 @@ class BenchScreen(Screen[None]):
         if action == "start_recorder":
             lost = self.bench_app.lost
             return lost is not None and not lost.starting
-        return self.acts if (action, parameters) == ("press", ("next",)) else True
+        return self.acts if action == "next" else True
 
     def compose(self) -> ComposeResult:
         """Compose the lines that all screens have, around the screen's own part."""
-        yield TopLine(self.bench_app.glyphs)
-        yield StepBar(self.bench_app.glyphs)
+        yield Words("top")
+        yield Words("steps")
         yield from self.compose_body()
-        yield MessageLine()
-        yield KeyBar()
+        yield Footer(show_command_palette=False, compact=True)
 
     def compose_body(self) -> ComposeResult:
         """Lay out the screen's own part."""
@@ -112,62 +105,111 @@ class BenchScreen(Screen[None]):
         """Start a recorder to replace the lost one."""
         await self.bench_app.action_restart_recorder()
 
-    async def action_press(self, name: str) -> None:
-        """Do the action of a key once for each press, also while a glove holds the key down."""
-        now_s = self.bench_app.clock()
-        last, self._pressed = self._pressed, (name, now_s)
-        if last[0] == name and now_s - last[1] < LOCK_OUT_S:
-            return
-        await self.run_action(name)
-
     def on_screen_resume(self) -> None:
         """Show the newest status, or that there is none yet."""
-        app = self.bench_app
-        if app.status is not None:
-            self._show(app.status)
-        else:
-            self.query_one(TopLine).show(None, app)
-            self.query_one(StepBar).show(None, None)
-            self.refresh_bindings()
+        self._show()
 
-    def on_status_arrived(self, message: StatusArrived) -> None:
+    def on_status_arrived(self, _: StatusArrived) -> None:
         """Show a new status."""
-        self._show(message.status)
+        self._show()
+
+    def on_recorder_lost(self, _: RecorderLost) -> None:
+        """Show in the top line that the recorder is lost, and what to do."""
+        self._show()
 
     def on_resize(self) -> None:
         """Fit the screen into its new size."""
-        if self.bench_app.status is not None:
-            self.call_after_refresh(self._show, self.bench_app.status)
+        self.call_after_refresh(self._show)
 
-    def on_descendant_focus(self, _: DescendantFocus) -> None:
-        """Update the words for a lost recorder: X would be typed into the field."""
+    def on_descendant_focus(self) -> None:
+        """Say how to start a lost recorder where X would be typed into the field."""
         self._show_lost()
 
-    def on_descendant_blur(self, _: DescendantBlur) -> None:
-        """Update the words for a lost recorder: X is a key again."""
+    def on_descendant_blur(self) -> None:
+        """Say that X is a key again."""
         self._show_lost()
 
     def _show_lost(self) -> None:
         if self.bench_app.lost is not None:
-            top = self.query_one(TopLine)
-            top.call_after_refresh(top.show, self.bench_app.status, self.bench_app)
+            self.call_after_refresh(self._show)
 
-    def on_recorder_lost(self, _: RecorderLost) -> None:
-        """Show in the top line that the recorder is lost, and what to do."""
-        self._was_lost = True
-        if self.bench_app.status is not None:
-            self._show(self.bench_app.status)
-        else:
-            self.query_one(TopLine).show(None, self.bench_app)
-            self.refresh_bindings()
-
-    def _show(self, status: Status) -> None:
-        if not self.is_mounted:
+    def _show(self) -> None:
+        if not self.is_mounted or not self.query("#steps"):
             return
-        self.query_one(TopLine).show(status, self.bench_app)
-        self.query_one(StepBar).show(status, self.step_shown)
-        self.show_status(status)
-        lost = self.bench_app.lost is not None
-        if self.acts is not self._acted or self._was_lost or lost:
-            self._acted, self._was_lost = self.acts, lost
+        status, (width, height) = self.bench_app.status, self.app.size
+        typing = isinstance(self.focused, (Input, TextArea))
+        self.query_one("#top", Words).say(top_line(self.bench_app, width, typing))
+        steps = step_line(status, self.step_shown, self.bench_app.glyphs.good)
+        if width < _ENOUGH[0] or height < _ENOUGH[1]:
+            words = f" {width}x{height} is too small: make it 80x24, or the font smaller"
+            steps = Content.styled(words, "bold $warning")
+        self.query_one("#steps", Words).say(steps)
+        if status is not None:
+            self.show_status(status)
+        bindings = self.active_bindings.values()
+        enabled = [(binding.action, enabled) for _, binding, enabled, _ in bindings]
+        if enabled != self._enabled:
+            self._enabled = enabled
             self.refresh_bindings()
+
+
+def step_line(status: Status | None, here: BenchStep | None, good: str) -> Content:
+    """Return the steps: the finished ones are marked, that of the screen is in brackets."""
+    far = progress(status)
+    parts: list[tuple[str, str] | str] = []
+    for step in BenchStep:
+        mark = f"{good} " if step in far.done else "  "
+        if step is here:
+            parts += [(f"[{step.title}]", "bold reverse"), " "]
+        elif far.reached(step):
+            parts += [(f"{mark}{step.title} ", "bold $success" if step in far.done else "bold")]
+        else:
+            parts += [(f"{mark}{step.title} ", "$foreground")]
+    return Content.assemble(*parts)
+
+
+def top_line(app: BenchApp, width: int, typing: bool) -> Content:
+    """Return vehicle, day and operator; bus, losses, sensors and disk; the overload lamps.
+
+    `typing`: a field has the cursor, which takes an X as text.
+    """
+    status, glyphs, lost = app.status, app.glyphs, app.lost
+    if lost is not None:
+        first = f"RECORDER LOST: {'Esc, then ' * typing}X = start it again"
+        first = "STARTING" if lost.starting else first
+        return Content.styled(f" {first}  {printable(lost.text)}", "bold reverse")
+    if status is None:
+        return Content(" BUMP  waiting for the recorder")
+    wide = width >= _WIDE
+    right: list[tuple[str, str] | str] = []
+    if status.overloaded:
+        names = printable(", ".join(status.overloaded), 24)
+        right += [(f"{glyphs.overload} OVERLOAD {names}  ", "bold reverse $error")]
+    for bus in status.buses:
+        good = bus.state is BusState.OK
+        word = f"{bus.load:.0%}" if good else bus.state.value.upper()
+        most = 24 if wide else 9
+        name = printable(bus.name if len(bus.name) <= most else bus.name.split()[-1], most)
+        style = "$success" if good else "bold reverse $error"
+        right += [(f"{name} {glyphs.bus if good else glyphs.bad} {word}  ", style)]
+    lacking = status.sensors_alive < status.sensors_expected
+    alive = f"{status.sensors_alive}/{status.sensors_expected} alive  "
+    right += [(alive, "bold reverse $error" if lacking else "")]
+    measured = status.losses.measured
+    if wide or measured:
+        right += [(f"lost {measured}  ", "bold $warning" if measured else "")]
+    free = status.disk.free_bytes
+    room = f"{free / 1e9:.0f} GB" if free >= 1e9 else f"{free / 1e6:.0f} MB"
+    right += [(f"disk {room}", "bold reverse $error" if status.disk.failed else "")]
+    right += [] if app.sound else ["  muted"]
+    tail = Content.assemble(" │ ", *right)
+    who = f"op. {printable(app.operator, 12)}"
+    if not app.in_control:
+        who = f"VIEWER, {printable(status.controller or 'no terminal', 12)} in control"
+    day = datetime.fromtimestamp(status.wall_ns * 1e-9, UTC).astimezone().date().isoformat()
+    mark = "" if status.origin is Origin.REAL else f"{status.origin.upper()}  "
+    vehicle = printable(status.vehicle, 24)
+    heads = (f" {mark}{vehicle} · {day} · {who}", f" {mark}{vehicle} · {who}", f" {mark}{who}")
+    left = max(8, width - tail.cell_length)
+    head = next((h for h in heads if Content(h).cell_length <= left), heads[-1])
+    return Content(head).truncate(left, pad=True) + tail

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
+from textual.content import Content
 
 from daq.control.messages import Phase, Status
 from daq.control.orders import Accept, Acknowledge, Choose, LeaveOut, Pause, Redo, Reject, Undo
 from daq.runlog import LoggedRun, LoggedStatus
 
-from ..context import LiveArrived, RecorderLost
+from ..dialogs import Confirm
 from ..state.campaign import (
     RUNNING,
     BenchStep,
@@ -24,19 +24,18 @@ from ..state.campaign import (
 )
 from ..state.lanes import lane_specs, window
 from ..state.words import banner, run_words
-from ..widgets.banner import BannerBar, BigWord
+from ..widgets.banner import BannerBar
+from ..widgets.chart import LaneChart
 from ..widgets.lists import (
-    AlarmList,
-    Journal,
-    NextPanel,
-    ProgressLine,
-    RunList,
-    SketchBox,
-    TallyList,
+    alarms_text,
+    journal_text,
+    next_text,
+    runs_text,
+    sketch_text,
+    tally_rows,
 )
-from ..widgets.traces import LaneChart
+from ..widgets.table import Table, Words
 from .base import BenchScreen
-from .dialogs import Confirm, Question
 
 AT_EASE = (Phase.IDLE, Phase.COMPLETE)
 
@@ -46,37 +45,37 @@ class BumpingScreen(BenchScreen):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding(
-            "backspace,pageup",
-            "press('reject')",
-            "Reject",
-            key_display="Bksp",
+            "backspace,pageup", "reject", "Reject", key_display="Bksp",
             tooltip="Reject the run in progress, or the last one",
         ),
-        Binding("u", "press('undo')", "Undo", tooltip="Undo the last verdict"),
-        Binding("r", "press('redo')", "Redo", tooltip="Redo what was undone"),
-        Binding(
-            "l",
-            "press('leave_out')",
-            "Leave out",
-            tooltip="Leave out the runs that are unlike the others",
-        ),
-        Binding(
-            "t", "take_back", "Take back", tooltip="Accept the last rejected run, with a reason"
-        ),
+        Binding("u", "undo", "Undo", tooltip="Undo the last verdict"),
+        Binding("r", "redo", "Redo", tooltip="Redo what was undone"),
+        Binding("l", "leave_out", "Leave out",
+                tooltip="Leave out the runs that are unlike the others"),
+        Binding("t", "take_back", "Take back",
+                tooltip="Accept the last rejected run, with a reason"),
+        Binding("a", "acknowledge", "Lamp off", tooltip="Acknowledge the overload lamps"),
+        Binding("escape", "pause", "Pause", tooltip="Pause; home if nothing is armed"),
         Binding("v", "view", "View", tooltip="Another view: body or wheels, sketch or runs"),
         Binding("m", "more", "More", tooltip="More of the kind that is marked; up and down mark"),
+        Binding("b", "app.sound", show=False, tooltip="Sound on or off"),
         Binding("up", "choose(-1)", show=False),
         Binding("down", "choose(1)", show=False),
-        Binding("a", "acknowledge", "Lamp off", tooltip="Acknowledge the overload lamps"),
-        Binding("escape", "press('pause')", "Pause", tooltip="Pause; home if nothing is armed"),
-        Binding("b", "app.sound", "Sound", tooltip="Sound on or off"),
-        Binding("g", "app.big", "Big", tooltip="The state in big letters on or off"),
-    ]
+    ]  # fmt: skip
 
     def __init__(self) -> None:
         super().__init__()
         self._page = 0
         """Group of lanes that the chart shows."""
+
+    def compose_lists(self) -> ComposeResult:
+        """Compose progress and journal."""
+        tallies = Table("tallies")
+        tallies.add_class("box")
+        tallies.border_title = "Progress"
+        yield tallies
+        yield Words("runs", "box", "Runs")
+        yield Words("journal", "box", "Journal")
 
     @property
     def step_shown(self) -> BenchStep | None:
@@ -87,8 +86,7 @@ class BumpingScreen(BenchScreen):
     @property
     def acts(self) -> bool:
         """True while there is a next action and a recorder that accepts it."""
-        app = self.bench_app
-        return app.lost is None and self._next.words.startswith("SPACE")
+        return self.bench_app.lost is None and self._next.words.startswith("SPACE")
 
     @property
     def ready(self) -> bool:
@@ -102,48 +100,52 @@ class BumpingScreen(BenchScreen):
         if action == "start_recorder":
             return super().check_action(action, parameters)
         if status is None or self.bench_app.lost is not None:
-            return action not in ("take_back", "more", "acknowledge", "press")
-        match (action, parameters):
-            case ("press", ("undo",)):
+            return action in ("view", "choose")
+        match action:
+            case "undo":
                 return bool(status.undo)
-            case ("press", ("redo",)):
+            case "redo":
                 return bool(status.redo)
-            case ("press", ("reject",)):
+            case "reject":
                 return bool(status.runs)
-            case ("press", ("leave_out",)):
+            case "leave_out":
                 return bool(status.proposed)
-            case ("take_back", _):
+            case "take_back":
                 return self._rejected is not None
-            case ("acknowledge", _):
+            case "acknowledge":
                 return bool(status.overloaded)
-            case ("more", _):
+            case "more":
                 return status.phase in (*AT_EASE, Phase.PAUSED)
         return super().check_action(action, parameters)
 
-    def show_status(self, status: Status) -> None:
-        """Show the next action, the lists and the alarms."""
-        self.show_next()
-        self.query_one(TallyList).show(status)
-        self.query_one(RunList).show(status)
-        self.query_one(Journal).show(status)
-        self.query_one(AlarmList).show(None if self.bench_app.lost else status)
-        self.refresh_bindings()
+    def _show(self) -> None:
+        super()._show()
+        if self.is_mounted and self.query("#alarms"):
+            app, alarms = self.bench_app, self.query_one("#alarms", Words)
+            text = Content("")
+            if app.status is not None and app.lost is None:
+                text = alarms_text(app.status, app.glyphs, self.app.size.width)
+            alarms.say(text)
+            alarms.display = bool(text)
+            self.show_next()
 
-    @abstractmethod
+    def show_status(self, status: Status) -> None:
+        """Show progress, runs and journal."""
+        glyphs = self.bench_app.glyphs
+        tallies = self.query_one("#tallies", Table)
+        tallies.styles.height = len(status.tallies) + 2  # Textual measures it too late
+        tallies.show([""] * 5, tally_rows(status, glyphs))
+        self.query_one("#runs", Words).say(runs_text(status, glyphs))
+        self.query_one("#journal", Words).say(journal_text(status))
+
     def show_next(self) -> None:
         """Show the next action, also while no recorder answers."""
 
-    def on_recorder_lost(self, message: RecorderLost) -> None:
-        """Show what to do."""
-        super().on_recorder_lost(message)
-        self.query_one(AlarmList).show(None)
-        self.show_next()
-
-    def on_live_arrived(self, _: LiveArrived) -> None:
+    def on_live_arrived(self) -> None:
         """Draw the newest samples."""
         self.draw_lanes()
 
-    def on_lane_chart_resized(self, _: LaneChart.Resized) -> None:
+    def on_lane_chart_resized(self) -> None:
         """Draw the samples in the chart's new size."""
         self.draw_lanes()
 
@@ -210,15 +212,15 @@ class BumpingScreen(BenchScreen):
         """Bump the chosen kind next, also beyond the planned number."""
         status = self.bench_app.status
         if status is not None and status.tallies:
-            tally = status.tallies[min(self.query_one(TallyList).chosen, len(status.tallies) - 1)]
+            tally = status.tallies[self.query_one("#tallies", Table).cursor_row]
             order = Choose(tally.mass_state, tally.excitation)
             if await self.bench_app.ask(order) is not None:
                 self.bench_app.inform(f"next: {tally.mass_state} {tally.excitation.words}")
 
     def action_choose(self, by: int) -> None:
         """Mark another kind of bump."""
-        if self.bench_app.status is not None:
-            self.query_one(TallyList).move(by, self.bench_app.status)
+        tallies = self.query_one("#tallies", Table)
+        tallies.choose(tallies.cursor_row + by)
 
     def action_take_back(self) -> None:
         """Accept a rejected run, with a reason; the journal stores reason and name."""
@@ -231,7 +233,7 @@ class BumpingScreen(BenchScreen):
                 await self.bench_app.ask(Accept(run.label, reason))
 
         words = f"Take {run.mass_state} {run_words(run)} back although: {'; '.join(run.reasons)}"
-        self.app.push_screen(Question(words, "reason"), accept)
+        self.bench_app.question(words, "reason", accept)
 
     @property
     def _change(self) -> str:
@@ -239,9 +241,8 @@ class BumpingScreen(BenchScreen):
         app = self.bench_app
         if app.auto or app.status is None or app.status.due is None or not app.status.runs:
             return app.answered
-        return (
-            f"{app.status.recording} {app.status.runs[-1].label} {app.status.due.step.mass_state}"
-        )
+        last, state = app.status.runs[-1].label, app.status.due.step.mass_state
+        return f"{app.status.recording} {last} {state}"
 
     @property
     def _next(self) -> NextAction:
@@ -261,38 +262,35 @@ class HomeScreen(BumpingScreen):
 
     def compose_body(self) -> ComposeResult:
         """Compose the next action and the lists."""
-        glyphs = self.bench_app.glyphs
         with Horizontal(id="body"):
             with Vertical(id="left"):
-                yield NextPanel(glyphs)
-                yield LaneChart(glyphs)
-                yield RunList(glyphs)
+                yield Words("next", "box", "Next")
+                yield LaneChart(self.bench_app.glyphs)
             with Vertical(id="right"):
-                yield SketchBox()
-                yield TallyList(glyphs)
-                yield Journal()
-        yield AlarmList(glyphs)
-
-    def on_mount(self) -> None:
-        """Show immediately that the terminal waits for a recorder."""
-        self.show_next()
+                yield Words("sketch", "box", "How to bump")
+                yield from self.compose_lists()
+        yield Words("alarms")
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Hide Esc while nothing is armed, because it would only return here."""
         status = self.bench_app.status
-        if (action, parameters) == ("press", ("pause",)) and status and status.phase in AT_EASE:
+        if action == "pause" and status and status.phase in AT_EASE:
             return False
         return super().check_action(action, parameters)
 
     def show_status(self, status: Status) -> None:
         """Show the sketch too."""
         super().show_status(status)
-        self.query_one(SketchBox).show(status, self.bench_app.bench)
+        sketch = self.query_one("#sketch", Words)
+        sketch.say(sketch_text(status, self.bench_app.bench))
+        due = status.due
+        sketch.border_title = f"How to bump: {due.step.excitation.words}" if due else "How to bump"
 
     def show_next(self) -> None:
-        """Show it in its panel."""
+        """Show it in its box."""
         app = self.bench_app
-        self.query_one(NextPanel).show(app.status, self._next, app.lost)
+        words = next_text(app.status, self._next, app.lost, app.glyphs)
+        self.query_one("#next", Words).say(words)
 
     def action_view(self) -> None:
         """Switch between sketch and runs where there is no room for both."""
@@ -307,21 +305,12 @@ class RunScreen(BumpingScreen):
     def compose_body(self) -> ComposeResult:
         """Compose the run."""
         glyphs = self.bench_app.glyphs
-        yield BigWord(glyphs)
         yield BannerBar(glyphs)
         with Horizontal(id="body"):
             yield LaneChart(glyphs)
             with Vertical(id="right"):
-                yield TallyList(glyphs)
-                yield RunList(glyphs)
-                yield Journal()
-        yield AlarmList(glyphs)
-        yield ProgressLine(glyphs)
-
-    def show_status(self, status: Status) -> None:
-        """Show the progress too."""
-        super().show_status(status)
-        self.query_one(ProgressLine).show(status)
+                yield from self.compose_lists()
+        yield Words("alarms")
 
     def action_view(self) -> None:
         """Show the next group of lanes: body, then each quantity at the wheels."""
@@ -331,6 +320,4 @@ class RunScreen(BumpingScreen):
     def show_next(self) -> None:
         """Show it in the banner, with the state."""
         app = self.bench_app
-        shown = banner(app.status, app.lost, self._next, app.glyphs)
-        self.query_one(BigWord).show(shown, app.signals.big)
-        self.query_one(BannerBar).show(shown)
+        self.query_one(BannerBar).show(banner(app.status, app.lost, self._next, app.glyphs))

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
-from textual.widgets import Static
 
 from daq import Channel, Corner, InputError, Quantity
 from daq.bench.edit import with_channel
@@ -20,13 +18,10 @@ from daq.control.messages import BusState, CheckItem, Phase, Status
 from daq.control.orders import AskCheck, Configure, Mark, OverrideWarning
 from daq.errors import printable
 
-from ..context import LiveArrived
 from ..state.campaign import BenchStep
-from ..state.drafts import write_draft
 from ..state.lanes import RING_S
-from ..widgets.table import Cell, Table
-from .base import BenchScreen
-from .dialogs import Question
+from ..widgets.table import Cell, Table, Words
+from .base import SPACE_INK, BenchScreen
 
 OK, WARN, FAIL, NOW, WAIT = "OK", "WARN", "FAIL", "NOW", "wait"
 TARED = (Quantity.SUSPENSION_TRAVEL, Quantity.PITCH_RATE, Quantity.ROLL_RATE)
@@ -58,23 +53,6 @@ class CheckRow:
         return self.state == WARN and not self.overridden
 
 
-@dataclass(frozen=True, slots=True)
-class ZeroOffset:
-    """A channel with an offset at rest, and the tare that removes it, SI."""
-
-    channel: str
-    level: float
-    unit: str
-    tare: float
-
-    @property
-    def text(self) -> str:
-        """Channel and offset in words."""
-        if self.unit == "m":
-            return f"{self.channel} {self.level * 1e3:+.1f} mm"
-        return f"{self.channel} {self.level:+.4f} {self.unit}"
-
-
 def recorder_rows(status: Status) -> tuple[CheckRow, ...]:
     """Return the lines on buses, disk and clock."""
     rows = []
@@ -100,11 +78,6 @@ def recorder_rows(status: Status) -> tuple[CheckRow, ...]:
     advice = steps[0].advice if steps else ""
     rows.append(CheckRow(WARN if steps else OK, "clock", text, advice))
     return tuple(rows)
-
-
-def item_rows(items: Sequence[CheckItem]) -> tuple[CheckRow, ...]:
-    """Return the lines of the bench check; an item with several findings has several lines."""
-    return tuple(CheckRow(item.verdict, item.subject, item.reason, item.advice) for item in items)
 
 
 def push_rows(
@@ -150,40 +123,27 @@ def rest_levels(items: Sequence[CheckItem]) -> dict[str, float]:
     }
 
 
-def zero_offsets(items: Sequence[CheckItem], channels: Sequence[Channel]) -> tuple[ZeroOffset, ...]:
-    """Return the channels that should read zero at rest but do not."""
+def zero_offsets(items: Sequence[CheckItem], channels: Sequence[Channel]) -> dict[str, str]:
+    """Return the channels that should read zero at rest but do not, with their offsets in words."""
     levels = rest_levels(items)
-    return tuple(
-        ZeroOffset(c.name, levels[c.name], c.unit, round(c.tare + levels[c.name], 7))
-        for c in channels
-        if c.quantity in TARED and abs(levels.get(c.name, 0.0)) > _SMALL[c.unit]
-    )
-
-
-def with_overrides(rows: Sequence[CheckRow], overridden: Mapping[str, str]) -> list[CheckRow]:
-    """Return the lines with overridden warnings marked."""
-    return [
-        CheckRow(row.state, row.subject, row.text, f"overridden: {overridden[row.subject]}", True)
-        if row.state == WARN and row.subject in overridden
-        else row
-        for row in rows
-    ]
+    offsets = {}
+    for c in channels:
+        level = levels.get(c.name, 0.0)
+        if c.quantity in TARED and abs(level) > _SMALL[c.unit]:
+            offset = f"{level * 1e3:+.1f} mm" if c.unit == "m" else f"{level:+.4f} {c.unit}"
+            offsets[c.name] = f"{c.name} {offset}"
+    return offsets
 
 
 _INKS = {OK: "success", WARN: "warning", FAIL: "error", NOW: "accent"}
 """Colours of the theme for the states, which are words and symbols first."""
 
-REST = "rest.json"
-"""File in the recorder's folder: levels of the channels at rest, before any weight is added."""
 AGAIN_S, WINDOW_S = 1.0, 3.0
 """Seconds between two checks, and seconds of samples in each."""
 HANDS_OFF_S = 5.0
 """Seconds over which the zero is measured."""
 _BEFORE_S = 10.0
 """Seconds before a push that are looked at for the level at rest."""
-_ASK_AGAIN_S = 15.0
-"""Seconds of the recording without a push after which it is asked for again, twice as many each
-time."""
 _ZERO = "zero"
 _PUSH = "SPACE = push the corners"
 _HANDS_OFF = "SPACE = zero: hands off the car"
@@ -196,9 +156,6 @@ class CheckScreen(BenchScreen):
 
     HELP_PAGE: ClassVar[str] = "check"
     STEP: ClassVar[BenchStep] = BenchStep.CHECK
-    DEFAULT_CSS = """
-    CheckScreen #explained { height: 6; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("r", "again", "Again", tooltip="Repeat the marked check"),
         Binding("o", "override", "Override", tooltip="Override the marked WARN, with a reason"),
@@ -218,7 +175,6 @@ class CheckScreen(BenchScreen):
         self._asking = self._asked = self._zeroed = False
         self._corner: Corner | None = None
         self._begin_bin = 0
-        self._ask_again_s = _ASK_AGAIN_S
         self._pushed: dict[Corner, PushResult] = {}
         self._skipped: set[str] = set()
         self._failing: set[str] = set()
@@ -228,7 +184,7 @@ class CheckScreen(BenchScreen):
     def compose_body(self) -> ComposeResult:
         """Compose the lines, and the explanation of the marked one."""
         yield Table("lines")
-        yield Static(id="explained", classes="box")
+        yield Words("explained", "box")
 
     def on_mount(self) -> None:
         """Request the check again each second."""
@@ -290,10 +246,15 @@ class CheckScreen(BenchScreen):
         if status is None or app.bench is None or not self.query("#explained"):
             return
         overridden = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
-        rows = [*recorder_rows(status), *item_rows(self._items)]
+        rows = list(recorder_rows(status))
+        for item in self._items:
+            rows.append(CheckRow(item.verdict, item.subject, item.reason, item.advice))
         if not self._items:
             rows.append(CheckRow(WAIT, "sensors", "listening"))
-        rows = with_overrides(rows, overridden)
+        for i, row in enumerate(rows):
+            if row.asks and row.subject in overridden:
+                advice = f"overridden: {overridden[row.subject]}"
+                rows[i] = replace(row, advice=advice, overridden=True)
         active = self._corner or ""
         rows += push_rows(self._pushed, active, overridden, shows_push(app.bench.channels))
         rows.append(self._zero_row())
@@ -327,19 +288,19 @@ class CheckScreen(BenchScreen):
             return CheckRow(WAIT, _ZERO, f"hands off for {HANDS_OFF_S:.0f} s")
         if not offsets:
             return CheckRow(OK, _ZERO, "travels and rates read zero at rest")
-        text = ", ".join(offset.text for offset in offsets)
+        text = ", ".join(offsets.values())
         advice = "Z takes this as zero, the car at ride height (goes to the report)"
         return CheckRow(NOW, _ZERO, text, advice)
 
     def _explain(self) -> None:
-        row, box = self._marked, self.query_one("#explained", Static)
+        row, box = self._marked, self.query_one("#explained", Words)
         if row is None:
             return
         box.border_title = printable(row.subject, 50).replace("[", "(")
         words = [row.text, row.advice] if row.advice else [row.text]
         lines_below = [Content(printable(text, 300)) for text in words]
-        lines_below.append(Content.styled(self._due, "bold $accent"))
-        box.update(Content("\n").join(lines_below))
+        lines_below.append(Content.styled(self._due, SPACE_INK))
+        box.say(Content("\n").join(lines_below))
 
     @property
     def _due(self) -> str:
@@ -395,7 +356,6 @@ class CheckScreen(BenchScreen):
             await self.action_zero()
         elif due == _ON:
             if await app.ask(Mark(BenchStep.CHECK.mark)) is not None:
-                await asyncio.to_thread(write_draft, app.folder / REST, rest_levels(self._items))
                 await app.go_to(BenchStep.BASELINE)
         elif asks := next((row for row in self._rows if row.asks), None):
             self._mark_row(asks.subject)
@@ -441,7 +401,7 @@ class CheckScreen(BenchScreen):
                 await self._go_on()
             self._show_rows()
 
-        self.app.push_screen(Question(f"{subject}: {question}", "reason"), answered)
+        self.bench_app.question(f"{subject}: {question}", "reason", answered)
 
     # The push test -------------------------------------------------------------------------------
 
@@ -461,14 +421,13 @@ class CheckScreen(BenchScreen):
             return
         self._pushed.pop(corner, None)
         self._corner, self._begin_bin = corner, app.lanes.end
-        self._ask_again_s = _ASK_AGAIN_S
         self._show_rows()
         self._mark_row(push_subject(corner))
         if await app.ask(Mark(push_subject(corner))) is None:
             self._corner = None
             self._show_rows()
 
-    async def on_live_arrived(self, _: LiveArrived) -> None:
+    async def on_live_arrived(self) -> None:
         """Judge the push on the corner that is due."""
         app, corner = self.bench_app, self._corner
         if corner is None or app.bench is None or not app.lanes.bin_s:
@@ -484,11 +443,6 @@ class CheckScreen(BenchScreen):
         if result.done:
             app.inform(f"{spoken(corner)} seen: {result.text}")
             await self._go_on()
-        elif (end - begin) * bin_s >= self._ask_again_s:
-            self._ask_again_s, self._begin_bin = 2.0 * self._ask_again_s, end
-            self.app.bell()
-            app.inform(f"{spoken(corner)} not seen yet: {result.text}")
-            await app.ask(Mark(push_subject(corner)))
         else:
             self._show_rows()
 
@@ -527,16 +481,21 @@ class CheckScreen(BenchScreen):
         self._show_rows()
         self._mark_row(_ZERO)
 
-    def _offsets(self) -> tuple[ZeroOffset, ...]:
+    def _offsets(self) -> dict[str, str]:
         bench = self.bench_app.bench
-        return zero_offsets(self._items, bench.channels) if bench and self._zeroed else ()
+        return zero_offsets(self._items, bench.channels) if bench and self._zeroed else {}
 
     async def action_zero(self) -> None:
         """Set the zero of travels and rates to their levels at rest; measure these first."""
         if not self._zeroed:
             self._begin_zero()
             return
-        tares = {offset.channel: (None, offset.tare) for offset in self._offsets()}
+        bench, offsets, levels = self.bench_app.bench, self._offsets(), rest_levels(self._items)
+        tares = {
+            c.name: (None, round(c.tare + levels[c.name], 7))
+            for c in (bench.channels if bench else ())
+            if c.name in offsets
+        }
         if not tares or not await self._configure(tares):
             return
         self._items = ()  # readings from before the new zero are invalid

@@ -6,112 +6,67 @@ import asyncio
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
-from functools import cached_property, partial
-from statistics import median
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from subprocess import DEVNULL, PIPE
+from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.content import Content
-from textual.widgets import Static
 
-from daq import Corner, Excitation, InputError, VehicleParameters
+from daq import InputError, VehicleParameters
 from daq.bench.edit import with_weights
 from daq.control.messages import Status
-from daq.control.orders import AskCheck, Configure, Mark, Note, OverrideWarning
+from daq.control.orders import Configure, Mark, Note
 from daq.loading import expected_car, loading
 
-from ...jobs.gain import GAIN, Gain
-from ..context import DraftWriter, begin
+from ...jobs.gain import GAIN, Gain, measured_spread
+from ..app import begin
 from ..state.campaign import BenchStep
-from ..state.drafts import read_draft
-from ..widgets.form import FieldError
-from ..widgets.table import Table
-from .base import BenchScreen
-from .check import REST, rest_levels
-from .dialogs import Question
+from ..state.drafts import read_draft, remove_draft, write_draft
+from ..widgets.table import Table, Words
+from .base import SPACE_INK, BenchScreen
 from .weights import (
     HEADS,
     NEW_WEIGHT,
-    AxleLimits,
     Entry,
+    Typed,
+    Weight,
     WeightScreen,
     axle_loads_with,
-    axles_line,
     baseline_hz,
-    baseline_spread,
-    check_axles,
     check_inventory,
     check_weight,
-    contradiction,
     effect_line,
     entries_of,
     entry_values,
     gain_line,
-    keep_limits,
-    known_car,
-    parse_limits,
-    read_limits,
-    sag_line,
-    sag_m,
     shift_line,
     sketch,
     weight_cells,
     weight_of,
     weight_values,
-    with_bolted,
 )
 
-_WORDS = "Largest permitted axle loads in kg, front and rear, from the papers of the car"
-
-
-def ask_limits(screen: BenchScreen, take: Callable[[AxleLimits], None]) -> None:
-    """Ask for the limits, store them in the recorder's folder, and pass them to `take`."""
-
-    def answered(text: str | None) -> None:
-        if text is None:
-            return
-        app = screen.bench_app
-        try:
-            limits = parse_limits(text)
-        except InputError as error:
-            app.warn(str(error))
-            return
-        if trouble := keep_limits(app.folder, limits):
-            app.warn(trouble)
-        take(limits)
-
-    screen.app.push_screen(Question(_WORDS, "1050 980"), answered)
-
-
 DRAFT = "draft_masses.json"
-_QUIET_S = 0.3
-_REST_S = 2.0
-_PATIENCE_S = 60.0
-_ANOTHER = "new"
+_QUIET_S, _PATIENCE_S = 0.3, 60.0
+"""Seconds without a change before the planner starts, and for which its answer is waited for."""
 
 
 class MassesScreen(BenchScreen):
-    """Shows the inventory of weights, the car from above, and the expected precision."""
+    """The weights, each bolted or not, and what they bring; SPACE confirms one after the other."""
 
     HELP_PAGE: ClassVar[str] = "masses"
     STEP: ClassVar[BenchStep] = BenchStep.MASSES
-    DEFAULT_CSS = """
-    MassesScreen #top { height: 1fr; }
-    MassesScreen #car { width: 24; height: 10; }
-    MassesScreen #outlook { height: 10; text-wrap: nowrap; text-overflow: ellipsis; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "add", "Add", tooltip="Add a weight"),
         Binding("e,enter", "edit", "Edit", key_display="E", tooltip="Edit the marked weight"),
-        Binding("delete", "remove", "Remove", tooltip="Remove the marked weight"),
-        Binding("u", "undo", "Undo", tooltip="Undo the last change"),
-        Binding("b", "bolt", "Bolted", tooltip="The marked weight is bolted, or is not"),
-        Binding("r", "measure", "Sag", tooltip="Measure the sag again"),
-        Binding("o", "override", "Override", show=False, tooltip="Go on in spite of the sag"),
-        Binding("l", "limits", "Limits", tooltip="Permitted axle loads"),
+        Binding("b", "bolt", "Bolted", tooltip="Mark the weight as bolted, or as not bolted"),
+        Binding("delete", "remove", "Remove", key_display="Del", tooltip="Remove the weight"),
+        Binding("u", "undo", "Undo", tooltip="Undo the last change of the weights"),
         Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next weight"),
         Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the weight before"),
     ]
@@ -121,32 +76,33 @@ class MassesScreen(BenchScreen):
         self._filled = False
         self._entries: tuple[Entry, ...] = ()
         self._before: list[tuple[Entry, ...]] = []
-        self._open: dict[str, dict[str, str]] = {}
-        """Text typed for a weight and not applied yet, by the weight's number."""
         self._gain: Gain | None = None
-        self._limits: AxleLimits | None = None
         self._asked_text = ""
-        self._levels: dict[str, float] = {}
-        self._failed = ""
-        """Statements that the sag with all weights on contradicts."""
-        self._rest: dict[str, float] = {}
 
     def compose_body(self) -> ComposeResult:
         """Compose the car, the table and the expected precision."""
-        with Horizontal(id="top"):
-            yield Static(id="car")
+        with Horizontal(id="weighing"):
+            yield Words("car")
             yield Table("weights")
-        yield Static(id="outlook", classes="box")
+        yield Words("outlook", "box", "Outlook")
 
     @property
     def ready(self) -> bool:
         """True while SPACE would go on."""
-        return self._filled and not self._errors() and not self._failed
+        return self._filled and not self._error
 
     @property
     def acts(self) -> bool:
         """True while SPACE does something: not while an entry is wrong or no recorder answers."""
         return self.ready and not self.lost_words
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Show only the keys that do something now."""
+        if action in ("edit", "bolt", "remove"):
+            return bool(self._entries)
+        if action == "undo":
+            return bool(self._before)
+        return super().check_action(action, parameters)
 
     def show_status(self, status: Status) -> None:
         """Fill the table as soon as the bench is known."""
@@ -157,18 +113,7 @@ class MassesScreen(BenchScreen):
             self._filled = True
             draft = read_draft(app.folder / DRAFT)
             self._entries = entries_of(app.bench.mass_states[1].added.weights, draft)
-            typed = draft.get("open")
-            if isinstance(typed, dict):
-                self._open = {
-                    at: {name: text for name, text in values.items() if isinstance(text, str)}
-                    for at, values in typed.items()
-                    if isinstance(values, dict)
-                }
-            self._limits = read_limits(app.folder)
-            rest = read_draft(app.folder / REST)
-            self._rest = {k: v for k, v in rest.items() if isinstance(v, float)}
             self._predict()
-            begin(self, self.action_measure)
         self._show_all()
 
     # Car and weights ----------------------------------------------------------------------------
@@ -179,41 +124,23 @@ class MassesScreen(BenchScreen):
         return expected_car(self.bench_app.bench.vehicle)
 
     @property
-    def _weights(self) -> tuple[Any, ...]:
+    def _weights(self) -> tuple[Weight, ...]:
         return tuple(entry.weight for entry in self._entries)
 
     @property
-    def _known_car(self) -> VehicleParameters:
-        app = self.bench_app
-        assert app.bench is not None  # show_status returns earlier without one
-        hz = baseline_hz(app.status, Excitation.BOUNCE)
-        return known_car(app.bench, median(hz) if hz else None)
+    def _error(self) -> str:
+        car = self._car
+        return check_inventory(self._weights, car.m_s + 2 * (car.m_uf + car.m_ur))
 
     @property
-    def _sag(self) -> dict[Corner, float]:
-        bench = self.bench_app.bench
-        return sag_m(bench, self._rest, self._levels) if bench else {}
-
-    def _contradicted(self) -> str:
-        """Return what the sag contradicts, unless somebody has overridden it."""
-        status = self.bench_app.status
-        if self._loose() or status is None:
-            return ""
-        words = contradiction(self._weights, self._sag, self._known_car)
-        return "" if any(words in o.reason for o in status.overrides) else words
-
-    def _errors(self) -> tuple[FieldError, ...]:
-        if self.bench_app.bench is None:
-            return ()
-        car = self._car
-        total_kg, axles_kg = axle_loads_with(loading(self._weights, car), car)
-        return (*check_inventory(self._weights, total_kg), *check_axles(axles_kg, self._limits))
+    def _loose(self) -> list[int]:
+        return [i for i, entry in enumerate(self._entries) if not entry.bolted]
 
     # Showing ------------------------------------------------------------------------------------
 
     def _show_all(self) -> None:
         glyphs, car = self.bench_app.glyphs, self._car
-        self.query_one("#car", Static).update(Content("\n".join(sketch(self._entries, car))))
+        self.query_one("#car", Words).say(Content("\n".join(sketch(self._entries, car))))
         rows = [
             weight_cells(row, entry, glyphs.good, glyphs.bad)
             for row, entry in enumerate(self._entries, 1)
@@ -223,156 +150,108 @@ class MassesScreen(BenchScreen):
 
     def _show_outlook(self) -> None:
         app, car = self.bench_app, self._car
-        assert app.bench is not None  # show_status returns earlier without one
+        assert app.bench is not None
         load = loading(self._weights, car)
-        total, axles = axle_loads_with(load, car)
+        total, (front, rear) = axle_loads_with(load, car)
         lines = [self._next_line(), Content(f"Effect    {effect_line(load)}")]
         if self._gain is None:
             lines.append(Content(f"Expected  {app.glyphs.now} computing"))
         else:
-            lines += self._expected(self._gain)
-        lines.append(
-            Content(f"Sag       {sag_line(app.bench, self._weights, self._sag, self._known_car)}")
-        )
-        lines.append(Content(f"Axles     {axles_line(axles, total, self._limits)}"))
-        box = self.query_one("#outlook", Static)
-        box.border_title = "Outlook"
-        box.update(Content("\n").join(lines))
-
-    def _expected(self, gain: Gain) -> list[Content]:
-        warn, car = self.bench_app.glyphs.warn, self._car
-        lines: list[Content] = []
-        for shift in gain.shifts:
-            spread = baseline_spread(self.bench_app.status, shift.mode)
-            text, weak = shift_line(shift, spread, self._entries, car)
-            head = "Expected  " if not lines else " " * 10
-            parts: list[Content | tuple[str, str]] = [Content(head + text)]
-            if weak:
-                parts.append((f"  {warn} {weak}", "bold $warning"))
-            lines.append(Content.assemble(*parts))
-        text, weak = gain_line(gain)
-        lines.append(
-            Content.styled(f"          {warn} {weak}", "bold $warning")
-            if weak
-            else Content(" " * 10 + text)
-        )
-        return lines
+            expected = [
+                shift_line(shift, measured_spread(baseline_hz(app.status, shift.mode)))
+                for shift in self._gain.shifts
+            ]
+            for i, (text, weak) in enumerate([*expected, gain_line(self._gain)]):
+                warning = f"  {app.glyphs.warn} {weak}" if weak else ""
+                head = "" if i else "Expected"
+                lines.append(Content.assemble(f"{head:<10}{text}", (warning, "bold $warning")))
+        alone = f"(the car alone {total:.0f} kg)"
+        lines.append(Content(f"Axles     front {front:.0f} kg, rear {rear:.0f} kg {alone}"))
+        self.query_one("#outlook", Words).say(Content("\n").join(lines))
 
     def _next_line(self) -> Content:
+        bad, loose = self.bench_app.glyphs.bad, self._loose
         if self.lost_words:
-            return Content.styled(self.lost_words, "bold $accent")
-        errors = self._errors()
-        if errors:
-            return Content.styled(f"{self.bench_app.glyphs.bad} {errors[0]}", "bold $error")
-        if self._failed:
-            text = f"{self.bench_app.glyphs.bad} FAIL {self._failed}; E corrects it, O overrides"
-            return Content.styled(text, "bold $error")
-        loose = self._loose()
-        if not loose:
-            return Content.styled("SPACE = all are bolted: go on to step 5 Added", "bold $accent")
-        if self.query_one(Table).cursor_row == loose[0]:
-            return Content.styled(f"SPACE = weight {loose[0] + 1} is bolted", "bold $accent")
-        text = (
-            f"not bolted: {', '.join(str(i + 1) for i in loose)}   SPACE = look at {loose[0] + 1}"
-        )
-        return Content.styled(text, "bold $accent")
+            return Content.styled(self.lost_words, SPACE_INK)
+        if self._error:
+            return Content.styled(f"{bad} {self._error}", "bold $error")
+        words = "SPACE = all are bolted: go on to step 5 Added"
+        if loose and self.query_one(Table).cursor_row == loose[0]:
+            words = f"SPACE = weight {loose[0] + 1} is bolted"
+        elif loose:
+            numbers = ", ".join(str(i + 1) for i in loose)
+            words = f"SPACE = look at {loose[0] + 1}   (not bolted: {numbers})"
+        return Content.styled(words, SPACE_INK)
 
-    def _loose(self) -> list[int]:
-        return [i for i, entry in enumerate(self._entries) if not entry.bolted]
+    def _choose(self, row: int) -> None:
+        self.query_one(Table).choose(row)
+        self._show_outlook()
 
     def action_mark(self, by: int) -> None:
         """Mark another weight."""
-        rows = self.query_one(Table)
-        rows.choose(rows.cursor_row + by)
-        self._show_outlook()
+        self._choose(self.query_one(Table).cursor_row + by)
 
     # Changing -----------------------------------------------------------------------------------
 
-    def _change(self, entries: tuple[Entry, ...], predict: bool = True) -> None:
+    def _change(self, entries: tuple[Entry, ...]) -> None:
         self._before.append(self._entries)
+        self._set(entries)
+
+    def _set(self, entries: tuple[Entry, ...]) -> None:
         self._entries = entries
-        self._after_change(predict)
-
-    def _after_change(self, predict: bool) -> None:
-        self._failed = ""  # the sag is compared again when SPACE goes on
-        if predict:
-            self._predict()
+        self._predict()
         self._show_all()
-        self._keep_draft()
+        self.refresh_bindings()
+        failure = write_draft(self.bench_app.folder / DRAFT, {"entries": entry_values(entries)})
+        if failure:
+            self.bench_app.warn(failure)
 
-    @cached_property
-    def _draft(self) -> DraftWriter:
-        return DraftWriter(self.bench_app.folder / DRAFT, self.bench_app.warn)
-
-    def _keep_draft(self) -> None:
-        draft = {"entries": entry_values(self._entries), "open": dict(self._open)}
-        begin(self, partial(self._draft.write, draft), group="draft")
+    def _set_bolted(self, row: int, bolted: bool) -> None:
+        entry = replace(self._entries[row], bolted=bolted)
+        self._change((*self._entries[:row], entry, *self._entries[row + 1 :]))
 
     def action_add(self) -> None:
-        """Add a weight; the form still has the text of a cancelled one."""
+        """Add a weight."""
         self._edit("Add a weight", NEW_WEIGHT, len(self._entries))
 
     def action_edit(self) -> None:
         """Edit the marked weight."""
-        at = self.query_one(Table).cursor_row
-        if at < len(self._entries):
-            entry = self._entries[at]
-            self._edit(f"Weight {at + 1}", weight_values(entry.weight, entry.serial), at)
+        row = self.query_one(Table).cursor_row
+        entry = self._entries[row]
+        self._edit(f"Weight {row + 1}", weight_values(entry.weight, entry.serial), row)
 
-    def _edit(self, title: str, values: Mapping[str, str], at: int) -> None:
+    def _edit(self, title: str, values: Mapping[str, str], row: int) -> None:
         car = self._car
-        key = str(at) if at < len(self._entries) else _ANOTHER
 
-        def check(typed: Mapping[str, str]) -> tuple[FieldError, ...]:
-            return check_weight(typed, car.a + car.b, max(car.t_f, car.t_r))
+        def done(typed: Typed | None) -> None:
+            if typed is not None:
+                entry = Entry(weight_of(typed), typed["serial"].strip())
+                self._change((*self._entries[:row], entry, *self._entries[row + 1 :]))
+                self._choose(row)
 
-        def keep(typed: dict[str, str]) -> None:
-            self._open[key] = typed
-            self._keep_draft()
-
-        def done(typed: dict[str, str] | None) -> None:
-            if typed is None:
-                return
-            self._open.pop(key, None)
-            entry = Entry(weight_of(typed), typed["serial"].strip())
-            self._change((*self._entries[:at], entry, *self._entries[at + 1 :]))
-            self.query_one(Table).choose(at)
-
-        typed = self._open.get(key, {})
-        self.app.push_screen(WeightScreen(title, {**values, **typed}, check, keep), done)
+        check = partial(check_weight, wheelbase_m=car.a + car.b, half_track_m=max(car.t_f, car.t_r))
+        self.app.push_screen(WeightScreen(title, values, check), done)
 
     def action_remove(self) -> None:
         """Remove the marked weight; U puts it back."""
-        at = self.query_one(Table).cursor_row
-        if at < len(self._entries):
-            self._renumber()
-            self._change((*self._entries[:at], *self._entries[at + 1 :]))
-
-    def _renumber(self) -> None:
-        """Discard text typed for weights whose number has changed."""
-        self._open = {key: typed for key, typed in self._open.items() if key == _ANOTHER}
+        row = self.query_one(Table).cursor_row
+        self._change((*self._entries[:row], *self._entries[row + 1 :]))
 
     def action_undo(self) -> None:
         """Undo the last change."""
-        if self._before:
-            self._renumber()
-            self._entries = self._before.pop()
-            self._after_change(True)
+        self._set(self._before.pop())
 
     def action_bolt(self) -> None:
         """Mark the weight as bolted, or as not bolted."""
-        at = self.query_one(Table).cursor_row
-        if at < len(self._entries):
-            bolted = not self._entries[at].bolted
-            self._change(with_bolted(self._entries, at, bolted), predict=False)
+        row = self.query_one(Table).cursor_row
+        self._set_bolted(row, not self._entries[row].bolted)
 
     # The outlook --------------------------------------------------------------------------------
 
     def _predict(self) -> None:
         """Predict the gain by these weights in a separate process."""
-        app = self.bench_app
         try:
-            text = with_weights(app.bench_text, self._weights)
+            text = with_weights(self.bench_app.bench_text, self._weights)
         except InputError as error:
             self._gain = Gain(error=str(error))
             return
@@ -383,12 +262,8 @@ class MassesScreen(BenchScreen):
     async def _compute(self, text: str) -> None:
         await asyncio.sleep(_QUIET_S)
         question = json.dumps({"bench": text, "folder": str(self.bench_app.folder)})
-        process = subprocess.Popen(
-            [sys.executable, "-m", "tui.jobs.gain"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
+        command = [sys.executable, "-m", "tui.jobs.gain"]
+        process = subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL)
         try:
             answer, _ = await asyncio.to_thread(process.communicate, question.encode(), _PATIENCE_S)
             self._gain = GAIN.validate_json(answer)
@@ -398,68 +273,19 @@ class MassesScreen(BenchScreen):
             process.kill()  # the weights have changed, or the terminal ends
         self._show_outlook()
 
-    def action_limits(self) -> None:
-        """Ask for the permitted axle loads."""
-
-        def take(limits: AxleLimits) -> None:
-            self._limits = limits
-            self._show_all()
-
-        ask_limits(self, take)
-
-    async def action_measure(self) -> None:
-        """Measure the levels at rest, which give the sag under the weights."""
-        reply = await self.bench_app.ask(AskCheck(_REST_S))
-        if reply is not None:
-            self._levels = rest_levels(reply.check)
-            self._show_outlook()
-
-    def action_override(self) -> None:
-        """Go on in spite of the sag, with a reason."""
-        failed = self._failed
-        if not failed:
-            self.bench_app.warn("O overrides a FAIL of the sag: there is none")
-            return
-
-        async def answered(reason: str | None) -> None:
-            app = self.bench_app
-            order = OverrideWarning("sag under the weights", f"{failed}: {reason}"[:500])
-            if reason and await app.ask(order) is not None:
-                self._failed = ""
-                await self._apply()
-
-        question = f"{failed}. Why is that acceptable here?"
-        self.app.push_screen(Question(question, "reason"), answered)
-
     # SPACE --------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
         """Mark the first weight that is not bolted, then confirm it; go on when all are bolted."""
-        app = self.bench_app
-        if not self._filled:
-            return
-        errors = self._errors()
-        if errors:
-            app.warn(str(errors[0]))
-            return
-        loose, rows = self._loose(), self.query_one(Table)
-        if loose and rows.cursor_row != loose[0]:
-            rows.choose(loose[0])
-            self._show_outlook()
-            return
-        if loose:
-            self._change(with_bolted(self._entries, loose[0], True), predict=False)
+        loose = self._loose
+        if loose and self.query_one(Table).cursor_row != loose[0]:
+            self._choose(loose[0])
+        elif loose:
+            self._set_bolted(loose[0], bolted=True)
             if len(loose) > 1:
-                rows.choose(loose[1])
-                self._show_outlook()
-            return
-        await self.action_measure()  # all are on now
-        self._failed = self._contradicted()
-        if self._failed:
-            self._show_outlook()
-            app.warn(self._failed)
-            return
-        await self._apply()
+                self._choose(loose[1])
+        else:
+            await self._apply()
 
     async def _apply(self) -> None:
         app = self.bench_app
@@ -475,5 +301,5 @@ class MassesScreen(BenchScreen):
             return
         if await app.ask(Mark(BenchStep.MASSES.mark)) is None:
             return
-        await self._draft.remove()
+        remove_draft(app.folder / DRAFT)
         await app.go_to(BenchStep.ADDED)

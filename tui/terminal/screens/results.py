@@ -1,17 +1,18 @@
-"""Results: the verdict first, then parameters, modes, M C K, decays and findings."""
+"""Results: the verdict first, then parameters, modes, M C K, runs and findings."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from math import isfinite, nan
+from math import isfinite
 from pathlib import Path
 from textwrap import wrap
 from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.widgets import ContentSwitcher, Static, Tab, Tabs
+from textual.containers import VerticalScroll
+from textual.content import Content
+from textual.widgets import TabbedContent, TabPane, Tabs
 
 from daq.control.messages import Status
 from daq.control.orders import Accept, Mark, Reject
@@ -27,7 +28,6 @@ from identify.words import (
     damper_rows,
     element_answer,
     ends_text,
-    half_percent,
     half_text,
     parameter_words,
     plain,
@@ -39,12 +39,10 @@ from identify.words import (
 from ...jobs.lines import Outcome
 from ..state.campaign import BenchStep, is_marked
 from ..state.glyphs import Glyphs, GlyphSet
-from ..widgets.table import Cell, Table, right
-from ..widgets.traces import DecayPlot
-from .base import BenchScreen
-from .work import OUTDATED, export_session
+from ..widgets.table import Cell, Table, Words, right
+from .base import SPACE_INK, BenchScreen
+from .work import OUTDATED, export_session, open_build, open_identify, open_report
 
-_BAR = 11
 _DOF = ("heave", "pitch", "roll", "FL", "FR", "RL", "RR")
 """As `daq.vehicle.DOF`."""
 _SEVERITY = {"refused": "REFUSED", "doubtful": "DOUBT", "ok": "note"}
@@ -107,52 +105,23 @@ def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
     return lines
 
 
-def bar(half_percent: float | None, widest: float, glyphs: Glyphs) -> str:
-    """Draw a 95 % interval about its value; the widest of a table fills the bar."""
-    plain = glyphs.name is GlyphSet.ASCII
-    if half_percent is None:
-        return "given".center(_BAR)
-    reach = _BAR // 2
-    cells = reach
-    if isfinite(half_percent) and widest > 0.0:
-        cells = max(0, min(reach, round(reach * half_percent / widest)))
-    arm = "-" if plain else "─"
-    point = "*" if plain else "●"
-    space = " " * (reach - cells)
-    left = ("|" if plain else "├") + arm * (cells - 1) if cells else ""
-    right = arm * (cells - 1) + ("|" if plain else "┤") if cells else ""
-    return f"{space}{left}{point}{right}{space}"
-
-
 def parameter_rows(
     estimates: Mapping[str, Estimate],
     words: Callable[[str], str],
     drivers: Mapping[str, Mapping[str, float]],
-    glyphs: Glyphs,
     wide: bool,
 ) -> tuple[list[str], list[list[Cell]]]:
-    """Return heads and rows of quantities with their 95 % intervals, as numbers and as bars."""
-    halves = [_half(e) for e in estimates.values()]
-    widest = max((half for half in halves if half is not None and isfinite(half)), default=0.0)
-    heads = ["parameter", "value", "unit", "95 % interval", f"bar ±{widest:.2g} %"]
+    """Return heads and rows of quantities with their 95 % intervals."""
+    heads = ["parameter", "value", "unit", "95 % interval", "±"]
     cells: list[list[Cell]] = []
-    for (name, e), half in zip(estimates.items(), halves, strict=True):
+    for name, e in estimates.items():
         symbol = "" if words(name) == plain(name) else f"{name:<5}"
         value, interval = (value_text(e), ends_text(e)) if e.determined else ("", value_text(e))
         title = f"{symbol}{words(name)}"[:29]
-        cells.append(
-            [title, right(value), unit_text(e.unit), right(interval), bar(half, widest, glyphs)]
-        )
+        cells.append([title, right(value), unit_text(e.unit), right(interval), right(half_text(e))])
         if wide:
-            cells[-1] += [right(half_text(e)), f" {largest_share(drivers.get(name, {}))}"]
-    return [*heads, "±", " rests mostly on"] if wide else heads, cells
-
-
-def _half(e: Estimate) -> float | None:
-    """Return half of an interval, % of the value; None for a given value, NaN without one."""
-    if not e.determined:
-        return nan
-    return (half_percent(e) or None) if e.value else None
+            cells[-1] += [f" {largest_share(drivers.get(name, {}))}"]
+    return [*heads, " rests mostly on"] if wide else heads, cells
 
 
 def mode_rows(result: Identification) -> list[list[Cell]]:
@@ -230,42 +199,21 @@ def damper_lines(result: Identification) -> Iterator[str]:
         yield f"  {plain(tried.name):<30}{element_answer(tried)}"
 
 
-_PAGES = ("Parameters", "Modes", "M C K", "Decays", "Findings", "Derived", "Dampers")
+_PAGES = ("Parameters", "Modes", "M C K", "Runs", "Findings", "Derived", "Dampers")
 _WIDE = 100
 """Least number of columns for shares, and what a parameter rests on."""
-_VERDICT_LINES, _VERDICT_LINES_TALL = 4, 8
+_VERDICT_LINES, _VERDICT_LINES_TALL = 3, 8
 _REASON = "excluded at the results"
-
-
-def _name(page: str) -> str:
-    return page.replace(" ", "").lower()
 
 
 class ResultsScreen(BenchScreen):
     """Shows the results of one session; Tab chooses the page."""
 
     HELP_PAGE: ClassVar[str] = "results"
-    DEFAULT_CSS = """
-    ResultsScreen #verdict { height: auto; padding: 0 1; }
-    ResultsScreen #verdict.ok { color: $success; }
-    ResultsScreen #verdict.doubtful { color: $warning; }
-    ResultsScreen #verdict.refused { color: $error; }
-    ResultsScreen #head { height: 1; }
-    ResultsScreen Tabs { width: auto; height: 1; }
-    ResultsScreen Underline { display: none; }
-    ResultsScreen Tab { color: $foreground; }
-    ResultsScreen Tab.-active { text-style: bold reverse; }
-    ResultsScreen #space { width: 1fr; color: $accent; text-style: bold; text-wrap: nowrap; }
-    ResultsScreen ContentSwitcher { height: 1fr; }
-    ResultsScreen VerticalScroll { padding: 0 1; scrollbar-size: 1 1; }
-    ResultsScreen #runs { height: 6; }
-    ResultsScreen.-tall #runs { height: 12; }
-    ResultsScreen DecayPlot { height: 1fr; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("tab", "page(1)", "Page", tooltip="Next page"),
         Binding("shift+tab", "page(-1)", "Page back", show=False),
-        Binding("p", "decays", "Decays", tooltip="Show the decays of the runs"),
+        Binding("p", "runs", "Runs", tooltip="Show the runs"),
         Binding("down", "move(1)", "Next run, or scroll", show=False),
         Binding("up", "move(-1)", "Run before, or scroll back", show=False),
         Binding("x", "start_recorder", "Start recorder"),
@@ -278,7 +226,6 @@ class ResultsScreen(BenchScreen):
         super().__init__()
         self.outcome: Outcome | None = None
         self._recording = ""
-        self._shown_outdated = False
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Let X start a recorder that is lost, and exclude a run otherwise."""
@@ -288,29 +235,22 @@ class ResultsScreen(BenchScreen):
 
     def compose_body(self) -> ComposeResult:
         """Compose verdict and pages."""
-        yield Static(id="verdict", markup=False)
-        with Horizontal(id="head"):
-            tabs = Tabs(*(Tab(page, id=_name(page)) for page in _PAGES))
-            tabs.can_focus = False
-            yield tabs
-            yield Static(id="space", markup=False)
-        with ContentSwitcher(initial="parameters"):
-            for page in ("parameters", "modes", "mck", "derived"):
-                yield Table(page, reads=True)
-            with Vertical(id="decays"):
-                yield Table("runs")
-                yield DecayPlot(self.bench_app.glyphs)
-            for page in ("findings", "dampers"):
-                with VerticalScroll(id=page, can_focus=False):
-                    yield Static(markup=False)
+        yield Words("verdict")
+        yield Words("space")
+        with TabbedContent(id="pages"):
+            for title in _PAGES:
+                page = title.replace(" ", "").lower()
+                with TabPane(title, id=page):
+                    if page in ("findings", "dampers"):
+                        with VerticalScroll(can_focus=False):
+                            yield Words(f"{page}-text")
+                    else:
+                        yield Table(f"{page}-table", reads=page != "runs")
 
     def on_mount(self) -> None:
         """Show an outcome that arrived before the screen was composed."""
+        self.query_one(Tabs).can_focus = False
         self._fill()
-
-    def on_resize(self) -> None:
-        """Fit the tables."""
-        self.call_after_refresh(self._draw)
 
     @property
     def step_shown(self) -> BenchStep | None:
@@ -319,8 +259,7 @@ class ResultsScreen(BenchScreen):
 
     def show_status(self, status: Status) -> None:
         """Show whether the recording has changed since."""
-        if self._outdated is not self._shown_outdated:
-            self._draw()
+        self._draw()
 
     @property
     def _outdated(self) -> bool:
@@ -336,10 +275,8 @@ class ResultsScreen(BenchScreen):
         """Show an identification."""
         self.outcome = outcome
         status = self.bench_app.status
-        if status is not None and status.own_session == outcome.session:
-            self._recording = status.recording
-        else:
-            self._recording = ""
+        own = status is not None and status.own_session == outcome.session
+        self._recording = status.recording if status is not None and own else ""
         self._fill()
 
     # Keys ---------------------------------------------------------------------------------------
@@ -352,7 +289,7 @@ class ResultsScreen(BenchScreen):
         status, step = self.bench_app.status, BenchStep.IDENTIFY
         if status is not None and self._is_current(status) and not is_marked(status, step):
             await self.bench_app.ask(Mark(step.mark))
-        await self.bench_app.open_report(self.outcome.session)
+        await open_report(self.bench_app, self.outcome.session)
 
     async def action_back(self) -> None:
         """Go back to the identify screen."""
@@ -366,62 +303,49 @@ class ResultsScreen(BenchScreen):
         else:
             tabs.action_previous_tab()
 
-    def action_decays(self) -> None:
-        """Show the decays, or the parameters again."""
-        self.query_one(Tabs).active = "parameters" if self._page == "decays" else "decays"
+    def action_runs(self) -> None:
+        """Show the runs, or the parameters again."""
+        pages = self.query_one(TabbedContent)
+        pages.active = "parameters" if pages.active == "runs" else "runs"
 
     def action_move(self, step: int) -> None:
         """Move between the runs where they are shown; else scroll."""
-        if self._page == "decays":
-            runs = self.query_one("#runs", Table)
+        page = self.query_one(TabbedContent).active
+        if page == "runs":
+            runs = self.query_one("#runs-table", Table)
             runs.choose(runs.cursor_row + step)
         else:
-            self.query_one(f"ContentSwitcher > #{self._page}").scroll_relative(
-                y=2 * step, animate=False
-            )
+            widget = self.query_one(f"#{page} > *")
+            widget.scroll_relative(y=2 * step, animate=False)
 
     async def action_exclude(self) -> None:
         """Reject the chosen run (or take it back) and identify again."""
         outcome = self.outcome
         if outcome is None or not outcome.runs:
             return
-        if self._page != "decays":
+        if self.query_one(TabbedContent).active != "runs":
             self.bench_app.warn("choose the run first: P shows the runs, X then excludes one")
             return
-        label = outcome.runs[self.query_one("#runs", Table).cursor_row].label
+        label = outcome.runs[self.query_one("#runs-table", Table).cursor_row].label
         status = self.bench_app.status
         run = None
         if status is not None and self._is_current(status):
             run = next((run for run in status.runs if run.label == label), None)
         if run is None:  # an earlier session: its file stays unchanged
             without = tuple(sorted(set(outcome.without) ^ {label}))
-            await self.bench_app.open_identify(outcome.session, without)
+            await open_identify(self.bench_app, outcome.session, without)
             return
         accepted = run.status is LoggedStatus.ACCEPTED
         order = Reject(label, _REASON) if accepted else Accept(label, "taken back at the results")
         if await self.bench_app.ask(order) is not None:
-            await self.bench_app.open_build()
+            await open_build(self.bench_app)
 
     def action_export(self) -> None:
         """Write the session in another tool's format."""
         if self.outcome is not None:
             self.run_worker(export_session(self.app, self.outcome.session), group="export")
 
-    def on_tabs_tab_activated(self, event: Tabs.TabActivated) -> None:
-        """Show the page of a tab."""
-        self.query_one(ContentSwitcher).current = event.tab.id
-
-    def on_data_table_row_highlighted(self, event: Table.RowHighlighted) -> None:
-        """Show the decay of the marked run."""
-        outcome, row = self.outcome, event.cursor_row
-        run = outcome.runs[row] if outcome is not None and row < len(outcome.runs) else None
-        self.query_one(DecayPlot).show(run)
-
     # Inside -------------------------------------------------------------------------------------
-
-    @property
-    def _page(self) -> str:
-        return self.query_one(Tabs).active
 
     def _is_current(self, status: Status | None) -> bool:
         """Return True if the outcome belongs to the present recording."""
@@ -429,50 +353,49 @@ class ResultsScreen(BenchScreen):
 
     def _fill(self) -> None:
         """Show an outcome from its first page."""
-        if not self.query("#runs") or self.outcome is None:
+        outcome = self.outcome
+        if outcome is None or not self.query("#space"):
             return
-        tabs = self.query_one(Tabs)
-        result = self.outcome.result
+        pages = self.query_one(TabbedContent)
+        result = outcome.result
         if result.forces:
-            tabs.show("dampers")
+            pages.show_tab("dampers")
         else:
-            tabs.hide("dampers")
-        tabs.styles.width = 63 if result.forces else 54
-        tabs.active = "parameters" if result.parameters else "findings"
+            pages.hide_tab("dampers")
+        pages.active = "parameters" if result.parameters else "findings"
+        glyphs = self.bench_app.glyphs
+        heads = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
+        self.query_one("#modes-table", Table).show(heads, mode_rows(result))
+        self.query_one("#mck-table", Table).show([""] * 9, matrix_rows(result))
+        self.query_one("#runs-table", Table).show([""] * 3, run_rows(outcome, glyphs))
+        self.query_one("#dampers-text", Words).say(Content("\n".join(damper_lines(result))))
         self._draw()
 
     def _draw(self) -> None:
-        if not self.query("#runs"):
-            return
-        outcome = self.outcome
-        verdict = self.query_one("#verdict", Static)
+        """Show what depends on the size of the terminal, and on the recording."""
+        outcome, space = self.outcome, self.query_one("#space", Words)
         if outcome is None:
-            verdict.update("nothing is identified yet: SPACE = step 6 Identify")
+            words = "nothing is identified yet: SPACE = step 6 Identify"
+            space.say(Content.styled(words, SPACE_INK))
             return
-        glyphs, size = self.bench_app.glyphs, self.size
-        most = _VERDICT_LINES if size.height < 36 else _VERDICT_LINES_TALL
-        self._shown_outdated = self._outdated
-        lines = [f"{glyphs.warn} {OUTDATED}"] if self._shown_outdated else []
-        lines += verdict_lines(outcome, glyphs, size.width - 2, most - len(lines))
-        verdict.update("\n".join(lines))
-        result = outcome.result
-        verdict.set_classes(str(result.quality.verdict))
-        step = BenchStep.IDENTIFY if self._shown_outdated else BenchStep.REPORT
+        glyphs, (width, height) = self.bench_app.glyphs, self.app.size
+        most = _VERDICT_LINES if height < 36 else _VERDICT_LINES_TALL
+        lines = [f"{glyphs.warn} {OUTDATED}"] if self._outdated else []
+        lines += verdict_lines(outcome, glyphs, width - 2, most - len(lines))
+        verdict = self.query_one("#verdict", Words)
+        verdict.say(Content("\n".join(lines)))
+        verdict.set_classes(str(outcome.result.quality.verdict))
+        step = BenchStep.IDENTIFY if self._outdated else BenchStep.REPORT
         name = printable(Path(outcome.session).name, 60)
-        ours = self.step_shown is not None
-        words = f"step {step.title}" if ours else f"report of {name}"
-        self.query_one("#space", Static).update(f"SPACE = {words}")
-        wide = size.width >= _WIDE
+        words = f"step {step.title}" if self.step_shown is not None else f"report of {name}"
+        space.say(Content.styled(f"SPACE = {words}", SPACE_INK))
+        wide = width >= _WIDE
+        result = outcome.result
         for page, estimates, in_words in (
             ("parameters", result.parameters, parameter_words),
             ("derived", result.derived, plain),
         ):
-            table = parameter_rows(estimates, in_words, result.drivers, glyphs, wide)
-            self.query_one(f"Table#{page}", Table).show(*table)
-        heads = ("mass state", "mode", "Hz", "± 95 %", "damping ratio", "± 95 %")
-        self.query_one("Table#modes", Table).show(heads, mode_rows(result))
-        self.query_one("Table#mck", Table).show([""] * 9, matrix_rows(result))
-        self.query_one("#runs", Table).show([""] * 3, run_rows(outcome, glyphs))
-        findings = "\n".join(findings_lines(outcome, glyphs, size.width - 3))
-        self.query_one("#findings Static", Static).update(findings)
-        self.query_one("#dampers Static", Static).update("\n".join(damper_lines(result)))
+            table = parameter_rows(estimates, in_words, result.drivers, wide)
+            self.query_one(f"#{page}-table", Table).show(*table)
+        findings = "\n".join(findings_lines(outcome, glyphs, width - 3))
+        self.query_one("#findings-text", Words).say(Content(findings))

@@ -9,8 +9,9 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.content import Content
 from textual.screen import ModalScreen
-from textual.widgets import Input, Static
+from textual.widgets import Input
 
 from daq.control.messages import Status
 from daq.errors import printable
@@ -18,27 +19,22 @@ from daq.errors import printable
 from ...jobs.lines import CompareTask, Done, Item, ListTask, Task, Trouble
 from ...jobs.session_list import EntryState, SessionEntry, contains, with_open
 from ...jobs.worker import lines_of
-from ..context import begin
+from ..app import begin
+from ..dialogs import Line, TextScreen
 from ..state.campaign import progress
-from ..widgets.form import Line
-from ..widgets.table import Cell, Table, right
+from ..widgets.table import Cell, Table, Words, right
 from .base import BenchScreen
-from .dialogs import TextScreen
-from .work import export_session
+from .work import export_session, open_identify, open_report
 
 
 class SessionsScreen(BenchScreen):
     """Shows the list, which is read again whenever the screen comes to the front."""
 
     HELP_PAGE: ClassVar[str] = "sessions"
-    DEFAULT_CSS = """
-    SessionsScreen #about { height: 2; padding: 0 1; }
-    SessionsScreen #find { height: 1; border: none; padding: 0 1; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding(
             "space,o",
-            "press('next')",
+            "next",
             "Open",
             key_display="SPACE",
             tooltip="Results of the marked session",
@@ -65,7 +61,7 @@ class SessionsScreen(BenchScreen):
         table = Table("list")
         table.can_focus = True
         yield table
-        yield Static(id="about", markup=False)
+        yield Words("about")
         yield Line(placeholder="find: F, then type date, vehicle, state, note or folder", id="find")
 
     def on_screen_resume(self) -> None:
@@ -78,10 +74,6 @@ class SessionsScreen(BenchScreen):
     def on_screen_suspend(self) -> None:
         """Read the folder again after another screen, not after a dialog."""
         self._stale = not isinstance(self.app.screen, ModalScreen)
-
-    def on_resize(self) -> None:
-        """Fit the lines."""
-        self.call_after_refresh(self._draw)
 
     @property
     def acts(self) -> bool:
@@ -103,10 +95,6 @@ class SessionsScreen(BenchScreen):
     # Keys ---------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
-        """Open the marked session."""
-        await self.action_open()
-
-    async def action_open(self) -> None:
         """Show the results of a session; for the open recording, go to its due step."""
         entry = self._chosen()
         if entry is None:
@@ -119,13 +107,13 @@ class SessionsScreen(BenchScreen):
                 "or make its session file with bumpbench recover"
             )
         elif self._is_file(entry):
-            await self.bench_app.open_identify(entry.path)
+            await open_identify(self.bench_app, entry.path)
 
     async def action_report(self) -> None:
         """Write the report of a session."""
         entry = self._chosen()
         if entry is not None and self._is_file(entry):
-            await self.bench_app.open_report(entry.path, write=True)
+            await open_report(self.bench_app, entry.path, write=True)
 
     def action_replay(self) -> None:
         """Show the command that replays the session."""
@@ -180,7 +168,7 @@ class SessionsScreen(BenchScreen):
 
     async def on_data_table_row_selected(self, _: Table.RowSelected) -> None:
         """Open the session on Enter."""
-        await self.action_open()
+        await self.action_next()
 
     # Inside -------------------------------------------------------------------------------------
 
@@ -261,13 +249,13 @@ class SessionsScreen(BenchScreen):
 
     def _about(self) -> None:
         entry = self._chosen()
-        about = self.query_one("#about", Static)
         if self._trouble:
-            about.update(self._trouble)
+            words = self._trouble
         elif entry is None:
             words = "no session matches" if self._entries else "no session here yet"
-            about.update("reading the folder ..." if self._reading else words)
+            words = "reading the folder ..." if self._reading else words
         else:
             first = "compare: now choose the second and press C" if self._first else ""
             place = printable(entry.path or str(Path(entry.folder) / "journal"), 400)
-            about.update(f"{place}\n{first or printable(entry.note, 300)}")
+            words = f"{place}\n{first or printable(entry.note, 300)}"
+        self.query_one("#about", Words).say(Content(words))

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 from collections.abc import Mapping
-from functools import cached_property
 from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
-from textual.events import DescendantFocus
 from textual.timer import Timer
-from textual.widgets import Static
 
 from daq import Excitation, InputError
 from daq.bench.campaign import Method
@@ -22,25 +18,44 @@ from daq.control.messages import Status
 from daq.control.orders import Configure, Hello, Mark, Note
 from daq.vehicle import Fact, FactQuantity, Structure
 
-from ..context import DraftWriter
 from ..state.campaign import BenchStep
-from ..state.drafts import VEHICLE_FORM, last_form, read_draft, write_draft
+from ..state.drafts import VEHICLE_FORM, read_draft, remove_draft, write_draft
 from ..widgets.form import NO, YES, Field, FieldError, Form, Values, check_fields, number, stated
-from .base import BenchScreen
+from ..widgets.table import Words
+from .base import SPACE_INK, BenchScreen
 
-_SCALES = "what the scales may be off by, one standard deviation"
-_TAPE = "what the tape may be off by, one standard deviation"
-_SIGMA = "an uncertainty of nothing would outweigh every sensor"
+DRAFT = "draft_vehicle.json"
+DRAFT_S = 0.5
+"""Seconds without a key after which what is typed is stored."""
+USUAL_SIGMA = {"kg": 1.0, "m": 0.003}
+_CAR_KG = "from a formula car to a loaded van"
+_TYRES = "tyre middle to tyre middle"
+_FACTS = {
+    FactQuantity.TOTAL_MASS: ("Total mass", "kg", 100.0, 10_000.0, _CAR_KG),
+    FactQuantity.FRONT_AXLE: ("Front axle", "kg", 40.0, 6_000.0, _CAR_KG),
+    FactQuantity.REAR_AXLE: ("Rear axle", "kg", 40.0, 6_000.0, _CAR_KG),
+    FactQuantity.WHEELBASE: ("Wheelbase", "m", 1.0, 6.0, "the distance between the axles"),
+    FactQuantity.FRONT_TRACK: ("Front track", "m", 0.8, 2.6, _TYRES),
+    FactQuantity.REAR_TRACK: ("Rear track", "m", 0.8, 2.6, _TYRES),
+}
+"""Label, unit, limits and their reason for each quantity that may be measured."""
+_FLAGS = {
+    "symmetric": ("Left = right", "springs, dampers, tyres and wheels alike on both sides"),
+    "anti_roll_bars": ("Anti-roll bars", "a bar on each axle is identified, too"),
+    "tyre_damping": ("Tyre damping", "a damper parallel to each tyre's spring"),
+    "cg_offset": ("CG off the middle", "the centre of gravity may lie left or right"),
+}
 
 
-def _fact(name: str, label: str, unit: str, low: float, high: float, why: str) -> tuple[Field, ...]:
-    weighed = unit == "kg"
-    method = "scales under the wheels, car as in the baseline" if weighed else "with a tape measure"
-    most = 0.05 * high
+def _fact(name: FactQuantity) -> tuple[Field, Field]:
+    label, unit, low, high, why = _FACTS[name]
+    tool, least = ("the scales", 1e-3) if unit == "kg" else ("the tape", 1e-4)
+    method = "scales under the wheels, car as in the baseline" if unit == "kg" else "a tape measure"
     return (
         Field(name, label, unit, low, high, why, f"{method}; leave empty if it was not measured"),
-        Field(f"{name}.sigma", f"{label} ±", unit, 1e-3 if weighed else 1e-4, most, _SIGMA,
-              _SCALES if weighed else _TAPE),
+        Field(f"{name}.sigma", f"{label} ±", unit, least, 0.05 * high,
+              "an uncertainty of nothing would outweigh every sensor",
+              f"what {tool} may be off by, one standard deviation"),
     )  # fmt: skip
 
 
@@ -49,116 +64,83 @@ def _number(name: str, label: str, unit: str, why: str, text: str, *, whole: boo
     return Field(name, label, unit, low, high, why, text, True, whole=whole, above_low=above_low)
 
 
-_CAR_KG = "from a formula car to a loaded van"
-FACTS: tuple[tuple[FactQuantity, str, str, float, float, str], ...] = (
-    (FactQuantity.TOTAL_MASS, "Total mass", "kg", 100.0, 10_000.0, _CAR_KG),
-    (FactQuantity.FRONT_AXLE, "Front axle", "kg", 40.0, 6_000.0, _CAR_KG),
-    (FactQuantity.REAR_AXLE, "Rear axle", "kg", 40.0, 6_000.0, _CAR_KG),
-    (FactQuantity.WHEELBASE, "Wheelbase", "m", 1.0, 6.0, "the distance between the axles"),
-    (FactQuantity.FRONT_TRACK, "Front track", "m", 0.8, 2.6, "tyre middle to tyre middle"),
-    (FactQuantity.REAR_TRACK, "Rear track", "m", 0.8, 2.6, "tyre middle to tyre middle"),
-)
-USUAL_SIGMA = {"kg": 1.0, "m": 0.003}
-_FLAGS = (
-    ("symmetric", "Left = right", "springs, dampers, tyres and wheels alike on both sides"),
-    ("anti_roll_bars", "Anti-roll bars", "a bar on each axle is identified, too"),
-    ("tyre_damping", "Tyre damping", "a damper parallel to each tyre's spring"),
-    ("cg_offset", "CG off the middle", "the centre of gravity may lie left or right"),
-)
-_TIMES = "number of accepted runs of each excitation, without and with the added mass"
+def _flag(name: str, label: str, text: str) -> Field:
+    return Field(name, label, choices=(YES, NO), help=text)
 
-VEHICLE_FIELDS: tuple[Field, ...] = (
-    Field("name", "Vehicle", needed=True, help="number plate or chassis number"),
-    Field("operator", "Operator", needed=True, most=40, help="your name, for every verdict"),
-    *(field for fact in FACTS for field in _fact(*fact)),
-    *(Field(f"flag.{n}", label, choices=(YES, NO), help=text) for n, label, text in _FLAGS),
-    *(
-        Field(f"bump.{e}", words.capitalize(), choices=(YES, NO), help=f"whether {words} is bumped")
-        for e, words in ((e, e.words) for e in Excitation)
-    ),
-    _number("repeats", "Repeats", "runs", _TIMES, _TIMES, whole=True),
-    Field("method", "Method", needed=True, choices=tuple(Method),
-          help="roll over boards, drop off blocks, or push by hand"),
-    _number("bump_height_mm", "Bump height", "mm", "above 50 mm wheels leave the ground",
-            "height of board or block, or depth of the push: 50 mm or less"),
-    _number("accept_after_s", "Accept after", "s", "the operator's time to reject a run",
-            "the next run arms itself after this"),
-    Field("notes", "Notes", most=500, help="tyre pressures, fuel, what is odd: for the report"),
-)  # fmt: skip
+
+_TIMES = "number of accepted runs of each kind, without and with the added mass"
+_STRUCTURE = [_flag(f"flag.{name}", label, text) for name, (label, text) in _FLAGS.items()]
+_BUMPS = [
+    _flag(f"bump.{e}", e.words.capitalize(), f"whether {e.words} is bumped") for e in Excitation
+]
+GROUPS: dict[str, list[tuple[Field, ...]]] = {
+    "Car": [
+        (Field("name", "Vehicle", needed=True, help="number plate or chassis number"),),
+        (Field("operator", "Operator", needed=True, most=40, help="your name, for each verdict"),),
+    ],
+    "Measured": [_fact(name) for name in _FACTS],
+    "Model": [tuple(_STRUCTURE[:2]), tuple(_STRUCTURE[2:])],
+    "Bumps": [
+        tuple(_BUMPS[:3]),
+        tuple(_BUMPS[3:]),
+        (_number("repeats", "Repeats", "runs", _TIMES, _TIMES, whole=True),
+         _number("bump_height_mm", "Height", "mm", "above 50 mm wheels leave the ground",
+                 "height of board or block, or depth of the push: 50 mm or less")),
+        (Field("method", "Method", needed=True, choices=tuple(Method),
+               help="roll over boards, drop off blocks, or push by hand"),
+         _number("accept_after_s", "Accept after", "s", "the operator's time to reject a run",
+                 "the next run arms itself after this")),
+    ],
+    "For the report": [
+        (Field("notes", "Notes", most=500, help="tyre pressures, fuel, what is odd"),),
+    ],
+}  # fmt: skip
+VEHICLE_FIELDS = tuple(field for rows in GROUPS.values() for row in rows for field in row)
+_BY_NAME = {field.name: field for field in VEHICLE_FIELDS}
 
 
 def check_vehicle(values: Values, bench: Bench) -> tuple[FieldError, ...]:
-    """Check the whole form of the vehicle."""
+    """Check the whole form of the vehicle: each field, then those that must fit together."""
     errors = list(check_fields(VEHICLE_FIELDS, values))
     bad = {error.field for error in errors}
     known = {
-        FactQuantity(name): value
-        for name, *_ in FACTS
+        name: value
+        for name in _FACTS
         if name not in bad and (value := number(values.get(name, ""))) is not None
     }
-    for name, label, unit, *_ in FACTS:
-        if name in known and not values.get(f"{name}.sigma", "").strip():
-            reason = f"{label} needs the uncertainty that goes with it"
-            errors.append(FieldError(f"{name}.sigma", f"{label} ±", f"above 0 {unit}", reason))
-    errors += _loads(known)
-    errors += _lengths(known, bench)
-    if not any(values.get(f"bump.{e}") == YES for e in Excitation):
-        reason = "no excitation is chosen: nothing would be bumped"
-        errors.append(FieldError("bump.bounce", "Bounce", "at least one excitation", reason))
-    return tuple(errors)
-
-
-def _loads(known: Mapping[FactQuantity, float]) -> list[FieldError]:
-    total, front, rear = (
-        known.get(q)
-        for q in (FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
-    )
-    if total is None:
-        return []
-    errors = []
-    if front is not None and rear is not None and abs(front + rear - total) > 0.01 * total:
+    for name in known:
+        if not values.get(f"{name}.sigma", "").strip():
+            field = _BY_NAME[f"{name}.sigma"]
+            errors.append(field.error("a measured value needs the uncertainty that goes with it"))
+    total, front, rear = (known.get(name) for name in list(_FACTS)[:3])
+    if total and front and rear and abs(front + rear - total) > 0.01 * total:
         reason = f"the axles carry {front + rear:g} kg together, the total is {total:g} kg"
-        errors.append(
-            FieldError(FactQuantity.TOTAL_MASS, "Total mass", "axles and total within 1 %", reason)
-        )
-    for name, label, load in (
-        (FactQuantity.FRONT_AXLE, "Front axle", front),
-        (FactQuantity.REAR_AXLE, "Rear axle", rear),
-    ):
-        if load is not None and load >= total:
+        errors.append(_BY_NAME[FactQuantity.TOTAL_MASS].error(reason, "axles and total within 1 %"))
+    for name, load in ((FactQuantity.FRONT_AXLE, front), (FactQuantity.REAR_AXLE, rear)):
+        if total and load and load >= total:
             reason = f"{load:g} kg on one axle of a car of {total:g} kg"
-            errors.append(FieldError(name, label, "less than the total mass", reason))
-    return errors
-
-
-def _lengths(known: Mapping[FactQuantity, float], bench: Bench) -> list[FieldError]:
-    given = bench.vehicle.geometry
-    if given is None:
-        return []
-    lengths = {
-        FactQuantity.WHEELBASE: ("Wheelbase", given.a + given.b),
-        FactQuantity.FRONT_TRACK: ("Front track", 2.0 * given.t_f),
-        FactQuantity.REAR_TRACK: ("Rear track", 2.0 * given.t_r),
-    }
-    return [
-        FieldError(
-            name, label, f"{length:g} m within 2 %",
-            f"{known[name]:g} m does not fit [vehicle.geometry] of bench.toml",
-        )
-        for name, (label, length) in lengths.items()
-        if name in known and abs(known[name] - length) > 0.02 * length
-    ]  # fmt: skip
+            errors.append(_BY_NAME[name].error(reason, "less than the total mass"))
+    if (given := bench.vehicle.geometry) is not None:
+        lengths = (given.a + given.b, 2.0 * given.t_f, 2.0 * given.t_r)
+        for name, length in zip(list(_FACTS)[3:], lengths, strict=True):
+            if name in known and abs(known[name] - length) > 0.02 * length:
+                reason = f"{known[name]:g} m does not fit [vehicle.geometry] of bench.toml"
+                errors.append(_BY_NAME[name].error(reason, f"{length:g} m within 2 %"))
+    if not any(values.get(f"bump.{e}") == YES for e in Excitation):
+        reason = "no kind of bump is chosen: nothing would be bumped"
+        errors.append(_BY_NAME["bump.bounce"].error(reason, "at least one kind"))
+    return tuple(errors)
 
 
 def vehicle_values(bench: Bench, operator: str) -> dict[str, str]:
     """Return the form filled with the bench in force."""
     facts = {fact.quantity: fact for fact in bench.vehicle.facts}
     values = {"name": bench.vehicle.name, "operator": operator, "notes": ""}
-    for name, _, unit, *_ in FACTS:
+    for name, (_, unit, *_) in _FACTS.items():
         fact = facts.get(name)
         values[str(name)] = f"{fact.value:.10g}" if fact else ""
-        values[f"{name}.sigma"] = f"{fact.sigma:.10g}" if fact else f"{USUAL_SIGMA[unit]:g}"
-    for flag, *_ in _FLAGS:
+        values[f"{name}.sigma"] = f"{fact.sigma if fact else USUAL_SIGMA[unit]:.10g}"
+    for flag in _FLAGS:
         values[f"flag.{flag}"] = YES if getattr(bench.vehicle.structure, flag) else NO
     for excitation in Excitation:
         values[f"bump.{excitation}"] = YES if excitation in bench.campaign.excitations else NO
@@ -177,13 +159,12 @@ def vehicle_text(text: str, bench: Bench, values: Values) -> str:
     """
     from daq.bench.edit import with_campaign, with_facts, with_vehicle
 
-    here = {name for name, *_ in FACTS}
-    facts = [fact for fact in bench.vehicle.facts if fact.quantity not in here]
-    for name, *_ in FACTS:
+    facts = [fact for fact in bench.vehicle.facts if fact.quantity not in _FACTS]
+    for name in _FACTS:
         value, sigma = number(values[name]), number(values[f"{name}.sigma"])
         if value is not None and sigma is not None:
             facts.append(Fact(str(name), value, sigma))
-    flags = {flag: values[f"flag.{flag}"] == YES for flag, *_ in _FLAGS}
+    flags = {flag: values[f"flag.{flag}"] == YES for flag in _FLAGS}
     text = with_vehicle(text, values["name"].strip(), Structure(**flags))
     if set(facts) != set(bench.vehicle.facts):
         text = with_facts(text, facts)
@@ -200,81 +181,53 @@ def vehicle_text(text: str, bench: Bench, values: Values) -> str:
     )
 
 
-DRAFT = "draft_vehicle.json"
-_DRAFT_S = 0.5
-_NEXT = "SPACE = this is the car: go on to step 2 Check"
-_KINDS = tuple(f"bump.{kind}" for kind in Excitation)
-_ROWS = (
-    ("name",),
-    ("operator",),
-    ("total_mass_kg", "total_mass_kg.sigma"),
-    ("front_axle_kg", "front_axle_kg.sigma"),
-    ("rear_axle_kg", "rear_axle_kg.sigma"),
-    ("wheelbase_m", "wheelbase_m.sigma"),
-    ("front_track_m", "front_track_m.sigma"),
-    ("rear_track_m", "rear_track_m.sigma"),
-    ("flag.symmetric", "flag.anti_roll_bars"),
-    ("flag.tyre_damping", "flag.cg_offset"),
-    *(_KINDS[first : first + 4] for first in range(0, len(_KINDS), 4)),
-    ("repeats", "method"),
-    ("bump_height_mm", "accept_after_s"),
-    ("notes",),
-)
-
-
 class VehicleScreen(BenchScreen):
     """The form of the vehicle; SPACE applies it while no field is being edited."""
 
     HELP_PAGE: ClassVar[str] = "vehicle"
     STEP: ClassVar[BenchStep] = BenchStep.VEHICLE
-    DEFAULT_CSS = """
-    VehicleScreen #help { height: auto; min-height: 5; max-height: 10; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("tab,enter,down", "edit", "Field", key_display="Tab"),
-        Binding("ctrl+s", "press('next')", "Apply", priority=True),
-        Binding("escape", "leave", "Leave field", show=False),
+        Binding("tab,down", "edit", show=False),
+        Binding("enter", "edit", "Edit", key_display="Tab"),
+        Binding("ctrl+s", "next", show=False, priority=True),
+        Binding("escape", "leave", "Leave", tooltip="Leave the fields; again: discard all"),
     ]
 
     def __init__(self) -> None:
         super().__init__()
         self._filled = False
-        self._touched: set[str] = set()
         self._noted = ""
         self._typed: dict[str, str] = {}
         self._writing: Timer | None = None
 
     def compose_body(self) -> ComposeResult:
         """Compose the form, and a box for help on the field."""
-        by_name = {field.name: field for field in VEHICLE_FIELDS}
-        yield Form([[by_name[name] for name in row] for row in _ROWS], 15)
-        yield Static(id="help", classes="box")
+        yield Form(GROUPS)
+        yield Words("help", "box")
 
     @property
     def ready(self) -> bool:
         """True while the form is complete."""
         return self._filled and not self._errors()
 
-    def show_status(self, status: Status) -> None:
-        """Fill the form as soon as the bench is known."""
-        bench = self.bench_app.bench
-        if self._filled and self._was_lost:
-            self._advise()
-        if bench is None or self._filled:
-            return
-        self._filled = True
-        form = self.query_one(Form)
-        form.fill(vehicle_values(bench, self.bench_app.operator or os.environ.get("USER", "")))
-        draft = read_draft(self.bench_app.folder / DRAFT)
-        typed = {name: value for name, value in draft.items() if isinstance(value, str)}
-        form.fill(typed)
-        self._touched = set(typed)
-        self._advise()
-
     @property
     def acts(self) -> bool:
         """True while a recorder accepts the form."""
         return not self.lost_words
+
+    def show_status(self, status: Status) -> None:
+        """Fill the form as soon as the bench is known."""
+        if self.bench_app.bench is None:
+            return
+        if not self._filled:
+            self._filled = True
+            self._fill(self.bench_app.bench, read_draft(self.bench_app.folder / DRAFT))
+        self._advise()
+
+    def _fill(self, bench: Bench, draft: Mapping[str, object]) -> None:
+        values = vehicle_values(bench, self.bench_app.operator or os.environ.get("USER", ""))
+        values |= {name: value for name, value in draft.items() if isinstance(value, str)}
+        self.query_one(Form).fill(values)
 
     # Editing ------------------------------------------------------------------------------------
 
@@ -287,49 +240,47 @@ class VehicleScreen(BenchScreen):
         self.query_one(Form).enter(errors[0].field if errors else "")
 
     def action_leave(self) -> None:
-        """Leave the fields, so that SPACE and the digits are keys again."""
-        self.set_focus(None)
+        """Leave the fields, so that SPACE and the digits are keys; outside of them discard all."""
+        if self.query_one(Form).current is not None:
+            self.set_focus(None)
+        elif self.bench_app.bench is not None:
+            self._stop_writing()
+            remove_draft(self.bench_app.folder / DRAFT)
+            self._fill(self.bench_app.bench, {})
+            self.bench_app.inform("the form is as the bench has it")
         self._advise()
 
-    def on_descendant_focus(self, _: DescendantFocus) -> None:
+    def on_descendant_focus(self) -> None:
         """Show help on the field."""
+        super().on_descendant_focus()
         self._advise()
 
     def on_form_changed(self, _: Form.Changed) -> None:
-        """Keep the text, valid or not."""
-        field = self.query_one(Form).current
-        if field is not None:
-            self._touched.add(field.name)
-            if field.name == "name":
-                self._remember(self.query_one(Form).values["name"].strip())
+        """Keep the text, valid or not, for a terminal that ends now."""
         self._advise()
+        self._stop_writing()
         self._typed = self.query_one(Form).values
-        if self._writing is not None:
-            self._writing.stop()
-        self._writing = self.set_timer(_DRAFT_S, self._keep_draft)
+        self._writing = self.set_timer(DRAFT_S, self._keep_draft)
 
     async def on_form_submitted(self, _: Form.Submitted) -> None:
         """Apply the form on Enter in the last field."""
         await self.action_next()
 
-    def _remember(self, name: str) -> None:
-        """Fill untouched fields from the last form of this vehicle."""
-        before = last_form(self.bench_app.folder, VEHICLE_FORM, name) if name else {}
-        kept = self._touched | {"name", "operator", "notes"}
-        self.query_one(Form).fill({k: v for k, v in before.items() if k not in kept})
-
     def on_unmount(self) -> None:
         """Store the draft when the terminal is closed."""
-        if self._writing is not None and self._typed:
-            write_draft(self.bench_app.folder / DRAFT, self._typed)
+        if self._writing is not None:
+            self._keep_draft()
 
-    async def _keep_draft(self) -> None:
+    def _stop_writing(self) -> None:
+        if self._writing is not None:
+            self._writing.stop()
+            self._writing = None
+
+    def _keep_draft(self) -> None:
         self._writing = None
-        await self._draft.write(self.query_one(Form).values)
-
-    @cached_property
-    def _draft(self) -> DraftWriter:
-        return DraftWriter(self.bench_app.folder / DRAFT, self.bench_app.warn)
+        failure = write_draft(self.bench_app.folder / DRAFT, self._typed)
+        if failure:
+            self.bench_app.warn(failure)
 
     # Checking -----------------------------------------------------------------------------------
 
@@ -338,43 +289,39 @@ class VehicleScreen(BenchScreen):
         return check_vehicle(self.query_one(Form).values, bench) if bench else ()
 
     def _advise(self) -> None:
-        form, errors = self.query_one(Form), self._errors()
+        form, errors, bad = self.query_one(Form), self._errors(), self.bench_app.glyphs.bad
         form.mark(errors)
         field = form.current
-        box = self.query_one("#help", Static)
-        box.border_title = field.label if field else "Next"
-        box.update(Content("\n").join(self._lines(field, errors)))
-
-    def _lines(self, field: Field | None, errors: tuple[FieldError, ...]) -> list[Content]:
-        bad = self.bench_app.glyphs.bad
-        if field is None:
-            if self.lost_words:
-                kept = Content("What is typed is kept.")
-                return [Content.styled(self.lost_words, "bold $accent"), kept]
-            if not errors:
-                return [Content.styled(_NEXT, "bold $accent"), Content("Tab or Enter edits.")]
-            text = f"{bad} {errors[0]}"
+        if field is not None:
+            own = [error for error in errors if error.field == field.name] or errors[:1]
+            keys = Content("Tab: next field.  Ctrl+S applies.  Esc leaves the fields.")
+            wrong = [Content.styled(f"{bad} {error.text}", "bold $error") for error in own[:1]]
+            lines = [Content(field.advice), *(wrong or [keys])]
+        elif self.lost_words:
+            kept = Content("What is typed is kept.")
+            lines = [Content.styled(self.lost_words, SPACE_INK), kept]
+        elif errors:
             more = f"; {len(errors) - 1} more" if len(errors) > 1 else ""
-            return [Content.styled(text, "bold $error"), Content(f"Tab goes there{more}.")]
-        lines = [Content(field.advice)]
-        own = [error for error in errors if error.field == field.name] or list(errors[:1])
-        if own:
-            lines.append(Content.styled(f"{bad} {own[0]}", "bold $error"))
+            wrong = [Content.styled(f"{bad} {errors[0].text}", "bold $error")]
+            lines = [*wrong, Content(f"Tab goes there{more}.")]
         else:
-            lines.append(Content("Enter or Tab: next field.  Ctrl+S applies.  Esc leaves."))
-        return lines
+            due = "SPACE = this is the car: go on to step 2 Check"
+            lines = [Content.styled(due, SPACE_INK), Content("Tab or Enter edits.")]
+        box = self.query_one("#help", Words)
+        box.border_title = field.label if field else "Next"
+        box.say(Content("\n").join(lines))
 
     # Applying -----------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
         """Send the form to the recorder and go on to the check."""
-        app, values = self.bench_app, self.query_one(Form).values
+        app, form = self.bench_app, self.query_one(Form)
         if app.bench is None:
             app.warn("the recorder has not sent its bench.toml yet: wait a second")
             return
-        errors = self._errors()
+        values, errors = form.values, self._errors()
         if errors:
-            self.query_one(Form).enter(errors[0].field)
+            form.enter(errors[0].field)
             self._advise()
             return
         try:
@@ -382,24 +329,21 @@ class VehicleScreen(BenchScreen):
         except InputError as error:
             app.warn(str(error))
             return
-        name = values["operator"].strip()
+        name, notes = values["operator"].strip(), values["notes"].strip()
         if name != app.operator:
             if await app.ask(Hello(name, app.in_control)) is None:
                 return
             app.operator = name
         if text != app.bench_text and await app.ask(Configure(text)) is None:
             return
-        notes = values["notes"].strip()
         if notes and notes != self._noted:
             if await app.ask(Note(notes)) is None:
                 return
             self._noted = notes
         if await app.ask(Mark(BenchStep.VEHICLE.mark)) is None:
             return
-        if self._writing is not None:
-            self._writing.stop()
-            self._writing = None
-        await asyncio.to_thread(write_draft, app.folder / VEHICLE_FORM, values)
-        await self._draft.remove()
+        self._stop_writing()
+        write_draft(app.folder / VEHICLE_FORM, values)
+        remove_draft(app.folder / DRAFT)
         self.set_focus(None)
         await app.go_to(BenchStep.CHECK)

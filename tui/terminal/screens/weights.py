@@ -1,34 +1,30 @@
-"""The weights on the car: their form and checks, axle limits, and their effect in words."""
+"""The weights on the car: their form and checks, and what they do, in words."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from math import pi, sqrt
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
-from textual.events import DescendantFocus
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from daq import BASELINE, BodyWeight, Corner, HubWeight, InputError, Quantity, VehicleParameters
-from daq.bench.config import Bench
+from daq import BASELINE, BodyWeight, Corner, HubWeight, VehicleParameters
 from daq.control.messages import Status
 from daq.errors import printable
-from daq.loading import Loading, expected_car, sag_stiffness, wrong_weights
+from daq.loading import Loading
 from daq.runlog import LoggedStatus
 
-from ...jobs.gain import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift, measured_spread
-from ..state.drafts import read_draft, write_draft
+from ...jobs.gain import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift
 from ..widgets.form import Field, FieldError, Form, Values, check_fields, number, stated
-from ..widgets.table import Cell, right
+from ..widgets.table import Cell, Words, right
 
 Weight = BodyWeight | HubWeight
+Typed = dict[str, str]
 BODY = "body"
 NEW_WEIGHT = {
     "place": BODY,
@@ -39,7 +35,7 @@ NEW_WEIGHT = {
     "height_m": "0",
 }
 """Values of the form before anything is typed."""
-
+_ON_CAR = "the weight must be on the car"
 WEIGHT_FIELDS: tuple[Field, ...] = (
     Field("serial", "Serial", most=20,
           help="what is stamped on it; a bar-code line of serial, mass and ± fills three fields"),
@@ -49,44 +45,40 @@ WEIGHT_FIELDS: tuple[Field, ...] = (
           "tolerance of the weight, one standard deviation"),
     Field("place", "Place", needed=True, choices=(BODY, *Corner),
           help="body, or the hub that it is bolted to"),
-    Field("x_m", "x", "m", -8.0, 3.0, "the weight must be on the car",
+    Field("x_m", "x", "m", -8.0, 3.0, _ON_CAR,
           "forward of the middle of the front axle; most are negative"),
-    Field("y_m", "y", "m", -1.5, 1.5, "the weight must be on the car", "to the left of the middle"),
+    Field("y_m", "y", "m", -1.5, 1.5, _ON_CAR, "to the left of the middle"),
     Field("position_sigma_m", "Place ±", "m", 0.0, 0.2, "measure its place from the front axle",
           "how well x and y are known, one standard deviation"),
-    Field("height_m", "Height", "m", -1.0, 2.0, "the weight must be on the car",
-          "above the centre of gravity"),
+    Field("height_m", "Height", "m", -1.0, 2.0, _ON_CAR, "above the centre of gravity"),
 )  # fmt: skip
-
-
-_ON_BODY = {"x_m", "y_m", "position_sigma_m", "height_m"}
+_BY_NAME = {field.name: field for field in WEIGHT_FIELDS}
+_ON_BODY = ("height_m", "position_sigma_m", "x_m", "y_m")
 _OVERHANG_M, _BESIDE_M = 1.2, 0.3
 
 
 def check_weight(values: Values, wheelbase_m: float, half_track_m: float) -> tuple[FieldError, ...]:
     """Check the form of one weight, and its place against the car's outline."""
-    fields = [f for f in WEIGHT_FIELDS if values.get("place") == BODY or f.name not in _ON_BODY]
+    on_body = values.get("place") == BODY
+    fields = [f for f in WEIGHT_FIELDS if on_body or f.name not in _ON_BODY]
     errors = list(check_fields(fields, values))
     bad = {error.field for error in errors}
     mass, sigma = number(values.get("mass_kg", "")), number(values.get("sigma_kg", ""))
     if not bad & {"mass_kg", "sigma_kg"} and mass and sigma and sigma > 0.1 * mass:
         reason = f"± {sigma:g} kg is more than a tenth of {mass:g} kg: weigh it"
-        errors.append(FieldError("sigma_kg", "Mass ±", f"0 to {0.1 * mass:g} kg", reason))
-    if values.get("place") != BODY:
+        errors.append(_BY_NAME["sigma_kg"].error(reason, f"0 to {0.1 * mass:g} kg"))
+    if not on_body:
         return tuple(errors)
     for name, low, high in (
         ("x_m", -wheelbase_m - _OVERHANG_M, _OVERHANG_M),
         ("y_m", -half_track_m - _BESIDE_M, half_track_m + _BESIDE_M),
     ):
-        field = next(f for f in WEIGHT_FIELDS if f.name == name)
-        value, limit = number(values.get(name, "")), f"{low:.2f} to {high:.2f} m"
-        if value is None:
-            if name not in bad:
-                reason = "is empty, and a weight on the body needs its place"
-                errors.append(FieldError(name, field.label, limit, reason))
-        elif name not in bad and not low <= value <= high:
-            reason = f"{value:g} m is outside the car"
-            errors.append(FieldError(name, field.label, limit, reason))
+        value = number(values.get(name, ""))
+        if name in bad or (value is not None and low <= value <= high):
+            continue
+        reason = "is empty, and a weight on the body needs its place"
+        reason = reason if value is None else f"{value:g} m is outside the car"
+        errors.append(_BY_NAME[name].error(reason, f"{low:.2f} to {high:.2f} m"))
     return tuple(errors)
 
 
@@ -101,95 +93,23 @@ def weight_of(values: Values) -> Weight:
     return BodyWeight(mass, stated(values["x_m"]), stated(values["y_m"]), height, sigma, place)
 
 
-def weight_values(weight: Weight, serial: str) -> dict[str, str]:
+def weight_values(weight: Weight, serial: str) -> Typed:
     """Return the form of an existing weight."""
-    values = {
-        "serial": serial,
-        "mass_kg": f"{weight.mass_kg:.10g}",
-        "sigma_kg": f"{weight.sigma_kg:.10g}",
-    }
-    if isinstance(weight, HubWeight):
-        return values | {"place": str(weight.corner)} | dict.fromkeys(sorted(_ON_BODY), "")
-    place = {name: getattr(weight, name) for name in sorted(_ON_BODY)}
-    return values | {"place": BODY} | {name: f"{value:.10g}" for name, value in place.items()}
+    place = BODY if isinstance(weight, BodyWeight) else str(weight.corner)
+    figures = {name: value for name, value in asdict(weight).items() if name != "corner"}
+    return {"serial": serial, "place": place} | dict.fromkeys(_ON_BODY, "") | {
+        name: f"{value:.10g}" for name, value in figures.items()
+    }  # fmt: skip
 
 
-def check_inventory(weights: Iterable[Weight], total_kg: float) -> tuple[FieldError, ...]:
-    """Check all weights together: at least one, and a plausible sum."""
-    errors = []
+def check_inventory(weights: Iterable[Weight], total_kg: float) -> str:
+    """Return what is wrong with all weights together; empty if they are some and not too much."""
     added = sum(weight.mass_kg for weight in weights)
-    if added > 0.5 * total_kg:
-        reason = f"the weights are {added:g} kg together on a car of {total_kg:.0f} kg"
-        errors.append(FieldError("mass_kg", "Mass", f"{0.5 * total_kg:.0f} kg in all", reason))
     if not added:
-        reason = "there is no weight: the added state would be the baseline again"
-        errors.append(FieldError("mass_kg", "Mass", "one weight at least", reason))
-    return tuple(errors)
-
-
-_FILE = "axle_limits.json"
-"""File in the recorder's folder; each vehicle has its own."""
-_LEAST_KG, _MOST_KG = 100.0, 10_000.0
-_AXLES = ("front", "rear")
-
-
-@dataclass(frozen=True, slots=True)
-class AxleLimits:
-    """The largest permitted load of each axle, kg."""
-
-    front_kg: float
-    rear_kg: float
-
-
-def parse_limits(text: str) -> AxleLimits:
-    """Return the limits from two typed numbers.
-
-    Raises InputError if they are not.
-    """
-    loads = [number(word) for word in text.replace("/", " ").split()]
-    if len(loads) != len(_AXLES) or not all(t and _LEAST_KG <= t <= _MOST_KG for t in loads):
-        advice = "type two numbers in kg, front and rear, as 1050 980 (100 to 10000)"
-        raise InputError("axle limits", f"'{text}' is not a pair of loads", advice)
-    return AxleLimits(*(t for t in loads if t))
-
-
-def read_limits(folder: Path) -> AxleLimits | None:
-    """Return the stored limits; None if there are none."""
-    stored = read_draft(folder / _FILE)
-    try:
-        return parse_limits(f"{stored.get('front_kg')} {stored.get('rear_kg')}")
-    except InputError:
-        return None
-
-
-def keep_limits(folder: Path, limits: AxleLimits) -> str:
-    """Store the limits for the next start; return the reason if that failed, else ""."""
-    return write_draft(folder / _FILE, asdict(limits))
-
-
-def check_axles(loads_kg: Sequence[float], limits: AxleLimits | None) -> tuple[FieldError, ...]:
-    """Return an error for each axle that would carry more than permitted."""
-    if limits is None:
-        return ()
-    return tuple(
-        FieldError("mass_kg", "Mass", f"{limit:g} kg on the {name} axle", reason)
-        for name, load, limit in zip(_AXLES, loads_kg, asdict(limits).values(), strict=True)
-        if load > limit
-        for reason in (f"the {name} axle carries {load:.0f} kg with the weights",)
-    )
-
-
-def axles_line(loads_kg: Sequence[float], total_kg: float, limits: AxleLimits | None) -> str:
-    """Return the axle loads and their limits as text."""
-    front, rear = (f"{load:.0f}" for load in loads_kg)
-    if limits is None:
-        return f"front {front} kg, rear {rear} kg (the car alone {total_kg:.0f} kg)   L = limits"
-    return f"front {front} of {limits.front_kg:g} kg, rear {rear} of {limits.rear_kg:g} kg"
-
-
-_EDGE_M = 0.35
-_SUNK_M = 0.5e-3
-_WIDE, _LONG = 13, 7
+        return "there is no weight: the added state would be the baseline again (A adds one)"
+    if added > 0.5 * total_kg:
+        return f"the weights are {added:g} kg together, more than half of the car's {total_kg:.0f}"
+    return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,31 +122,20 @@ class Entry:
 
 
 def entries_of(weights: Sequence[Weight], draft: Mapping[str, Any]) -> tuple[Entry, ...]:
-    """Return the weights of a draft if it has any readable ones, else those of the bench."""
+    """Return the weights of a draft if there is one, else those of the bench."""
     stored = draft.get("entries")
     if not isinstance(stored, list):
         return tuple(Entry(weight) for weight in weights)
-    entries = []
-    for values in stored:
-        if not isinstance(values, dict):
-            continue
-        typed = {name: value for name, value in values.items() if isinstance(value, str)}
-        if not check_fields(WEIGHT_FIELDS, typed):
-            bolted = values.get("bolted") is True
-            entries.append(Entry(weight_of(typed), typed.get("serial", ""), bolted))
-    return tuple(entries)
+    return tuple(
+        Entry(weight_of(values), values["serial"], values["bolted"] is True)
+        for values in stored
+        if isinstance(values, dict) and not check_fields(WEIGHT_FIELDS, values)
+    )
 
 
 def entry_values(entries: Sequence[Entry]) -> list[dict[str, Any]]:
     """Return the entries in the form that a draft stores."""
     return [{**weight_values(e.weight, e.serial), "bolted": e.bolted} for e in entries]
-
-
-def with_bolted(entries: Sequence[Entry], at: int, bolted: bool) -> tuple[Entry, ...]:
-    """Return the entries with one of them bolted or not."""
-    return tuple(
-        replace(entry, bolted=bolted) if i == at else entry for i, entry in enumerate(entries)
-    )
 
 
 HEADS = ("#", "bolted", "place", "serial", "kg", "± kg", "x m", "y m", "height m")
@@ -235,46 +144,44 @@ HEADS = ("#", "bolted", "place", "serial", "kg", "± kg", "x m", "y m", "height 
 def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:
     """Return the cells of a weight, m and kg; `yes` and `no` are marks."""
     weight = entry.weight
-    bolted = f"{yes} yes" if entry.bolted else f"{no} NO"
-    cells: list[Cell] = [right(str(row)), bolted]
-    place = ["hub", "", ""]
+    place, figures = "body", [f"{weight.mass_kg:.2f}", f"{weight.sigma_kg:.2f}"]
     if isinstance(weight, BodyWeight):
-        place = [f"{value:+.2f}" for value in (weight.x_m, weight.y_m, weight.height_m)]
-    cells.append("body" if isinstance(weight, BodyWeight) else str(weight.corner))
-    cells.append(printable(entry.serial, 7))
-    figures = (f"{weight.mass_kg:.2f}", f"{weight.sigma_kg:.2f}", *place)
-    return cells + [right(figure) for figure in figures]
+        figures += [f"{value:+.2f}" for value in (weight.x_m, weight.y_m, weight.height_m)]
+    else:
+        place, figures = str(weight.corner), [*figures, "hub", "", ""]
+    bolted = f"{yes} yes" if entry.bolted else f"{no} NO"
+    return [right(str(row)), bolted, place, printable(entry.serial, 7), *map(right, figures)]
+
+
+_EDGE_M = 0.35
+_ACROSS, _LONG = 13, 7
 
 
 def sketch(entries: Sequence[Entry], car: VehicleParameters) -> list[str]:
     """Draw the car from above, front at the top, with the numbers of the weights on it."""
     long_m, half_m = car.a + car.b, max(car.t_f, car.t_r)
-    grid = [[" "] * _WIDE for _ in range(_LONG)]
-    _put(grid, -car.a, 0.0, long_m, half_m, "+")
+    grid = [[" "] * _ACROSS for _ in range(_LONG)]
     hubs: dict[Corner, list[str]] = {corner: [] for corner in Corner}
+
+    def put(x_m: float, y_m: float, text: str) -> None:
+        room = _ACROSS - len(text)
+        row = round((_EDGE_M - x_m) / (long_m + 2 * _EDGE_M) * (_LONG - 1))
+        column = round((half_m + _EDGE_M - y_m) / (2 * (half_m + _EDGE_M)) * room)
+        row, column = max(0, min(row, _LONG - 1)), max(0, min(column, room))
+        grid[row][column : column + len(text)] = text
+
+    put(-car.a, 0.0, "+")
     for place, entry in enumerate(entries, 1):
         if isinstance(entry.weight, BodyWeight):
-            _put(grid, entry.weight.x_m, entry.weight.y_m, long_m, half_m, str(place))
+            put(entry.weight.x_m, entry.weight.y_m, str(place))
         else:
             hubs[entry.weight.corner].append(str(place))
-    left = {c: ",".join(hubs[c])[-4:] or str(c) for c in Corner}
-    edge = "-" * _WIDE
-    lines = [f"{'front':^{_WIDE + 10}}"]
-    lines.append(f"{left[Corner.FRONT_LEFT]:>4}+{edge}+{left[Corner.FRONT_RIGHT]:<4}")
-    lines += [f"    |{''.join(row)}|" for row in grid]
-    lines.append(f"{left[Corner.REAR_LEFT]:>4}+{edge}+{left[Corner.REAR_RIGHT]:<4}")
-    return lines
-
-
-def _put(
-    grid: list[list[str]], x_m: float, y_m: float, long_m: float, half_m: float, text: str
-) -> None:
-    row = round((_EDGE_M - x_m) / (long_m + 2 * _EDGE_M) * (_LONG - 1))
-    column = round((half_m + _EDGE_M - y_m) / (2 * (half_m + _EDGE_M)) * (_WIDE - len(text)))
-    row = max(0, min(row, _LONG - 1))
-    column = max(0, min(column, _WIDE - len(text)))
-    for offset, letter in enumerate(text):
-        grid[row][column + offset] = letter
+    at = {corner: ",".join(hubs[corner])[-4:] or str(corner) for corner in Corner}
+    edge = "-" * _ACROSS
+    front = f"{at[Corner.FRONT_LEFT]:>4}+{edge}+{at[Corner.FRONT_RIGHT]:<4}"
+    rear = f"{at[Corner.REAR_LEFT]:>4}+{edge}+{at[Corner.REAR_RIGHT]:<4}"
+    body = [f"    |{''.join(row)}|" for row in grid]
+    return [f"{'front':^{_ACROSS + 10}}", front, *body, rear]
 
 
 def effect_line(load: Loading) -> str:
@@ -285,100 +192,27 @@ def effect_line(load: Loading) -> str:
     )
 
 
-def shift_line(
-    shift: Shift, spread: float | None, entries: Sequence[Entry], car: VehicleParameters
-) -> tuple[str, str]:
+def shift_line(shift: Shift, spread: float | None) -> tuple[str, str]:
     """Return the shift of a frequency compared with its scatter, and advice if it is weak."""
     scatter = USUAL_SPREAD if spread is None else max(spread, 1e-5)
     times = abs(shift.share) / scatter
     text = f"{shift.mode:<6} {shift.before_hz:.2f} -> {shift.after_hz:.2f} Hz {shift.share:+6.1%}"
     if times >= WANTED_SPREADS:
         return f"{text}  {times:.0f}x {'usual ' * (spread is None)}spread: good", ""
-    remedy = _remedy(shift.mode, entries, car)
+    where = {"bounce": "on the body", "pitch": "at an end of the car"}
+    remedy = f"more kg {where.get(shift.mode, 'at the sides')}"
     return text, f"WEAK {times:.0f}x, want {WANTED_SPREADS:.0f}x: {remedy}"
-
-
-def _remedy(mode: str, entries: Sequence[Entry], car: VehicleParameters) -> str:
-    body = [(i, e.weight) for i, e in enumerate(entries, 1) if isinstance(e.weight, BodyWeight)]
-    if not body or mode == "bounce":
-        return "more kg on body"
-    if mode == "pitch":
-        place, _ = min(body, key=lambda pair: pair[1].mass_kg * (pair[1].x_m + car.a) ** 2)
-        return f"move {place} to an end"
-    place, _ = min(body, key=lambda pair: pair[1].mass_kg * pair[1].y_m ** 2)
-    return f"move {place} outwards"
 
 
 def gain_line(gain: Gain) -> tuple[str, str]:
     """Return the expected intervals, and their weakness if there is one."""
     if gain.error:
         return "", f"no outlook: {gain.error}"
-    if gain.undetermined:
-        names = ", ".join(gain.undetermined)
-        what = f"WEAK, not determined: {names}"
-        return "", what + (f"; add: {gain.remedies[0]}" if gain.remedies else "")
-    assert gain.worst is not None  # Gain guarantees it: nothing is undetermined
-    assert gain.mean is not None
-    text = f"parameters ± {gain.mean:.1%} in the mean, {gain.widest} ± {gain.worst:.1%} at worst"
-    return text, ""
-
-
-def sag_m(
-    bench: Bench, before: Mapping[str, float], after: Mapping[str, float]
-) -> dict[Corner, float]:
-    """Return the sag of each corner that has a travel, m, from its levels without and with weights.
-
-    `before` and `after`: levels of the channels at rest, SI, by name.
-    """
-    return {
-        c.corner: after[c.name] - before[c.name]
-        for c in bench.channels
-        if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is not None
-        if c.name in before and c.name in after
-    }
-
-
-def known_car(bench: Bench, bounce_hz: float | None) -> VehicleParameters:
-    """Return the expected car with its springs from facts, or from the bounce frequency."""
-    car = expected_car(bench.vehicle)
-    known = {fact.quantity: fact.value for fact in bench.vehicle.facts}
-    usual_hz = sqrt(2.0 * (car.k_sf + car.k_sr) / car.m_s) / (2.0 * pi)
-    stiffer = (bounce_hz / usual_hz) ** 2 if bounce_hz else 1.0
-    return replace(
-        car,
-        k_sf=known.get("k_sf", stiffer * car.k_sf),
-        k_sr=known.get("k_sr", stiffer * car.k_sr),
-    )
-
-
-def contradiction(
-    weights: Sequence[Weight], sag: Mapping[Corner, float], car: VehicleParameters
-) -> str:
-    """Return what the sag contradicts in the weights, in words; empty if nothing.
-
-    A body that has not sunk at all has its weights still beside it.
-    """
-    if max(map(abs, sag.values()), default=0.0) < _SUNK_M:
-        return ""
-    return "; ".join(finding.text for finding in wrong_weights(weights, car, sag))
-
-
-def sag_line(
-    bench: Bench, weights: Sequence[Weight], sag: Mapping[Corner, float], car: VehicleParameters
-) -> str:
-    """Return the spring rates that the sag of the body gives, and those of the car."""
-    if not any(c.quantity is Quantity.SUSPENSION_TRAVEL for c in bench.channels):
-        return "no travel sensor"
-    if not sag:
-        return "not measured: R, with the weights on and hands off"
-    stiffness = sag_stiffness(weights, car.a + car.b, dict.fromkeys(sag, 0.0), sag)
-    if max(map(abs, sag.values())) < _SUNK_M or stiffness == (None, None):
-        return "the body has not sunk: R measures again, with the weights on"
-    parts = []
-    for name, k, usual in zip(("front", "rear"), stiffness, (car.k_sf, car.k_sr), strict=True):
-        measured = "?" if k is None else f"{k / 1e3:.1f}"
-        parts.append(f"{name} {measured} kN/m (expected {usual / 1e3:.0f})")
-    return "spring " + ", ".join(parts)
+    if gain.undetermined or gain.mean is None:
+        weak = f"WEAK, not determined: {', '.join(gain.undetermined)}"
+        return "", weak + (f"; add: {gain.remedies[0]}" if gain.remedies else "")
+    worst = f"{gain.widest} ± {gain.worst:.1%} at worst"
+    return f"parameters ± {gain.mean:.1%} in the mean, {worst}", ""
 
 
 def axle_loads_with(load: Loading, car: VehicleParameters) -> tuple[float, tuple[float, float]]:
@@ -401,26 +235,14 @@ def baseline_hz(status: Status | None, excitation: str) -> list[float]:
     ]
 
 
-def baseline_spread(status: Status | None, excitation: str) -> float | None:
-    """Return the scatter of a frequency over the accepted baseline runs, as a share."""
-    return measured_spread(baseline_hz(status, excitation))
-
-
-Typed = dict[str, str]
-
-
 class WeightScreen(ModalScreen[Typed | None]):
-    """Returns the values of a weight; Esc keeps the text for the next time."""
+    """Returns the values of a weight; Esc discards them.
 
-    DEFAULT_CSS = """
-    WeightScreen { align: center middle; }
-    WeightScreen Vertical { width: 78; max-width: 100%; height: auto; max-height: 100%;
-        background: $background; }
-    WeightScreen Form { height: 8; }
-    WeightScreen #help { height: auto; min-height: 3; }
+    `check`: returns the errors of the form.
     """
+
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss(None)", "Back"),
+        Binding("escape", "dismiss(None)", "Discard"),
         Binding("ctrl+s", "apply", "Apply", priority=True),
     ]
 
@@ -428,21 +250,19 @@ class WeightScreen(ModalScreen[Typed | None]):
         self,
         title: str,
         values: Mapping[str, str],
-        check: Callable[[Mapping[str, str]], tuple[FieldError, ...]],
-        keep: Callable[[Typed], None],
+        check: Callable[[Values], tuple[FieldError, ...]],
     ) -> None:
         super().__init__()
-        self._title, self._values = title, dict(values)
-        self._check, self._keep = check, keep
+        self._title, self._values, self._check = title, dict(values), check
 
     def compose(self) -> ComposeResult:
         """Compose the fields."""
-        with Vertical(classes="box") as box:
+        with Vertical(classes="box dialog") as box:
             box.border_title = self._title
-            yield Form([(field,) for field in WEIGHT_FIELDS], 11)
-            yield Static(id="help")
-            yield Static("Enter: next field, last one applies   Ctrl+S applies   Esc back",
-                         markup=False)  # fmt: skip
+            yield Form({"": [(field,) for field in WEIGHT_FIELDS]})
+            yield Words("help")
+            keys = "Tab: next field   Enter in the last one or Ctrl+S: apply   Esc: discard"
+            yield Static(keys, markup=False)
 
     def on_mount(self) -> None:
         """Fill the fields."""
@@ -450,16 +270,15 @@ class WeightScreen(ModalScreen[Typed | None]):
         form.fill(self._values)
         form.enter()
 
-    def on_form_changed(self, _: Form.Changed) -> None:
-        """Keep the text, valid or not."""
-        self._keep(self.query_one(Form).values)
+    def on_form_changed(self) -> None:
+        """Show what is wrong."""
         self._advise()
 
-    def on_descendant_focus(self, _: DescendantFocus) -> None:
+    def on_descendant_focus(self) -> None:
         """Show help on the field."""
         self._advise()
 
-    def on_form_submitted(self, _: Form.Submitted) -> None:
+    def on_form_submitted(self) -> None:
         """Apply the form on Enter in the last field."""
         self.action_apply()
 
@@ -470,18 +289,15 @@ class WeightScreen(ModalScreen[Typed | None]):
         field = form.current
         if field is None:
             return
-        own = [error for error in errors if error.field == field.name] or list(errors[:1])
-        lines = [Content(field.advice)]
-        if own:
-            lines.append(Content.styled(str(own[0]), "bold $error"))
-        self.query_one("#help", Static).update(Content("\n").join(lines))
+        own = [error for error in errors if error.field == field.name] or errors[:1]
+        wrong = [Content.styled(error.text, "bold $error") for error in own[:1]]
+        self.query_one("#help", Words).say(Content("\n").join([Content(field.advice), *wrong]))
 
     def action_apply(self) -> None:
         """Return the weight if it has no error."""
         form = self.query_one(Form)
-        errors = self._check(form.values)
-        if errors:
+        if errors := self._check(form.values):
             form.enter(errors[0].field)
             self._advise()
-            return
-        self.dismiss(form.values)
+        else:
+            self.dismiss(form.values)

@@ -1,24 +1,13 @@
-"""Signals for a distant operator: the bell at important events, the state in big letters.
-
-A terminal has one tone, its bell: the signals differ by number and rhythm.  Both choices belong to
-the person at this machine and are stored in their own file.
-"""
+"""The bell for a distant operator: a terminal has one tone, so signals differ by their rhythm."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from enum import Enum
-from pathlib import Path
 
 from daq.control.messages import Phase, Status
 
-from .drafts import read_draft, write_draft
 from .feed import Lost
 
-Later = Callable[[float, Callable[[], None]], object]
-"""Calls something after some seconds."""
-
-CHOICES_FILE = "terminal.json"
 UNSIGNALLED = ("clock_step", "restamped")
 """Alarms that need no immediate action."""
 
@@ -55,52 +44,3 @@ def signal_of(before: Status | Lost | None, status: Status | Lost) -> Signal | N
     if raised and turned in (None, Signal.ARMED):
         return Signal.ALARM
     return turned
-
-
-def choices_path(environ: Mapping[str, str], home: Path) -> Path:
-    """Return the path of a person's choices, in the system's folder for such files."""
-    root = environ.get("XDG_CONFIG_HOME") or environ.get("APPDATA")
-    return (Path(root) if root else home / ".config") / "bumpbench" / CHOICES_FILE
-
-
-class Signals:
-    """Rings the bell and remembers two choices: sound on, big letters off, until they are changed.
-
-    `path`: file of the choices; None to forget them with the terminal.  `ring`: sounds the bell
-    once.  `later`: calls it again.
-    """
-
-    def __init__(self, path: Path | None, ring: Callable[[], None], later: Later) -> None:
-        self._path, self._ring, self._later = path, ring, later
-        chosen = read_draft(path) if path is not None else {}
-        self.sound = chosen.get("sound") is not False
-        self.big = chosen.get("big") is True
-
-    def play(self, signal: Signal | None) -> None:
-        """Ring the bell in the rhythm of a signal, unless it is muted."""
-        if signal is None or not self.sound:
-            return
-        for at_s in signal.value:
-            if at_s:
-                self._later(at_s, self._ring)
-            else:
-                self._ring()
-
-    def toggle_sound(self) -> str:
-        """Mute or unmute the bell; return the reason if the choice cannot be stored, else ""."""
-        self.sound = not self.sound
-        return self._keep()
-
-    def toggle_big(self) -> str:
-        """Switch big letters on or off; return the reason if this cannot be stored, else ""."""
-        self.big = not self.big
-        return self._keep()
-
-    def _keep(self) -> str:
-        if self._path is None:
-            return ""
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            return f"{self._path} cannot be written: {error.strerror or error}"
-        return write_draft(self._path, {"sound": self.sound, "big": self.big})

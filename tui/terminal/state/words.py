@@ -77,11 +77,23 @@ def waiting_words(status: Status) -> str:
     return f"not at rest: {moving}" if moving else "filling the seconds before the bump"
 
 
-def accepted_words(run: LoggedRun | None) -> str:
-    """Return the measured figures of an accepted run."""
-    found = {f.code: f.text for f in run.findings} if run else {}
-    shown = [found[code] for code in ("motion", "mirrored") if found.get(code)]
-    return printable("; ".join(shown), 160) or "every check passed"
+def accepted_words(status: Status, run: LoggedRun | None) -> str:
+    """Return in plain words how an accepted run compares with the first one of its kind."""
+    if run is None or not (hz := _frequency_hz(run)):
+        return "good: every check passed"
+    kind = (run.mass_state, run.excitation, LoggedStatus.ACCEPTED)
+    first = next((r for r in status.runs if (r.mass_state, r.excitation, r.status) == kind), run)
+    if first.label == run.label or not (first_hz := _frequency_hz(first)):
+        words = f"good: the car swings at {hz:.2f} Hz"
+    else:
+        percent = max(1, math.ceil(100.0 * abs(hz / first_hz - 1.0)))
+        words = f"good: like the first within {percent} %"
+    other_side = [f.text for f in run.findings if f.code == "mirrored" and f.text]
+    return printable("; ".join([words, *other_side]), 160)
+
+
+def _frequency_hz(run: LoggedRun) -> float:
+    return next((f.value for f in run.findings if f.code == "motion"), 0.0)
 
 
 def rejected_words(run: LoggedRun) -> tuple[str, str]:
@@ -214,7 +226,8 @@ def _accepted(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     after = f"The next run arms itself in {seconds} s." if seconds else "The last of its kind."
     second = "   ".join(part for part in (after, "Bksp = reject", action.words) if part)
     title = f"{run_words(run)}   {count_words(status, run)}" if run else ""
-    return Banner("good", glyphs.good, "ACCEPTED", title, accepted_words(run), second, seconds)
+    words = accepted_words(status, run)
+    return Banner("good", glyphs.good, "ACCEPTED", title, words, second, seconds)
 
 
 def _rejected(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:

@@ -1,4 +1,4 @@
-"""Tables: Textual's, with plain cells and a row of it that is chosen."""
+"""Text that is drawn when it changes, and Textual's table with plain cells and a chosen row."""
 
 from __future__ import annotations
 
@@ -9,9 +9,27 @@ from rich.style import Style
 from rich.text import Text
 from textual.binding import Binding, BindingType
 from textual.color import Color
-from textual.widgets import DataTable
+from textual.content import Content
+from textual.widgets import DataTable, Static
 
 Cell = str | Text
+
+
+class Words(Static):
+    """Text without markup; ten statuses a second mostly give the same text."""
+
+    def __init__(self, name: str, classes: str = "", title: str = "") -> None:
+        super().__init__(id=name, classes=classes, markup=False)
+        self.border_title = title
+        self._shown: Content | None = None
+
+    def say(self, content: Content) -> None:
+        """Show a text, unless it is the one that is shown."""
+        shown = self._shown
+        if shown is not None and shown.plain == content.plain and shown.spans == content.spans:
+            return
+        self._shown = content
+        self.update(content)
 
 
 def right(text: str) -> Text:
@@ -25,12 +43,6 @@ class Table(DataTable[Text]):
     `reads`: True if no row is chosen, and the arrows only scroll.
     """
 
-    DEFAULT_CSS = """
-    Table { height: 1fr; background: $background; scrollbar-size: 1 1; overflow-x: hidden; }
-    Table > .datatable--header { background: $background; }
-    Table > .datatable--cursor, Table:focus > .datatable--cursor {
-        background: $background; color: $foreground; text-style: bold reverse; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("home", "scroll_top", "First", show=False),
         Binding("end", "scroll_bottom", "Last", show=False),
@@ -41,19 +53,19 @@ class Table(DataTable[Text]):
             id=name, cursor_type="none" if reads else "row", show_cursor=not reads, cell_padding=0
         )
         self.can_focus = False
-        self._heads: tuple[str, ...] = ()
-        self._shown: list[list[Text]] = []
+        self._content: tuple[tuple[str, ...], list[list[Text]]] = ((), [])
 
     def show(
         self, heads: Sequence[str], rows: Sequence[Sequence[Cell]], cursor: int | None = None
     ) -> None:
         """Show rows in place of those before; the chosen row stays where it is unless given."""
-        cells = [[_plain(cell) for cell in row] for row in rows]
-        at = self.cursor_row if cursor is None else cursor
-        same = self._heads == tuple(heads) and _same(cells, self._shown)
-        if not same:
+        cells = [
+            [Text(f" {c}", no_wrap=True) if isinstance(c, str) else c for c in row] for row in rows
+        ]
+        chosen = self.cursor_row if cursor is None else cursor
+        if self._content != (tuple(heads), cells):  # Text compares its words and spans
             below = self.scroll_y
-            self._heads, self._shown = tuple(heads), cells
+            self._content = tuple(heads), cells
             self.clear(columns=True)
             self.show_header = any(heads)
             for i, head in enumerate(heads):
@@ -61,12 +73,11 @@ class Table(DataTable[Text]):
                 title = right(head) if numbers else Text(f" {head}")
                 # Stated, as Textual measures rows when it is idle, and then misses some.
                 column = [cell for row in cells for cell in row[i : i + 1]]
-                width = max(cell.cell_len for cell in (title, *column))
-                self.add_column(title, width=width)
+                self.add_column(title, width=max(cell.cell_len for cell in (title, *column)))
             for row in cells:
                 self.add_row(*row)
             self.scroll_to(y=below, animate=False)
-        self.choose(at)
+        self.choose(chosen)
 
     def choose(self, row: int) -> None:
         """Choose a row and bring it into sight."""
@@ -76,14 +87,3 @@ class Table(DataTable[Text]):
         """Return the style of a colour of the theme, for a part of a cell."""
         colour = Color.parse(self.app.theme_variables[name])
         return Style(color=colour.rich_color, bold=True)
-
-
-def _plain(cell: Cell) -> Text:
-    return Text(f" {cell}", no_wrap=True) if isinstance(cell, str) else cell
-
-
-def _same(cells: list[list[Text]], shown: list[list[Text]]) -> bool:
-    """Return True if cells have the same text and style as those that are shown."""
-    return [[(c.plain, c.spans, c.style) for c in row] for row in cells] == [
-        [(c.plain, c.spans, c.style) for c in row] for row in shown
-    ]

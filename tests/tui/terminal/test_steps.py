@@ -1,0 +1,470 @@
+"""Steps 1 and 2 as a person uses them: vehicle and check."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pytest
+from textual.pilot import Pilot
+from textual.widgets import Input
+
+from daq.control.messages import CheckItem, Lane, Live
+from daq.control.orders import AskCheck, Configure, Hello, Mark, Note, OverrideWarning
+from daq.vehicle import Corner
+from tui.terminal.app import BenchApp
+from tui.terminal.screens.check import CheckScreen
+from tui.terminal.screens.vehicle import VehicleScreen
+from tui.terminal.state.feed import STARTING, Lost
+from tui.terminal.widgets.form import Form
+
+from .conftest import at_every_size, screen_text
+from .fake_recorder import BIN_S, FakeRecorder
+from .operated import (
+    Make,
+    bench_of,
+    check_items,
+    cursor,
+    front,
+    orders_of,
+    pressed,
+    reach,
+    seen,
+    until,
+)
+
+UPSIDE_DOWN = CheckItem(
+    "FAIL", "channel hub_acc_fl", "reads -9.79 m/s2 at rest: upside down", "set sign = -1", {}
+)
+NOISY = CheckItem(
+    "WARN", "channel hub_acc_rr", "noise 2.4 m/s2 is more than the usual 2", "stop the engine", {}
+)
+
+
+async def test_the_vehicle_form_looks_as_before(
+    make_app: Make, snapshot: Callable[..., None]
+) -> None:
+    app = make_app(FakeRecorder())
+    async with app.run_test(size=(100, 30)) as pilot:
+        await reach(pilot, VehicleScreen)
+        await at_every_size(pilot, snapshot, "vehicle")
+
+
+async def test_space_alone_takes_the_car_as_the_bench_describes_it(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        await pilot.press("space")
+        await reach(pilot, CheckScreen)
+        await pilot.pause(0.1)
+    assert orders_of(recorder, Configure) == []
+    assert Mark("step vehicle done") in recorder.orders
+
+
+async def test_what_is_typed_goes_to_the_recorder(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        await pilot.press("tab", "ctrl+u", *"T5 A1", "enter", "end", *"2")
+        await pilot.press("enter", *"1552", "ctrl+s")
+        await reach(pilot, CheckScreen)
+        assert app.operator == "MK2"
+        await pilot.pause(0.1)
+    bench = bench_of(recorder)
+    assert bench.vehicle.name == "T5 A1"
+    assert [(f.quantity, f.value, f.sigma) for f in bench.vehicle.facts] == [
+        ("total_mass_kg", 1552.0, 1.0)
+    ]
+    assert Hello("MK2", True) in recorder.orders
+    assert (app.folder / "vehicle.json").exists()
+    assert not (app.folder / "draft_vehicle.json").exists()
+
+
+async def test_an_error_stays_in_its_field_and_says_what_is_wrong(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        await pilot.press("tab", "enter", "enter", *"15x2")
+        assert "'15x2' is not a number" in screen_text(app)  # while it is typed
+        await pilot.press("escape", "space")
+        await pilot.pause()
+        shown = screen_text(app)
+        assert "!Total mass, kg  15x2" in shown
+        assert "✗ Total mass: '15x2' is not a number (limit: 100 to 10000 kg)" in shown
+        assert isinstance(app.screen, VehicleScreen)
+        assert isinstance(app.screen.focused, Input)
+        assert orders_of(recorder, Mark) == []
+        await pilot.press("escape", "f1")
+        await pilot.pause()
+    assert "15x2" not in recorder.bench_text
+
+
+async def test_what_was_typed_survives_a_crash_of_the_terminal(make_app: Make) -> None:
+    app = make_app(FakeRecorder())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        await pilot.press("tab", "enter", "enter", *"15x2")
+        await until(pilot, (app.folder / "draft_vehicle.json").exists)
+    after = make_app(FakeRecorder())
+    async with after.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        assert "!Total mass, kg  15x2" in screen_text(after)
+
+
+async def test_a_refused_order_keeps_the_form(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        await pilot.press("tab", "end", *"X")
+        recorder.refuse = "a run is being recorded"
+        await pilot.press("ctrl+s")
+        await pilot.pause()
+        assert isinstance(app.screen, VehicleScreen)
+        assert "Ford GranadaX" in screen_text(app)
+
+
+def _checked(*items: CheckItem, **levels: float) -> FakeRecorder:
+    recorder = FakeRecorder(check=(*check_items(**levels), *items))
+    recorder.mark("vehicle")
+    return recorder
+
+
+async def test_the_check_looks_as_before(make_app: Make, snapshot: Callable[..., None]) -> None:
+    app = make_app(_checked(NOISY, UPSIDE_DOWN))
+    async with app.run_test(size=(100, 30)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "upside down" in screen_text(app))
+        await pilot.press("space")
+        await pilot.pause()
+        await at_every_size(pilot, snapshot, "check")
+
+
+async def test_a_failure_blocks_and_its_sign_can_be_turned(make_app: Make) -> None:
+    recorder = _checked(UPSIDE_DOWN)
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "upside down" in screen_text(app))
+        await pilot.press("space")
+        await pilot.pause()
+        assert "1 FAIL: correct it, then SPACE goes on" in screen_text(app)
+        assert "SPACE Next" not in screen_text(app)
+        assert orders_of(recorder, Mark) == []
+        await pilot.press("i")
+        await until(pilot, lambda: orders_of(recorder, Configure))
+    signs = {c.name: c.sign for c in bench_of(recorder).channels}
+    assert (signs["hub_acc_fl"], signs["hub_acc_fr"]) == (-1, 1)
+
+
+async def _push(
+    pilot: Pilot[None],
+    recorder: FakeRecorder,
+    corner: Corner,
+    sign: float,
+    after_s: float = 2.0,
+) -> None:
+    """Push a corner for half a second between 11 s and `after_s` of rest, all in live samples."""
+    app = pilot.app
+    assert isinstance(app, BenchApp)
+    first, bins = app.lanes.end, round((11.5 + after_s) / BIN_S)
+    time = np.arange(bins) * BIN_S - 11.0
+    hump = np.where((time > 0) & (time < 0.5), np.sin(np.pi * time / 0.5) ** 2, 0.0)
+    pitch = np.where((time > 0) & (time < 0.5), np.sin(2 * np.pi * time / 0.5), 0.0)
+    size = {f"travel_{corner.lower()}": sign * 0.014 * hump,
+            "pitch_rate": (1 if corner.front else -1) * 0.06 * pitch,
+            "roll_rate": -corner.side * 0.08 * pitch}  # fmt: skip
+    lanes = []
+    for channel in recorder.bench.channels:
+        value = size.get(channel.name, np.zeros(bins))
+        lanes.append(Lane(channel.name, tuple((value - 1e-4).tolist()),
+                          tuple((value + 1e-4).tolist())))  # fmt: skip
+    recorder.post(Live(first, BIN_S, tuple(lanes)))
+    await pilot.pause()
+
+
+async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) -> None:
+    recorder = _checked(NOISY, travel_fl=0.0035)
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, CheckScreen)
+        screen = app.screen
+        assert isinstance(screen, CheckScreen)
+        await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
+        recorder.post(Live(0, BIN_S, ()))
+        await pilot.press("space")
+        for corner in Corner:
+            await until(pilot, partial(recorder.orders.__contains__, Mark(f"push {corner}")))
+            await _push(pilot, recorder, corner, 1.0)
+        await until(pilot, lambda: "SPACE = zero" in screen_text(app))
+        assert "rear RIGHT seen: travel_rr moved +14 mm, sign right" in screen_text(app)
+        await pilot.press("space")
+        await pilot.pause()
+        assert "hands off the car" in screen_text(app)
+        for _ in range(5):
+            await screen._tick()
+        await pilot.pause()
+        assert "travel_fl +3.5 mm" in screen_text(app)
+        recorder.check = (*check_items(), NOISY)
+        await pilot.press("space")
+        await until(pilot, lambda: orders_of(recorder, Configure))
+        for _ in range(6):
+            await screen._tick()
+        await until(pilot, lambda: "SPACE = override 1 WARN" in screen_text(app))
+        await pilot.press("space", *"old sensor", "enter")
+        await until(pilot, lambda: "go on to step 3" in screen_text(app))
+        await pilot.press("space")
+        await until(pilot, lambda: not isinstance(app.screen, CheckScreen))
+    tares = {c.name: c.tare for c in bench_of(recorder).channels}
+    assert tares["travel_fl"] == 0.0035
+    assert not any(tare for name, tare in tares.items() if name != "travel_fl")
+    assert OverrideWarning("channel hub_acc_rr", "old sensor") in recorder.orders
+    assert Mark("step check done") in recorder.orders
+
+
+async def test_a_push_the_wrong_way_is_a_failure_that_i_corrects(make_app: Make) -> None:
+    recorder = _checked()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
+        await pilot.press("space")
+        await _push(pilot, recorder, Corner.FRONT_LEFT, -1.0)
+        await until(pilot, lambda: "travel_fl moved the wrong way" in screen_text(app))
+        assert "1 FAIL: correct it, then SPACE goes on" in screen_text(app)
+        assert "SPACE Next" not in screen_text(app)
+        await pilot.press("i")
+        await until(pilot, lambda: orders_of(recorder, Configure))
+        assert {c.name: c.sign for c in bench_of(recorder).channels}["travel_fl"] == -1
+        await until(pilot, lambda: recorder.orders.count(Mark("push FL")) == 2)
+        await pilot.press("s", *"wall", "enter")
+        await until(pilot, lambda: Mark("push FR") in recorder.orders)
+        assert "skipped: wall (MK)" in screen_text(app)
+
+
+@pytest.fixture
+def by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the check ask again only where a test says so, not each second."""
+    monkeypatch.setattr(CheckScreen, "on_mount", lambda _: None)
+
+
+@pytest.mark.usefixtures("by_hand")
+async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) -> None:
+    recorder = FakeRecorder(check=(*check_items(), NOISY))
+    recorder.mark("vehicle")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 30)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
+        screen = app.screen
+        assert isinstance(screen, CheckScreen)
+        assert screen.ready
+        assert cursor(app) == 0
+        assert "bus can0" in await pressed(pilot, "up")
+        assert cursor(app) == 0
+        await pressed(pilot, "down", "down")
+        assert cursor(app) == 2
+        assert "clock" in screen_text(app)
+        assert "O overrides a line that says WARN" in await pressed(pilot, "o")
+        assert "I inverts the sign of a channel whose line says FAIL" in await pressed(pilot, "i")
+        assert "S skips a corner of the push test" in await pressed(pilot, "s")
+        assert orders_of(recorder, Configure) == []
+        asked = len(orders_of(recorder, AskCheck))
+        await pressed(pilot, "r")
+        assert len(orders_of(recorder, AskCheck)) == asked + 1
+        assert orders_of(recorder, AskCheck)[-1] == AskCheck(3.0)
+        await pressed(pilot, *["down"] * 20)
+        assert "hands off the car: 5 s more" in await pressed(pilot, "r")
+        assert not screen.acts
+        await pressed(pilot, "up")
+        recorder.refuse = "JL is in control"
+        await pressed(pilot, "r")
+        assert "Push the car down" not in seen(app), "the recorder refused its mark"
+        recorder.refuse = ""
+        assert "Push the car down at the corner marked NOW." in await pressed(pilot, "r")
+        assert recorder.orders[-1] == Mark("push RR")
+
+
+@pytest.mark.usefixtures("by_hand")
+async def test_the_mark_of_the_check_stays_on_its_line_when_lines_come_before_it(
+    make_app: Make,
+) -> None:
+    recorder = FakeRecorder(check=check_items())
+    recorder.mark("vehicle")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 30)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
+        await pressed(pilot, *["down"] * 5)
+        assert cursor(app) == 5
+        before = screen_text(app).splitlines()[-7:]
+        late = CheckItem("OK", "message IMU_Gyro", "500.0 Hz", "", {})
+        recorder.check = (check_items()[0], late, *check_items()[1:])
+        await pressed(pilot, "r")
+        assert cursor(app) == 6
+        assert screen_text(app).splitlines()[-7:] == before, "the same line is explained"
+
+
+@pytest.mark.usefixtures("by_hand")
+async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_app: Make) -> None:
+    recorder = FakeRecorder(check=check_items(travel_fl=0.0035))
+    recorder.mark("vehicle")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 30)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
+        screen = app.screen
+        assert isinstance(screen, CheckScreen)
+        for left in (5, 4, 3, 2, 1):
+            if left == 5:
+                await pressed(pilot, "z")
+            else:
+                await screen._tick()
+                await pilot.pause()
+            assert f"hands off the car: {left} s more" in seen(app)
+        await screen._tick()
+        await pilot.pause()
+        assert recorder.orders[-1] == AskCheck(5.0)
+        assert "travel_fl +3.5 mm" in seen(app)
+        assert "Z takes this as zero" in await pressed(pilot, *["down"] * 20)
+        recorder.check = check_items()
+        await pressed(pilot, "z")
+        assert "listening" in seen(app), "what was read before is void"
+        asked = len(orders_of(recorder, AskCheck))
+        for _ in range(3):
+            await screen._tick()
+        assert len(orders_of(recorder, AskCheck)) == asked
+        await screen._tick()
+        assert len(orders_of(recorder, AskCheck)) == asked + 1
+        await until(pilot, lambda: "travels and rates read zero at rest" in screen_text(app))
+        assert {c.name: c.tare for c in recorder.bench.channels}["travel_fl"] == 0.0035
+
+
+async def test_the_form_waits_for_the_bench_and_a_note_is_sent_once(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        screen, bench = app.screen, app.bench
+        assert isinstance(screen, VehicleScreen)
+        assert screen.ready
+        app.bench = None
+        assert "has not sent its bench.toml yet" in await pressed(pilot, "space")
+        app.bench = bench
+        notes = list(screen.query(Input))[-1]
+        notes.focus()
+        await pressed(pilot, *"wet")
+        recorder.refuse = "JL is in control"
+        await pressed(pilot, "ctrl+s")
+        assert front(app) is screen
+        recorder.refuse = ""
+        await pressed(pilot, "ctrl+s")
+        assert front(app) is not screen
+        await pressed(pilot, "1", "ctrl+s")
+        assert orders_of(recorder, Note) == [Note("wet"), Note("wet")], "the first was refused"
+        assert json.loads((app.folder / "vehicle.json").read_text())["notes"] == "wet"
+
+
+GONE = Lost("the recorder has ended", "all frames up to then are on the disk")
+
+
+async def test_the_form_says_what_to_press_while_no_recorder_answers(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        screen = app.screen
+        assert isinstance(screen, VehicleScreen)
+        assert "this is the car: go on to step 2 Check" in seen(app)
+        assert "Tab or Enter edits." in seen(app)
+        recorder.post(GONE)
+        await pilot.pause()
+        assert "X = start the recorder again What is typed is kept." in seen(app).replace("│ ", "")
+        assert not screen.acts
+        recorder.post(STARTING)
+        await pilot.pause()
+        assert "The recorder is being started." in seen(app)
+        recorder.publish()
+        await pilot.pause()
+        assert "this is the car: go on to step 2 Check" in seen(app)
+        assert screen.acts
+        assert "Tab: next field." in await pressed(pilot, "tab")
+        said = await pressed(pilot, "tab", "tab", *"x", "tab", *"x", "escape")
+        assert "; 1 more" in said
+        assert "Total mass: 'x' is not a number" in said
+        assert app.focused is None
+        await pressed(pilot, "tab")
+        assert screen.query_one(Form).current is not None
+        assert "Total mass" in str(screen.query_one("#help").border_title)
+
+
+@pytest.mark.usefixtures("by_hand")
+async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make) -> None:
+    recorder = FakeRecorder(check=(*check_items(), NOISY, UPSIDE_DOWN))
+    recorder.mark("vehicle")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 40)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "upside down" in seen(app))
+        screen = app.screen
+        assert isinstance(screen, CheckScreen)
+        assert "bus can0" not in str(screen.query_one("#explained").border_title)
+        assert screen._rows[cursor(app)].subject == "channel hub_acc_fl", "the first that fails"
+        asked = len(orders_of(recorder, AskCheck))
+        recorder.post(GONE)
+        await pilot.pause()
+        await screen._tick()
+        assert "X = start the recorder again" in await pressed(pilot, "up")
+        assert (screen.acts, screen.ready) == (False, False)
+        assert len(orders_of(recorder, AskCheck)) == asked
+        recorder.publish()
+        await pilot.pause()
+        recorder.refuse = "JL is in control"
+        assert "JL is in control" in await pressed(pilot, "r")
+        assert "upside down" in seen(app), "the last answer stays"
+        recorder.refuse = ""
+        app.bench_text = "this is no bench"
+        while screen._rows[cursor(app)].subject != "channel hub_acc_fl":
+            await pressed(pilot, "down")
+        await pressed(pilot, "i")
+        assert orders_of(recorder, Configure) == []
+        recorder.check = (*check_items(), NOISY)
+        await pressed(pilot, "r")
+        await recorder.ask(OverrideWarning("channel hub_acc_rr", "old"))
+        recorder.publish()
+        await pilot.pause()
+        while screen._rows[cursor(app)].subject != "channel hub_acc_rr":
+            await pressed(pilot, "up")
+        assert "overridden: old (MK)" in seen(app)
+        assert "O overrides a line that says WARN" in await pressed(pilot, "o"), "once is enough"
+
+
+@pytest.mark.usefixtures("by_hand")
+async def test_a_corner_that_is_skipped_leads_to_the_next(make_app: Make) -> None:
+    recorder = FakeRecorder(check=check_items())
+    recorder.mark("vehicle")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 30)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "SPACE = push the corners" in seen(app))
+        screen = app.screen
+        assert isinstance(screen, CheckScreen)
+        await pressed(pilot, "space")
+        assert not screen.acts
+        await pressed(pilot, "s", *"wall", "enter")
+        assert OverrideWarning("push FL", "wall") in recorder.orders
+        assert recorder.orders[-1] == Mark("push FR")
+        await pressed(pilot, "s", "escape")
+        assert "Push the car down" in seen(app), "no reason, no skip"
+        recorder.refuse = "JL is in control"
+        await pressed(pilot, "s", *"post", "enter")
+        assert orders_of(recorder, OverrideWarning)[-1] == OverrideWarning("push FR", "post")
+        assert "push FR" in str(screen.query_one("#explained").border_title), "it is still due"
+        recorder.refuse = ""
+        await pressed(pilot, "s", "enter")
+        assert recorder.orders[-1] == Mark("push RL"), "the reason was kept"

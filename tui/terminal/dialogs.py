@@ -1,0 +1,210 @@
+"""Dialogs over a screen: choices, texts, questions, and help with the keys of the screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from typing import ClassVar
+
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.content import Content
+from textual.dom import DOMNode
+from textual.screen import ModalScreen, Screen
+from textual.widgets import Input, Markdown, OptionList, Static
+
+from daq.alarms import EXPLAINED
+from daq.errors import printable
+from daq.verdict import WORDS
+
+
+class Line(Input):
+    """An input without control characters: pasted ones would act on the terminal."""
+
+    def validate_value(self, value: str) -> str:
+        """Keep only printable characters."""
+        return "".join(c for c in value if c.isprintable())
+
+
+class ChoiceScreen(ModalScreen[str | None]):
+    """Returns the chosen entry; None after Esc.
+
+    `options`, sequence of (str, str): returned value, and text for the operator.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss(None)", "Cancel"),
+        Binding("space", "choose", "Choose"),
+    ]
+
+    def __init__(self, title: str, options: Sequence[tuple[str, str]]) -> None:
+        super().__init__()
+        self._title, self._options = title, tuple(options)
+
+    def compose(self) -> ComposeResult:
+        """Compose the list."""
+        with Vertical(classes="box dialog"):
+            yield Static(self._title, markup=False)
+            yield OptionList(*(Content(words) for _, words in self._options), compact=True)
+            yield Static("Enter = choose   Esc = cancel", markup=False)
+
+    def action_choose(self) -> None:
+        """Choose the marked entry."""
+        self.query_one(OptionList).action_select()
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """Return the chosen entry."""
+        self.dismiss(self._options[event.option_index][0])
+
+
+class TextScreen(ModalScreen[None]):
+    """Plain text, nothing of which is markup, beside a code for cameras."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,space,enter", "dismiss", "Close")]
+
+    def __init__(self, title: str, lines: Sequence[str], code: Sequence[str] = ()) -> None:
+        super().__init__()
+        self._title, self._lines, self._code = title, tuple(lines), tuple(code)
+
+    def compose(self) -> ComposeResult:
+        """Compose the text."""
+        with Horizontal(classes="box dialog") as box:
+            box.border_title = self._title
+            box.border_subtitle = "Esc closes"
+            if self._code:
+                yield Static("\n".join(self._code), id="code", markup=False)
+            with VerticalScroll(can_focus=True):
+                yield Static("\n".join(self._lines), id="text", markup=False)
+
+
+class Question(ModalScreen[str | None]):
+    """Returns a line of text; None after Esc.
+
+    `typed`: answers by question; the same question shows the text typed before, also after Esc and
+    after an answer that the recorder refused.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss(None)", "Leave")]
+
+    def __init__(self, words: str, field: str, typed: dict[str, str]) -> None:
+        super().__init__()
+        self._words, self._field, self._typed = printable(words, 300), field, typed
+
+    def compose(self) -> ComposeResult:
+        """Compose question, line and keys."""
+        typed = self._typed.get(self._words, "")
+        with Vertical(classes="box dialog"):
+            yield Static(self._words, markup=False)
+            yield Line(typed, placeholder=self._field, max_length=2000, select_on_focus=False)
+            yield Static("Enter = done   Esc = cancel", markup=False)
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Keep the text for the same question."""
+        self._typed[self._words] = event.value
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Return the answer unless it is empty."""
+        if event.value.strip():
+            self.dismiss(event.value.strip())
+
+
+class Confirm(ModalScreen[bool | None]):
+    """Returns True after SPACE, None after Esc.
+
+    `yes` and `no`: what each key does, in the words of the question.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space,pagedown,enter", "dismiss(True)", "Yes"),
+        Binding("escape", "dismiss(None)", "No"),
+    ]
+
+    def __init__(self, words: str, yes: str, no: str) -> None:
+        super().__init__()
+        self._words = f"{words}\nSPACE = {yes}   Esc = {no}"
+
+    def compose(self) -> ComposeResult:
+        """Compose question and keys."""
+        yield Static(self._words, classes="box dialog", markup=False)
+
+
+# Help -------------------------------------------------------------------------------------------
+
+SCREEN_PAGES = (
+    "vehicle", "check", "home", "run", "masses", "identify", "results", "report", "sessions",
+)  # fmt: skip
+_NONE = "# Help\n\nThere is no page for this. F1 on another screen shows its help.\n"
+
+
+def page_of(name: str) -> str:
+    """Return a page of help as Markdown.
+
+    `name`: a screen, or the code of a finding (the reason of a rejected run) or of an alarm.  The
+    words of the latter are those of the recorder's own tables, so that they cannot differ.
+    """
+    pages = []
+    page = files("tui.terminal") / "help" / f"{name}.md"
+    text = page.read_text("utf-8") if page.is_file() else ""
+    if name in SCREEN_PAGES:
+        return text
+    if name in WORDS:
+        words = WORDS[name]
+        kept = "Nothing is lost: a rejected run is kept and can be taken back.\n"
+        pages.append(_explained(f"Rejected: {words.title}", words.meaning, text, words.advice))
+        pages.append(kept)
+    if name in EXPLAINED:
+        alarm = EXPLAINED[name]
+        pages.append(_explained(f"Alarm: {alarm.title}", alarm.meaning, "", alarm.advice))
+    return "\n".join(pages) or _NONE
+
+
+def _explained(title: str, meaning: str, sketch: str, advice: str) -> str:
+    return f"# {title}\n\n{_sentence(meaning)}\n\n{sketch}\n**What to do:** {_sentence(advice)}\n"
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}".strip().rstrip(".") + "."
+
+
+class HelpScreen(ModalScreen[None]):
+    """One page, with the keys of the screen below; Esc, SPACE or F1 closes it.
+
+    `page`: as `page_of`.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,space,enter,q", "dismiss", "Close")]
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self._page = page
+
+    def compose(self) -> ComposeResult:
+        """Compose page and keys."""
+        stack = self.app.screen_stack
+        keys = "\n".join(keys_of(stack[-2] if stack[-1] is self else stack[-1]))
+        with Vertical(classes="box dialog") as box:
+            box.border_title = "Help"
+            box.border_subtitle = "Esc closes, arrows scroll"
+            with VerticalScroll(can_focus=True):
+                yield Markdown(page_of(self._page), open_links=False)
+                yield Static(keys, markup=False)
+
+    def on_recorder_lost(self) -> None:
+        """Close, because the screen below shows what to do."""
+        self.dismiss()
+
+
+def _rank(node: DOMNode) -> int:
+    return 0 if isinstance(node, Screen) else 1 if isinstance(node, App) else 2
+
+
+def keys_of(screen: Screen[object]) -> list[str]:
+    """Return the keys of a screen, hidden ones included, with their actions: its own first."""
+    actions: dict[str, str] = {}
+    bindings = screen.active_bindings.values()
+    for _, binding, enabled, _ in sorted(bindings, key=lambda key: _rank(key[0])):
+        words = binding.tooltip or binding.description
+        if enabled and words and words not in actions.values():
+            actions[screen.app.get_key_display(binding)] = words
+    return ["Keys of this screen", "", *(f"  {key:<12} {what}" for key, what in actions.items())]
