@@ -1,14 +1,36 @@
-"""Differences between sessions, and their trend, against formulas of their own."""
+"""Sessions compared: differences and trends, one structure, what they state alike or not."""
 
+from __future__ import annotations
+
+from dataclasses import replace
 from math import erfc, sqrt
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from daq.channels import Channel, Quantity
+from daq.vehicle import (
+    AddedMass,
+    BodyWeight,
+    Corner,
+    Fact,
+    FactQuantity,
+    HubWeight,
+    MassState,
+    Structure,
+    VehicleGeometry,
+)
 from dbc.errors import InputError
 from dbc.finding import Finding, Severity
 from identify import Estimate, Identification, Judgement
-from identify.compare import Difference, Trend, compare
+from identify.change import with_common_structure
+from identify.compare import Difference, Trend, compare, stated_unlike
+from identify.fit.estimation import Estimation
+from identify.nonlinear.forces import ElementChoice, Forces
+
+from .changes import session
 
 NAMES = ("m_s", "k_sf", "c_sf", "c_sr")
 
@@ -109,3 +131,184 @@ def test_half_of_a_95_percent_interval_is_1_96_deviations() -> None:
     assert Difference(1.0, 0.5, 2.0, 0.05, False).half == pytest.approx(0.98, rel=1e-4)
     trend = Trend(1.0, 0.25, 0.05, 3.0, 2, 0.2, False, False)
     assert trend.half == pytest.approx(0.49, rel=1e-4)
+
+
+# One structure for all, and what all of them state alike ------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "wider",
+    [
+        Structure(cg_offset=True),
+        Structure(anti_roll_bars=True),
+        Structure(tyre_damping=True),
+        Structure(symmetric=False),
+    ],
+)
+def test_a_fit_gets_every_parameter_that_another_one_has(wider: Structure) -> None:
+    one = session({}, 1)
+    stored = replace(one, box=one.box.with_structure(wider), decays=())
+    again, same = with_common_structure([one, stored])
+    assert same is stored  # it has nothing to be fitted again
+    assert again.box.structure == wider
+    assert len(again.fit.eta) == len(again.box.parameters) > 15
+    # More unknowns leave less, by about one unit of chi2 for each.
+    fall = (one.chi2_per_n - again.chi2_per_n) * one.freedom
+    assert fall == pytest.approx(one.fit.cost - again.fit.cost, abs=1e-6)
+    assert 0.0 < fall < 30.0
+
+
+def test_fits_of_one_structure_stay_as_they_are() -> None:
+    one, two = session({}, 1), session({}, 4)
+    same = with_common_structure([one, two])
+    assert [a is b for a, b in zip(same, (one, two), strict=True)] == [True, True]
+    stored, wide = replace(one, decays=()), one.box.with_structure(Structure(cg_offset=True))
+    again, other = with_common_structure([stored, replace(stored, box=wide)])
+    assert again is stored  # without decays it cannot be fitted again
+    assert other.box is wide
+
+
+def stated(*facts: Fact, weights: tuple[BodyWeight | HubWeight, ...] = ()) -> Identification:
+    """Return a session that states facts and weights; its fit has no decays."""
+    one = session({}, 1)
+    states = (MassState("baseline"), MassState("added", AddedMass(weights)))
+    box = replace(one.box, facts=facts, mass_states=states)
+    known = {"m_s": Estimate(1000.0, 1.0, 998.0, 1002.0, "kg")}
+    fit: Estimation = replace(one, box=box, decays=())
+    return Identification(Judgement((), 1.0), {}, parameters=known, estimation=fit)
+
+
+TOTAL = Fact(FactQuantity.TOTAL_MASS, 1700.0, 1.0)
+HUB, BODY = HubWeight(5.0, Corner.REAR_LEFT, 0.01), BodyWeight(50.0, -1.0, 0.5, 0.2, 0.1, 0.003)
+
+
+def common(*every: Identification) -> tuple[str, ...]:
+    return compare([f"s{i}" for i in range(len(every))], every).common
+
+
+def test_facts_and_weights_that_all_state_alike_are_named() -> None:
+    first = stated(TOTAL, weights=(HUB, BODY, HubWeight(3.0, Corner.FRONT_LEFT)))
+    assert common(first, first) == (
+        "total_mass_kg = 1700 ± 1",
+        "weight 1 of state added = 5 ± 0.01 kg",
+        "weight 2 of state added = 50 ± 0.1 kg at (-1, 0.5) ± 0.003 m",
+    )
+    heavier = stated(replace(TOTAL, value=1701.0), weights=(HUB, replace(BODY, y_m=-0.5)))
+    assert common(first, heavier) == ("weight 1 of state added = 5 ± 0.01 kg",)
+    assert common(first, heavier, stated()) == ()
+
+
+def test_a_session_without_a_fit_states_nothing() -> None:
+    first = stated(TOTAL)
+    bare = replace(first, estimation=None)
+    assert common(first, bare) == ()
+    assert compare(["a", "b"], [first, bare]).change is None
+
+
+def choices(*kept: str, tried: tuple[str, ...] = ()) -> Forces:
+    every = (*((name, True) for name in kept), *((name, False) for name in tried))
+    axles: Any = ()
+    return Forces(axles, tuple(ElementChoice(n, 9.0, 3.0, k, False, {}) for n, k in every))
+
+
+def apart(*forces: Forces | None) -> tuple[str, ...]:
+    """Return the elements that a comparison says to have changed."""
+    results = [replace(stated(), forces=one) for one in forces]
+    change = compare([str(i) for i in range(len(results))], results).change
+    assert change is not None
+    return change.apart
+
+
+def test_an_element_that_one_session_needs_and_another_never_tried_sets_them_apart() -> None:
+    assert apart(choices("friction", "bump_stops"), None) == ("friction", "bump stops")
+    assert apart(None, choices("friction", tried=("bump_stops",))) == ("friction",)
+    assert apart(choices("friction"), choices("friction")) == ()
+    # Tried and not needed: the other session's fit says so itself.
+    assert apart(choices("friction"), choices(tried=("friction",))) == ()
+    # Of these the linear model has parameters, which are compared.
+    assert apart(choices("anti_roll_bars", "cg_offset", "tyre_damping"), None) == ()
+
+
+# Facts that sessions of one car should state alike, and do not ------------------------------------
+
+
+ON_BODY = Channel("acc", Quantity.BODY_ACCELERATION, x_m=1.2, y_m=0.4)
+ON_HUB = Channel("hub", Quantity.HUB_ACCELERATION, corner=Corner.FRONT_LEFT)
+RATE = Channel("gyro", Quantity.PITCH_RATE, x_m=1.0)
+
+
+def telling(
+    vehicle: str = "Golf",
+    channels: tuple[Channel, ...] = (),
+    facts: tuple[Fact, ...] = (),
+    geometry: VehicleGeometry | None = None,
+) -> Identification:
+    box = SimpleNamespace(
+        geometry=geometry, facts=facts, groups=(SimpleNamespace(channels=channels),)
+    )
+    fit = cast(Any, SimpleNamespace(box=box))
+    return Identification(Judgement((), 1.0), {}, vehicle=vehicle, estimation=fit)
+
+
+def unlike(*results: Identification) -> tuple[str, ...]:
+    return stated_unlike([chr(ord("a") + i) for i in range(len(results))], results)
+
+
+def test_two_vehicles_are_named_with_the_sessions_of_each() -> None:
+    assert unlike(telling(), telling("Polo"), telling()) == ("vehicle Golf in a, c; Polo in b",)
+    assert unlike(telling(), telling(""), telling()) == (), "a name that is not stated is no other"
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "second_m", "differs"),
+    [
+        # The sigma of the difference is 1.4142 times that of each, and three of it are allowed.
+        (0.01, 2.642, False),
+        (0.01, 2.643, True),
+        (0.01, 2.558, False),
+        (0.01, 2.557, True),
+        (1e-5, 2.601, False),  # a millimetre is never reported
+        (1e-5, 2.6011, True),
+    ],
+)
+def test_a_wheelbase_differs_beyond_its_uncertainty(
+    sigma_m: float, second_m: float, differs: bool
+) -> None:
+    first, second = (
+        telling(facts=(Fact("wheelbase_m", value, sigma_m), Fact("total_mass_kg", value, 1e-9)))
+        for value in (2.6, second_m)
+    )
+    text = f"wheelbase 2.6 m in a; {second_m:.4g} m in b"
+    assert unlike(first, second) == ((text,) if differs else ()), "a mass may change"
+
+
+def test_measured_lengths_are_those_of_the_facts() -> None:
+    geometry = VehicleGeometry(1.2, 1.4, 0.7, 0.75)
+    facts = (Fact("wheelbase_m", 2.6, 0.001), Fact("rear_track_m", 1.45, 0.001))
+    assert unlike(telling(geometry=geometry), telling(facts=facts)) == (
+        "rear track 1.5 m in a; 1.45 m in b",
+    )
+    moved = VehicleGeometry(1.3, 1.3, 0.7, 0.75)  # the CG of a car with other things on board
+    assert unlike(telling(geometry=geometry), telling(geometry=moved)) == ()
+
+
+def test_sensors_have_their_places_where_places_count() -> None:
+    one = telling(channels=(ON_BODY, ON_HUB, RATE))
+    moved = Channel("acc", Quantity.BODY_ACCELERATION, x_m=1.2, y_m=-0.4)
+    other = Channel("hub", Quantity.HUB_ACCELERATION, corner=Corner.REAR_RIGHT)
+    turned = Channel("gyro", Quantity.PITCH_RATE, x_m=0.0)
+    assert unlike(one, telling(channels=(moved, other, turned))) == (
+        "place of acc (1.2, 0.4) m in a; (1.2, -0.4) m in b",
+        "place of hub FL in a; RR in b",
+    )
+    middle = Channel("acc", Quantity.BODY_ACCELERATION, at_cg=True)
+    assert unlike(one, telling(channels=(middle,))) == (
+        "place of acc (1.2, 0.4) m in a; at the CG in b",
+    )
+    vague = Channel("acc", Quantity.BODY_ACCELERATION, x_m=1.3, y_m=0.4, position_sigma_m=0.04)
+    assert unlike(one, telling(channels=(vague,))) == ()
+
+
+def test_a_session_without_a_fit_has_its_name_alone() -> None:
+    refused = Identification(Judgement((), 1.0), {}, vehicle="Polo")
+    assert unlike(telling(channels=(ON_BODY,)), refused) == ("vehicle Golf in a; Polo in b",)

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from daq.bench.config import Bench
     from identify.plan import ExpectedElements, Plan, Sensor
 
-_USUAL_RATE_HZ = 200.0  # where neither the DBC nor the command line has one
+_USUAL_CYCLE_S = 0.005  # where neither the DBC nor the command line has a rate
+_LINEAR = {"anti_roll_bars", "tyre_damping", "cg_offset"}
+"""Elements that the linear plan also knows."""
 
 
 def planned(
@@ -60,17 +62,11 @@ def sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
     from daq.samples.trigger import mapped_channels
     from identify.plan import sensor
 
-    codec = bench_codec(bench)
-    found = []
-    for mapped in mapped_channels(bench, codec):
-        if mapped.channel.quantity is not Quantity.UNUSED:
-            cycle_s = mapped.message.cycle_s or 1.0 / _USUAL_RATE_HZ
-            found.append(sensor(mapped.channel.placed(), rate_hz or 1.0 / cycle_s))
-    return tuple(found)
-
-
-_LINEAR = {"anti_roll_bars", "tyre_damping", "cg_offset"}
-"""Elements that the linear plan also knows."""
+    return tuple(
+        sensor(mapped.channel.placed(), rate_hz or 1.0 / (mapped.message.cycle_s or _USUAL_CYCLE_S))
+        for mapped in mapped_channels(bench, bench_codec(bench))
+        if mapped.channel.quantity is not Quantity.UNUSED
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,19 +81,18 @@ class ExpectedCar:
     """Source of the parameters, in words."""
 
 
-def of_session(path: Path, held: Session) -> ExpectedCar:
+def of_session(path: Path, session: Session) -> ExpectedCar:
     """Return the car identified from a session; the typical one where that fails."""
-    import identify as method
+    from identify import Verdict, identify
     from identify.plan import full_vector, identified_elements, vague
 
-    result = method.identify(held)
-    values = {name: estimate.value for name, estimate in result.parameters.items()}
-    if not values or result.quality.verdict == "refused":
+    result = identify(session)
+    if not result.parameters or result.quality.verdict is Verdict.REFUSED:
         return typical(f"the identification of {path} is refused")
-    lost = vague(result.parameters)
-    if lost:
+    if lost := vague(result.parameters):
         return typical(f"{path} does not determine {', '.join(lost)}")
     elements = identified_elements(result.forces) if result.forces else None
+    values = {name: estimate.value for name, estimate in result.parameters.items()}
     return ExpectedCar(full_vector(values), elements, f"the vehicle identified from {path}")
 
 
