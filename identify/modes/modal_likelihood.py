@@ -380,7 +380,7 @@ def linearised(point: Point) -> System:
 
 # The fit ------------------------------------------------------------------------------------------
 
-_STEPS = 40
+_STEPS = 25
 _REACH = 8
 """Bound of what all further steps may add, as a multiple of the last gain: the gains decrease."""
 _SETTLED = 1e-3

@@ -259,10 +259,8 @@ def poles_of_rank(
 # Eigensystem realisation (Juang and Pappa 1985) on free decays: another way to the same modes -----
 #
 # Every run is the response to its own initial state, as if each were one input of an impulse test:
-# the runs are adjacent blocks of columns of one block Hankel matrix.  Its singular value
-# decomposition, cut off at the order, is a realisation of the structure; to balance it would
-# change neither poles nor shapes.  It is kept in addition to the State Variable Method for
-# comparison: two methods that agree are better than one.
+# the runs are adjacent blocks of columns of one block Hankel matrix, which are delay vectors of one
+# sample's step.  To balance the realisation would change neither poles nor shapes.
 
 _ROWS_S = 0.25
 """Length of a column: some periods of the wheels, a quarter of one of the body."""
@@ -287,20 +285,13 @@ def realised_modes(
     size[size == 0.0] = 1.0
     shortest = min(len(decay) for decay in decays)
     blocks = min(max(_LEAST_BLOCKS, round(_ROWS_S * rate_hz)), shortest // 2)
-    n_channels = len(size)
-    # Each column has the samples of `blocks` successive instants.
-    tables = [_table(decay / size, Delays(blocks, 1)) for decay in decays]
-    directions, strength, _ = np.linalg.svd(np.vstack(tables).T, full_matrices=False)
+    space = delay_space([decay / size for decay in decays], rate_hz, Delays(blocks, 1))
     if order is None:
-        floor = max(_OF_NOISE * np.median(strength), _OF_ROUNDING * float(strength[0]))
-        order = int(np.sum(strength > floor))
-    observability = directions[:, :order]
-    earlier, later = observability[:-n_channels], observability[n_channels:]
-    z, vectors = np.linalg.eig(np.linalg.lstsq(earlier, later)[0])
-    poles = np.log(np.where(z == 0.0, np.finfo(float).tiny, z).astype(complex)) * rate_hz
-    shapes = observability[:n_channels] @ vectors * size[:, None]
+        floor = max(_OF_NOISE * np.median(space.strength), _OF_ROUNDING * float(space.strength[0]))
+        order = int(np.sum(space.strength > floor))
+    poles, shapes = poles_of_rank(space, order)
     modes = (poles.imag > 0.0) & (poles.real < 0.0)
-    return ModalModel(poles[modes], shapes[:, modes])
+    return ModalModel(poles[modes], shapes[:, modes] * size[:, None])
 
 
 # Stabilisation: which poles of the State Variable Method recur when its rank is raised ------------

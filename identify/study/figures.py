@@ -17,7 +17,7 @@ from ..model.matrices import delta_mass, physical_model
 from ..modes.modal_model import modes_of, pair_modes
 from ..paper.closed_form import physical_matrices, sequential_vehicle, state_matrix_of
 from .campaign import BUMP, PAPER_ADDED_MASS, Campaign, records_of, require_noise
-from .result import Column, Curve, CurvePanel, Study, percent
+from .result import Column, Curve, CurvePanel, Study, percent, rows_of
 from .tables import PASS_HZ, filtered, taps, vehicle_of_geometry
 
 ERRORS_PERCENT = tuple(float(e) for e in range(-5, 6))
@@ -82,14 +82,10 @@ def fig2_study() -> Study:
         Column("frequency_hz", "f / Hz", ".3f"),
         *(Column(f"at_{share:g}_percent", f"{share:g} %") for share in _ADDED_PERCENT),
     )
-    rows = tuple(
-        (number, *row)
-        for number, row in enumerate(np.column_stack([before.frequencies_hz, by_mode]).tolist(), 1)
-    )
     return Study(
         title="Fig. 2, change of the modal frequencies in % by added mass in % of M",
         columns=columns,
-        rows=rows,
+        rows=rows_of(range(1, 8), before.frequencies_hz, by_mode),
         notes=(
             "Paper: -0.98 % at 2 % of mass to -6.8 % at 14 %. Ours: frequencies"
             f" {by_mode[:, 0].min():.2f} .. {by_mode[:, 0].max():.2f} % and"
@@ -138,7 +134,6 @@ def mass_error_study(figure: str) -> Study:
     by_name = dict(zip(PARAMETER_NAMES, errors.T, strict=True))
     middle = len(ERRORS_PERCENT) // 2
     slopes = (errors[middle + 1] - errors[middle - 1]) / 2.0
-    cells = np.array([errors[0], errors[-1], slopes]).T.tolist()
     return Study(
         title=f"Fig. {figure.removeprefix('fig')}, identified parameters by an error in {quantity}",
         columns=(
@@ -147,7 +142,7 @@ def mass_error_study(figure: str) -> Study:
             Column("at_plus_5_percent", "error at +5 %"),
             Column("slope", "slope % / %", "+z.3f"),
         ),
-        rows=tuple((name, *row) for name, row in zip(PARAMETER_NAMES, cells, strict=True)),
+        rows=rows_of(PARAMETER_NAMES, errors[0], errors[-1], slopes),
         notes=(says, _CONVENTION),
         panels=(
             (
@@ -188,13 +183,12 @@ def fig8_study() -> Study:
         stated = [replace(geometry, **{length: true * (1 - e / 100)}) for e in ERRORS_PERCENT]
         identified = [vehicle_of_geometry(model, lengths).to_array() for lengths in stated]
         tables[length] = percent(np.array(identified), FORD_GRANADA.to_array())[:, 5:11]
-    columns = [Column("parameter", "parameter")]
-    for length in _LENGTHS:
-        columns += [
-            Column(f"{length}_at_minus_5_percent", f"{length} -5 %"),
-            Column(f"{length}_at_plus_5_percent", f"{length} +5 %"),
-        ]
-    ends = np.concatenate([table[[0, -1]] for table in tables.values()]).T.tolist()
+    columns = [
+        Column(f"{length}_at_{word}_5_percent", f"{length} {sign}5 %")
+        for length in _LENGTHS
+        for word, sign in (("minus", "-"), ("plus", "+"))
+    ]
+    ends = np.concatenate([table[[0, -1]] for table in tables.values()]).T
     panels = [
         _error_panel(
             f"Error in {length}", length, dict(zip(_DYNAMIC, table.T, strict=True)), _DYNAMIC
@@ -203,8 +197,8 @@ def fig8_study() -> Study:
     ]
     return Study(
         title="Fig. 8, errors in % of the dynamic parameters by an error of -5 or 5 % in a length",
-        columns=tuple(columns),
-        rows=tuple((name, *row) for name, row in zip(_DYNAMIC, ends, strict=True)),
+        columns=(Column("parameter", "parameter"), *columns),
+        rows=rows_of(_DYNAMIC, ends),
         notes=(
             "Paper: a moves k_sf and c_sf from about -4.8 to 4.7 %, b moves k_sr and c_sr from"
             " -5.8 to 5.9 %. Ours: -4.7 to 4.7 and -4.5 to 4.5 %; -5.6 to 5.8 and -5.4 to 5.6 %.",

@@ -21,7 +21,7 @@ from ..fit.estimation import estimate, generic_vehicles
 from ..fit.likelihood import fit
 from ..fit.uncertainty import COVERAGE_95, Estimate, estimates
 from .campaign import BUMP, Campaign, box_of, noise_levels, records_of, require_noise
-from .result import Column, DotPanel, Dots, Study, percent
+from .result import Column, DotPanel, Dots, Study, percent, rows_of
 
 _CHI2_LIMIT = 1.5
 _VAGUE_PERCENT = 25.0
@@ -128,7 +128,7 @@ def noise_study(
             Column("ratio", "error / bound", ".3f"),
             Column("coverage_percent", "coverage %", ".1f"),
         ),
-        rows=tuple((name, *row) for name, row in zip(names, cells.tolist(), strict=True)),
+        rows=rows_of(names, cells),
         notes=(
             f"lost: {len(outcomes) - len(kept)} of {len(outcomes)}"
             f" (not converged {sum(not o.converged for o in outcomes)},"

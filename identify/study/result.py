@@ -96,6 +96,14 @@ class Study:
         return {str(row[0]): float(row[place]) for row in self.rows}
 
 
+def rows_of(
+    names: Sequence[str | int], *columns: NDArray[np.float64]
+) -> tuple[tuple[Cell, ...], ...]:
+    """Return the rows of a table from its first column and the others, each (n,) or (n, k)."""
+    cells = np.column_stack(columns).tolist()
+    return tuple((name, *row) for name, row in zip(names, cells, strict=True))
+
+
 def percent(
     values: Sequence[float] | NDArray[np.float64], known: NDArray[np.float64]
 ) -> NDArray[np.float64]:

@@ -35,7 +35,7 @@ from ..paper.closed_form import (
 )
 from .campaign import BUMP, PAPER_ADDED_MASS, PAPER_CASES, RECORD_S, Campaign, records_of
 from .noise import outcome
-from .result import Column, DotPanel, Dots, Study, percent
+from .result import Column, DotPanel, Dots, Study, percent, rows_of
 
 _TABLE2_PERCENT = np.array(
     [
@@ -93,7 +93,6 @@ def table2_study(response: ResponseName) -> Study:
         Dots("paper, printed", _TABLE2_PERCENT, 0),
         Dots(f"found here, {response} response", errors, 2),
     )
-    cells = np.array([known, values, errors, _TABLE2_PERCENT]).T.tolist()
     return Study(
         title=f"Table 2, {response} response, State Variable Method and Eqs. 22-33",
         columns=(
@@ -103,7 +102,7 @@ def table2_study(response: ResponseName) -> Study:
             Column("error_percent", "error %", "+z.3g"),
             Column("paper_percent", "paper %", "+z.3f"),
         ),
-        rows=tuple((name, *row) for name, row in zip(PARAMETER_NAMES, cells, strict=True)),
+        rows=rows_of(PARAMETER_NAMES, known, values, errors, _TABLE2_PERCENT),
         notes=_TABLE2_NOTES[response],
         panels=((DotPanel("Noise-free identification", "error / %", PARAMETER_NAMES, series),),),
     )
@@ -253,7 +252,6 @@ def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
         series.append(Dots(label, median, hue, worst))
         of = counted(len(size), "campaign")
         notes.append(f"{label}: no answer in {len(size) - len(answered)} of {of}.")
-    rows = zip(names, np.array(cells).T.tolist(), strict=True)
     panel = DotPanel(
         f"Errors at {campaign.noise_db:g} dB, geometry measured",
         "size of the error / %: median, and line to the worst",
@@ -265,7 +263,7 @@ def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
         title=f"Table 3, size of the errors in % at {campaign.noise_db:g} dB,"
         f" {campaign.rate_hz:g} Hz, geometry measured, {counted(len(attempts), 'campaign')}",
         columns=tuple(columns),
-        rows=tuple((name, *values) for name, values in rows),
+        rows=rows_of(names, *cells),
         notes=(
             *notes,
             "The paper's figures are of one realisation whose noise, sampling rate and choice of"
