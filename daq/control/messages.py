@@ -71,19 +71,16 @@ class Alarm:
     """A fault that is present now."""
 
     code: str
-    """`not_recording`, `bus_silent`, `bus_off`, `error_passive`, `disconnected`, `stale`,
-    `queue_high`, `disk_low`, `journal_failed`, `clock_step`, `stuck`, `saturated`, ...
-    (`daq.alarms`)."""
+    """One of `daq.alarms.EXPLAINED`."""
     subject: str
     """The bus, message, channel or folder; empty for the recorder itself."""
     text: str
     """The fault in words, with numbers."""
     advice: str
-    """Advice for the operator."""
     since_ns: int
     """Wall-clock time since which it is present, ns since 1970."""
     count: int = 0
-    """Number of events or frames, if they are counted."""
+    """Number of events or frames."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +113,7 @@ class DiskStatus:
     held_frames: int = 0
     """Number of frames in memory because the disk refuses them."""
     failed: str = ""
-    """Reason why the disk refuses data; empty if it does not."""
+    """Reason why the disk refuses data."""
     dropped_frames: int = 0
     """Frames lost because neither disk nor memory had room; `disk_gap` events report them."""
     warning: str = ""
@@ -139,10 +136,9 @@ class StorageStatus:
     """Numbers of frames that arrived and that are on the disk, since the start of the recorder."""
 
     received_frames: int = 0
-    """Number of frames of all buses, including those that found no room in the queue."""
+    """Of all buses, with those that found no room in the queue."""
     stored_frames: int = 0
-    """Number of frames on the disk (fdatasync'ed), of all campaigns and of the times between
-    them."""
+    """Of all campaigns and of the times between them."""
     late_s: float = 0.0
     """Time for which frames have arrived and none was stored, s."""
 
@@ -156,9 +152,8 @@ class Due:
     accepted: int
     planned: int
     rejected: int
-    """`accepted`, `planned` and `rejected`: numbers of runs of this mass state and excitation."""
+    """Numbers of runs of this mass state and excitation."""
     instruction: str
-    """Instruction for the operator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +191,6 @@ class LeftOut:
     """An accepted run that does not agree with the others of its kind."""
 
     label: str
-    """Label of the run."""
     text: str
     """Its difference from the others, in words."""
 
@@ -221,9 +215,8 @@ class Status:
     bench_crc32: int
     """CRC of the present bench.toml: a client asks for the file when this changes."""
     phase: Phase
-    """State of the run loop."""
     phase_s: float
-    """Time in that state, s."""
+    """Time in the phase, s."""
     countdown_s: float | None
     """Time until the next run is armed, s; None if no run will be armed."""
     not_at_rest: tuple[str, ...]
@@ -238,23 +231,21 @@ class Status:
     due: Due | None
     """The step that is due; None when the campaign is complete."""
     tallies: tuple[Tally, ...]
-    """Numbers of runs, in the order of the campaign."""
+    """In the order of the campaign."""
     runs: tuple[LoggedRun, ...]
     notes: tuple[Remark, ...]
     overrides: tuple[Override, ...]
     undo: str
-    """The verdict that `Undo` would take back, in words; empty if there is none."""
     redo: str
-    """The verdict that `Redo` would restore, in words; empty if there is none."""
+    """The verdicts that `Undo` and `Redo` would change, in words; empty if there is none."""
     alarms: tuple[Alarm, ...]
-    """The alarms, in order of severity."""
+    """In order of severity."""
     overloaded: tuple[str, ...]
     """Channels that reached the end of their range since the last `Acknowledge`."""
     buses: tuple[BusStatus, ...]
     sensors_alive: int
-    """Number of messages of the bench that arrive."""
     sensors_expected: int
-    """Number of messages of the bench."""
+    """Numbers of messages of the bench: those that arrive, and all."""
     losses: Losses
     disk: DiskStatus = DiskStatus(0, 0, 0, 0.0)
     queue: QueueStatus = QueueStatus(0, 0, 0)
@@ -266,9 +257,7 @@ class Status:
     revision: int = 0
     """Revision of the run log, of which `runs`, `notes` and `overrides` are parts."""
     storage: StorageStatus = StorageStatus()
-    """Numbers of frames that arrived and that are stored."""
     origin: Origin = Origin.REAL
-    """Origin of the frames."""
     begun: str = ""
     """After a crash or a stop, whether the interrupted campaign is continued, or why a new one was
     begun.  Empty if no campaign was interrupted."""
@@ -291,15 +280,13 @@ class Setup:
     """The settings with which a recorder was started, or which a terminal expects."""
 
     origin: Origin
-    """Origin of the frames."""
     vehicle: str = ""
-    """Name in bench.toml."""
     bench_crc32: int | None = None
-    """CRC of bench.toml as read from the file; None if a terminal has none."""
+    """CRC of bench.toml as read from the file; this and the following are None if a terminal
+    expects none."""
     dbc_crc32: int | None = None
-    """CRC of the DBC; None if a terminal has none."""
     buses: tuple[str, ...] | None = None
-    """Interface and channel of each bus; None if a terminal has none."""
+    """Interface and channel of each bus."""
 
 
 _WORDS = {
@@ -355,9 +342,7 @@ class Live:
     first_bin: int
     """Bin k has time stamps k bin_s .. (k + 1) bin_s; each is sent once, when complete."""
     bin_s: float
-    """Width of a bin, s."""
     lanes: tuple[Lane, ...]
-    """Lanes of the channels, all with the same number of bins."""
 
 
 @dataclass(frozen=True, slots=True)
