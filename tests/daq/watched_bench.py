@@ -78,6 +78,26 @@ def encoded(message: str) -> NDArray[np.uint8]:
     return CODEC.encode(message, given, 0)
 
 
+@cache
+def message_turn(name: str, turn: int) -> FrameBatch:
+    """Return a turn's frames of one message, from time 0."""
+    message = CODEC.message(name)
+    assert message.cycle_s is not None
+    n = round(TURN_S / message.cycle_s)
+    return replace(
+        frames(message.can_id, [b""] * n, 0),
+        t_ns=np.arange(n) * round(message.cycle_s * 1e9),
+        length=np.full(n, message.length, np.uint8),
+        data=encoded(name)[turn * n : (turn + 1) * n],
+    )
+
+
+@cache
+def encoded_turn(turn: int) -> FrameBatch:
+    """Return a turn's frames of all messages, from time 0."""
+    return FrameBatch.concatenate([message_turn(m.name, turn) for m in CODEC.messages]).by_time()
+
+
 class WatchedBench:
     """Turns, one after the other.
 
@@ -105,7 +125,7 @@ class WatchedBench:
         ]
         self.hops = HopLosses()
         self._health = HealthState()
-        self._counter = dict.fromkeys((m.name for m in CODEC.messages), 0)
+        self._given = 0  # healthy turns
         self._rng = np.random.default_rng(4)
 
     @property
@@ -135,25 +155,21 @@ class WatchedBench:
         motion : float
             Amplitude of a slow oscillation of all signals, in the signals' units.
         """
+        turn, self._given = self._given, self._given + 1
+        if not (without or values or motion):
+            whole = encoded_turn(turn % ENCODED_TURNS)
+            return replace(whole, t_ns=whole.t_ns + self.t_ns)
         parts = []
         for message in CODEC.messages:
-            assert message.cycle_s is not None
-            n = round(TURN_S / message.cycle_s)
-            start = self._counter[message.name]
-            self._counter[message.name] += n
             if message.name in without:
                 continue
-            step_ns = round(message.cycle_s * 1e9)
-            stamped = replace(
-                frames(message.can_id, [b""] * n, self.t_ns),
-                t_ns=self.t_ns + np.arange(n) * step_ns,
-                length=np.full(n, message.length, np.uint8),
-            )
+            assert message.cycle_s is not None
+            n = round(TURN_S / message.cycle_s)
+            start, plain = turn * n, message_turn(message.name, turn % ENCODED_TURNS)
+            stamped = replace(plain, t_ns=plain.t_ns + self.t_ns)
             changed = any(signal.startswith(f"{message.name}.") for signal in values or {})
             if not (changed or motion):
-                place = start % (ENCODED_TURNS * n)
-                data = encoded(message.name)[place : place + n]
-                parts.append(replace(stamped, data=data))
+                parts.append(stamped)
                 continue
             assert message.counter is not None
             swing = motion * np.sin(2 * np.pi * 2.0 * (start + np.arange(n)) * message.cycle_s)
@@ -167,8 +183,7 @@ class WatchedBench:
                 if name == message.name:
                     given[own] = np.broadcast_to(np.asarray(value, float), n)
             parts.append(replace(stamped, data=CODEC.encode(message.name, given, start)))
-        merged = FrameBatch.concatenate(parts)
-        return merged.by_time()
+        return FrameBatch.concatenate(parts).by_time()
 
     def turn(self, *batches: FrameBatch, **facts: Any) -> tuple[Event, ...]:
         """Take one turn; without batches, a healthy one."""

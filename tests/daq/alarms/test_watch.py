@@ -8,7 +8,7 @@ import struct
 import numpy as np
 import pytest
 
-from daq.alarms import ALARM, ALARM_END, CLOCK_STEP
+from daq.alarms import ALARM, ALARM_END
 from daq.alarms.watch import REPORT_AGAIN_S
 from daq.bus.error_frames import ErrorClass
 from daq.channels import Channel, Quantity
@@ -214,22 +214,6 @@ def test_values_that_are_none_or_cannot_be_are_counted_per_channel() -> None:
     assert bench.state.overloaded == ("ranged",)
 
 
-@pytest.mark.parametrize("step_s", [-3600.0, 3600.0, -0.06])
-def test_a_step_of_the_hosts_clock_is_marked_and_stops_nothing(step_s: float) -> None:
-    bench = WatchedBench(["can0"])
-    for _ in range(20):
-        bench.turn()
-    bench.wall_step_ns = round(step_s * 1e9)
-    bench.turn()
-    marks = [event for _, event in bench.events if event.code == CLOCK_STEP]
-    assert [mark.value for mark in marks] == [pytest.approx(step_s, abs=1e-6)]
-    assert [a.code for a in bench.alarms] == ["clock_step"]
-    for _ in range(60):
-        bench.turn()
-    assert bench.alarms == []
-    assert bench.logged(ALARM) == ["clock_step"]
-
-
 def test_bus_off_lasts_until_a_frame_is_received_and_shows_what_the_controller_counted() -> None:
     bench = WatchedBench()
     for _ in range(10):
@@ -348,16 +332,3 @@ def test_an_overload_lamp_is_on_until_it_is_acknowledged_also_on_another_bench()
     assert bench.state.overloaded == ("hub_acc_fl",)
     bench.state.acknowledge()
     assert not bench.state.overloaded
-
-
-def test_frames_missing_before_another_bench_are_not_missing_again() -> None:
-    bench = WatchedBench(["can0"])
-    bench.turn()
-    bench.turn(bench.healthy().select(slice(1, None)))
-    bench.turn()
-    assert bench.alarm("counter_gap", "HUB_Front") or bench.alarms
-    counts = [alarm.count for alarm in bench.alarms]
-    bench.state.adopt()
-    for _ in range(3):
-        bench.turn()
-    assert [alarm.count for alarm in bench.alarms] == counts

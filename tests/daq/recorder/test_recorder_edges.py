@@ -318,17 +318,6 @@ def test_a_reload_that_fails_leaves_the_buses_read(
     assert opened == [0, 0]
 
 
-def test_limits_of_the_disk_can_be_changed_while_it_records(quick: Bench, tmp_path: Path) -> None:
-    with Running(quick, tmp_path, sources(Script([]))) as running:
-        running.until(lambda s: s.recording != "")
-        writer = running.recorder._writer
-        changed = replace(quick, recorder=replace(quick.recorder, keep_bytes=1e9))
-        running.recorder.reload(changed).result(PATIENCE_S)
-        assert writer.limits.keep_bytes == 1e9
-        running.order(Configure(quick.text))
-        assert writer.limits == quick.recorder
-
-
 def test_a_run_rejected_while_it_is_recorded_can_be_neither_configured_nor_lost(
     quick: Bench, codec: Codec, tmp_path: Path
 ) -> None:

@@ -220,14 +220,6 @@ def test_seconds_are_counted_only_to_a_run_that_arms_itself(
     assert counted == seconds
 
 
-def test_the_seconds_return_when_the_last_of_its_kind_is_rejected() -> None:
-    bench = Bench().arm(Until.EXCITATION)
-    bench.run().bump()
-    assert bench.end().countdown_s is None
-    bench.decide(Code.REJECT, bench.loop.label)
-    assert bench.countdown_s == 3.0
-
-
 def test_a_pause_lets_the_run_end_and_then_counts_no_bump() -> None:
     bench = Bench().arm()
     bench.bump()
@@ -288,14 +280,6 @@ def test_a_clock_set_back_does_not_stretch_the_countdown() -> None:
     bench.turn(-3600.0)
     assert bench.phase == Phase.ACCEPTED
     assert bench.turn(3.0).phase == Phase.ARMED
-
-
-def test_like_rejects_need_the_same_first_reason() -> None:
-    bench = Bench().arm()
-    for codes in (("a", "b"), ("a",), ("b", "a"), ("b",)):
-        bench.run(*codes)
-    assert bench.loop.halted == ""
-    assert bench.run("b", "c").loop.halted == "b"
 
 
 def test_the_runs_of_each_kind_are_counted_and_the_next_one_is_due() -> None:
