@@ -111,7 +111,6 @@ REPAIRED = {
         f'{HEAD}{M}{N}CM_ BO_ 256 "no end;\nVAL_ 257 s 255 "invalid";\nCM_ "x";\n',
         "18: CM_",
     ),
-    "last": (f'{HEAD}{M}{N}VAL_ 257 s 255 "invalid"\n', "18: VAL_ has no semicolon"),
     "unknown": (f"{HEAD}{M}{N}FOO_ bar;\n", "18: the text is not valid DBC"),
     "attribute": (
         f'{HEAD}{M}{N}BA_ "GenMsgOther" BO_ 256 10;\nBA_ "GenMsgOther" BO_ 257 20;\n',
