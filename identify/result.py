@@ -6,8 +6,7 @@ prints `Identification.document`.  A new kind of result is one more field and on
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from hashlib import sha256
@@ -57,16 +56,10 @@ def hash_of(folders: Sequence[Path]) -> str:
     """Return SHA-256 over names and contents of those files in some folders."""
     whole = sha256()
     for folder in folders:
-        for path in sorted(_files(folder)):
-            name, content = path.removeprefix(f"{folder.parent}/").encode(), Path(path).read_bytes()
-            whole.update(b"%s\0%d\0%s" % (name, len(content), content))
+        for path in sorted(path for path in folder.rglob("*") if path.suffix in _KINDS):
+            name, content = path.relative_to(folder.parent).as_posix(), path.read_bytes()
+            whole.update(b"%s\0%d\0%s" % (name.encode(), len(content), content))
     return whole.hexdigest()
-
-
-def _files(folder: Path) -> Iterator[str]:
-    """Yield the files of those kinds; `Path.rglob` takes as long as to read them."""
-    for place, _, names in os.walk(folder):
-        yield from (f"{place}/{name}" for name in names if name.endswith(_KINDS))
 
 
 # The result ---------------------------------------------------------------------------------------

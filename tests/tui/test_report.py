@@ -18,6 +18,7 @@ from tui.cli import run
 from tui.jobs.comparing import identified
 
 from ..identify.stress import stress_session
+from .batches import refused_session, write_all
 
 
 @pytest.fixture(scope="module")
@@ -55,12 +56,13 @@ def test_report_writes_page_pdf_and_figures(
     assert document["source"]["file_sha256"] == hashlib.sha256(session.read_bytes()).hexdigest()
 
 
-def test_two_reports_at_once_to_one_file_both_end_well(session: Path, tmp_path: Path) -> None:
+def test_two_reports_at_once_to_one_file_both_end_well(tmp_path: Path) -> None:
+    (session,) = write_all(tmp_path / "s", refused_session, 1)
     words = [sys.executable, "-m", "tui", "report", str(session), "--out", str(tmp_path / "r.html")]
     both = [subprocess.Popen(words, stdout=subprocess.DEVNULL) for _ in range(2)]
-    assert [process.wait(120) for process in both] == [0, 0]
+    assert [process.wait(120) for process in both] == [1, 1]
     assert (tmp_path / "r.html").read_text("utf-8").rstrip().endswith("</html>")
-    assert list(tmp_path.iterdir()) == [tmp_path / "r.html"]
+    assert set(tmp_path.iterdir()) == {session.parent, tmp_path / "r.html"}
 
 
 def test_a_report_makes_no_folder_whose_name_is_mistyped(
@@ -98,9 +100,7 @@ def test_a_page_that_is_there_is_replaced_after_a_question(
 def test_report_of_a_refused_session_says_why(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    whole = stress_session("linear", 2, 100.0)
-    bare = tuple(run for run in whole.runs if run.mass_state == "baseline")
-    daq.write_session(tmp_path / "bare.h5", replace(whole, runs=bare))
+    daq.write_session(tmp_path / "bare.h5", refused_session(1))
     assert run(["report", str(tmp_path / "bare.h5")]) == 1
     said = capsys.readouterr().err
     verdict, *reasons = said.splitlines()

@@ -37,6 +37,8 @@ def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
     """Return the page; links lead from `folder` to reports that are next to their sessions."""
     import numpy as np
 
+    from daq.vehicle import parameter_unit
+
     names = [
         name for name in columns if f"{name}_std" in columns and not name.endswith(_NO_PARAMETER)
     ]
@@ -51,8 +53,14 @@ def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
     shape = len(rows), len(names)
     vehicles = [str(row.get("vehicle") or "") for row in rows]
     apart = outliers(vehicles, np.reshape(values, shape), np.reshape(stds, shape))
+    # The names of element forces, which begin with a word, include their unit.
+    symbols = [name.partition("_")[0] for name in names]
+    units = [
+        parameter_unit(name) if len(symbol) == 1 else ""
+        for name, symbol in zip(names, symbols, strict=True)
+    ]
     document = {
-        "parameters": [[name, _unit(name)] for name in names],
+        "parameters": list(zip(names, units, strict=True)),
         "rows": shown,
         "outliers": [
             [row, parameter, _rounded(usual), round(sigmas, 1)]
@@ -60,12 +68,13 @@ def page_of(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
         ],
         "outliers_in_all": len(apart),
     }
-    data = json_in_html(document, separators=(",", ":"))
     here = files(__package__)
     page = (here / "batch_page.html").read_text("utf-8")
-    style = files("identify.report").joinpath("report.css").read_text("utf-8")
-    script = (here / "batch_page.js").read_text("utf-8")
-    for mark, part in (("STYLE", style), ("SCRIPT", script), ("DATA", data)):
+    for mark, part in (
+        ("STYLE", files("identify.report").joinpath("report.css").read_text("utf-8")),
+        ("SCRIPT", (here / "batch_page.js").read_text("utf-8")),
+        ("DATA", json_in_html(document, separators=(",", ":"))),
+    ):
         page = page.replace(f"<!--{mark}-->", part, 1)
     return page
 
@@ -117,11 +126,3 @@ def _rounded(cell: Cell) -> float | None:
     except ValueError:
         return None
     return float(f"{number:.{_DIGITS}g}") if isfinite(number) else None
-
-
-def _unit(name: str) -> str:
-    """Return the unit of a parameter with a symbol; the names of element forces include theirs."""
-    from daq.vehicle import parameter_unit
-
-    symbol, _, _ = name.partition("_")
-    return parameter_unit(name) if len(symbol) == 1 else ""

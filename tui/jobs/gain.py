@@ -20,7 +20,6 @@ from pydantic import TypeAdapter
 from daq import BumpbenchError, Excitation
 
 if TYPE_CHECKING:
-    from daq import VehicleParameters
     from daq.bench.config import Bench
 
 WANTED_SPREADS = 3.0
@@ -66,22 +65,38 @@ class Gain:
     """Reason why there is no answer; empty if there is one."""
 
 
+GAIN = TypeAdapter(Gain)
+"""Writes and reads the answer."""
+
+
 def expected_gain(bench: Bench) -> Gain:
     """Return the precision expected from the campaign of a bench, on a car like its vehicle."""
     import numpy as np
 
+    from daq import AddedMass
     from daq.loading import expected_car
+    from identify import mode_names
+    from identify.model.matrices import SYMMETRIC, loaded_model
+    from identify.modes.modal_model import MODE_NAMES, modes_of
     from identify.plan import advise
 
     from .planning import planned
 
     car = expected_car(bench.vehicle)
-    plan = planned(bench, car.to_array(), None, bench.campaign.bump_height_m)
-    advice = advise(plan)
+    before, after = {}, {}
+    for hz, added in ((before, AddedMass()), (after, bench.mass_states[1].added)):
+        modes = modes_of(loaded_model(SYMMETRIC @ car.to_array(), added).A)
+        names = mode_names(modes, car.geometry)
+        hz.update(zip(names, modes.frequencies_hz.tolist(), strict=True))
+    advice = advise(planned(bench, car.to_array(), None, bench.campaign.bump_height_m))
     now = advice.outlook
     finite = np.isfinite(now.worst)
     return Gain(
-        shifts=_shifts(bench, car),
+        shifts=tuple(
+            Shift(excitation, before[name], after[name])
+            for excitation, name in zip(BODY_MODES, MODE_NAMES, strict=False)
+            if name in before and name in after
+        ),
         worst=now.worst if finite else None,
         mean=now.mean if finite else None,
         widest=max(now.relative, key=lambda name: now.relative[name]) if now.relative else "",
@@ -91,30 +106,6 @@ def expected_gain(bench: Bench) -> Gain:
     )
 
 
-def _shifts(bench: Bench, car: VehicleParameters) -> tuple[Shift, ...]:
-    from daq import AddedMass
-    from identify import mode_names
-    from identify.model.matrices import SYMMETRIC, loaded_model
-    from identify.modes.modal_model import MODE_NAMES, modes_of
-
-    full = SYMMETRIC @ car.to_array()
-    tables = []
-    for added in (AddedMass(), bench.mass_states[1].added):
-        modes = modes_of(loaded_model(full, added).A)
-        names = mode_names(modes, car.geometry)
-        tables.append(dict(zip(names, modes.frequencies_hz.tolist(), strict=True)))
-    before, after = tables
-    return tuple(
-        Shift(excitation, before[name], after[name])
-        for excitation, name in zip(BODY_MODES, MODE_NAMES, strict=False)
-        if name in before and name in after
-    )
-
-
-GAIN = TypeAdapter(Gain)
-"""Writes and reads the answer."""
-
-
 def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
     """Return the scatter of repeats as a share of their mean; None for fewer than three."""
     if len(frequencies_hz) < 3:
@@ -122,23 +113,17 @@ def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
     return stdev(frequencies_hz) / fmean(frequencies_hz)
 
 
-def _dbc_text(journal: Path) -> str | None:
-    """Return the DBC of the newest recording; None if there is none yet."""
-    from daq.journal.folder import last_recording
-
-    recording = last_recording(journal)
-    return recording.head.dbc_text if recording else None
-
-
 def main() -> int:
     """Answer the question on standard input."""
     from daq.bench.config import parse_bench
+    from daq.journal.folder import last_recording
 
     question = json.load(sys.stdin)
+    folder = Path(question["folder"])
     try:
-        folder = Path(question["folder"])
-        bench = parse_bench(question["bench"], "bench.toml", folder, _dbc_text(folder / "journal"))
-        gain = expected_gain(bench)
+        recording = last_recording(folder / "journal")
+        database = recording.head.dbc_text if recording else None
+        gain = expected_gain(parse_bench(question["bench"], "bench.toml", folder, database))
     except BumpbenchError as error:
         gain = Gain(error=str(error))
     sys.stdout.write(GAIN.dump_json(gain).decode())
