@@ -66,7 +66,7 @@ crash: .venv/test
 
 # Ten million frames through the whole recorder: flat memory, no frame lost.
 soak: .venv/test
-	$(BIN)/python -m tests.daq.soak $(or $(FRAMES),10000000)
+	$(BIN)/python -m tests.daq.test_soak $(or $(FRAMES),10000000)
 
 # A whole simulated campaign on the display, in a Chromium of this machine: words, sizes, contrast,
 # a cut line, load, axe; pictures in build/display/.  About three minutes.

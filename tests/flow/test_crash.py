@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..daq.crash import CAMPAIGNS
-from ..daq.crash_broken import fail_once, fill_once
+from ..daq.crash import CAMPAIGNS, fail_once, fill_once
 from ..daq.crash_process import kill_series
 
 

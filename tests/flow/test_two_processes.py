@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 
-from ..daq.pty_pair import pty_pair
+from ..daq.adapters import pty_pair
 from ..multicast import own_group
 
 PATIENCE_S = 150

@@ -18,7 +18,7 @@ from tui.cli import run
 from tui.jobs import gain
 from tui.jobs.gain import GAIN, Gain
 
-from ..daq.crash_derive import journal_of_runs
+from ..daq.crash_frames import journal_of_runs
 
 # The planner's process ----------------------------------------------------------------------------
 

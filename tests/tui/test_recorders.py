@@ -34,8 +34,7 @@ from tui.recorders.process import failure, last_line, start_recorder
 from tui.recorders.recording import print_outcome, record_campaign, recorded_session
 
 from ..daq.a_status import a_status
-from ..daq.crash_derive import journal_of_runs
-from ..daq.crash_frames import QuickFile
+from ..daq.crash_frames import QuickFile, journal_of_runs
 from ..daq.small_campaign import bumps, small_bench, small_codec
 from ..daq.small_session import small_session
 from .batches import refused_session

@@ -43,7 +43,7 @@ from tui.jobs.session_list import (
 )
 from tui.jobs.worker import lines_of, without
 
-from ..daq.crash_derive import journal_of_runs
+from ..daq.crash_frames import journal_of_runs
 from ..daq.small_campaign import small_bench
 from .batches import refused_session
 

@@ -26,7 +26,7 @@ from daq.journal.reader import read_journal
 from daq.recorder.recorder import Recorder
 from dbc import FrameBatch
 
-from ..sick_bus import Device, opener
+from ..adapters import Device, opener
 from ..small_campaign import small_bench
 from ..watched_bench import FOREIGN_ID, START_NS, WatchedBench, frames
 

@@ -21,7 +21,7 @@ from daq.bus.slcan import (
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 
-from ..pty_pair import pty_pair
+from ..adapters import pty_pair
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 

@@ -20,8 +20,15 @@ from daq.journal.segment import Backlog, Pending, Room, Segment, low_text
 from daq.journal.writer import JournalError, JournalWriter
 from daq.runs import Event
 
-from ..crash_derive import journal_of_runs, kill_derive
-from ..crash_frames import HEAD, FailingDisk, QuickFile, block, numbers
+from ..crash_frames import (
+    HEAD,
+    FailingDisk,
+    QuickFile,
+    block,
+    journal_of_runs,
+    kill_derive,
+    numbers,
+)
 from ..crash_writer import (
     KINDS,
     TAKINGS,

@@ -22,7 +22,7 @@ from daq.runlog.run_log import Code, fold
 from daq.runs import Event
 from dbc import Codec
 
-from ..crash_derive import journal_of_runs
+from ..crash_frames import journal_of_runs
 from ..recorder_run import ENDED, Running, Script, sources
 from ..recorder_run import quick as quick
 from ..small_campaign import blocks, bumps
