@@ -15,7 +15,6 @@ from rich.segment import Segment
 from textual.color import Color
 from textual.content import Content
 from textual.theme import Theme
-from textual.widgets import Input
 
 from daq.bench.campaign import Origin
 from daq.control.messages import Alarm, BusState, BusStatus, Phase, SessionState, SessionStatus
@@ -148,41 +147,6 @@ async def test_foreign_text_only_shows(name: str, make_app: Callable[..., BenchA
         recorder.post(Lost(text, text))
         await pilot.pause()
         assert _bad_lines(app, 80) == []
-
-
-async def test_a_terminal_that_is_too_small_says_so(make_app: Callable[..., BenchApp]) -> None:
-    app = make_app(FakeRecorder())
-    async with app.run_test(size=(60, 20)) as pilot:
-        await pilot.pause()
-        await pilot.pause()
-        assert "60x20 is too small: make it 80x24" in screen_text(app)
-        await pilot.resize_terminal(80, 24)
-        await pilot.pause()
-        await pilot.pause()
-        assert "too small" not in screen_text(app)
-
-
-async def test_a_reason_that_was_not_given_is_there_again(
-    make_app: Callable[..., BenchApp],
-) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    recorder.bump()
-    recorder.judge(DOUBLE_BUMP)
-    recorder.phase = Phase.IDLE
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        for end in ("escape", "enter"):
-            recorder.refuse = "the disk is full"
-            await pilot.press("t")
-            await pilot.pause()
-            await pilot.press("x", end)
-            await pilot.pause()
-        recorder.refuse = ""
-        await pilot.press("t")
-        await pilot.pause()
-        assert app.screen.query_one(Input).value == "xx"
 
 
 def _luminance(color: Color) -> float:

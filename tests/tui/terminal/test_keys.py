@@ -11,7 +11,6 @@ from daq.control.orders import (
     Accept,
     Acknowledge,
     Arm,
-    Choose,
     LeaveOut,
     Order,
     Pause,
@@ -19,11 +18,10 @@ from daq.control.orders import (
     Reject,
     Undo,
 )
-from daq.runs import Excitation
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.bumping import HomeScreen, RunScreen
 from tui.terminal.state.campaign import BenchStep
-from tui.terminal.state.feed import Lost, Role
+from tui.terminal.state.feed import Role
 
 from ...house.walks import walked
 from .conftest import screen_text
@@ -162,15 +160,6 @@ async def test_a_rejected_run_is_taken_back_with_a_reason(make_app: MakeApp) -> 
         assert _given(recorder, Accept) == [Accept(label, "a door")]
 
 
-async def test_more_runs_than_planned(make_app: MakeApp) -> None:
-    recorder = _bench()
-    app = make_app(recorder)
-    async with app.run_test() as pilot:
-        await pilot.pause()
-        await _press(pilot, "down", "m")
-        assert _given(recorder, Choose) == [Choose("baseline", Excitation.PITCH)]
-
-
 async def test_overload_lamps_stay_until_put_out(make_app: MakeApp) -> None:
     recorder = _bench()
     app = make_app(recorder)
@@ -202,36 +191,6 @@ async def test_a_viewer_gives_no_orders_until_it_has_taken_over(make_app: MakeAp
         await pilot.pause()
         assert "VIEWER" in screen_text(app).splitlines()[0]
         assert "somebody else has taken over" in screen_text(app), "and why the keys are dead"
-
-
-async def test_a_lost_recorder_is_shown_everywhere_and_restarted(make_app: MakeApp) -> None:
-    recorder = _bench()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        await _press(pilot, "space")
-        recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
-        await pilot.pause()
-        text = screen_text(app)
-        assert "RECORDER LOST" in text.splitlines()[0]
-        assert "X = start it again" in text
-        await _press(pilot, "x")
-        await app.workers.wait_for_complete()
-        assert recorder.restarts == 1
-        recorder.publish()
-        await pilot.pause()
-        assert "RECORDER LOST" not in screen_text(app)
-
-
-async def test_a_refusal_is_shown_and_changes_nothing(make_app: MakeApp) -> None:
-    recorder = _bench()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        recorder.refuse = "the disk is full: make room [red]now[/red]"
-        await _press(pilot, "space")
-        assert isinstance(app.screen, HomeScreen)
-        assert recorder.refuse in screen_text(app)
 
 
 async def test_a_new_terminal_is_where_the_old_one_was(make_app: MakeApp) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import replace
 from math import nan
 from pathlib import Path
@@ -10,17 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from textual.app import App, ComposeResult
-from textual.widgets import Static
 
 from daq.bench.config import default_bench_text, parse_bench
 from daq.control.messages import Lane, Live, Phase
-from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
+from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.lanes import RING_S, Lanes, LaneSpec, Window, lane_specs, window
 from tui.terminal.state.words import Banner
 from tui.terminal.widgets.banner import BannerBar
 from tui.terminal.widgets.chart import LaneChart, full_scale, pooled, trace
 from tui.terminal.widgets.form import Field
-from tui.terminal.widgets.table import Table
 
 from .fake_recorder import BIN_S, FakeRecorder
 from .operated import alone, text
@@ -44,13 +41,6 @@ def _dots(rows: list[str]) -> np.ndarray:
     return dots
 
 
-def test_zero_is_one_row_of_dots() -> None:
-    low = high = np.zeros(20)
-    dots = _dots(trace(low, high, 1.0, 4, BRAILLE))
-    assert (dots.sum(axis=0) == 1).all()
-    assert dots[8].all()
-
-
 def test_a_spike_of_one_sample_is_drawn_from_its_foot_to_its_tip() -> None:
     low, high = np.zeros(400), np.zeros(400)
     high[137] = 0.99
@@ -58,23 +48,6 @@ def test_a_spike_of_one_sample_is_drawn_from_its_foot_to_its_tip() -> None:
     column = 137 * 40 // 400
     assert seen[1:9, column].all()
     assert seen[:8].any(axis=0).sum() <= 2  # the column and its neighbour that it is joined to
-
-
-def test_a_steep_flank_hangs_together() -> None:
-    value = np.repeat([-0.9, 0.9], 10)
-    seen = _dots(trace(value, value, 1.0, 4, BRAILLE))
-    rows = np.flatnonzero(seen.any(axis=1))
-    assert np.array_equal(rows, np.arange(rows[0], rows[-1] + 1))
-
-
-@pytest.mark.parametrize("glyphs", [BRAILLE, BLOCKS, ASCII], ids=lambda g: g.name)
-def test_every_set_draws_rows_of_the_same_width(glyphs: Glyphs) -> None:
-    t = np.linspace(0, 6, 30 * glyphs.dots[0])
-    rows = trace(np.sin(t) - 0.1, np.sin(t) + 0.1, 1.2, 4, glyphs)
-    assert [len(row) for row in rows] == [30] * 4
-    assert all(row.strip() for row in rows)
-    if glyphs is ASCII:
-        assert "".join(rows).isascii()
 
 
 def test_pooling_keeps_every_extreme_and_repeats_where_bins_are_few() -> None:
@@ -159,35 +132,6 @@ def test_one_scale_for_each_quantity_at_the_wheels() -> None:
     assert specs["roll_rate"] != specs["pitch_rate"]
 
 
-@pytest.mark.parametrize("glyphs", [GlyphSet.ASCII, GlyphSet.BLOCKS])
-async def test_a_banner_takes_a_status_before_it_is_laid_out(glyphs: GlyphSet) -> None:
-    app: App[None] = App()
-    async with app.run_test(size=(80, 24)):
-        bar = BannerBar(choose_glyphs(glyphs, {}, "utf-8"))
-        bar.show(Banner("good", "+", "ACCEPTED", "bounce 3", "peak 9.1 m/s2", digits="3"))
-        await app.mount(bar)
-        assert "ACCEPTED" in str(bar.query(Static).first().render())
-
-
-class Chart(App[None]):
-    def compose(self) -> ComposeResult:
-        yield LaneChart(choose_glyphs(GlyphSet.ASCII, {}, "utf-8"))
-
-
-async def test_a_chart_takes_the_colours_of_another_theme() -> None:
-    app = Chart()
-    async with app.run_test() as pilot:
-        chart = app.query_one(LaneChart)
-        colours = []
-        for theme in ("textual-dark", "textual-light"):
-            app.theme = theme
-            await pilot.pause()
-            (segment,) = chart.render_line(0)
-            assert segment.style == chart.rich_style
-            colours.append(segment.style)
-        assert colours[0] != colours[1]
-
-
 class _Charted(App[None]):
     """An app of one chart, which counts how often the chart asks for a drawing."""
 
@@ -214,13 +158,6 @@ async def test_a_chart_that_shrinks_cuts_its_rows_and_asks_for_new_ones() -> Non
         assert app.asked > before
         row = chart.render_line(0)
         assert row.cell_length == len(row.text) == 90
-
-
-def test_the_newest_bin_ends_where_all_bins_before_it_have_passed() -> None:
-    lanes = Lanes()
-    assert lanes.end_ns == 0
-    lanes.bin_s, lanes.end = 0.02, 7
-    assert lanes.end_ns == 140_000_000
 
 
 S = 1_000_000_000
@@ -349,20 +286,3 @@ FIELDS = (
     Field("mass", "Mass", "kg", 0.0, 9.0),
     Field("mass.sigma", "Mass ±", "kg", 0.0, 9.0),
 )
-
-
-def test_a_column_is_as_wide_as_its_widest_cell_at_once() -> None:
-    """Widths that Textual measures when it is idle were those of the headings, under load."""
-
-    class TableApp(App[None]):
-        def compose(self) -> ComposeResult:
-            yield Table("list")
-
-    async def widths() -> list[int]:
-        app = TableApp()
-        async with app.run_test():
-            table = app.query_one(Table)
-            table.show(("state", ""), [["reported", "6"], ["real"]])
-            return [column.get_render_width(table) for column in table.ordered_columns]
-
-    assert asyncio.run(widths()) == [9, 2]

@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 from daq.bench.campaign import Method
 from daq.bench.config import default_bench_text, load_bench
 from daq.bench.edit import with_campaign
-from daq.control.orders import Configure, Mark, Note
+from daq.control.orders import Configure, Mark
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, HubWeight
 from tui.jobs.gain import Gain, Shift, measured_spread
@@ -35,7 +35,7 @@ from tui.terminal.widgets.table import Table
 
 from .conftest import at_every_size, screen_text
 from .fake_recorder import DOUBLE_BUMP, GOOD, FakeRecorder
-from .operated import Make, bench_of, check_items, orders_of, reach, until
+from .operated import Make, check_items, orders_of, reach, until
 
 GAIN = Gain(
     (Shift("bounce", 1.05, 1.00), Shift("pitch", 1.31, 1.25), Shift("roll", 1.65, 1.64)),
@@ -72,32 +72,6 @@ async def test_the_masses_look_as_before(make_app: Make, snapshot: Callable[...,
         await pilot.press("b", "down")
         await pilot.pause()
         await at_every_size(pilot, snapshot, "masses")
-
-
-@pytest.mark.usefixtures("_quick")
-async def test_weights_are_added_changed_removed_and_undone(make_app: Make) -> None:
-    recorder = _loaded()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, MassesScreen)
-        await pilot.press("delete", "delete", "u", "a")
-        await pilot.press(*"W-1", "enter", *"2,5", "enter", "enter")
-        await pilot.press("enter", "down", "enter", "ctrl+s")
-        await pilot.pause()
-        assert "✗ NO   FL    W-1     2.50" in screen_text(app)
-        await pilot.press("b", "space")
-        for _ in range(8):
-            await pilot.press("space")
-        await pilot.pause()
-        await pilot.press("space")
-        await until(pilot, lambda: Mark("step masses done") in recorder.orders)
-    weights = bench_of(recorder).mass_states[1].added.weights
-    assert len(weights) == 8
-    assert weights[-1] == HubWeight(2.5, Corner.FRONT_LEFT, 0.01)
-    assert weights[0] == BodyWeight(32.5, 0.14, -0.55)
-    (note,) = orders_of(recorder, Note)
-    assert note == Note("weights: 8 W-1")
-    assert not (app.folder / "draft_masses.json").exists()
 
 
 async def test_the_outlook_comes_from_a_process_of_its_own(

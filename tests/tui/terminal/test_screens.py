@@ -176,13 +176,6 @@ async def test_other_characters(make_app: MakeApp, snapshot: Snapshot, glyphs: G
     assert not any("\u2800" < char <= "\u28ff" for char in text)
 
 
-async def test_the_next_action_is_seen_in_the_smallest_terminal(make_app: MakeApp) -> None:
-    async with _running(make_app) as (app, pilot):
-        for state in ("idle", "rejected", "paused", "complete"):
-            text = await _turn_to(app, pilot, state)
-            assert "SPACE" in "\n".join(text.splitlines()[2:5]), state
-
-
 async def test_four_lanes_in_80x24_and_eight_from_40_rows(make_app: MakeApp) -> None:
     for size, most in (("80x24", 4), ("140x40", 8)):
         async with _running(make_app, size) as (app, _):
@@ -208,21 +201,6 @@ async def test_a_bad_bus_and_alarms_are_said_with_advice(make_app: MakeApp) -> N
         assert "BUS-OFF" in text.splitlines()[0]
         assert "2/4 alive" in text.splitlines()[0]
         assert "BUS OFF can0: off after 256 errors: check termination" in text
-
-
-async def test_two_buses_are_told_apart_in_80_columns(make_app: MakeApp) -> None:
-    recorder = FakeRecorder()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        names = ("can0", "socketcan can1", "udp_multicast 239.74.163.2")
-        recorder.publish(buses=tuple(BusStatus(n, BusState.OK, 0.4, 4e3, 10, 0, 0) for n in names))
-        await pilot.pause()
-        top = screen_text(app).splitlines()[0]
-        assert "can0 ● 40%  can1 ● 40%  239.74..." in top
-        await pilot.resize_terminal(140, 40)
-        await pilot.pause()
-        top = screen_text(app).splitlines()[0]
-        assert "can0 ● 40%  socketcan can1 ● 40%  239.74.163.2 ● 40%" in top
 
 
 @pytest.mark.parametrize("size", ["80x24", "140x40"])

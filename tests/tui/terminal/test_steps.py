@@ -116,19 +116,6 @@ async def test_what_was_typed_survives_a_crash_of_the_terminal(make_app: Make) -
         assert "!Total mass, kg  15x2" in screen_text(after)
 
 
-async def test_a_refused_order_keeps_the_form(make_app: Make) -> None:
-    recorder = FakeRecorder()
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await reach(pilot, VehicleScreen)
-        await pilot.press("tab", "end", *"X")
-        recorder.refuse = "a run is being recorded"
-        await pilot.press("ctrl+s")
-        await pilot.pause()
-        assert isinstance(app.screen, VehicleScreen)
-        assert "Ford GranadaX" in screen_text(app)
-
-
 def _checked(*items: CheckItem, **levels: float) -> FakeRecorder:
     recorder = FakeRecorder(check=(*check_items(**levels), *items))
     recorder.mark("vehicle")
@@ -291,26 +278,6 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
 
 
 @pytest.mark.usefixtures("by_hand")
-async def test_the_mark_of_the_check_stays_on_its_line_when_lines_come_before_it(
-    make_app: Make,
-) -> None:
-    recorder = FakeRecorder(check=check_items())
-    recorder.mark("vehicle")
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 30)) as pilot:
-        await reach(pilot, CheckScreen)
-        await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
-        await pressed(pilot, *["down"] * 5)
-        assert cursor(app) == 5
-        before = screen_text(app).splitlines()[-7:]
-        late = CheckItem("OK", "message IMU_Gyro", "500.0 Hz", "", {})
-        recorder.check = (check_items()[0], late, *check_items()[1:])
-        await pressed(pilot, "r")
-        assert cursor(app) == 6
-        assert screen_text(app).splitlines()[-7:] == before, "the same line is explained"
-
-
-@pytest.mark.usefixtures("by_hand")
 async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_app: Make) -> None:
     recorder = FakeRecorder(check=check_items(travel_fl=0.0035))
     recorder.mark("vehicle")
@@ -442,29 +409,3 @@ async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make)
             await pressed(pilot, "up")
         assert "overridden: old (MK)" in seen(app)
         assert "O overrides a line that says WARN" in await pressed(pilot, "o"), "once is enough"
-
-
-@pytest.mark.usefixtures("by_hand")
-async def test_a_corner_that_is_skipped_leads_to_the_next(make_app: Make) -> None:
-    recorder = FakeRecorder(check=check_items())
-    recorder.mark("vehicle")
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 30)) as pilot:
-        await reach(pilot, CheckScreen)
-        await until(pilot, lambda: "SPACE = push the corners" in seen(app))
-        screen = app.screen
-        assert isinstance(screen, CheckScreen)
-        await pressed(pilot, "space")
-        assert not screen.acts
-        await pressed(pilot, "s", *"wall", "enter")
-        assert OverrideWarning("push FL", "wall") in recorder.orders
-        assert recorder.orders[-1] == Mark("push FR")
-        await pressed(pilot, "s", "escape")
-        assert "Push the car down" in seen(app), "no reason, no skip"
-        recorder.refuse = "JL is in control"
-        await pressed(pilot, "s", *"post", "enter")
-        assert orders_of(recorder, OverrideWarning)[-1] == OverrideWarning("push FR", "post")
-        assert "push FR" in str(screen.query_one("#explained").border_title), "it is still due"
-        recorder.refuse = ""
-        await pressed(pilot, "s", "enter")
-        assert recorder.orders[-1] == Mark("push RL"), "the reason was kept"

@@ -5,23 +5,38 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from textual.pilot import Pilot
 
 from daq.alarms import EXPLAINED
-from daq.control.messages import Alarm, Phase, Status
+from daq.control.messages import (
+    Alarm,
+    Lane,
+    Live,
+    Phase,
+    Status,
+)
 from dbc.finding import Finding, Severity
 from tui.display.view import headline
 from tui.terminal.app import BenchApp
 from tui.terminal.dialogs import HelpScreen
 from tui.terminal.screens.bumping import HomeScreen, RunScreen
-from tui.terminal.state.campaign import first_obstacle, next_action, obstacle
+from tui.terminal.state.campaign import (
+    BenchStep,
+    first_obstacle,
+    next_action,
+    obstacle,
+)
 from tui.terminal.state.feed import STARTING, Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.words import banner
+from tui.terminal.state.signals import Signal
+from tui.terminal.state.words import (
+    banner,
+)
 
 from .conftest import screen_text
-from .fake_recorder import DOUBLE_BUMP, WALL_NS, FakeRecorder
+from .fake_recorder import BIN_S, DOUBLE_BUMP, WALL_NS, FakeRecorder
 from .operated import check_items, until
 
 MakeApp = Callable[..., BenchApp]
@@ -65,54 +80,6 @@ async def test_the_step_bar_is_of_what_the_screen_shows(make_app: MakeApp) -> No
         assert "[" not in _line(app, 1)
 
 
-async def test_no_key_is_promised_that_does_nothing(make_app: MakeApp) -> None:
-    recorder = _bench()
-    app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await _settle(pilot)
-        assert "SPACE" in _line(app, -1)
-        assert "Esc" not in _line(app, -1)  # this is home
-        await pilot.press("space")
-        recorder.bump()
-        recorder.turn(Phase.DECAY)
-        await _settle(pilot)
-        assert "SPACE" not in _line(app, -1)
-        assert "Esc Pause" in _line(app, -1)
-        recorder.judge()
-        await _settle(pilot)
-        assert "SPACE" in _line(app, -1)
-
-
-async def test_the_first_screen_says_what_it_waits_for(
-    make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recorder = _bench()
-    monkeypatch.setattr(recorder, "start", lambda post: None)
-    app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await _settle(pilot)
-        assert "waiting for the recorder" in _line(app, 0)
-        assert "1 Vehicle" in _line(app, 1)
-        assert "takes some seconds" in screen_text(app)
-        assert "SPACE" not in screen_text(app)
-
-
-async def test_home_says_how_to_start_a_lost_recorder(make_app: MakeApp) -> None:
-    recorder = _bench()
-    app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await _settle(pilot)
-        assert "SPACE starts" in screen_text(app)
-        recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
-        await _settle(pilot)
-        said = screen_text(app)
-        assert "SPACE" not in said
-        assert "X = start it again   (all up to then is on the disk)" in said
-        recorder.post(recorder.status)
-        await _settle(pilot)
-        assert "SPACE starts" in screen_text(app)
-
-
 async def test_a_small_terminal_shows_what_to_do_after_a_reject(make_app: MakeApp) -> None:
     recorder = _bench()
     app = make_app(recorder)
@@ -126,43 +93,6 @@ async def test_a_small_terminal_shows_what_to_do_after_a_reject(make_app: MakeAp
         assert "DOUBLE BUMP: second bump at +0.85 s" in said
         assert "Bump once, then keep off the car until the run has ended." in said
         assert "SPACE = again" in said
-
-
-async def test_a_small_terminal_shows_what_to_do_about_an_alarm(make_app: MakeApp) -> None:
-    recorder = _bench()
-    app = make_app(recorder)
-    alarm = Alarm(
-        "disconnected",
-        "virtual bumpbench",
-        "the adapter is gone",
-        "plug it in: it is waited for",
-        1,
-    )
-    async with app.run_test(size=SMALL) as pilot:
-        await _settle(pilot)
-        recorder.publish(alarms=(alarm,))
-        await _settle(pilot)
-        assert "plug it in: it is waited for" in " ".join(screen_text(app).split())
-        recorder.publish(alarms=(alarm, alarm, alarm))
-        await _settle(pilot)
-        said = " ".join(screen_text(app).split())
-        assert "plug it in: it is waited for" in said
-        assert "and 2 more" in said
-
-
-async def test_who_looks_on_is_asked_to_take_control_first(make_app: MakeApp) -> None:
-    recorder = _bench()
-    recorder.in_control = False
-    app = make_app(recorder)
-    async with app.run_test(size=SMALL) as pilot:
-        await _settle(pilot)
-        assert "VIEWER" in _line(app, 0)
-        assert "SPACE" not in screen_text(app)
-        assert "C = take control" in screen_text(app)
-        await pilot.press("c")
-        recorder.publish()
-        await _settle(pilot)
-        assert "SPACE starts" in screen_text(app)
 
 
 @pytest.mark.parametrize("key", ["1", "2", "4"])
@@ -335,3 +265,100 @@ async def test_a_lost_recorder_is_the_only_cause_and_x_the_only_order(make_app: 
         assert "STALE" not in "\n".join(lines)
         assert "X Start recorder" in lines[-1]
         assert not any(word in lines[-1] for word in ("Bksp", "Undo", "SPACE", "Esc"))
+
+
+ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
+BLOCKS = choose_glyphs(GlyphSet.BLOCKS, {}, "utf-8")
+BRAILLE = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
+
+
+@pytest.fixture
+def recorder() -> FakeRecorder:
+    made = FakeRecorder()
+    made.mark("vehicle", "check")
+    return made
+
+
+def said(status: Status) -> list[str]:
+    shown = banner(status, None, next_action(status), ASCII)
+    return [shown.word, shown.title, shown.first, shown.second, shown.digits]
+
+
+def _alarm(code: str) -> Alarm:
+    return Alarm(code, "can0", "text", "advice", 0)
+
+
+async def test_the_bell_rings_in_the_rhythm_of_the_event_unless_it_is_muted(
+    make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert len({signal.value for signal in Signal}) == len(Signal)
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    rung: list[float] = []
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        monkeypatch.setattr(app, "bell", lambda: rung.append(0.0))
+        monkeypatch.setattr(app, "set_timer", lambda at_s, _: rung.append(at_s))
+        recorder.turn(Phase.ARMED)
+        await pilot.pause()
+        recorder.bump()
+        recorder.judge(DOUBLE_BUMP)
+        await pilot.pause()
+        recorder.post(Lost("the recorder has ended", "restart"))
+        recorder.post(Lost("the recorder has ended", "restart"))
+        await pilot.pause()
+        assert rung == [*Signal.ARMED.value, *Signal.REJECTED.value, *Signal.LOST.value]
+        recorder.publish()
+        app.action_sound()
+        await pilot.pause()
+        assert "muted" in screen_text(app)
+        recorder.post(Lost("the recorder has ended", "restart"))
+        await pilot.pause()
+        assert len(rung) == 10
+
+
+async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: MakeApp) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        names = ("home", "run", "check", "sessions", "results", "report", "identify", "masses")
+        for number, name in enumerate(names, 1):
+            await app.open(name)
+            recorder.post(Lost("the recorder has ended", "restart"))
+            await pilot.pause()
+            rows = screen_text(app).splitlines()
+            assert rows[0].startswith(" RECORDER LOST: X = start it again"), name
+            await until(pilot, lambda: "X Start recorder" in screen_text(app).splitlines()[-1])
+            await pilot.press("x")
+            await pilot.pause()
+            assert recorder.restarts == number, name
+            recorder.post(STARTING)
+            await pilot.pause()
+            rows = screen_text(app).splitlines()
+            assert rows[0].startswith(" STARTING"), name
+            await until(pilot, lambda: "X Start recorder" not in screen_text(app))
+            recorder.publish()
+            await pilot.pause()
+        await app.go_to(BenchStep.BASELINE)
+        assert "STARTING" not in screen_text(app)
+
+
+def _dots(rows: list[str]) -> np.ndarray:
+    """Return which dots of braille rows are set, by Unicode's own numbering."""
+    height, width = 4 * len(rows), 2 * len(rows[0])
+    dots = np.zeros((height, width), bool)
+    for r, row in enumerate(rows):
+        for c, char in enumerate(row):
+            bits = 0 if char == " " else ord(char) - 0x2800
+            for bit, (x, y) in enumerate(
+                ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
+            ):
+                dots[4 * r + y, 2 * c + x] = bool(bits >> bit & 1)
+    return dots
+
+
+def _live(first: int, values: list[float | None], channel: str = "a") -> Live:
+    return Live(first, BIN_S, (Lane(channel, tuple(values), tuple(values)),))

@@ -1,9 +1,10 @@
-"""The words and figures of the bench, each on both sides of where it changes."""
+"""The words, figures and boxes of the bench, each on both sides of where it changes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +20,7 @@ from daq.control.messages import (
     Phase,
     Status,
 )
-from daq.control.orders import Arm
-from daq.runlog.run_log import Code, entry
+from daq.control.orders import Arm, Note, OverrideWarning
 from daq.runs import Excitation
 from daq.vehicle import Corner
 from tui.terminal.app import BenchApp
@@ -32,7 +32,6 @@ from tui.terminal.screens.check import (
 from tui.terminal.state.campaign import (
     BenchStep,
     bump_step,
-    cause_words,
     frames_stand_still,
     in_run,
     next_action,
@@ -40,7 +39,7 @@ from tui.terminal.state.campaign import (
     progress,
     waits_unarmed,
 )
-from tui.terminal.state.feed import STARTING, Lost
+from tui.terminal.state.feed import Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.signals import Signal, signal_of
 from tui.terminal.state.words import (
@@ -54,10 +53,15 @@ from tui.terminal.state.words import (
     rejected_words,
     waiting_words,
 )
+from tui.terminal.widgets.lists import (
+    alarms_text,
+    journal_text,
+    next_text,
+    runs_text,
+    tally_rows,
+)
 
-from .conftest import screen_text
 from .fake_recorder import BIN_S, DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
-from .operated import until
 
 ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
 BLOCKS = choose_glyphs(GlyphSet.BLOCKS, {}, "utf-8")
@@ -283,12 +287,6 @@ def test_an_alarm_of_lost_frames_stops_after_three_seconds(
     assert obstacle(replace(recorder.status, due=None)) is None
 
 
-def test_a_cause_is_named_with_its_subject_and_an_advice_with_a_stop() -> None:
-    assert cause_words(Alarm("brand_new", "", "seen", "turn it off", 0)) == (
-        "BRAND_NEW", "Turn it off.", "seen",
-    )  # fmt: skip
-
-
 def test_only_an_offset_that_a_tare_can_improve_is_one() -> None:
     bench: Bench = FakeRecorder().bench
 
@@ -357,80 +355,6 @@ def test_what_is_signalled(
     assert signal_of(before, replace(before, phase=after, alarms=raised)) is signal
 
 
-async def test_the_bell_rings_in_the_rhythm_of_the_event_unless_it_is_muted(
-    make_app: MakeApp, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert len({signal.value for signal in Signal}) == len(Signal)
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    app = make_app(recorder)
-    rung: list[float] = []
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        monkeypatch.setattr(app, "bell", lambda: rung.append(0.0))
-        monkeypatch.setattr(app, "set_timer", lambda at_s, _: rung.append(at_s))
-        recorder.turn(Phase.ARMED)
-        await pilot.pause()
-        recorder.bump()
-        recorder.judge(DOUBLE_BUMP)
-        await pilot.pause()
-        recorder.post(Lost("the recorder has ended", "restart"))
-        recorder.post(Lost("the recorder has ended", "restart"))
-        await pilot.pause()
-        assert rung == [*Signal.ARMED.value, *Signal.REJECTED.value, *Signal.LOST.value]
-        recorder.publish()
-        app.action_sound()
-        await pilot.pause()
-        assert "muted" in screen_text(app)
-        recorder.post(Lost("the recorder has ended", "restart"))
-        await pilot.pause()
-        assert len(rung) == 10
-
-
-async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: MakeApp) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        names = ("home", "run", "check", "sessions", "results", "report", "identify", "masses")
-        for number, name in enumerate(names, 1):
-            await app.open(name)
-            recorder.post(Lost("the recorder has ended", "restart"))
-            await pilot.pause()
-            rows = screen_text(app).splitlines()
-            assert rows[0].startswith(" RECORDER LOST: X = start it again"), name
-            await until(pilot, lambda: "X Start recorder" in screen_text(app).splitlines()[-1])
-            await pilot.press("x")
-            await pilot.pause()
-            assert recorder.restarts == number, name
-            recorder.post(STARTING)
-            await pilot.pause()
-            rows = screen_text(app).splitlines()
-            assert rows[0].startswith(" STARTING"), name
-            await until(pilot, lambda: "X Start recorder" not in screen_text(app))
-            recorder.publish()
-            await pilot.pause()
-        await app.go_to(BenchStep.BASELINE)
-        assert "STARTING" not in screen_text(app)
-
-
-async def test_a_message_has_a_row_of_its_own_and_covers_nothing(make_app: MakeApp) -> None:
-    recorder = FakeRecorder()
-    recorder.mark("vehicle", "check")
-    app = make_app(recorder)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
-        before = screen_text(app).splitlines()
-        app.warn("a refusal that is long enough for two rows " + "and goes on " * 5)
-        await pilot.pause()
-        rows = screen_text(app).splitlines()
-        assert rows[-1] == before[-1]
-        assert rows[-3].startswith(" a refusal that is long enough")
-        assert rows[:9] == before[:9]  # the next action and what SPACE does
-        assert all("a refusal" not in row for row in rows[:-3])
-
-
 def _dots(rows: list[str]) -> np.ndarray:
     """Return which dots of braille rows are set, by Unicode's own numbering."""
     height, width = 4 * len(rows), 2 * len(rows[0])
@@ -494,8 +418,114 @@ def test_more_runs_are_recorded_by_the_one_key_after_each_step() -> None:
     assert next_action(recorder.status).step is BenchStep.IDENTIFY
 
 
-def test_a_note_is_no_mark() -> None:
-    recorder = FakeRecorder()
-    recorder._enter(entry(Code.NOTE, 0, text="step vehicle done", label="", by="MK"))
-    recorder.mark("check")
-    assert progress(recorder.status).due is BenchStep.VEHICLE
+MOTION = replace(GOOD, code="motion", text="f 1.15 Hz", unit="Hz", value=1.15)
+
+
+def test_alarms_are_folded_and_the_last_ones_counted(recorder: FakeRecorder) -> None:
+    silent = Alarm("bus_silent", "can0", "no frame for 2 s", "check the cable", 1)
+    full = Alarm("disk_full", "", "1 GB left", "make room", 1)
+    long = replace(silent, text="word " * 40, advice="do " * 60)
+
+    def shown(*alarms: Alarm, width: int = 70, overloaded: tuple[str, ...] = ()) -> list[str]:
+        status = replace(recorder.status, alarms=alarms, overloaded=overloaded)
+        return alarms_text(status, ASCII, width).plain.splitlines()
+
+    assert shown(silent, full) == [
+        "! BUS SILENT can0: no frame for 2 s: check the cable",
+        "! DISK FULL 1 GB left: make room",
+    ]
+    assert shown(overloaded=("a", "b")) == [
+        "^ OVERLOAD a, b touched the end of the range: A puts the lamp out"
+    ]
+    assert len(shown(*[silent] * 4)) == 4
+    assert shown(*[silent] * 5)[3:] == ["! and 2 more"]
+    lines = shown(full, long, full)
+    assert [line.split()[1] for line in lines] == ["DISK", "BUS", "word", "DISK"]
+    assert len(shown(long, width=40)) == 3, "the gravest has three rows"
+    assert shown() == []
+
+
+def test_progress_marks_what_is_due_and_says_what_was_rejected(recorder: FakeRecorder) -> None:
+    def rows() -> list[list[str]]:
+        return [[str(cell).strip() for cell in row] for row in tally_rows(recorder.status, ASCII)]
+
+    recorder.bump()
+    recorder.judge(MOTION)
+    recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    assert rows()[:2] == [
+        ["> baseline bounce", "#.", "1/2", "1.15 Hz", "1 rejected: double bump"],
+        ["baseline pitch", "..", "0/2", "", ""],
+    ]
+    recorder.bump()
+    recorder.judge(replace(MOTION, value=1.25))
+    recorder.choose("baseline", recorder.status.tallies[0].excitation)
+    recorder.bump()
+    recorder.judge()
+    assert rows()[0][1:4] == ["##", "2/2 +1", "1.20 ± 0.07 Hz"]
+
+
+async def test_runs_and_journal_have_the_newest_on_top(recorder: FakeRecorder) -> None:
+    def runs(status: Status) -> list[str]:
+        return runs_text(status, ASCII).plain.splitlines()
+
+    recorder.bump()
+    recorder.judge(MOTION)
+    recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    await recorder.ask(Note("wet", "baseline_bounce_2"))
+    await recorder.ask(OverrideWarning("noise", "lift"))
+    recorder.bump()
+    assert runs(recorder.status) == [
+        "> running   baseline bounce 3",
+        "x rejected  baseline bounce 2  second bump at +0.84 s, kept",
+        "+ accepted  baseline bounce 1  f 1.15 Hz",
+    ]
+    odd = LeftOut("baseline_bounce_1", "3 mm higher")
+    unlike = runs(replace(recorder.status, proposed=(odd,)))
+    assert unlike[-1].endswith("bounce 1  unlike the others: 3 mm higher")
+    taken = replace(recorder.status.runs[0], by="MK", reason="a door")
+    assert runs(replace(recorder.status, runs=(taken,))) == [
+        "+ accepted  baseline bounce 1  f 1.15 Hz  taken by MK: a door"
+    ]
+    assert runs(replace(recorder.status, runs=())) == ["no runs yet"]
+    said = [line.partition("  ")[2] for line in journal_text(recorder.status).plain.splitlines()]
+    assert said[0] == "bounce 3 is recorded"
+    assert set(said[1:4]) == {
+        "note on baseline_bounce_2: wet (MK)",
+        "WARN noise overridden by MK: lift",
+        "bounce 2 rejected",
+    }
+    assert said[4] == "bounce 1 accepted"
+    assert set(said[5:]) == {"step vehicle done", "step check done"}
+    bare = replace(recorder.status, runs=(), notes=(), overrides=())
+    assert journal_text(bare).plain == "nothing yet"
+
+
+def test_what_is_next_stands_in_a_panel(recorder: FakeRecorder) -> None:
+    def said(lost: Lost | None = None, **changes: Any) -> list[str]:
+        status = replace(recorder.status, **changes)
+        return next_text(status, next_action(status), lost, ASCII).plain.splitlines()
+
+    assert said() == [
+        "> Baseline · BOUNCE, run 1 of 2", "Roll all four wheels over the boards.", "",
+        "SPACE starts",
+    ]  # fmt: skip
+    recorder.finish("baseline")
+    assert said() == ["> Step 4 Masses", "", "SPACE = step 4 Masses"]
+    recorder.mark("masses")
+    recorder.choose("baseline", recorder.status.tallies[0].excitation)
+    assert said()[0] == "> Baseline · BOUNCE, run 3, 2 were planned"
+    odd = LeftOut("baseline_roll_1", "3 mm higher")
+    assert said(proposed=(odd,) * 3)[2:5] == [
+        "3 runs are unlike the others of their kind: L leaves them out.",
+        "  baseline_roll_1: 3 mm higher", "  baseline_roll_1: 3 mm higher",
+    ]  # fmt: skip
+    failed = Alarm("journal_failed", "", "disk is full", "make room", 1)
+    assert said(alarms=(failed,))[0].startswith("x STOP  ")
+    assert said(due=None, phase=Phase.WAITING)[0] == "step 5 Added"
+    assert next_text(None, next_action(None), None, ASCII).plain.startswith("waiting for the")
+    assert said(Lost("it has ended", "all is on the disk")) == [
+        "x RECORDER LOST", "it has ended", "",
+        "X = start it again   (all is on the disk)",
+    ]  # fmt: skip

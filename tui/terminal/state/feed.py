@@ -23,7 +23,7 @@ from ...recorders.process import LOG, failure
 RETRY_S = 0.5
 SLICE_S = 0.25
 ANSWER_S, SLOW_S = 2.0, 15.0
-HEIR_S = 4.0
+INHERIT_S = 4.0
 """Seconds in which a new terminal takes control as soon as it is free, after the previous one was
 killed."""
 BIRTH_S = 5.0
@@ -254,6 +254,6 @@ class RecorderFeed:
                 post(Role(False, "another terminal has taken control: C takes it back"))
             if was_refused and isinstance(news, Status) and not news.controller:
                 was_refused = False
-                if time.monotonic() - begun_s < HEIR_S:
+                if time.monotonic() - begun_s < INHERIT_S:
                     self._reconnect.set()
         return ""
