@@ -23,9 +23,7 @@ from .likelihood import (
     Residuals,
     fit,
     linearised,
-    refit,
     residuals_of,
-    with_noise,
 )
 
 _BASIN_CHI2 = 1.3
@@ -128,15 +126,13 @@ _LINEARISED: WeakKeyDictionary[Estimation, Linearised] = WeakKeyDictionary()
 def linearised_at(estimation: Estimation) -> Linearised:
     """Return the linear model at the optimum, the channels weighted by their noise."""
     if estimation not in _LINEARISED:
-        fit, noise, box = estimation.fit, estimation.noise, estimation.box
-        if isinstance(fit, LinearFit) and fit.linearised.decays is estimation.decays:
-            found = fit.linearised
-            if estimation.sigma != noise:
-                found = with_noise(found, noise)
-        else:
-            own = fit.eta[: len(box.prior_sigma)]  # sizes of elements follow in a nonlinear fit
-            found = linearised(box, estimation.decays, noise, own)
-        _LINEARISED[estimation] = found
+        fit, noise, decays = estimation.fit, estimation.noise, estimation.decays
+        known = fit.linearised if isinstance(fit, LinearFit) else None
+        if known is None or known.decays is not decays or estimation.sigma != noise:
+            box = estimation.box
+            # The sizes of elements follow the unknowns of the box in a nonlinear fit.
+            known = linearised(box, decays, noise, fit.eta[: len(box.prior_sigma)])
+        _LINEARISED[estimation] = known
     return _LINEARISED[estimation]
 
 
@@ -311,7 +307,7 @@ def _from(
     if not rest:
         for _ in range(2):  # the noise and the fit settle together
             sigma = floored(_residual_noise(left), decays)
-            fine = refit(box, fine, sigma)
+            fine = fit(box, decays, sigma, fine.eta)
             left = residuals_of(fine.linearised, decays, sigma)
     return Estimation(box, records, fine, decays, sigma, rest, left, _chi2_per_n(box, left, sigma))
 
@@ -320,7 +316,6 @@ def _reweighted(best: Estimation) -> Estimation:
     """Pool the noise at rest, a few dozen samples perhaps, with that of the residuals."""
     if not best.rest:
         return best
-    assert isinstance(best.fit, LinearFit)  # by `_from`, in this process
     counts = quiet_counts(best.records)
     pooled = {}
     for name, level in best.rest.items():
@@ -330,7 +325,7 @@ def _reweighted(best: Estimation) -> Estimation:
         total = counts[name] * level**2 + squares
         pooled[name] = float(np.sqrt(total / (counts[name] + freedom)))
     sigma = floored(pooled, best.decays)
-    fine = refit(best.box, best.fit, sigma)
+    fine = fit(best.box, best.decays, sigma, best.fit.eta)
     left = residuals_of(fine.linearised, best.decays, sigma)
     chi2 = _chi2_per_n(best.box, left, best.noise)
     return replace(best, fit=fine, sigma=sigma, residuals=left, chi2_per_n=chi2)

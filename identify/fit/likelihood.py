@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
-from .products import Alike, Products, laid_out
+from .products import Alike, laid_out
 from .varpro import (
     Evaluated,
     LinearPart,
@@ -111,20 +111,19 @@ def fit(
     tolerance: float = 1e-3,
     max_iterations: int = 60,
     hold: float = 0.0,
-    there: Linearised | None = None,
 ) -> LinearFit:
     """Find the most likely unknowns.
 
     `sigma`: standard deviation of the noise, SI.  `start`, (P,) float64: where to begin.
     `tolerance`: stop when the next step will change no unknown by more than this share of its
     standard deviation (that with all others known, the smallest one there is): steps shrink at
-    least as fast as the last two did.  `max_iterations`: give up
-    after so many steps.  `hold`: how strongly the unknowns are held near the start in the first
-    steps, in units of the misfit.  Without it a parameter that is far off may run to zero before
-    the others have come near (`HOLD`).  `there`: the model at `start`, if it is known already.
+    least as fast as the last two did.  `max_iterations`: give up after so many steps.  `hold`: how
+    strongly the unknowns are held near the start in the first steps, in units of the misfit.
+    Without it a parameter that is far off may run to zero before the others have come near
+    (`HOLD`).
     """
     eta = start.copy()
-    there = there or linearised(box, decays, sigma, eta)
+    there = linearised(box, decays, sigma, eta)
     here = _sum(there.blocks)
     # Rounding error of a difference of large sums: costs cannot be compared more precisely.
     rounding = 1e-13 * sum(
@@ -173,12 +172,6 @@ def fit(
     return LinearFit(eta, covariance, here.cost, information, iterations, converged, there)
 
 
-def refit(box: GreyBox, found: LinearFit, sigma: Mapping[str, float]) -> LinearFit:
-    """Fit the same decays once more, from their optimum, for another noise, SI."""
-    there = with_noise(found.linearised, sigma)
-    return fit(box, there.decays, sigma, found.eta, there=there)
-
-
 def normal_blocks(
     box: GreyBox,
     decays: tuple[FreeDecay, ...],
@@ -208,29 +201,7 @@ def linearised(
     }
     points = evaluate_each(box, eta, {decay.mass_state for decay in decays}, sigma)
     layout = layout or laid_out(decays)
-    seen = products_of(points, decays, layout)
-    return _linearised(points, decays, layout, seen, both)
-
-
-def with_noise(there: Linearised, sigma: Mapping[str, float]) -> Linearised:
-    """Return the model at the same unknowns, the channels weighted by another noise, SI.
-
-    It takes half of the time of `linearised`: the motion and its products with the samples stay.
-    """
-    points = {name: at.with_noise(sigma) for name, at in there.points.items()}
-    seen = [linear.products for linear in there.linear]
-    both = {name: there.blocks[name] for name in (FACTS, PRIORS)}
-    return _linearised(points, there.decays, there.layout, seen, both)
-
-
-def _linearised(
-    points: Mapping[str, Evaluated],
-    decays: tuple[FreeDecay, ...],
-    layout: Sequence[Alike],
-    seen: Sequence[Sequence[Products]],
-    both: dict[str, NormalBlock],
-) -> Linearised:
-    pairs = blocks_of(points, decays, seen)
+    pairs = blocks_of(points, decays, products_of(points, decays, layout))
     blocks = {decay.label: block for decay, (block, _) in zip(decays, pairs, strict=True)}
     linear = tuple(part for _, part in pairs)
     return Linearised(points, decays, layout, linear, both | blocks)

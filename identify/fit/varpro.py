@@ -8,7 +8,7 @@ unknowns of the grey box are iterated (variable projection).
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,6 @@ from .products import Alike, Products, laid_out, products, residuals
 
 _N = 14  # states of the vehicle
 _RANK = 1e-12  # directions of the linear part below this, relative, are not observed
-_CERTAIN = 0.01
-"""Condition in units of 1 / `_RANK` below which every direction is shown: that by column sums is
-never below that by eigenvalues."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +78,6 @@ class Evaluated:
     def weights(self, group: ChannelGroup) -> NDArray[np.float64]:
         """Return the inverse variance of each channel of a group."""
         return self.group(group).weight
-
-    def with_noise(self, sigma: Mapping[str, float]) -> Evaluated:
-        """Return the same point, the channels weighted by another noise, SI."""
-        pairs = zip(self.groups, self.box.groups, strict=True)
-        groups = tuple(replace(at, weight=_weights(group, sigma)) for at, group in pairs)
-        return replace(self, groups=groups)
 
 
 def evaluate(
@@ -247,37 +238,9 @@ def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.flo
 
 def pseudo_inverse(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert normal matrices, (.., n, n); directions that the data do not determine stay zero."""
-    if not normal.size:
-        return normal.copy()
     scale = 1 / np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
     scales = scale[..., :, None] * scale[..., None, :]
-    scaled = (normal * scales).reshape(-1, *normal.shape[-2:])
-    inverse, certain = _plain_inverse(scaled)
-    for i in np.flatnonzero(~certain).tolist():
-        values, vectors = np.linalg.eigh(scaled[i])
-        good = values > _RANK * values[-1]
-        inverse[i] = (vectors[:, good] / values[good]) @ vectors[:, good].T
-    return np.asarray(inverse.reshape(normal.shape) * scales)
-
-
-def _plain_inverse(
-    scaled: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return inverses, (m, n, n), in a tenth of the time; False if data leave a direction open."""
-    try:
-        inverse = np.asarray(np.linalg.inv(scaled), dtype=np.float64)
-    except np.linalg.LinAlgError:  # of one of them
-        if len(scaled) == 1:
-            return np.zeros_like(scaled), np.array([False])
-        each = [_plain_inverse(one[None]) for one in scaled]
-        return np.concatenate([one for one, _ in each]), np.concatenate([sure for _, sure in each])
-    condition = _norm(scaled) * _norm(inverse)
-    return 0.5 * (inverse + inverse.swapaxes(1, 2)), condition < _CERTAIN / _RANK
-
-
-def _norm(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the largest sum of magnitudes in a column of each matrix."""
-    return np.asarray(np.abs(matrices).sum(axis=1).max(axis=1))
+    return np.asarray(np.linalg.pinv(normal * scales, _RANK, hermitian=True) * scales)
 
 
 @dataclass(frozen=True, slots=True)

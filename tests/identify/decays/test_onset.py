@@ -101,12 +101,6 @@ def test_three_samples_show_rest(rate_hz: float, rests: bool) -> None:
     assert (onset_s(record(recording(values, rate_hz))) is not None) is rests
 
 
-def test_a_slow_group_leaves_it_to_the_others_whether_the_record_begins_at_rest() -> None:
-    slow = recording(np.repeat([0.0, 9.0], 10), 20.0)
-    assert onset_s(record(recording(moving(300, 50.0)), slow)) == 0.3
-    assert onset_s(record(recording(moving(20, 50.0)), slow)) is None
-
-
 @pytest.mark.parametrize(("size", "still"), [(0.0, True), (9.0, False)])
 def test_noise_alone_is_no_motion(size: float, still: bool) -> None:
     """A swing of 9 has a standard deviation of 6.4, that is 6.4 times the noise."""
@@ -176,16 +170,6 @@ def test_noise_at_rest_is_pooled_over_runs_about_the_level_of_each() -> None:
 def test_a_hundred_degrees_of_freedom_make_a_noise_level(at: int, known: bool) -> None:
     """Of 104 samples at rest 99 are used, of 108 there are 103; one goes for the level."""
     assert bool(quiet_noise([record(recording(moving(at, 50.0)))])) is known
-
-
-def test_a_channel_that_is_never_at_rest_leaves_no_noise_level() -> None:
-    quiet = record(recording(moving(300, 50.0)))
-    other = Recording(ChannelGroup("h", (B,)), np.arange(1000) / 1000.0, noise(1000)[:, None])
-    moved = noise(1000)
-    moved[10:] *= 100.0
-    never = record(Recording(other.group, other.time_s, moved[:, None]))
-    assert quiet_noise([quiet]) != {}
-    assert quiet_noise([quiet, never]) == {}
 
 
 # Samples of a run: what is usable, thinned, cut, and described otherwise -------------------------

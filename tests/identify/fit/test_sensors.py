@@ -123,30 +123,6 @@ def test_the_modes_of_a_symmetric_car_are_symmetric_whatever_the_gains_are() -> 
             np.testing.assert_allclose(left, right, rtol=1e-9)
 
 
-def test_each_correction_has_a_place_of_its_own_after_the_parameters() -> None:
-    """A place, a ratio and a lateness: 15 parameters, x and y, the ratio, then the clock."""
-    first, second, third, *_ = GROUP.channels
-    punctual = ChannelGroup(
-        "first",
-        (
-            replace(first, position_sigma_m=0.01, x_m=0.3, at_cg=False),
-            replace(second, motion_ratio=0.8, motion_ratio_sigma=0.02),
-        ),
-    )
-    late = ChannelGroup("second", (replace(third, delay_sigma_s=1e-3),))
-    box = GreyBox((punctual, late), MASS_STATES, None)
-    assert box.corrections == (
-        f"x of {first.name}", f"y of {first.name}", f"gain of {second.name}", "delay of second",
-    )  # fmt: skip
-    assert box.prior_sigma[15:] == pytest.approx([0.01, 0.01, 0.025, 1e-3])
-    assert (box.delay_index(0), box.delay_index(1)) == (None, 18)
-    assert list(box.scaled) == [17]
-    eta = np.zeros(19)
-    eta[15:] = (0.02, -0.01, 0.05, 2e-3)
-    assert box.delays_s(eta).tolist() == [0.0, 2e-3]
-    assert box.pulls(eta) == pytest.approx([2.0, -1.0, 2.0, 2.0])
-
-
 # A sensor's low-pass and its lateness, stated in the channel, cost next to nothing ---------------
 
 

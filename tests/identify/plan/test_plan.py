@@ -148,50 +148,6 @@ def test_geometry_scales_and_structure() -> None:
     np.testing.assert_allclose(windows, [1.4, 1.17, 1.14], rtol=0.07)
 
 
-@pytest.mark.parametrize(
-    ("channels", "added_mass", "scales", "axles"),
-    [
-        (_channels(), 4.4, 4.1, 2.6),
-        (_channels(imu=False, body=CORNERS), 2.6, 2.4, 0.61),
-        (_channels(travels=CORNERS), 1.3, 1.2, 0.81),
-        (IMU_HUBS, 1.1, 0.88, 0.47),
-        (_channels(hubs=LEFT), 1.5, 1.3, 0.53),
-        (_channels(imu=False, body=CORNERS, hubs=CORNERS), 1.0, 0.80, 0.32),
-        (_channels(imu=False, body=CORNERS[:3], hubs=CORNERS), 1.07, 0.83, 0.36),
-        (_channels(imu=False, body=CORNERS, travels=CORNERS), 1.1, 0.98, 0.42),
-        (_channels(hubs=CORNERS, travels=CORNERS, body=CORNERS), 0.71, 0.60, 0.26),
-        (_channels(imu=False, hubs=CORNERS), 9.4, 7.5, 10.8),
-    ],
-)
-def test_sensor_sets(
-    channels: tuple[Channel, ...], added_mass: float, scales: float, axles: float
-) -> None:
-    plan = _bench_plan(channels)
-    assert _worst(plan) == pytest.approx(added_mass, rel=0.07)
-    assert _worst(replace(plan, facts=TAPE + SCALES)) == pytest.approx(scales, rel=0.07)
-    no_added_mass = replace(plan, runs=_runs(states=(BASELINE,)), facts=TAPE + AXLES)
-    assert _worst(no_added_mass) == pytest.approx(axles, rel=0.07)
-
-
-def test_added_mass() -> None:
-    plan = _bench_plan()
-    for factor, worst in ((0.5, 2.0), (1.0, 1.13), (2.0, 0.62)):
-        state = MassState(ADDED, AddedMass(matrix=factor * PAPER_MASS))
-        scaled = replace(plan, mass_states=(MassState(BASELINE), state))
-        assert _worst(scaled) == pytest.approx(worst, rel=0.03)
-    hubs = [HubWeight(kg, c) for kg, c in zip((4.0, 4.0, 5.0, 5.0), CORNERS, strict=True)]
-    assert _worst(replace(plan, mass_states=_loaded(*hubs))) == pytest.approx(1.17, rel=0.03)
-    body_only = MassState(ADDED, AddedMass(matrix=PAPER_MASS * (np.arange(7) < 3)))
-    body = replace(plan, mass_states=(MassState(BASELINE), body_only))
-    assert _worst(body) == pytest.approx(3.1, rel=0.03)
-    at_cg = replace(plan, mass_states=_loaded(BodyWeight(130.0, -1.25, 0.0)))
-    assert _worst(at_cg) == pytest.approx(4.0, rel=0.03)
-    middle, left = (
-        _worst(replace(plan, mass_states=_loaded(BodyWeight(100.0, -3.3, y)))) for y in (0.0, 0.5)
-    )
-    assert left < 0.75 * middle  # off-centre weights couple the modes
-
-
 def _decay_jacobian(case: Excitation, delta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return d(accelerations)/d(15 logarithms, 14 initial states, 7 constants) by differences."""
     rate_hz, duration_s = 100.0, 1.0
