@@ -184,7 +184,8 @@ def sensor_times(
     step = np.concatenate([[1], steps.step])
     if np.mean(step == 0) > 0.5:
         return arrival_times(t_ns, t0_ns)
-    index, arrival = np.cumsum(step).astype(np.float64), (t_ns - t0_ns) * 1e-9
+    index: NDArray[np.float64] = np.cumsum(step).astype(np.float64)
+    arrival = np.asarray((t_ns - t0_ns) * 1e-9, np.float64)
     return _between_restarts(index, arrival, step, steps.restarted, cycle_s)
 
 
