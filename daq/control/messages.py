@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import ConfigDict, TypeAdapter
 
+from dbc.finding import Finding
+
 from ..bench.campaign import Origin, Step
 from ..runlog.run_log import LoggedRun, Override, Remark
 from ..runs import Excitation, Losses
@@ -20,7 +22,7 @@ from ..runs import Excitation, Losses
 if TYPE_CHECKING:
     from ..bench.config import Bench
 
-PROTOCOL = 4
+PROTOCOL = 5
 """Version of the messages, increased when an older client could misread them."""
 STATUS_TOPIC, LIVE_TOPIC = b"status", b"live"
 _WHEN_USED = ConfigDict(defer_build=True)
@@ -346,17 +348,6 @@ class Live:
 
 
 @dataclass(frozen=True, slots=True)
-class CheckItem:
-    """One line of the bench check (`daq.check.check`); its verdict is OK, WARN or FAIL."""
-
-    verdict: str
-    subject: str
-    reason: str
-    advice: str
-    figures: dict[str, float]
-
-
-@dataclass(frozen=True, slots=True)
 class Reply:
     """The answer to an order."""
 
@@ -369,7 +360,7 @@ class Reply:
     """Answer to `AskHistory`."""
     bench_text: str = ""
     """Answer to `AskBench`."""
-    check: tuple[CheckItem, ...] = ()
+    check: tuple[Finding, ...] = ()
     """Answer to `AskCheck`."""
     setup: Setup | None = None
     """Answer to `Hello`: the settings with which the recorder was started."""

@@ -14,8 +14,8 @@ from dbc.frames import FrameBatch
 
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec, parse_bench
-from ..check.check import WORDS, check_bench
-from ..control.messages import CheckItem, LeftOut, Reply
+from ..check.check import check_bench
+from ..control.messages import LeftOut, Reply
 from ..control.orders import (
     Accept,
     Arm,
@@ -212,10 +212,6 @@ def answer_check(bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> Non
     """Check the bench with the last frames, and set the answer."""
     try:
         report = check_bench(bench, bench_codec(bench), frames, date.today())
-        items = (
-            CheckItem(WORDS[f.severity], f.subject, f.text, f.advice, dict(f.figures))
-            for f in report.lines
-        )
-        answer.set_result(Reply(check=tuple(items)))
+        answer.set_result(Reply(check=report.lines))
     except Exception as error:  # any exception is reported to the client
         answer.set_exception(error)

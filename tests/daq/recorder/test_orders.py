@@ -15,7 +15,7 @@ from daq.bench.config import Bench, BusConfig, default_bench_text, load_bench
 from daq.bumps import Wheels
 from daq.bus.source import HopLosses
 from daq.check.check import CheckReport
-from daq.control.messages import CheckItem, Reply
+from daq.control.messages import Reply
 from daq.control.orders import (
     Accept,
     Acknowledge,
@@ -184,8 +184,7 @@ def test_a_check_is_answered_with_its_lines_or_its_error(monkeypatch: pytest.Mon
     monkeypatch.setattr("daq.recorder.orders.check_bench", lambda *_: report)
     answer = Future[Reply]()
     answer_check(BENCH, FrameBatch.empty(), answer)
-    item = CheckItem("WARN", "message M", "slow", "set it", {"hz": 5.0})
-    assert answer.result(0).check == (item,)
+    assert answer.result(0).check == (line,)
     monkeypatch.setattr("daq.recorder.orders.check_bench", lambda *_: 1 / 0)
     answer = Future()
     answer_check(BENCH, FrameBatch.empty(), answer)

@@ -17,7 +17,6 @@ from daq.control.client import OrderRefusedError
 from daq.control.messages import (
     BusState,
     BusStatus,
-    CheckItem,
     DiskStatus,
     Due,
     Lane,
@@ -93,7 +92,7 @@ class FakeRecorder:
         bench.toml in force.
     in_control : bool
         Whether the terminal may give orders.
-    check : tuple of CheckItem
+    check : tuple of Finding
         What `AskCheck` is answered with.
     """
 
@@ -101,7 +100,7 @@ class FakeRecorder:
         self,
         bench_text: str = "",
         in_control: bool = True,
-        check: tuple[CheckItem, ...] = (),
+        check: tuple[Finding, ...] = (),
     ) -> None:
         self.bench_text = bench_text or default_bench_text()
         self.in_control, self.check = in_control, check

@@ -13,8 +13,9 @@ from textual.pilot import Pilot
 from textual.widget import Widget
 
 from daq.bench.config import Bench
-from daq.control.messages import CheckItem
+from daq.check.check import WORDS
 from daq.vehicle import Corner
+from dbc.finding import Finding
 from tui.jobs.lines import (
     CompareTask,
     Done,
@@ -42,14 +43,22 @@ from .outcomes import outcome
 Make = Callable[..., BenchApp]
 
 
-def check_items(**levels: float) -> tuple[CheckItem, ...]:
+def check_line(
+    word: str, subject: str, text: str, advice: str, figures: dict[str, float]
+) -> Finding:
+    """Return a line of the bench check, by the word for its severity."""
+    (severity,) = (each for each, other in WORDS.items() if other == word)
+    return Finding("line", severity, text, subject, advice, figures=figures)
+
+
+def check_items(**levels: float) -> tuple[Finding, ...]:
     rest = {f"travel_{c.lower()}": 0.0001 for c in Corner} | levels
     return (
-        CheckItem("OK", "bus", "12000 frames in 3.00 s, about 38 % of the bit rate", "", {}),
-        CheckItem("OK", "message IMU_Accel", "500.0 Hz, jitter 0.20 ms", "", {}),
-        CheckItem("OK", "channel body_acc_z", "9.81 m/s2 at rest, +1 g", "", {"level": 9.81}),
+        check_line("OK", "bus", "12000 frames in 3.00 s, about 38 % of the bit rate", "", {}),
+        check_line("OK", "message IMU_Accel", "500.0 Hz, jitter 0.20 ms", "", {}),
+        check_line("OK", "channel body_acc_z", "9.81 m/s2 at rest, +1 g", "", {"level": 9.81}),
         *(
-            CheckItem("OK", f"channel {name}", f"{level:.4g} m at rest", "", {"level": level})
+            check_line("OK", f"channel {name}", f"{level:.4g} m at rest", "", {"level": level})
             for name, level in rest.items()
         ),
     )

@@ -118,8 +118,8 @@ def _reported_by(recorder: FakeRecorder, text: str) -> None:
 @pytest.mark.parametrize("name", FOREIGN)
 async def test_foreign_text_only_shows(name: str, make_app: Callable[..., BenchApp]) -> None:
     text = FOREIGN[name]
-    warned = replace(NOISY, subject=f"channel {text}", reason=text, advice=text)
-    recorder = FakeRecorder(check=(warned, replace(UPSIDE_DOWN, reason=text, advice=text)))
+    warned = replace(NOISY, subject=f"channel {text}", text=text, advice=text)
+    recorder = FakeRecorder(check=(warned, replace(UPSIDE_DOWN, text=text, advice=text)))
     _reported_by(recorder, text)
     app = make_app(recorder)
     app.operator = text

@@ -11,9 +11,10 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from daq.control.messages import CheckItem, Lane, Live
+from daq.control.messages import Lane, Live
 from daq.control.orders import AskCheck, Configure, Hello, Mark, Note, OverrideWarning
 from daq.vehicle import Corner
+from dbc.finding import Finding
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.check import CheckScreen
 from tui.terminal.screens.vehicle import VehicleScreen
@@ -26,6 +27,7 @@ from .operated import (
     Make,
     bench_of,
     check_items,
+    check_line,
     cursor,
     front,
     orders_of,
@@ -35,10 +37,10 @@ from .operated import (
     until,
 )
 
-UPSIDE_DOWN = CheckItem(
+UPSIDE_DOWN = check_line(
     "FAIL", "channel hub_acc_fl", "reads -9.79 m/s2 at rest: upside down", "set sign = -1", {}
 )
-NOISY = CheckItem(
+NOISY = check_line(
     "WARN", "channel hub_acc_rr", "noise 2.4 m/s2 is more than the usual 2", "stop the engine", {}
 )
 
@@ -116,7 +118,7 @@ async def test_what_was_typed_survives_a_crash_of_the_terminal(make_app: Make) -
         assert "!Total mass, kg  15x2" in screen_text(after)
 
 
-def _checked(*items: CheckItem, **levels: float) -> FakeRecorder:
+def _checked(*items: Finding, **levels: float) -> FakeRecorder:
     recorder = FakeRecorder(check=(*check_items(**levels), *items))
     recorder.mark("vehicle")
     return recorder

@@ -13,7 +13,6 @@ from daq.bench.config import Bench
 from daq.check.push_test import PushResult
 from daq.control.messages import (
     Alarm,
-    CheckItem,
     Lane,
     LeftOut,
     Live,
@@ -291,7 +290,7 @@ def test_only_an_offset_that_a_tare_can_improve_is_one() -> None:
     bench: Bench = FakeRecorder().bench
 
     def tared(channel: str, level: float) -> str:
-        item = CheckItem("OK", f"channel {channel}", "", "", {"level": level})
+        item = check_line("OK", f"channel {channel}", "", "", {"level": level})
         return zero_offsets([item], bench.channels).get(channel, "")
 
     assert [tared("travel_fl", x) for x in (0.0005, 0.0006, -0.0035)] == [
@@ -305,9 +304,9 @@ def test_only_an_offset_that_a_tare_can_improve_is_one() -> None:
         "roll_rate -0.0040 rad/s",
     ]
     items = [
-        CheckItem("OK", "channel a", "", "", {"level": 1.0}),
-        CheckItem("OK", "message a", "", "", {"level": 2.0}),
-        CheckItem("OK", "channel b", "", "", {}),
+        check_line("OK", "channel a", "", "", {"level": 1.0}),
+        check_line("OK", "message a", "", "", {"level": 2.0}),
+        check_line("OK", "channel b", "", "", {}),
     ]
     assert rest_levels(items) == {"a": 1.0}
 

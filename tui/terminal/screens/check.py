@@ -13,10 +13,12 @@ from textual.content import Content
 
 from daq import Channel, Corner, InputError, Quantity
 from daq.bench.edit import with_channel
+from daq.check.check import WORDS
 from daq.check.push_test import ORDER, PushResult, judge_push, shows_push, spoken
-from daq.control.messages import BusState, CheckItem, Phase, Status
+from daq.control.messages import BusState, Phase, Status
 from daq.control.orders import AskCheck, Configure, Mark, OverrideWarning
 from daq.errors import printable
+from dbc.finding import Finding
 
 from ..state.campaign import BenchStep
 from ..state.lanes import RING_S
@@ -114,7 +116,7 @@ def push_subject(corner: str) -> str:
     return f"push {corner}"
 
 
-def rest_levels(items: Sequence[CheckItem]) -> dict[str, float]:
+def rest_levels(items: Sequence[Finding]) -> dict[str, float]:
     """Return the level of each channel at rest, SI, by its name."""
     return {
         item.subject.removeprefix("channel "): item.figures["level"]
@@ -123,7 +125,7 @@ def rest_levels(items: Sequence[CheckItem]) -> dict[str, float]:
     }
 
 
-def zero_offsets(items: Sequence[CheckItem], channels: Sequence[Channel]) -> dict[str, str]:
+def zero_offsets(items: Sequence[Finding], channels: Sequence[Channel]) -> dict[str, str]:
     """Return the channels that should read zero at rest but do not, with their offsets in words."""
     levels = rest_levels(items)
     offsets = {}
@@ -170,7 +172,7 @@ class CheckScreen(BenchScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._items: tuple[CheckItem, ...] = ()
+        self._items: tuple[Finding, ...] = ()
         self._rows: list[CheckRow] = []
         self._asking = self._asked = self._zeroed = False
         self._corner: Corner | None = None
@@ -248,7 +250,7 @@ class CheckScreen(BenchScreen):
         overridden = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
         rows = list(recorder_rows(status))
         for item in self._items:
-            rows.append(CheckRow(item.verdict, item.subject, item.reason, item.advice))
+            rows.append(CheckRow(WORDS[item.severity], item.subject, item.text, item.advice))
         if not self._items:
             rows.append(CheckRow(WAIT, "sensors", "listening"))
         for i, row in enumerate(rows):
