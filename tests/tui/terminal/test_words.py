@@ -61,6 +61,7 @@ from tui.terminal.widgets.lists import (
 )
 
 from .fake_recorder import BIN_S, DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder
+from .operated import check_line
 
 ASCII = choose_glyphs(GlyphSet.ASCII, {}, "utf-8")
 BLOCKS = choose_glyphs(GlyphSet.BLOCKS, {}, "utf-8")
