@@ -267,8 +267,8 @@ def _together(alarms: Sequence[Alarm]) -> Alarm:
 def _disk_symptoms(config: RecorderConfig, disk: DiskStatus) -> Iterator[Finding]:
     if disk.failed:
         frames = counted(disk.held_frames, "frame is", "frames are")
-        held = f"; {frames} held in memory" if disk.held_frames else ""
-        yield fault("journal_failed", "", f"{disk.failed}{held}")
+        waiting = f"; {frames} held in memory" if disk.held_frames else ""
+        yield fault("journal_failed", "", f"{disk.failed}{waiting}")
     if disk.warning:
         yield fault("journal_warning", "", disk.warning)
     if low := low_text(Room(disk.free_bytes, disk.total_bytes), config):
@@ -287,8 +287,8 @@ def with_not_recording(status: Status, storage: StorageStatus, wall_ns: int) -> 
     `status`: the last published one.  Returns the same object if there is no alarm to add.
     """
     known = {"not_recording", "journal_failed"} & {alarm.code for alarm in status.alarms}
-    for found in _not_recording(storage) if not known else ():
+    for symptom in _not_recording(storage) if not known else ():
         since_ns = wall_ns - round(storage.late_s * 1e9)
-        alarm = Alarm(found.code, "", found.text, found.advice, since_ns)
+        alarm = Alarm(symptom.code, "", symptom.text, symptom.advice, since_ns)
         return replace(status, alarms=(alarm, *status.alarms), storage=storage)
     return status

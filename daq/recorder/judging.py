@@ -152,7 +152,7 @@ class Judge:
         self._bench, self._recent, self._measures = bench, recent, measures
         self._timed = timed_messages(codec, bench.message_rules)
         self._saturated: dict[str, int] = {}
-        self._left: tuple[int, int, float | None] = (0, 0, None)
+        self._motion: tuple[int, int, float | None] = (0, 0, None)
 
     def saw_saturated(self, t_ns: int, channels: Sequence[str]) -> None:
         """Note the channels that are at the end of their range."""
@@ -175,14 +175,14 @@ class Judge:
 
     def peak_left(self, bump_ns: int, t_ns: int) -> float | None:
         """Return the ratio of the present motion to its peak; None while it cannot be measured."""
-        before_bump_ns, seen_ns, left = self._left
+        before_bump_ns, seen_ns, ratio = self._motion
         if before_bump_ns == bump_ns and 0 <= t_ns - seen_ns < LOOK_NS:
-            return left
+            return ratio
         start_ns, _ = self._bench.trigger.window_ns(bump_ns)
         samples = self._recent.samples(start_ns, t_ns + 1)
-        left = peak_left(self._bench.channels, bump_ns, samples, t_ns)
-        self._left = (bump_ns, t_ns, left)
-        return left
+        ratio = peak_left(self._bench.channels, bump_ns, samples, t_ns)
+        self._motion = (bump_ns, t_ns, ratio)
+        return ratio
 
 
 def unlike_runs(

@@ -294,12 +294,12 @@ class Recorder:
         """Resume the last campaign, or build its session file if necessary and begin a new one."""
         now, journal = self._clock(), self._journal
         seal_left_open(journal)
-        found, left = resumable(journal, self._bench), None
-        if isinstance(found, str):
-            self._begun, tail = found, None
-            left = unfinished(journal)
+        resumed, unbuilt = resumable(journal, self._bench), None
+        if isinstance(resumed, str):
+            self._begun, tail = resumed, None
+            unbuilt = unfinished(journal)
         else:
-            tail, self._bench = found
+            tail, self._bench = resumed
             frames = plural(tail.frames, "frame")
             self._begun = f"it was interrupted, and continues after {tail.frames:,} {frames}"
         STEADY_CLOCK.begin(tail.last_ns if tail else 0)
@@ -312,9 +312,9 @@ class Recorder:
             self._recording.note(Code.RESUMED, float(tail.frames), self._software, now)
             recall(tail, bench, self._recording.measures.update)
             if run_log.runs:  # its session file may lack the last of them
-                left = self._opened.session, tail
-        if left is not None:
-            session, last = left
+                unbuilt = self._opened.session, tail
+        if unbuilt is not None:
+            session, last = unbuilt
             revision = fold(last.events).revision
             self._derivation.begin(session, last.segments, last.head.recording, revision)
 

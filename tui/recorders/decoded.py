@@ -85,13 +85,14 @@ def import_channels(
         print_json({**summary(out, session), "bumps": bumps, "planned": len(steps)})
     else:
         print_summary(out, session)
-    for remark in left_out_remarks(bumps, len(session.runs), 0 if known.runs else len(steps)):
-        say(remark)
     asked = open_questions(session.provenance["channel_map"], str(channel_map))
-    for remark in (*(f"{f.subject}: {f.text} ({f.advice})" for f in asked), *sign_remarks(session)):
-        say(remark)
-    for remark in unread:
-        say(remark)
+    for line in (
+        *left_out_remarks(bumps, len(session.runs), 0 if known.runs else len(steps)),
+        *(f"{question.subject}: {question.text} ({question.advice})" for question in asked),
+        *sign_remarks(session),
+        *unread,
+    ):
+        say(line)
     return ExitCode.DATA_LOST if unread else ExitCode.OK
 
 
@@ -102,14 +103,14 @@ def file_facts(path: Path) -> dict[str, str | int]:
     return {"name": path.name, "bytes": path.stat().st_size, "sha256": file_sha256(path)}
 
 
-def left_out_remarks(bumps: int, found: int, planned: int) -> list[str]:
+def left_out_remarks(bumps: int, runs: int, planned: int) -> list[str]:
     """Return remarks on bumps that are not runs, and on planned runs without a bump."""
     remarks = []
-    if bumps > found:
-        were = plural(bumps - found, "was", "were")
-        remarks.append(f"{bumps - found} of {bumps} bumps {were} left out (see --runs and --skip)")
-    if found < planned:
-        remarks.append(f"{found} of {planned} planned runs {plural(found, 'was', 'were')} found")
+    if bumps > runs:
+        were = plural(bumps - runs, "was", "were")
+        remarks.append(f"{bumps - runs} of {bumps} bumps {were} left out (see --runs and --skip)")
+    if runs < planned:
+        remarks.append(f"{runs} of {planned} planned runs {plural(runs, 'was', 'were')} found")
     return remarks
 
 
@@ -117,8 +118,7 @@ def sign_remarks(session: Session) -> list[str]:
     """Return remarks on the channels of imported runs whose sign is wrong, with advice."""
     from daq.check.signs import opposed_signs
 
-    found = opposed_signs(session.runs, session.channels)
-    return [f"{finding.text} ({finding.advice})" for finding in found]
+    return [f"{f.text} ({f.advice})" for f in opposed_signs(session.runs, session.channels)]
 
 
 def _session(
@@ -153,20 +153,20 @@ def _session(
         stage(number / len(files), f"{path.name}, {counted(bumps, 'bump')}")
         columns = read_columns(path, known.columns)
         unread += [f"{path} is not whole: {what}" for what in columns.unread]
-        found = recording(known, columns)
+        samples = recording(known, columns)
         about[f"source_{number + 1}"] = dumps({"format": "channels", "files": [file_facts(path)]})
         if known.runs:
-            runs += [given_run(known, found, given) for given in known.runs]
+            runs += [given_run(known, samples, given) for given in known.runs]
             continue
-        onsets = bumps_in(known, found)
+        onsets = bumps_in(known, samples)
         if not onsets and (apart or len(files) == 1):
             what = "no channel leaves its rest as a bump does"
             raise InputError(str(path), what, "see [trigger], or give the times in [[run]]")
         first = number if apart else bumps - skip
         for place, bump in enumerate(onsets[:1] if apart else onsets, start=first):
             if 0 <= place < len(steps):
-                runs.append(bump_run(known, found, steps[place], bump))
+                runs.append(bump_run(known, samples, steps[place], bump))
         bumps += len(onsets)
     if not runs:
         raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
-    return session_from_columns(known, found.channels, runs, about), bumps
+    return session_from_columns(known, samples.channels, runs, about), bumps
