@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 # The version and the hash of the program that makes the numbers -----------------------------------
 
-VERSION = "0.1.0"
+VERSION = "1.0.0"
 """That of pyproject.toml; to look it up in the installed metadata loads a reader of e-mail."""
 
 _PACKAGES = (Path(dbc.__file__).parent, Path(daq.__file__).parent, Path(__file__).parent)
