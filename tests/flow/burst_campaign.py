@@ -95,7 +95,7 @@ class _Typist:
         letters = string.ascii_letters + string.digits + " .,-"
         text = "x" + "".join(self.rng.choice(letters) for _ in range(_NOTE)) + "x"
         self.notes.append(text)
-        await self.type("n", *text, "ctrl+s")
+        await self.type("n", *text, "enter")
 
     async def go_on(self) -> None:
         """Note something on each run, else do what SPACE does."""
@@ -136,7 +136,7 @@ async def _campaign(operator: Seat) -> tuple[int, int]:
     await typist.note()
     await operator.until(lambda: isinstance(app.screen, MassesScreen), typist.go_on)
     lines = [key for text in _WEIGHT.values() for key in (*text, "tab")]
-    await typist.type("a", *lines, "right", "ctrl+s")
+    await typist.type("a", *lines, "enter", "down", "enter", "ctrl+s")
     typist.notes.append(f"weights: 9 {_WEIGHT['serial']}")  # the terminal's own, of the inventory
     await operator.until(lambda: app.step is BenchStep.IDENTIFY, typist.go_on)
     assert app.bench is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable
+from functools import partial
 
 from daq.alarms import EXPLAINED
 from daq.control.messages import Phase
@@ -87,7 +88,7 @@ async def test_a_message_covers_neither_the_top_lines_nor_the_keys(make_app: Mak
         rows = screen_text(app).splitlines()
         for text in ("No space left on device", "the note is in the recording"):
             app.warn(text)
-            await until(pilot, lambda text=text: shows(app, text))
+            await until(pilot, partial(shows, app, text))
             shown = screen_text(app).splitlines()
             assert text in "\n".join(shown[-4:])
             assert (shown[:10], shown[-1]) == (rows[:10], rows[-1])
