@@ -278,7 +278,9 @@ class MassesScreen(BenchScreen):
     async def action_next(self) -> None:
         """Mark the first weight that is not bolted, then confirm it; go on when all are bolted."""
         loose = self._loose
-        if loose and self.query_one(Table).cursor_row != loose[0]:
+        if self._error:
+            self.bench_app.warn(self._error)
+        elif loose and self.query_one(Table).cursor_row != loose[0]:
             self._choose(loose[0])
         elif loose:
             self._set_bolted(loose[0], bolted=True)
