@@ -83,7 +83,8 @@ def expected_gain(bench: Bench) -> Gain:
     from .planning import planned
 
     car = expected_car(bench.vehicle)
-    before, after = {}, {}
+    before: dict[str, float] = {}
+    after: dict[str, float] = {}
     for hz, added in ((before, AddedMass()), (after, bench.mass_states[1].added)):
         modes = modes_of(loaded_model(SYMMETRIC @ car.to_array(), added).A)
         names = mode_names(modes, car.geometry)
