@@ -139,6 +139,23 @@ _ADVICE = {
     "udp_multicast": "channel is a multicast group, like 239.74.163.2",
 }
 
+_DRIVERS = {
+    "canalystii": "the Python package canalystii",
+    "cantact": "the Python package cantact",
+    "gs_usb": "the Python package gs_usb, and libusb",
+    "ixxat": "IXXAT VCI, for Windows",
+    "kvaser": "Kvaser CANlib",
+    "neousys": "Neousys WDT_DIO",
+    "neovi": "the Python package python-ics, of Intrepid",
+    "nican": "NI-CAN, for Windows",
+    "nixnet": "NI-XNET, for Windows",
+    "pcan": "PEAK PCAN-Basic",
+    "systec": "SYS TEC USB-CANmodul, for Windows",
+    "usb2can": "8devices USB2CAN, for Windows",
+    "vector": "Vector XL Driver Library, for Windows",
+}
+"""Driver that an interface needs beside python-can."""
+
 # python-can logs every vendor library that is not installed.
 logging.getLogger("can").addHandler(logging.NullHandler())
 
@@ -216,6 +233,8 @@ def _one_line(config: BusConfig) -> Iterator[None]:
         elif isinstance(error, TypeError) and not config.channel:
             reason = "no channel is named"
         advice = _ADVICE.get(config.interface, "check [bus] in bench.toml, cable and driver")
+        if driver := _DRIVERS.get(config.interface):
+            advice = f"check channel and cable, and that its driver is installed: {driver}"
         advice = advice.format(channel=config.channel, bitrate=config.bitrate)
         raise BusError(_name(config), f"cannot be opened: {reason}", advice) from error
 

@@ -375,5 +375,7 @@ def test_an_interface_that_is_not_there_is_one_line_that_names_what_it_needs(
     text = str(refused.value)
     assert text.startswith(f"{interface} {channel}".rstrip() + ": cannot be opened: ")
     assert "\n" not in text
+    of_a_vendor = interface in {"ixxat", "kvaser", "neousys", "pcan", "vector"}
+    assert not of_a_vendor or "that its driver is installed: " in text
     assert "missing 1 required" not in text
     assert "is not defined" not in text
