@@ -343,7 +343,7 @@ class ResultsScreen(BenchScreen):
     def action_export(self) -> None:
         """Write the session in another tool's format."""
         if self.outcome is not None:
-            self.run_worker(export_session(self.app, self.outcome.session), group="export")
+            self.run_worker(export_session(self.bench_app, self.outcome.session), group="export")
 
     # Inside -------------------------------------------------------------------------------------
 

@@ -57,12 +57,12 @@ class SessionsScreen(BenchScreen):
         self._stale = True
 
     def compose_body(self) -> ComposeResult:
-        """Compose list, place of the marked session and search line."""
+        """Compose search line, place of the marked session, and list."""
+        yield Line(placeholder="find: F, then type date, vehicle, state, note or folder", id="find")
+        yield Words("about")
         table = Table("list")
         table.can_focus = True
         yield table
-        yield Words("about")
-        yield Line(placeholder="find: F, then type date, vehicle, state, note or folder", id="find")
 
     def on_screen_resume(self) -> None:
         """Read the folder anew."""
@@ -139,7 +139,7 @@ class SessionsScreen(BenchScreen):
         """Write a session in another tool's format."""
         entry = self._chosen()
         if entry is not None and self._is_file(entry):
-            self.run_worker(export_session(self.app, entry.path), group="export")
+            self.run_worker(export_session(self.bench_app, entry.path), group="export")
 
     def action_find(self) -> None:
         """Put the cursor into the search line."""

@@ -10,7 +10,7 @@ from glob import escape
 from pathlib import Path
 from typing import Any, ClassVar
 
-from textual.app import App, ComposeResult
+from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
@@ -71,7 +71,7 @@ async def open_report(app: BenchApp, session: str, write: bool = False) -> None:
         report.begin()
 
 
-async def export_session(app: App[None], path: str) -> None:
+async def export_session(app: BenchApp, path: str) -> None:
     """Ask for the format, export in a worker process and show the files; needs a Textual worker."""
     name = printable(Path(path).name, 40)
     form = await app.push_screen_wait(ChoiceScreen(f"Export {name} as", FORMATS))
@@ -82,16 +82,16 @@ async def export_session(app: App[None], path: str) -> None:
         words = f"{printable(existing.name, 40)} exists already: replace it?"
         if not await app.push_screen_wait(Confirm(words, "yes, replace", "no, keep it")):
             return
-    app.notify(f"exporting {name} as {form}", markup=False)
+    app.inform(f"exporting {name} as {form}")
     async with aclosing(lines_of(ExportTask(path, form, existing is not None), name)) as lines:
         async for line in lines:
             if isinstance(line, Trouble):
-                app.notify(line.text, severity="error", markup=False)
+                app.warn(line.text)
             elif isinstance(line, Done):
                 paths = [printable(str(item)) for item in line.body["paths"]]
                 more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
                 texts = [f"written: {paths[0]}{more}", *line.body["notes"]]
-                app.notify("\n".join(texts), markup=False)
+                app.inform("; ".join(texts))
 
 
 def _existing(session: Path, form: str) -> Path | None:
