@@ -86,32 +86,6 @@ def axle_loads(body: Sequence[BodyWeight], wheelbase_m: float) -> tuple[float, f
     return sum(w.mass_kg for w in body) - rear_kg, rear_kg
 
 
-def sag_stiffness(
-    weights: Sequence[Weight],
-    wheelbase_m: float,
-    before_m: Mapping[Corner, float],
-    after_m: Mapping[Corner, float],
-) -> tuple[float | None, float | None]:
-    """Return the stiffness of one front and one rear spring, N/m, from the sinking of the body.
-
-    Weights on hubs do not load the springs of the suspension.
-
-    `before_m` and `after_m`: suspension travel at rest, positive in compression, without and with
-    the weights.  None for an axle if a corner has no travel, or did not sink under a load.
-    """
-    body = [w for w in weights if isinstance(w, BodyWeight)]
-    springs: list[float | None] = []
-    for front, load_kg in zip((True, False), axle_loads(body, wheelbase_m), strict=True):
-        corners = [c for c in Corner if c.front is front]
-        if not all(c in before_m and c in after_m for c in corners):
-            springs.append(None)
-            continue
-        sum_m = sum(after_m[c] - before_m[c] for c in corners)
-        stiffness = load_kg * G_M_S2 / sum_m if sum_m else 0.0
-        springs.append(stiffness if stiffness > 0.0 else None)
-    return springs[0], springs[1]
-
-
 def wrong_weights(
     weights: Sequence[Weight],
     car: VehicleParameters,

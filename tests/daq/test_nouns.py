@@ -19,7 +19,7 @@ from daq.bumps import BUMPS, kinds_of
 from daq.channels import SI_UNITS, TIME_DERIVATIVE, Channel, Quantity
 from daq.derive.from_logs import parse_runs
 from daq.errors import InputError
-from daq.loading import axle_loads, expected_car, loading, sag_stiffness, wrong_weights
+from daq.loading import axle_loads, expected_car, loading, wrong_weights
 from daq.runlog.run_log import Override, Remark
 from daq.runs import Excitation, RunStatus, SampleGroup
 from daq.session import read_session, write_session
@@ -437,23 +437,6 @@ def test_axle_loads_are_those_of_the_car_at_rest() -> None:
     more = scales(AddedMass(WEIGHTS)) - scales(AddedMass())
     reported = loading(WEIGHTS, FORD_GRANADA)
     assert (reported.front_kg, reported.rear_kg) == pytest.approx(tuple(more), abs=1e-6)
-
-
-def test_the_springs_are_known_from_how_far_the_body_sank() -> None:
-    def travel(added: AddedMass) -> dict[Corner, float]:
-        plant = load_car(FORD_GRANADA, added)
-        pose = static_pose(plant)
-        moved = (pose[3:] - corner_motion(plant, pose[:3]))[:, 0]
-        return dict(zip(Corner, moved.tolist(), strict=True))
-
-    before, after = travel(AddedMass()), travel(AddedMass(WEIGHTS))
-    wheelbase_m = FORD_GRANADA.a + FORD_GRANADA.b
-    found = sag_stiffness(WEIGHTS, wheelbase_m, before, after)
-    assert found == pytest.approx((FORD_GRANADA.k_sf, FORD_GRANADA.k_sr), rel=1e-6)
-    front_only = {c: after[c] for c in (Corner.FRONT_LEFT, Corner.FRONT_RIGHT)}
-    assert sag_stiffness(WEIGHTS, wheelbase_m, before, front_only)[1] is None
-    assert sag_stiffness(WEIGHTS, wheelbase_m, before, before) == (None, None)
-    assert sag_stiffness((), wheelbase_m, before, after) == (None, None)
 
 
 def test_a_weight_on_an_axle_loads_that_axle_alone() -> None:

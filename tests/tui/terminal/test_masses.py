@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 from daq.bench.campaign import Method
 from daq.bench.config import default_bench_text, load_bench
 from daq.bench.edit import with_campaign
-from daq.control.orders import Configure, Mark
+from daq.control.orders import Configure, Mark, OverrideWarning
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, HubWeight
 from tui.jobs.gain import Gain, Shift, measured_spread
@@ -194,6 +194,45 @@ async def test_space_bolts_one_weight_after_the_other_and_goes_on(make_app: Make
         assert Mark("step masses done") in recorder.orders
         assert orders_of(recorder, Configure) == []
         assert not (app.folder / "draft_masses.json").exists()
+
+
+async def test_a_weight_that_the_sag_contradicts_stops_space(make_app: Make) -> None:
+    """A weight typed as 325 instead of 32.5 kg is named before any run with it."""
+    sunk = {f"travel_{c.lower()}": 0.0191 if c.front else 0.0144 for c in Corner}
+    recorder = FakeRecorder(check=check_items(**sunk))
+    recorder.mark("vehicle", "check")
+    recorder.finish("baseline")
+    app = make_app(recorder)
+    (app.folder / "rest.json").write_text(json.dumps(dict.fromkeys(sunk, 0.0)))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, MassesScreen)
+        await pressed(pilot, "e", "tab", "ctrl+u", *"325", "ctrl+s")
+        await until(pilot, lambda: "325.00" in seen(app))
+        await pressed(pilot, *["space"] * 10)
+        await until(pilot, lambda: "FAIL weight 1 says 325 kg; the body sank as for 3" in text(app))
+        await pressed(pilot, "space")
+        assert Mark("step masses done") not in recorder.orders
+        assert "SPACE =" not in seen(app)
+        await pressed(pilot, "o", *"scale", "enter")
+        await until(pilot, lambda: Mark("step masses done") in recorder.orders)
+    (override,) = orders_of(recorder, OverrideWarning)
+    assert isinstance(override, OverrideWarning)
+    assert override.reason.startswith("weight 1 says 325 kg; the body sank as for 3")
+    assert override.reason.endswith(": scale")
+
+
+async def test_weights_that_the_sag_confirms_go_on(make_app: Make) -> None:
+    sunk = {f"travel_{c.lower()}": 0.0191 if c.front else 0.0144 for c in Corner}
+    recorder = FakeRecorder(check=check_items(**sunk))
+    recorder.mark("vehicle", "check")
+    recorder.finish("baseline")
+    app = make_app(recorder)
+    (app.folder / "rest.json").write_text(json.dumps(dict.fromkeys(sunk, 0.0)))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, MassesScreen)
+        await pressed(pilot, *["space"] * 10)
+        await until(pilot, lambda: Mark("step masses done") in recorder.orders)
+    assert orders_of(recorder, OverrideWarning) == []
 
 
 BENCH = load_bench(None)

@@ -216,6 +216,32 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
     assert Mark("step check done") in recorder.orders
 
 
+def _asked(recorder: FakeRecorder, times: int) -> bool:
+    return recorder.orders.count(Mark("push FL")) == times
+
+
+async def test_a_push_that_nobody_saw_is_asked_for_again(make_app: Make) -> None:
+    recorder = _checked()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, CheckScreen)
+        await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
+        recorder.post(Live(0, BIN_S, ()))
+        await pilot.press("space")
+        await until(pilot, lambda: Mark("push FL") in recorder.orders)
+        names = [c.name for c in recorder.bench.channels]
+        for seconds, asked in ((14.9, 1), (0.2, 2), (29.8, 2), (0.4, 3)):
+            still = (0.0,) * round(seconds / BIN_S)
+            lanes = tuple(Lane(name, still, still) for name in names)
+            recorder.post(Live(app.lanes.end, BIN_S, lanes))
+            await pilot.pause()
+            await until(pilot, partial(_asked, recorder, asked))
+        asked_again = "front LEFT not seen yet: push DOWN at the front LEFT, let go"
+        assert asked_again in screen_text(app)
+        await _push(pilot, recorder, Corner.FRONT_LEFT, 1.0, after_s=25.0)  # a screen that lagged
+        await until(pilot, lambda: Mark("push FR") in recorder.orders)
+
+
 async def test_a_push_the_wrong_way_is_a_failure_that_i_corrects(make_app: Make) -> None:
     recorder = _checked()
     app = make_app(recorder)

@@ -21,6 +21,7 @@ from daq.errors import printable
 from dbc.finding import Finding
 
 from ..state.campaign import BenchStep
+from ..state.drafts import write_draft
 from ..state.lanes import RING_S
 from ..widgets.table import Cell, Table, Words
 from .base import SPACE_INK, BenchScreen
@@ -140,12 +141,17 @@ def zero_offsets(items: Sequence[Finding], channels: Sequence[Channel]) -> dict[
 _INKS = {OK: "success", WARN: "warning", FAIL: "error", NOW: "accent"}
 """Colours of the theme for the states, which are words and symbols first."""
 
+REST = "rest.json"
+"""File in the recorder's folder: levels of the channels at rest, before any weight is added."""
 AGAIN_S, WINDOW_S = 1.0, 3.0
 """Seconds between two checks, and seconds of samples in each."""
 HANDS_OFF_S = 5.0
 """Seconds over which the zero is measured."""
 _BEFORE_S = 10.0
 """Seconds before a push that are looked at for the level at rest."""
+_ASK_AGAIN_S = 15.0
+"""Seconds of the recording without a push after which it is asked for again, twice as many each
+time."""
 _ZERO = "zero"
 _PUSH = "SPACE = push the corners"
 _HANDS_OFF = "SPACE = zero: hands off the car"
@@ -177,6 +183,7 @@ class CheckScreen(BenchScreen):
         self._asking = self._asked = self._zeroed = False
         self._corner: Corner | None = None
         self._begin_bin = 0
+        self._ask_again_s = _ASK_AGAIN_S
         self._pushed: dict[Corner, PushResult] = {}
         self._skipped: set[str] = set()
         self._failing: set[str] = set()
@@ -358,6 +365,8 @@ class CheckScreen(BenchScreen):
             await self.action_zero()
         elif due == _ON:
             if await app.ask(Mark(BenchStep.CHECK.mark)) is not None:
+                if failure := write_draft(app.folder / REST, rest_levels(self._items)):
+                    app.warn(failure)
                 await app.go_to(BenchStep.BASELINE)
         elif asks := next((row for row in self._rows if row.asks), None):
             self._mark_row(asks.subject)
@@ -423,6 +432,7 @@ class CheckScreen(BenchScreen):
             return
         self._pushed.pop(corner, None)
         self._corner, self._begin_bin = corner, app.lanes.end
+        self._ask_again_s = _ASK_AGAIN_S
         self._show_rows()
         self._mark_row(push_subject(corner))
         if await app.ask(Mark(push_subject(corner))) is None:
@@ -445,6 +455,11 @@ class CheckScreen(BenchScreen):
         if result.done:
             app.inform(f"{spoken(corner)} seen: {result.text}")
             await self._go_on()
+        elif (end - begin) * bin_s >= self._ask_again_s:
+            self._ask_again_s, self._begin_bin = 2.0 * self._ask_again_s, end
+            self.app.bell()
+            app.inform(f"{spoken(corner)} not seen yet: {result.text}")
+            await app.ask(Mark(push_subject(corner)))
         else:
             self._show_rows()
 

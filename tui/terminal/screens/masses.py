@@ -17,10 +17,10 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.content import Content
 
-from daq import InputError, VehicleParameters
+from daq import Excitation, InputError, VehicleParameters
 from daq.bench.edit import with_weights
 from daq.control.messages import Status
-from daq.control.orders import Configure, Mark, Note
+from daq.control.orders import AskCheck, Configure, Mark, Note, OverrideWarning
 from daq.loading import expected_car, loading
 
 from ...jobs.gain import GAIN, Gain, measured_spread
@@ -29,6 +29,7 @@ from ..state.campaign import BenchStep
 from ..state.drafts import read_draft, remove_draft, write_draft
 from ..widgets.table import Table, Words
 from .base import SPACE_INK, BenchScreen
+from .check import REST, rest_levels
 from .weights import (
     HEADS,
     NEW_WEIGHT,
@@ -40,6 +41,7 @@ from .weights import (
     baseline_hz,
     check_inventory,
     check_weight,
+    contradiction,
     effect_line,
     entries_of,
     entry_values,
@@ -54,6 +56,8 @@ from .weights import (
 DRAFT = "draft_masses.json"
 _QUIET_S, _PATIENCE_S = 0.3, 60.0
 """Seconds without a change before the planner starts, and for which its answer is waited for."""
+_REST_S = 2.0
+"""Seconds over which the sag is measured."""
 
 
 class MassesScreen(BenchScreen):
@@ -67,6 +71,7 @@ class MassesScreen(BenchScreen):
         Binding("b", "bolt", "Bolted", tooltip="Mark the weight as bolted, or as not bolted"),
         Binding("delete", "remove", "Remove", key_display="Del", tooltip="Remove the weight"),
         Binding("u", "undo", "Undo", tooltip="Undo the last change of the weights"),
+        Binding("o", "override", "Override", tooltip="Go on in spite of the sag, with a reason"),
         Binding("down", "mark(1)", "Down", show=False, tooltip="Mark the next weight"),
         Binding("up", "mark(-1)", "Up", show=False, tooltip="Mark the weight before"),
     ]
@@ -78,6 +83,8 @@ class MassesScreen(BenchScreen):
         self._before: list[tuple[Entry, ...]] = []
         self._gain: Gain | None = None
         self._asked_text = ""
+        self._contradicted = ""
+        """Statements that the sag with all weights on contradicts."""
 
     def compose_body(self) -> ComposeResult:
         """Compose the car, the table and the expected precision."""
@@ -89,7 +96,7 @@ class MassesScreen(BenchScreen):
     @property
     def ready(self) -> bool:
         """True while SPACE would go on."""
-        return self._filled and not self._error
+        return self._filled and not self._error and not self._contradicted
 
     @property
     def acts(self) -> bool:
@@ -102,6 +109,8 @@ class MassesScreen(BenchScreen):
             return bool(self._entries)
         if action == "undo":
             return bool(self._before)
+        if action == "override":
+            return bool(self._contradicted)
         return super().check_action(action, parameters)
 
     def show_status(self, status: Status) -> None:
@@ -175,6 +184,9 @@ class MassesScreen(BenchScreen):
             return Content.styled(self.lost_words, SPACE_INK)
         if self._error:
             return Content.styled(f"{bad} {self._error}", "bold $error")
+        if self._contradicted:
+            text = f"{bad} FAIL {self._contradicted}; E corrects it, O overrides"
+            return Content.styled(text, "bold $error")
         words = "SPACE = all are bolted: go on to step 5 Added"
         if loose and self.query_one(Table).cursor_row == loose[0]:
             words = f"SPACE = weight {loose[0] + 1} is bolted"
@@ -199,6 +211,7 @@ class MassesScreen(BenchScreen):
 
     def _set(self, entries: tuple[Entry, ...]) -> None:
         self._entries = entries
+        self._contradicted = ""  # the sag is compared again when SPACE goes on
         self._predict()
         self._show_all()
         self.refresh_bindings()
@@ -287,7 +300,38 @@ class MassesScreen(BenchScreen):
             if len(loose) > 1:
                 self._choose(loose[1])
         else:
-            await self._apply()
+            await self._compare_sag()
+            if self._contradicted:
+                self.bench_app.warn(self._contradicted)
+            else:
+                await self._apply()
+
+    async def _compare_sag(self) -> None:
+        """Compare the sag of the car, all weights on, with what they say."""
+        app = self.bench_app
+        reply = await app.ask(AskCheck(_REST_S))
+        if reply is None or app.bench is None or app.status is None:
+            return
+        rest = {k: v for k, v in read_draft(app.folder / REST).items() if isinstance(v, float)}
+        bounce_hz = baseline_hz(app.status, Excitation.BOUNCE)
+        words = contradiction(app.bench, self._weights, rest, rest_levels(reply.check), bounce_hz)
+        overridden = any(words in override.reason for override in app.status.overrides)
+        self._contradicted = "" if overridden else words
+        self._show_outlook()
+        self.refresh_bindings()
+
+    def action_override(self) -> None:
+        """Go on in spite of the sag, with a reason."""
+
+        async def answered(reason: str | None) -> None:
+            words = f"{self._contradicted}: {reason}"[:500]
+            order = OverrideWarning("sag under the weights", words)
+            if reason and await self.bench_app.ask(order) is not None:
+                self._contradicted = ""
+                await self._apply()
+
+        question = f"{self._contradicted}. Why is that acceptable here?"
+        self.bench_app.question(question, "reason", answered)
 
     async def _apply(self) -> None:
         app = self.bench_app

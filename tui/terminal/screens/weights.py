@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from math import pi, sqrt
+from statistics import median
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
@@ -13,10 +15,11 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from daq import BASELINE, BodyWeight, Corner, HubWeight, VehicleParameters
+from daq import BASELINE, BodyWeight, Corner, HubWeight, Quantity, VehicleParameters
+from daq.bench.config import Bench
 from daq.control.messages import Status
 from daq.errors import printable
-from daq.loading import Loading
+from daq.loading import Loading, expected_car, wrong_weights
 from daq.runlog import LoggedStatus
 
 from ...jobs.gain import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift
@@ -153,6 +156,8 @@ def weight_cells(row: int, entry: Entry, yes: str, no: str) -> list[Cell]:
     return [right(str(row)), bolted, place, printable(entry.serial, 7), *map(right, figures)]
 
 
+_SUNK_M = 0.5e-3
+"""Least sag, m, that tells weights on the car from weights beside it."""
 _EDGE_M = 0.35
 _ACROSS, _LONG = 13, 7
 
@@ -233,6 +238,40 @@ def baseline_hz(status: Status | None, excitation: str) -> list[float]:
         for finding in run.findings
         if finding.unit == "Hz"
     ]
+
+
+def contradiction(
+    bench: Bench,
+    weights: Sequence[Weight],
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+    bounce_hz: Sequence[float],
+) -> str:
+    """Return what the sag of the body contradicts in the weights; empty if nothing.
+
+    The springs are those of the facts, else of a car like the bench's with this bounce frequency,
+    Hz.  A body that has not sunk at all has its weights still beside it.
+
+    `before` and `after`: levels of the channels at rest, SI, by name, without and with the weights.
+    """
+    sag_m = {
+        c.corner: after[c.name] - before[c.name]
+        for c in bench.channels
+        if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is not None
+        if c.name in before and c.name in after
+    }
+    if max(map(abs, sag_m.values()), default=0.0) < _SUNK_M:
+        return ""
+    car = expected_car(bench.vehicle)
+    known = {fact.quantity: fact.value for fact in bench.vehicle.facts}
+    usual_hz = sqrt(2.0 * (car.k_sf + car.k_sr) / car.m_s) / (2.0 * pi)
+    stiffer = (median(bounce_hz) / usual_hz) ** 2 if bounce_hz else 1.0
+    car = replace(
+        car,
+        k_sf=known.get("k_sf", stiffer * car.k_sf),
+        k_sr=known.get("k_sr", stiffer * car.k_sr),
+    )
+    return "; ".join(finding.text for finding in wrong_weights(weights, car, sag_m))
 
 
 class WeightScreen(ModalScreen[Typed | None]):
