@@ -9,15 +9,20 @@ import sys
 from pathlib import Path
 
 import identify
-from daq.bench.config import load_bench
-from daq.derive.from_logs import session_from_log
+from daq.bench.config import bench_codec, load_bench
+from daq.derive.from_logs import Intake, labelled, session_from_parts
 from daq.formats.log import read_log
 
 
 def main(log: Path, bench_toml: Path | None = None) -> None:
     """Find the bumps, cut the runs, identify, and print what was found."""
     bench = load_bench(bench_toml)
-    session = session_from_log(bench, read_log(log))
+    codec = bench_codec(bench)
+    frames, intake = read_log(log), Intake(bench, codec)
+    for batch in frames:
+        intake.take(batch, frames.hops)
+    parts = labelled([intake.part()], bench.campaign.steps, skip=0)
+    session = session_from_parts(bench, codec, parts, {"software": "bumpbench"})
     for run in session.runs:
         print(run.label, run.status, *run.reasons)
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from ..daq.crash import CAMPAIGNS, fail_once, fill_once
 from ..daq.crash_process import kill_series
@@ -31,6 +32,7 @@ def test_a_full_disk_costs_the_recorder_only_what_it_says(tmp_path: Path) -> Non
     assert full.resumed_s < 5.0
 
 
+@pytest.mark.long
 def test_a_campaign_that_is_killed_leaves_no_recorder_behind(tmp_path: Path) -> None:
     sizes = {f"--{name}": "0" for name in CAMPAIGNS} | {"--R17": "60"}  # one recorder, for a minute
     command = [sys.executable, "-m", "tests.daq.crash", "--jobs", "1"]

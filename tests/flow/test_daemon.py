@@ -59,9 +59,9 @@ class Daemon:
         return [str(self.bench), "--out", str(self.folder), *bus, *rest]
 
     def hears(self, line: str) -> None:
-        """Wait until systemd hears a line; what came before is forgotten."""
+        """Wait until systemd hears a line; it and what came before are forgotten."""
         self.until(lambda: line in self._listen())
-        self.heard.clear()
+        del self.heard[: self.heard.index(line) + 1]
 
     def until(self, condition: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + PATIENCE_S

@@ -135,6 +135,8 @@ class BenchApp(KeyboardApp):
 
     CSS_PATH = "app.tcss"
     TITLE = "Bumpbench"
+    NOTIFICATION_TIMEOUT = 20.0
+    """Seconds for which a message stands: the operator may be at the car."""
     HORIZONTAL_BREAKPOINTS = _WIDTHS
     VERTICAL_BREAKPOINTS = _HEIGHTS
     SCREENS: ClassVar[dict[str, Callable[[], Screen[Any]]]] = {

@@ -20,7 +20,6 @@ from daq.bench.campaign import Origin
 from daq.control.messages import Alarm, BusState, BusStatus, Phase, SessionState, SessionStatus
 from daq.runs import Losses
 from tui.terminal.app import BenchApp
-from tui.terminal.dialogs import HelpScreen
 from tui.terminal.look import THEMES, PlainAscii
 from tui.terminal.screens.base import step_line, top_line
 from tui.terminal.screens.results import ResultsScreen
@@ -132,12 +131,6 @@ async def test_foreign_text_only_shows(name: str, make_app: Callable[..., BenchA
                 await pilot.pause()
                 await pilot.pause()
                 assert _bad_lines(app, size[0]) == [], (screen, size)
-            await pilot.press("f1")
-            await pilot.pause()
-            assert isinstance(app.screen, HelpScreen), screen
-            await pilot.press("f1")
-            await pilot.pause()
-            assert not isinstance(app.screen, HelpScreen), screen
         await app.open("run")
         await pilot.press("t")
         await pilot.pause()
