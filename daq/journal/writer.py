@@ -40,6 +40,7 @@ from .format import (
     Gap,
     JournalHead,
     Kind,
+    Summary,
     gap_event,
     open_path,
     pack_events,
@@ -65,6 +66,9 @@ _WARNING_S = 60.0
 """Time, s, for which a warning on a failed or removed file is shown."""
 _USUAL_LIMITS = RecorderConfig()
 _TRANSIENT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
+REACH_NS = 1_200_000_000_000
+"""Time before and after an event of a run whose segments are kept, ns: more than the 660 s that
+`[trigger]` of bench.toml allows for a run."""
 _DELETIONS = 8
 """Largest number of segments deleted in one call, which delays the writing."""
 _LOG_CODES = frozenset(Code)
@@ -396,8 +400,8 @@ class JournalWriter:
     def _make_room(self) -> None:
         """Delete the oldest segments if the journal is too large or the free space too small.
 
-        Those of the present recording that have events of its runs stay, with their neighbours:
-        a run reaches from before its bump until after it.
+        Of the present recording, segments near an event of its runs stay, and those of the last
+        minutes: a bump may come at any moment, and the time before it belongs to its run.
         """
         reserve = self.limits.reserve_bytes
         excess = self._sealed_bytes + self._size - self.limits.keep_bytes
@@ -405,19 +409,16 @@ class JournalWriter:
             excess = max(excess, 2 * reserve - self._disk.room.free)
         self._retention_warning = ""
         deleted = 0
-        paths = sorted(self._sizes, key=segment_number)
-        for k, path in enumerate(paths):
+        for path in sorted(self._sizes, key=segment_number):
             if excess <= 0 or deleted == _DELETIONS:
                 return
-            if any(self._has_runs(self._info(near)) for near in paths[max(0, k - 1) : k + 2]):
-                continue
             info = self._info(path)
             if info is None:
                 self._sizes.pop(path)  # from another program, or it does not exist
                 continue
             if info.recording == self.head.recording:
-                if k == len(paths) - 1:
-                    continue  # a bump may come at any moment
+                if self._is_near_a_run(info.summary):
+                    continue
                 self.append_events(_parting_events(info, self._t_ns))
             with suppress(OSError):
                 path.unlink()
@@ -439,11 +440,18 @@ class JournalWriter:
                 self._infos[path] = None
         return self._infos[path]
 
-    def _has_runs(self, info: SegmentInfo | None) -> bool:
-        """Return whether a segment has events of the present recording's runs."""
-        if info is None or info.recording != self.head.recording:
-            return False
-        return any(event.code in _LOG_CODES for _, event in info.summary.events)
+    def _is_near_a_run(self, segment: Summary) -> bool:
+        """Return whether a run of this recording, or one that begins now, needs a segment."""
+        infos = (self._info(path) for path in self._sizes)
+        events = [
+            event
+            for info in infos
+            if info is not None and info.recording == self.head.recording
+            for _, event in info.summary.events
+        ]
+        times_ns = [self._t_ns, *(event.t_ns for event in events if event.code in _LOG_CODES)]
+        first_ns, last_ns = segment.first_ns - REACH_NS, segment.last_ns + REACH_NS
+        return any(first_ns <= t_ns <= last_ns for t_ns in times_ns)
 
 
 def _parting_events(info: SegmentInfo, t_ns: int) -> tuple[Event, ...]:

@@ -218,20 +218,22 @@ def test_the_oldest_goes_when_there_is_too_much_and_it_is_no_loss(tmp_path: Path
     assert read_journal(old[1:]).lost.blocks_missing > 0
 
 
-def test_the_runs_of_the_present_recording_stay_with_what_is_around_them(tmp_path: Path) -> None:
+def test_the_runs_of_the_present_recording_stay_with_the_time_around_them(tmp_path: Path) -> None:
+    """A segment every 240 s, a bump in the sixteenth: 1200 s before and after it stay."""
     limits = RecorderConfig(segment_bytes=1.0, keep_bytes=1000.0, reserve_bytes=0.0)
     with JournalWriter(tmp_path, A, limits, QuickFile) as writer:
-        for k in range(9):
-            writer.append(block(10 * k, 10), HopLosses())
-            if k == 4:
-                writer.append_events([BUMP])
-            writer.maintain(float(k))
-        writer.maintain(10.0)
-        kept = [path.name for path in writer.paths]
-    assert kept == [f"journal_000{number}.bbj" for number in (4, 5, 6, 9)] + ["journal_0010.bbj"]
+        for k in range(30):
+            part = block(3_840_000 * k, 10)
+            writer.append(part, HopLosses())
+            if k == 15:
+                writer.append_events([Event(int(part.t_ns[0]), "bump", 1.0, "baseline_bounce_1")])
+            writer.maintain(240.0 * k)
+        for k in range(30, 40):
+            writer.maintain(240.0 * k)
     contents = read_journal(writer.paths)
     assert not contents.lost.any
-    assert numbers(contents.frames).tolist() == [*range(30, 60), *range(80, 90)]
+    kept = numbers(contents.frames)[::10] // 3_840_000
+    assert kept.tolist() == [*range(10, 21), *range(24, 30)]
 
 
 def test_what_may_not_go_stays_and_is_warned_of(tmp_path: Path) -> None:
